@@ -1,0 +1,58 @@
+# make demo and make test set everything up by themselves, in .venv, once.
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint format types lock clean
+BIN := .venv/bin
+UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
+	--only-binary :all: --python-version 3.11 --python-platform x86_64-manylinux_2_28 \
+	--group build $(UPGRADE) pyproject.toml
+
+help:
+	@echo "make demo    find an effect that a model was not told of; writes a report"
+	@echo "make test    all tests            (make test ARGS='-k signals -x' for some)"
+	@echo "make lint    style, format, import directions"
+	@echo "make format  put the code into the format that lint asks for"
+	@echo "make types   static types (advice, not a gate)"
+	@echo "make lock    pins again after a change in pyproject.toml (UPGRADE=--upgrade)"
+	@echo "make clean   removes .venv and every cache"
+
+demo: .venv/core.stamp
+	@$(BIN)/modelgap demo $(ARGS)
+
+# One BLAS thread each: two workers with two threads each fight over two cores.
+test: .venv/dev.stamp
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+		$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+
+lint: .venv/dev.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
+
+format: .venv/dev.stamp
+	$(BIN)/ruff check --fix-only --quiet .
+	$(BIN)/ruff format .
+
+types: .venv/dev.stamp
+	$(BIN)/pyright
+
+# The development lock takes every pin of the core lock over, so that what is tested
+# is what a user gets.
+lock:
+	@command -v uv >/dev/null || { echo "make lock needs uv on the PATH"; exit 1; }
+	$(UV_LOCK) --output-file requirements.lock >/dev/null
+	$(UV_LOCK) --all-extras --constraint requirements.lock \
+		--output-file requirements-dev.lock >/dev/null
+
+clean:
+	rm -rf .venv .pytest_cache .ruff_cache .import_linter_cache .hypothesis \
+		build *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Stamps: written last, so that an interrupted set-up is taken up again.
+.venv/core.stamp: requirements.lock pyproject.toml scripts/setup.sh
+	@scripts/setup.sh requirements.lock
+	@touch $@
+
+.venv/dev.stamp: requirements-dev.lock requirements.lock pyproject.toml scripts/setup.sh
+	@scripts/setup.sh requirements-dev.lock
+	@touch .venv/core.stamp $@

@@ -1,0 +1,119 @@
+"""Figures of a benchmark: value, bar, verdict; the table and the last line."""
+
+import hashlib
+import json
+import math
+import os
+import platform
+import subprocess
+from datetime import UTC, datetime
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+Figures = dict[str, dict]
+
+
+def one_blas_thread() -> None:
+    """Give every process started from here on one BLAS thread."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = "1"
+
+
+def figure(value: float | None, bar: float | None, n: int, **extra: object) -> dict:
+    """Return a figure that must not exceed its bar.
+
+    Args:
+        value: What was measured, None if it was not.
+        bar: What it may be at most, None where there is no bar.
+        n: How many measurements are in it.
+        extra: Anything else to record; `ok` overrides the comparison, and a `why`
+            explains an `ok` of None.
+    """
+    ok = None if value is None or bar is None else bool(value <= bar)
+    return {"value": value, "bar": bar, "ok": ok, "n": n, **extra}
+
+
+def missing(bar: float | None, why: str) -> dict:
+    """Return a figure that this run cannot measure."""
+    return figure(None, bar, 0, why=why)
+
+
+def partial(entry: dict, why: str) -> dict:
+    """Return the figure of a run that is too small to confirm it, only to refute."""
+    return {**entry, "ok": False if entry["ok"] is False else None, "why": why}
+
+
+def wilson(hits: int, n: int) -> list[float]:
+    """Return the 95 % Wilson interval of a rate.
+
+    (p + z^2/2n -+ z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n), z = 1.96    (Wilson 1927)
+    """
+    if n == 0:
+        return [0.0, 1.0]
+    z, p = 1.96, hits / n
+    middle = p + z * z / (2 * n)
+    half = z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    low, high = ((middle + side * half) / (1 + z * z / n) for side in (-1, 1))
+    return [round(max(0.0, low), 4), round(min(1.0, high), 4)]
+
+
+def show(figures: Figures) -> None:
+    """Print the table of figures."""
+    width = max(len(name) for name in figures)
+    print(f"\n{'figure':{width}}  {'value':>9}  {'bar':>7}  {'n':>4}  result")
+    for name, entry in figures.items():
+        value, bar = (_number(entry[key]) for key in ("value", "bar"))
+        result = {True: "ok", False: "MISSED", None: "-"}[entry["ok"]]
+        why = f"  ({entry['why']})" if entry.get("why") else ""
+        print(f"{name:{width}}  {value:>9}  {bar:>7}  {entry['n']:>4}  {result}{why}")
+
+
+def finish(figures: Figures) -> int:
+    """Print the table and the last line; return 1 if a bar is missed, else 0."""
+    show(figures)
+    print(json.dumps(figures), flush=True)
+    return int(any(entry["ok"] is False for entry in figures.values()))
+
+
+def code_hash() -> str:
+    """Return a hash over the code and the robots that decide results."""
+    digest = hashlib.sha256()
+    for folder in ("residual", "sim", "warehouse/logs", "benchmarks/logs_parts"):
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in (".py", ".urdf", ".toml"):
+                digest.update(str(path.relative_to(ROOT)).encode())
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def circumstances(**extra: object) -> dict:
+    """Return commit, code hash, date and machine of this run."""
+    return {
+        "commit": _git("rev-parse", "HEAD"),
+        "dirty": bool(_git("status", "--porcelain")),
+        "code_hash": code_hash(),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "cores": os.cpu_count(),
+        **extra,
+    }
+
+
+def save(path: Path, content: dict) -> None:
+    """Write a result file, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_suffix(".part")
+    draft.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    draft.replace(path)
+
+
+def _git(*words: str) -> str | None:
+    done = subprocess.run(
+        ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

@@ -1,0 +1,71 @@
+"""Group 3: what the command costs from the shell, in time and memory."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from benchmarks.figures import ROOT, Figures, figure, missing
+from sim.synthetic.logs import standard_case
+
+_SECONDS, _GIGABYTES = 15.0, 1.5
+# The same as the console script, also where that is not installed.
+_MODELGAP = (sys.executable, "-c", "from flows.cli import main; main()")
+
+
+def shell_figures(runs: int) -> Figures:
+    """Time `modelgap diagnose` on two minutes of six-joint logs at 250 Hz.
+
+    Five logs of 20 s to fit and one held out, as CSV; peak memory is that of the
+    process and of what it starts.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        fit, held_out = _write_logs(Path(folder))
+        words = ["diagnose", *fit, "--holdout", held_out, "--robot", "irb140"]
+        words += ["--json", str(Path(folder) / "verdict.json")]
+        done = [_run(words, folder) for _ in range(runs)]
+    failed = next((text for code, text, _, _ in done if code != 0), None)
+    if failed is not None:
+        why = f"the command failed: {failed.strip()[-300:]}"
+        return {
+            "shell_seconds": missing(_SECONDS, why) | {"ok": False},
+            "shell_peak_gb": missing(_GIGABYTES, why) | {"ok": False},
+        }
+    seconds = [round(s, 2) for _, _, s, _ in done]
+    peak = max(gigabytes for *_, gigabytes in done)
+    return {
+        "shell_seconds": figure(float(np.median(seconds)), _SECONDS, runs, all=seconds),
+        "shell_peak_gb": figure(round(peak, 3), _GIGABYTES, runs),
+    }
+
+
+def _write_logs(folder: Path) -> tuple[list[str], str]:
+    case = standard_case("stribeck", 1, joint=2)
+    header = ",".join(["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 7))])
+    paths = []
+    for log in (*case.fit[1:], case.held_out[1]):
+        paths.append(str(folder / f"{log.id}.csv"))
+        rows = np.column_stack([log.t, log.q, log.tau])
+        np.savetxt(paths[-1], rows, "%.6f", delimiter=",", header=header, comments="")
+    return paths[:-1], paths[-1]
+
+
+def _run(words: list[str], folder: str) -> tuple[int, str, float, float]:
+    """Return exit code, what it said, seconds and peak resident gigabytes."""
+    plain = dict(os.environ)
+    plain["PYTHONPATH"] = os.pathsep.join([str(ROOT), plain.get("PYTHONPATH", "")])
+    with tempfile.TemporaryFile("w+") as said:
+        start = perf_counter()
+        process = subprocess.Popen(
+            [*_MODELGAP, *words], cwd=folder, env=plain, stdout=said, stderr=said
+        )
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = perf_counter() - start
+        process.returncode = os.waitstatus_to_exitcode(status)
+        said.seek(0)
+        # Linux counts in kilobytes.
+        return process.returncode, said.read(), seconds, usage.ru_maxrss / 1e6

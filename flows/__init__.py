@@ -1,0 +1,1 @@
+"""The shell: plain steps, the flows over them, the command line and the report."""

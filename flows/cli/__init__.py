@@ -1,0 +1,58 @@
+"""The command line: `modelgap`.
+
+Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or input; 130
+interrupted.
+"""
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+
+TRACEBACK = "MODELGAP_TRACEBACK"
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        words: Command line without the program's name; None for the process's own.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        # Inside, so that an interruption while loading is answered too.
+        from flows.cli.app import run
+
+        run(sys.argv[1:] if words is None else list(words))
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return _say("interrupted", 130)
+    except BrokenPipeError:
+        # The reader of our output has gone; what is left must not fail at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:
+        return _explain(error)
+    return 0
+
+
+def _explain(error: Exception) -> int:
+    from cyclopts import CycloptsError
+
+    from residual.errors import ModelgapError
+
+    if os.environ.get(TRACEBACK):
+        traceback.print_exception(error)
+    if isinstance(error, ModelgapError):
+        return _say(str(error), 2)
+    if isinstance(error, CycloptsError):
+        return _say(f"{' '.join(str(error).split())} See modelgap --help.", 2)
+    what = " ".join(f"{type(error).__name__}: {error}".split())
+    return _say(f"unexpected failure: {what}\nSet {TRACEBACK}=1 to see where.", 1)
+
+
+def _say(text: str, code: int) -> int:
+    print(f"modelgap: {text}", file=sys.stderr)
+    return code

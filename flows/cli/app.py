@@ -1,0 +1,58 @@
+"""All commands by name. Each loads what it needs only when it runs."""
+
+import re
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+from cyclopts import App
+
+from flows.cli.demo import demo
+from flows.cli.diagnose import diagnose
+
+_HELP = """Find what a robot's dynamic model is missing.
+
+The missing effect is named, added to the model, and proved on motion that was not
+fitted. Start with one of these:
+
+```
+modelgap demo
+modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv
+```
+
+The first makes an arm with an effect that its model is not told of; the second takes
+your own logs. `modelgap COMMAND --help` explains a command.
+
+Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or input;
+130 interrupted.
+"""
+
+
+def _version() -> str:
+    try:
+        return version("modelgap")
+    except PackageNotFoundError:
+        return "not installed"
+
+
+app = App(name="modelgap", help=_HELP, help_format="markdown", version=_version)
+app.command(diagnose, usage="Usage: modelgap diagnose LOG... --robot ROBOT [OPTIONS]")
+app.command(demo)
+
+
+def run(words: Sequence[str]) -> None:
+    """Run one command; every error is left to the caller.
+
+    Args:
+        words: Command line without the program's name.
+
+    Raises:
+        CycloptsError: On bad usage.
+    """
+    # The parser takes a lone "-" for an option unless it is tied to one.
+    tied = re.sub(r"(^|\0)--json\0-(?=\0|$)", r"\1--json=-", "\0".join(words))
+    app(
+        tied.split("\0") if tied else [],
+        exit_on_error=False,
+        print_error=False,
+        result_action="return_value",
+    )

@@ -1,0 +1,76 @@
+"""Files for the user: checked before the work, written whole or not at all."""
+
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from residual.errors import InputError
+
+
+def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
+    """Refuse early what could not be written at the end.
+
+    Args:
+        files: Files to write, by the option that names them.
+        inputs: Files that are read and must not be lost.
+
+    Raises:
+        InputError: If a folder is not there or not writable, a name stands for a
+            folder or an input, or two options name one file.
+    """
+    read = {path.resolve() for path in inputs}
+    seen: dict[Path, str] = {}
+    for option, path in files.items():
+        place = path.resolve()
+        if path.is_dir():
+            raise InputError(f"{option} {path} is a folder, expected a file name.")
+        if not place.parent.is_dir():
+            raise InputError(
+                f"{option} {path}: there is no folder '{path.parent}'. Make it first."
+            )
+        if not os.access(place if place.exists() else place.parent, os.W_OK):
+            raise InputError(f"{option} {path} cannot be written: no permission.")
+        if place in read:
+            raise InputError(f"{option} {path} would overwrite an input file.")
+        if place in seen:
+            raise InputError(f"{seen[place]} and {option} both name {path}.")
+        seen[place] = option
+
+
+def write_all(texts: Mapping[Path, str]) -> None:
+    """Write files, each whole or not at all.
+
+    Args:
+        texts: Content by path; an existing file is replaced.
+
+    Raises:
+        OSError: If a file cannot be written.
+    """
+    for path, text in texts.items():
+        _write(path.resolve(), text)
+
+
+def _write(path: Path, text: str) -> None:
+    # A device or pipe cannot be renamed over without destroying it.
+    if path.exists() and not path.is_file():
+        path.write_text(text, encoding="utf-8")
+        return
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp makes files private; a report is as readable as any new file.
+        os.chmod(name, 0o666 & ~_umask())
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

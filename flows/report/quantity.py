@@ -1,0 +1,105 @@
+"""Numbers as text: rounded to what is known, a dash where nothing is known."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+MISSING = "–"
+_SUPERSCRIPT = {"2": "²", "3": "³"}
+
+
+def dig(record: Any, *keys: str) -> Any:
+    """Return a nested value, or None where any step of the way is missing."""
+    for key in keys:
+        if not isinstance(record, Mapping):
+            return None
+        record = record.get(key)
+    return record
+
+
+def as_list(value: Any) -> list:
+    """Return a list of values; a single one becomes a list, None an empty one."""
+    if value is None:
+        return []
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return list(value)
+    return [value]
+
+
+def known(value: Any) -> bool:
+    """Return whether a value is a finite number."""
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and math.isfinite(value)
+    )
+
+
+def percent(value: Any) -> str:
+    """Return an error that is already in per cent: 4.7 becomes '4.7 %'."""
+    if not known(value):
+        return MISSING
+    return f"{bare_percent(value)} %"
+
+
+def bare_percent(value: Any) -> str:
+    """Return a percentage without its sign, for columns whose heading has it."""
+    if not known(value):
+        return MISSING
+    return f"{value:.1f}" if abs(value) < 99.95 else f"{value:.0f}"
+
+
+def fraction(value: Any) -> str:
+    """Return a fraction of one as per cent: 0.04 becomes '4.0 %'."""
+    return percent(100 * value) if known(value) else MISSING
+
+
+def probability(value: Any) -> str:
+    """Return a probability as per cent; never 100 %, since no data give that."""
+    if not known(value):
+        return MISSING
+    if value > 0.99:
+        return "> 99 %"
+    return f"{100 * value:.0f} %" if value >= 0.01 else "< 1 %"
+
+
+def number(value: Any) -> str:
+    """Return a number to three significant digits, without needless zeros."""
+    if not known(value):
+        return MISSING
+    if abs(value) >= 1000:
+        return f"{value:.0f}" if abs(value) < 1e6 else f"{value:.2e}"
+    return f"{value:.3g}"
+
+
+def unit_text(unit: Any) -> str:
+    """Return a unit as printed: '^2' raised, empty for a pure number."""
+    if not isinstance(unit, str) or unit.strip() in ("", "-", MISSING, "1"):
+        return ""
+    return re.sub(r"\^([23])", lambda hit: _SUPERSCRIPT[hit[1]], unit.strip())
+
+
+def measured(value: Any, std: Any = None, unit: Any = None) -> str:
+    """Return 'value ± std unit', cut at the second digit of the std.
+
+    A std of zero, or none, gives the value alone to three digits.
+    """
+    if not known(value):
+        return MISSING
+    text = _with_std(value, std) if known(std) and std > 0 else number(value)
+    return f"{text} {unit_text(unit)}".strip()
+
+
+def _with_std(value: float, std: float) -> str:
+    places = 1 - math.floor(math.log10(std))
+    largest = max(abs(value), std)
+    # Beyond six digits on either side plain decimals are harder to read than powers.
+    if places > 6 or largest >= 1e7:
+        power = math.floor(math.log10(largest))
+        digits = min(max(places + power, 0), 12)
+        scale = 10.0**power
+        return f"({value / scale:.{digits}f} ± {std / scale:.{digits}f})e{power:+d}"
+    shown = max(places, 0)
+    rounded = round(value, places), round(std, places)
+    return f"{rounded[0]:.{shown}f} ± {rounded[1]:.{shown}f}"

@@ -1,0 +1,215 @@
+"""What the program does, as plain functions: read, diagnose, tell."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rich.console import Console
+
+from flows.output import check_writable, write_all
+from residual.errors import InputError
+from residual.names import check_name
+from residual.outcome import Outcome
+from residual.recording import Recording
+from residual.robot import Robot, load_robot
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a user wants diagnosed, in his own words.
+
+    Attributes:
+        logs: Logs to diagnose: "FILE" or "FILE@start:end".
+        robot: Built-in name, URDF file or folder.
+        baseline: Logs of the robot in good order.
+        held_out: Logs for the proof; empty for the last quarter of the longest.
+        declared: Effects that the model has; None for the robot's own list.
+        columns: COLUMNS.toml, None for the default columns.
+        report: HTML page to write, or None.
+        json: File for the verdict as JSON, "-" for standard output, or None.
+    """
+
+    logs: tuple[str, ...]
+    robot: str
+    baseline: tuple[str, ...] = ()
+    held_out: tuple[str, ...] = ()
+    declared: tuple[str, ...] | None = None
+    columns: str | None = None
+    report: str | None = None
+    json: str | None = None
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Files to write, by option."""
+        named = {"--report": self.report, "--json": self.json}
+        return {k: Path(v) for k, v in named.items() if v is not None and v != "-"}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LogSets:
+    """All logs of one diagnosis.
+
+    Attributes:
+        fit: Logs to diagnose.
+        baseline: Logs of the robot in good order.
+        held_out: Logs for the proof.
+        lines: What was understood of them, for the user.
+        warnings: What is odd but usable.
+    """
+
+    fit: tuple[Recording, ...]
+    baseline: tuple[Recording, ...]
+    held_out: tuple[Recording, ...]
+    lines: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def diagnose(
+    request: Request, console: Console, progress: Progress | None = None
+) -> Outcome:
+    """Read logs, find what the model lacks, tell the user and write the files.
+
+    Args:
+        request: What is wanted.
+        console: Where people read.
+        progress: Told the stage and the fraction done.
+
+    Returns:
+        The outcome; its files are written.
+
+    Raises:
+        InputError: If the request or a log is not usable; then nothing is written.
+    """
+    check_writable(request.files, _inputs(request))
+    robot = load_robot(request.robot)
+    _check_declared(request.declared)
+    logs = read_logs(request, robot)
+    for line in logs.lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    # Late, so that a wrong word is answered before the numerics are loaded.
+    from threadpoolctl import threadpool_limits
+
+    from residual.close import close_the_loop
+
+    # One thread: the products are small, two threads only wait for each other.
+    with threadpool_limits(1, user_api="blas"):
+        outcome = close_the_loop(
+            robot,
+            logs.fit,
+            baseline=logs.baseline,
+            held_out=logs.held_out,
+            declared=request.declared,
+            progress=progress,
+        )
+    outcome = _with_reading(outcome, logs)
+    _tell(outcome, request, robot, console)
+    return outcome
+
+
+def read_logs(request: Request, robot: Robot) -> LogSets:
+    """Read every log once and make sure that no sample counts twice.
+
+    Args:
+        request: What is wanted.
+        robot: The arm that was logged.
+
+    Returns:
+        The logs by their part.
+
+    Raises:
+        InputError: If a log is not usable or shares samples with another.
+    """
+    from warehouse.logs import check_distinct, load_columns, read_log, unique_ids
+
+    if not request.logs:
+        raise InputError(
+            "No log to diagnose. Name it first: modelgap diagnose LOG ... --robot R."
+        )
+    columns = load_columns(request.columns) if request.columns else None
+    sets = {
+        "fit": request.logs,
+        "baseline": request.baseline,
+        "held out": request.held_out,
+    }
+    specs = [spec for words in sets.values() for spec in words]
+    labels = unique_ids(specs)
+    read = [
+        read_log(spec, robot, columns, label)
+        for spec, label in zip(specs, labels, strict=True)
+    ]
+    recordings = [recording for recording, _ in read]
+    check_distinct(recordings)
+    fit, baseline, held_out = _split(recordings, [len(s) for s in sets.values()])
+    lines = [echo(fit, baseline, held_out), *(known.text for _, known in read)]
+    warnings = [warning for _, known in read for warning in known.warnings]
+    return LogSets(fit, baseline, held_out, tuple(lines), tuple(warnings))
+
+
+def echo(*sets: tuple[Recording, ...]) -> str:
+    """Return one line that says which log is used as what.
+
+    Args:
+        sets: The logs to fit, of the baseline, and held out.
+    """
+    parts = []
+    for name, logs in zip(("fit", "baseline", "held out"), sets, strict=True):
+        labels = " ".join(log.id for log in logs) or "–"
+        parts.append(f"{name}: {labels}")
+    return " | ".join(parts)
+
+
+def _with_reading(outcome: Outcome, logs: LogSets) -> Outcome:
+    """Add what the readers said to what the diagnosis says."""
+    warnings = [*logs.warnings, *outcome.verdict["warnings"]]
+    return replace(
+        outcome,
+        verdict={**outcome.verdict, "warnings": warnings},
+        notes=(*logs.lines, *outcome.notes),
+    )
+
+
+def verdict_json(verdict: Mapping) -> str:
+    """Return the verdict as JSON text; NaN is refused."""
+    return json.dumps(verdict, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _tell(outcome: Outcome, request: Request, robot: Robot, console: Console) -> None:
+    from flows.report.html import render
+    from flows.report.terminal import print_outcome
+
+    texts = {}
+    if request.report is not None:
+        texts[Path(request.report)] = render(outcome, robot.name)
+    verdict = verdict_json(outcome.verdict)
+    if request.json not in (None, "-"):
+        texts[Path(request.json)] = verdict
+    write_all(texts)
+    print_outcome(outcome, console)
+    for path in texts:
+        console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+    if request.json == "-":
+        print(verdict, end="")
+
+
+def _check_declared(names: tuple[str, ...] | None) -> None:
+    from residual.effects import registry
+
+    for name in names or ():
+        check_name(name, registry(), "effect in --declared")
+
+
+def _inputs(request: Request) -> tuple[Path, ...]:
+    words = (*request.logs, *request.baseline, *request.held_out, request.robot)
+    files = [*words, *(word.rpartition("@")[0] for word in words)]
+    return tuple(Path(word) for word in [*files, request.columns or ""] if word)
+
+
+def _split(items: list, sizes: list[int]) -> list[tuple]:
+    parts, start = [], 0
+    for size in sizes:
+        parts.append(tuple(items[start : start + size]))
+        start += size
+    return parts

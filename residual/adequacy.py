@@ -1,0 +1,102 @@
+"""Is what remains noise? A test that needs no model of what is missing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.design import Design
+from residual.evidence import Fit
+from residual.recording import Array
+from residual.signals import Track
+
+FLAG = 0.05  # structured residual, as a share of torque rms, that is worth a flag
+REPEAT = 0.02  # two stretches are a repeat if q differs by less than this share
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Adequacy:
+    """What the model leaves unexplained on each joint, as a share of torque rms.
+
+    Attributes:
+        structured: Root of (residual variance minus noise variance). Shape (dof,).
+        before: The same without the names. Shape (dof,).
+        noise: Noise level. Shape (dof,).
+        kind: Per joint "repeatable" or "time-driven"; None without repeats.
+        flagged: Joints (from 0) that remain unexplained.
+    """
+
+    structured: Array
+    before: Array
+    noise: Array
+    kind: tuple[str | None, ...]
+    flagged: tuple[int, ...]
+
+
+def adequacy(
+    design: Design,
+    tracks: tuple[Track, ...],
+    before: Fit,
+    after: Fit,
+    baseline: Array | None = None,
+) -> Adequacy:
+    """Compare what is left on the moving rows with the noise of the torque channel.
+
+    The noise is measured above the identification filter and taken as white. A joint
+    is flagged above 5 % of torque rms, unless the names halved it, and above 10 % in
+    any case; against a baseline, only beyond what the baseline left by itself.
+    """
+    squares = np.mean([t.torque_noise**2 for t in tracks], axis=0)
+    noise = np.sqrt(squares) / design.rms
+    structured = _structured(design, after, noise)
+    first = _structured(design, before, noise)
+    limit = np.full(design.dof, FLAG)
+    if baseline is not None:
+        limit = np.maximum(limit, 1.5 * baseline)
+    flagged = [
+        j
+        for j in range(design.dof)
+        if (structured[j] > limit[j] and structured[j] > 0.5 * first[j])
+        or structured[j] > 2 * limit[j]
+    ]
+    kinds = tuple(_kind(design, tracks, after, noise, j) for j in range(design.dof))
+    return Adequacy(structured, first, noise, kinds, tuple(flagged))
+
+
+def _structured(design: Design, fitted: Fit, noise: Array) -> Array:
+    left = fitted.sse / design.rows / design.rms**2
+    return np.sqrt(np.maximum(left - noise**2, 0))
+
+
+def _kind(
+    design: Design, tracks: tuple[Track, ...], fitted: Fit, noise: Array, j: int
+) -> str | None:
+    """Where a log repeats itself: does the residual repeat with it?"""
+    lines = design.series(j, design.residual(j, fitted.ids, fitted.theta))
+    same = other = count = 0.0
+    for track, line in zip(tracks, lines, strict=True):
+        period = repeat(track)
+        if period is None:
+            continue
+        a, b = line[:-period], line[period:]
+        both = (a != 0) & (b != 0)
+        same += float((a * b)[both].sum())
+        other += float(((a - b) ** 2)[both].sum() / 2)
+        count += float(both.sum())
+    if not count:
+        return None
+    own = other / count - (noise[j] * design.rms[j]) ** 2
+    return "repeatable" if same / count >= own else "time-driven"
+
+
+def repeat(track: Track) -> int | None:
+    """Rows after which the motion repeats, found from q itself; None where it never."""
+    q = track.q[:: track.step]
+    m = len(q)
+    spread = np.maximum(q.std(axis=0), 1e-6)
+    best, period = REPEAT, None
+    for lag in range(int(0.2 * m), int(0.8 * m)):
+        gap = np.abs(q[lag:] - q[:-lag])[5:-5].mean(axis=0)
+        worst = float(np.max(gap / spread)) if m - lag > 20 else np.inf
+        if worst < best:
+            best, period = worst, lag
+    return period

@@ -1,0 +1,63 @@
+"""Which effects may be blamed, on which joints, and what a wider choice costs."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.design import Design, Group
+from residual.effects.base import Effect, Span
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Candidates:
+    """Every candidate finding with its price.
+
+    Attributes:
+        groups: All of them: each shape of each effect on each joint, then the
+            effects that are also tried on all joints at once.
+        price: What choosing one of so many costs [nats], by key.
+    """
+
+    groups: tuple[Group, ...]
+    price: Mapping[tuple, float]
+
+    def cost(self, group: Group) -> float:
+        """Price of a group [nats]; joints that came together share one price."""
+        return self.price[group.key] / group.fellows
+
+    def without(self, names: Sequence[str]) -> "Candidates":
+        """The same without some effects."""
+        kept = tuple(g for g in self.groups if g.effect.name not in names)
+        return Candidates(kept, self.price)
+
+
+def collect(
+    design: Design, effects: Sequence[Effect], span: Span, dof: int
+) -> Candidates:
+    """Append the columns of all candidates to the design.
+
+    A key costs the logarithm of the number of keys, and its shapes that of their
+    number: the evidence of the best of many is worth so much less.
+    """
+    wanted = []
+    for effect in effects:
+        for joints in effect.candidates(dof):
+            anchor = joints[0] if joints else 0
+            shapes = effect.shapes(span, anchor)
+            wanted += [(effect, joints, shape) for shape in shapes]
+    groups = design.add(wanted)
+    groups += _on_all_joints(groups, dof)
+    variants = Counter(g.key for g in groups)
+    price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
+    return Candidates(tuple(groups), price)
+
+
+def _on_all_joints(groups: Sequence[Group], dof: int) -> list[Group]:
+    """The linear local effects that usually sit on every joint, as one candidate."""
+    own: dict[str, list[Group]] = {}
+    for g in groups:
+        if g.effect.groupable and g.shape == ():
+            own.setdefault(g.effect.name, []).append(g)
+    return [Design.union(parts) for parts in own.values() if len(parts) == dof > 1]

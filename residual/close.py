@@ -1,0 +1,230 @@
+"""The whole method on one screen: identify, doubt, name, add, prove.
+
+residual -> undeclared effect -> augmented model -> error before and after on motion
+that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PLSR).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from residual.clouds import clouds
+from residual.compare import compare, witnesses
+from residual.diagnose import Diagnosis, Logs, Progress, diagnose, ready, start_nominal
+from residual.errors import InputError
+from residual.findings import findings
+from residual.holdout import held_out_verdicts
+from residual.names import check_name
+from residual.nominal import declared_names
+from residual.effects import registry
+from residual.outcome import Outcome
+from residual.power import minimum_detectable
+from residual.prior import ROUGH, Nominal, posterior_of
+from residual.recording import Recording
+from residual.robot import Robot
+from residual.search import Rules
+from residual.signals import Filters
+from residual.source import delayed_at_source, filtered_at_source
+from residual.verdict import Case, complaint, write
+
+BASELINE_MOST = 12  # names that a baseline may need: it shows all that the URDF lacks
+
+
+def close_the_loop(
+    robot: Robot,
+    fit: Sequence[Recording],
+    baseline: Sequence[Recording] = (),
+    held_out: Sequence[Recording] = (),
+    declared: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Find what a robot's model lacks, add it, and prove it on held-out motion.
+
+    Args:
+        robot: The arm as the user describes it.
+        fit: Logs to diagnose.
+        baseline: Logs of the arm as commissioned; they make the nominal model.
+        held_out: Logs for the proof. Where there are none, the last quarter of the
+            longest fit log is cut off and held out.
+        declared: Effects that the model has; None for the robot's own list.
+        progress: Told the stage and the share done.
+
+    Raises:
+        InputError: If a log does not belong to the robot, or an effect is unknown.
+    """
+    tell = progress or (lambda stage, share: None)
+    names = declared_names(robot, declared)
+    for name in names:
+        check_name(name, registry(), "effect")
+    _check_joints(robot, [*fit, *baseline, *held_out])
+    same_run = not held_out
+    if same_run:
+        fit, held_out = hold_out_end(fit)
+    clock = session_clock([*fit, *held_out])
+    filters = Filters()
+    logs = ready(robot, fit, clock, filters)
+    warnings = []
+    if baseline:
+        nominal = from_baseline(robot, baseline, names, logs, tell)
+    else:
+        nominal = start_nominal(logs, names)
+    diagnosis = diagnose(logs, nominal, Rules(), tell)
+    return _prove(diagnosis, held_out, same_run, warnings, (fit, tell))
+
+
+def from_baseline(
+    robot: Robot, baseline: Sequence[Recording], names, logs: Logs, tell: Progress
+) -> Nominal:
+    """Diagnose the baseline first; what it shows is declared from then on."""
+    own = ready(robot, baseline, session_clock(baseline), logs.filters)
+    first = diagnose(
+        own,
+        start_nominal(own, names),
+        replace(Rules(), most=BASELINE_MOST),
+        lambda stage, share: tell(f"baseline: {stage}", share),
+    )
+    model = replace(
+        first.model(first.fit), speed_floor=logs.speed_floor, clock=logs.clock
+    )
+    count = len(model.coefficients())
+    return Nominal(
+        model,
+        (None,) * len(model.terms),
+        covariance=posterior_of(first.fit, count),
+        baseline_unexplained=first.adequacy.structured,
+    )
+
+
+def _prove(
+    diagnosis: Diagnosis, held_out, same_run: bool, warnings: list, context
+) -> Outcome:
+    fit, tell = context
+    tell("proof", 0.0)
+    identified = diagnosis.model(diagnosis.plain)
+    proof = witnesses(held_out, identified)
+    judged = held_out_verdicts(diagnosis, proof)
+    tested = [t for t, _ in judged.kept]
+    augmented = diagnosis.model(judged.fit) if tested else identified
+    models = {
+        "nominal": diagnosis.nominal.model,
+        "identified": identified,
+        "augmented": augmented,
+    }
+    errors, proofs = compare(models, proof, diagnosis.logs.filters)
+    found = findings(diagnosis, judged.fit, tested)
+    gains = {id(t): g for t, g in judged.kept}
+    notes = _notes(diagnosis, fit, augmented)
+    warnings += _warnings(diagnosis, judged.refuted, same_run)
+    tell("proof", 0.8)
+    case = Case(
+        diagnosis=diagnosis,
+        found=found,
+        gains=gains,
+        errors=errors,
+        held_out=[r.id for r in held_out],
+        same_run=same_run,
+        minimum=minimum_detectable(diagnosis.task, judged.fit),
+        warnings=warnings,
+    )
+    outcome = Outcome(
+        verdict=write(case),
+        sentences=tuple(f.effect.sentence for f in found),
+        proofs=proofs,
+        clouds=clouds(diagnosis, judged.fit, found),
+        notes=notes,
+    )
+    tell("proof", 1.0)
+    return outcome
+
+
+def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:
+    logs = diagnosis.logs
+    rows = diagnosis.task.design.rows
+    every = sum(int(t.inner.sum()) for t in logs.tracks)
+    notes = [
+        f"identification filter {min(t.cutoff for t in logs.tracks):g} Hz, zero phase, "
+        "on torque and regressor alike; "
+        f"{logs.filters.edge:g} s dropped at both ends",
+        "moving rows used per joint: "
+        + ", ".join(f"{100 * r / max(every, 1):.0f} %" for r in rows),
+    ]
+    if logs.clock is None:
+        notes.append("the order of the logs in time is not known: warm-up not tested")
+    said = (filtered_at_source(fit), delayed_at_source(augmented, logs))
+    return (*notes, *(s for s in said if s))
+
+
+def _warnings(diagnosis: Diagnosis, refuted, same_run: bool) -> list[str]:
+    out = []
+    if same_run:
+        out.append(
+            "no --holdout given: the last quarter of the longest log was held out; "
+            "the proof is weak, since it is the same run"
+        )
+    scale = diagnosis.task.prior.scale
+    if scale is not None and scale > ROUGH:
+        out.append(
+            f"the nominal model is off by about {100 * scale:.0f} %: too rough to "
+            "blame a payload; give --baseline"
+        )
+    for tested, gain in refuted:
+        why = (
+            "refuted by the held-out logs "
+            f"(error there {100 * -gain:.1f} % higher with it), withdrawn"
+        )
+        if tested.group.effect.name == "payload":
+            why += "; was the load mounted otherwise there?"
+        out.append(complaint(tested, why))
+    for tested in diagnosis.withdrawn:
+        joint = tested.joint + 1
+        out.append(
+            complaint(
+                tested,
+                f"withdrawn: what joint {joint} shows resembles it but is not "
+                "explained by it",
+            )
+        )
+    return out
+
+
+def session_clock(recordings: Sequence[Recording]) -> float | None:
+    """Start of the session if the logs' times show their order, else None [s]."""
+    spans = sorted((float(r.t[0]), float(r.t[-1])) for r in recordings)
+    ordered = all(a[1] < b[0] for a, b in zip(spans, spans[1:], strict=False))
+    return spans[0][0] if ordered else None
+
+
+def hold_out_end(
+    fit: Sequence[Recording],
+) -> tuple[list[Recording], list[Recording]]:
+    """Cut the last quarter off the longest log and hold it out."""
+    longest = max(fit, key=lambda r: r.duration)
+    cut = longest.t[0] + 0.75 * longest.duration
+    head, tail = (_part(longest, longest.t < cut), _part(longest, longest.t >= cut))
+    tail = replace(tail, id=f"{longest.id} (last quarter)")
+    return [head if r is longest else r for r in fit], [tail]
+
+
+def _part(recording: Recording, rows: np.ndarray) -> Recording:
+    optional = {
+        name: getattr(recording, name)[rows]
+        for name in ("qd", "qdd", "q_ref")
+        if getattr(recording, name) is not None
+    }
+    return replace(
+        recording,
+        t=recording.t[rows],
+        q=recording.q[rows],
+        tau=recording.tau[rows],
+        **optional,
+    )
+
+
+def _check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:
+    for recording in recordings:
+        if recording.dof != robot.dof:
+            raise InputError(
+                f"{recording.id} has {recording.dof} joints, {robot.name} has "
+                f"{robot.dof}. Give the log's own robot with --robot."
+            )

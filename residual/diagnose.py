@@ -1,0 +1,229 @@
+"""Diagnosis of one set of logs: what the nominal model lacks on them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.adequacy import Adequacy, adequacy
+from residual.candidates import Candidates, collect
+from residual.design import Design
+from residual.effects import registry
+from residual.effects.base import Span
+from residual.evidence import Fit, fit
+from residual.gate import Tested, passed
+from residual.model import Model, Term
+from residual.nominal import build_nominal
+from residual.prior import Nominal, forbidden, priors, relative_prior
+from residual.recording import Recording
+from residual.robot import Robot
+from residual.search import Rules, Task, start
+from residual.select import Selection, select
+from residual.signals import Filters, Track, prepare
+from residual.standstill import SHAPES, SMOOTH
+
+Progress = Callable[[str, float], None]
+ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
+LARGE = 0.05  # an effect of this share of torque rms shifts model-based features
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Logs:
+    """Fit logs, ready: signals, session clock and how far they move the arm."""
+
+    robot: Robot
+    tracks: tuple[Track, ...]
+    clock: float | None
+    span: Span
+    speed_floor: np.ndarray
+    filters: Filters
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Diagnosis:
+    """What one set of logs says.
+
+    Attributes:
+        logs: The fit logs.
+        nominal: Where it started from.
+        task: Data, chosen prior and candidates.
+        plain: Fit of the nominal structure alone.
+        fit: Fit with the named effects.
+        tested: The named effects with their evidence.
+        withdrawn: Names that merely resemble what flagged joints show.
+        adequacy: What remains.
+    """
+
+    logs: Logs
+    nominal: Nominal
+    task: Task
+    plain: Fit
+    fit: Fit
+    tested: tuple[Tested, ...]
+    withdrawn: tuple[Tested, ...]
+    adequacy: Adequacy
+
+    def model(self, fitted: Fit) -> Model:
+        """A fit as a model, with the standstill that suits the fit logs."""
+        return with_standstill(as_model(self.nominal, fitted), self.logs)
+
+
+def ready(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    clock: float | None,
+    filters: Filters,
+) -> Logs:
+    """Prepare the signals of the fit logs."""
+    tracks, floor = prepare(recordings, filters)
+    q = np.concatenate([t.q for t in tracks])
+    qd = np.concatenate([t.qd for t in tracks])
+    last = max(t.t[-1] for t in tracks)
+    span = Span(
+        speed=np.quantile(np.abs(qd), 0.95, axis=0),
+        travel=np.ptp(q, axis=0),
+        duration=0.0 if clock is None else float(last - clock),
+        cutoff=min(t.cutoff for t in tracks),
+    )
+    return Logs(robot, tracks, clock, span, floor, filters)
+
+
+def start_nominal(logs: Logs, names: Sequence[str]) -> Nominal:
+    """The user's model, on the clock and thresholds of these logs."""
+    nominal = build_nominal(
+        logs.robot, names, logs.span, logs.speed_floor, logs.filters
+    )
+    return replace(nominal, model=replace(nominal.model, clock=logs.clock))
+
+
+def diagnose(
+    logs: Logs, nominal: Nominal, rules: Rules, progress: Progress
+) -> Diagnosis:
+    """Search, test and flag.
+
+    Args:
+        logs: Fit logs.
+        nominal: The model to be doubted.
+        rules: Thresholds.
+        progress: Told the stage and the share done.
+    """
+    design, rough = _first_look(logs, nominal)
+    selection = _search(design, logs, nominal, (rules, progress))
+    if _needs_second_look(selection):
+        named = as_model(nominal, selection.fit)
+        design, _ = _first_look(logs, nominal, named)
+        prior = selection.task.prior
+        again = replace(nominal, scale=prior.scale)
+        selection = _search(design, logs, again, (rules, progress))
+    progress("gate", 0.0)
+    task = selection.task
+    fitted, tested = passed(task, selection.fit)
+    plain = task.settle(task.fit((), fitted, rounds=4))
+    enough = adequacy(design, logs.tracks, plain, fitted, nominal.baseline_unexplained)
+    kept = [t for t in tested if not _resembles(task, t, enough)]
+    if len(kept) < len(tested):
+        fitted = task.settle(task.fit([t.group for t in kept], fitted))
+    gone = tuple(t for t in tested if t not in kept)
+    progress("gate", 1.0)
+    return Diagnosis(
+        logs, nominal, task, plain, fitted, tuple(kept), gone, enough
+    )
+
+
+def _first_look(
+    logs: Logs, nominal: Nominal, named: Model | None = None
+) -> tuple[Design, Model]:
+    """Nominal columns, and features seen with a model that fits these logs roughly."""
+    states = [nominal.model.observe(t) for t in logs.tracks]
+    design = Design(list(zip(logs.tracks, states, strict=True)), nominal.model)
+    if named is None:
+        if nominal.covariance is None:
+            prior = relative_prior(design, nominal, ROUGH_SCALE)
+        else:
+            (prior,) = priors(design, nominal)
+        named = as_model(nominal, _rough_fit(design, prior))
+    design.look(
+        [named.observe(t, s.regressor) for t, s in zip(logs.tracks, states, strict=True)]
+    )
+    return design, named
+
+
+def _rough_fit(design: Design, prior) -> Fit:
+    return start(Task(design, prior, Candidates((), {}), Rules()))
+
+
+def _search(design: Design, logs: Logs, nominal: Nominal, options) -> Selection:
+    rules, progress = options
+    effects = [
+        e for e in registry().values() if not (e.needs_clock and logs.clock is None)
+    ]
+    progress("features", 0.0)
+    choices = priors(design, nominal)
+    flags = {e.name: e.is_parameter for e in registry().values()}
+    barred = [forbidden(p, nominal, flags) for p in choices]
+    wanted = [e for e in effects if not all(e.name in b for b in barred)]
+    everything = collect(design, wanted, logs.span, design.dof)
+    pairs = [
+        (p, everything.without(tuple(b))) for p, b in zip(choices, barred, strict=True)
+    ]
+    return select(design, pairs, rules, lambda share: progress("search", share))
+
+
+def _needs_second_look(selection: Selection) -> bool:
+    """Did a large effect, or one that reads the model's torque, get accepted?"""
+    fitted, task = selection.fit, selection.task
+    if not fitted.members:
+        return False
+    if any(g.effect.uses_model for g in fitted.members):
+        return True
+    plain = task.fit((), fitted, rounds=4)
+    fall = np.maximum(plain.sse - fitted.sse, 0) / task.design.rows
+    model_based = any(e.uses_model for e in registry().values())
+    return model_based and bool(np.max(np.sqrt(fall) / task.design.rms) > LARGE)
+
+
+def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
+    """A name on a flagged joint that explains less than 3/4 of what was left."""
+    effect = tested.group.effect
+    local = effect.scope in ("local", "pair")
+    joints = tested.group.joints if local else (tested.joint,)
+    return bool(set(joints) & set(enough.flagged)) and tested.share < 0.75
+
+
+def as_model(nominal: Nominal, fitted: Fit) -> Model:
+    """Nominal model moved by a fit's coefficients, its members added as terms."""
+    base = nominal.model
+    count = len(base.coefficients())
+    moved = base.with_coefficients(base.coefficients() + fitted.theta[:count])
+    found = tuple(
+        Term(g.effect, g.joints, g.shape, fitted.of(g)) for g in fitted.members
+    )
+    return replace(moved, terms=(*moved.terms, *found))
+
+
+def with_standstill(model: Model, logs: Logs) -> Model:
+    """Choose each joint's behaviour at standstill by the fit logs' whole error."""
+    dof = model.robot.dof
+    regressors = [model.observe(t).regressor for t in logs.tracks]
+    misses = []
+    for shape in SHAPES:
+        trial = replace(model, standstill=(shape,) * dof)
+        miss = np.zeros(dof)
+        for track, regressor in zip(logs.tracks, regressors, strict=True):
+            torque = track.filter(trial.torque(trial.observe(track, regressor)))
+            miss += ((track.tau - torque)[track.inner] ** 2).sum(axis=0)
+        misses.append(miss)
+    order = np.argmin(misses, axis=0)
+    usual = SHAPES.index(SMOOTH)
+    better = np.array(misses)[order, range(dof)] < 0.98 * misses[usual]
+    chosen = tuple(SHAPES[i] if b else SMOOTH for i, b in zip(order, better, strict=True))
+    return replace(model, standstill=chosen)
+
+
+def refit(diagnosis: Diagnosis, tested: Sequence[Tested]) -> Fit:
+    """Fit again with some of the names only."""
+    task = diagnosis.task
+    members = [t.group for t in tested]
+    return task.settle(
+        fit(task.design, task.prior, members, diagnosis.fit.counted, None, rounds=4)
+    )

@@ -1,0 +1,167 @@
+"""What an effect is: data and one pure function from motion to torque columns.
+
+A new effect is one new file in this folder with a module-level ``EFFECT``; the
+registry is the folder listing.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from residual.recording import Array
+from residual.robot import Robot
+
+Joints = tuple[int, ...]
+Shape = tuple[float, ...]
+Scope = Literal["local", "pair", "link", "flange", "global"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class State:
+    """What an effect may look at on one log: motion and the model's own torque.
+
+    Attributes:
+        robot: The arm.
+        rate: Sample rate [Hz].
+        t: Session time [s]. Shape (n,).
+        q, qd, qdd: Kinematics [rad, rad/s, rad/s^2]. Shape (n, dof).
+        sign: Direction of motion, smoothed where the joint stands. Shape (n, dof).
+        regressor: Inertial regressor. Shape (n, dof, 10 dof).
+        rigid: Rigid-body torque of the current model [N m]. Shape (n, dof).
+        tau_model: Torque of the current model [N m]. Shape (n, dof).
+    """
+
+    robot: Robot
+    rate: float
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    sign: Array
+    regressor: Array
+    rigid: Array
+    tau_model: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Span:
+    """How far one set of logs moves each joint: what decides which shapes to try.
+
+    Attributes:
+        speed: 95 % quantile of |qd| [rad/s]. Shape (dof,).
+        travel: Range of q [rad]. Shape (dof,).
+        duration: Session time covered, or 0 where the clock is not known [s].
+        cutoff: Identification cut-off [Hz].
+    """
+
+    speed: Array
+    travel: Array
+    duration: float
+    cutoff: float
+
+
+Columns = Callable[[State, Joints, Shape], Array]
+
+
+@dataclass(frozen=True, slots=True)
+class Refinement:
+    """How the first number of a shape is searched between the grid points.
+
+    Attributes:
+        step: "ratio" (multiply) or "shift" (add).
+        reach: Half-width of the search, as log-ratio or in units of the shape.
+        lower, upper: Limits of the number.
+    """
+
+    step: Literal["ratio", "shift"]
+    reach: float
+    lower: float = 1e-9
+    upper: float = np.inf
+
+
+def _no_shape(span: Span, joint: int) -> tuple[Shape, ...]:
+    return ((),)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Effect:
+    """One physical effect that a model may lack.
+
+    Attributes:
+        name: Its name in the vocabulary.
+        sentence: What it is, in words, for a control engineer.
+        parameters: Parameter keys with their SI units, in order.
+        columns: Torque columns: (state, joints, shape) -> (n, rows, k), where the
+            rows are the joints it acts on: its own, or all of them.
+        scope: Which joints it belongs to.
+        values: (theta, shape, robot) -> one value per parameter key.
+        from_values: Values of the parameter keys -> (theta, shape): the way back.
+        shapes: Values of the nonlinear parameters to start from.
+        refine: How the first nonlinear parameter is searched; None where linear.
+        is_parameter: It says that a parameter the model has is wrong.
+        needs_clock: It needs the order of the logs in time.
+        uses_model: Its columns depend on the model's own torque.
+        prior_sd: (robot,) -> prior of theta where the size is known from physics;
+            None for the default, 30 % of torque.
+        reports: (key, values, stds) -> whether a parameter is worth reporting; None
+            for always.
+        family: Effects of one family on one joint exclude each other.
+        groupable: It is also tried on all joints at once.
+        variable: (state, joint) -> what the report draws it against, with label.
+    """
+
+    name: str
+    sentence: str
+    parameters: Mapping[str, str]
+    columns: Columns
+    scope: Scope = "local"
+    values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: theta
+    from_values: Callable[[Array], tuple[Array, Shape]] = lambda values: (values, ())
+    shapes: Callable[[Span, int], Sequence[Shape]] = _no_shape
+    refine: Refinement | None = None
+    is_parameter: bool = False
+    needs_clock: bool = False
+    uses_model: bool = False
+    prior_sd: Callable[[Robot], Array] | None = None
+    reports: Callable[[str, Array, Array], bool] | None = None
+    family: str = ""
+    groupable: bool = False
+    variable: Callable[[State, int], tuple[Array, str]] = (
+        lambda state, j: (state.qd[:, j], f"qd{j + 1} [rad/s]")
+    )
+
+    def candidates(self, dof: int) -> tuple[Joints, ...]:
+        """Joints (from 0) on which the effect may sit, for an arm of dof joints."""
+        if self.scope == "local" or self.scope == "link":
+            return tuple((j,) for j in range(dof))
+        if self.scope == "flange":
+            return ((dof - 1,),)
+        if self.scope == "global":
+            return ((),)
+        wrist = range(max(0, dof - 3), dof)
+        pairs = list(pairwise(wrist))
+        return tuple([*pairs, (wrist[0], wrist[-1])] if len(wrist) > 2 else pairs)
+
+    def rows(self, joints: Joints, dof: int) -> Joints:
+        """Rows of the torque vector on which the columns act."""
+        if self.scope in ("local", "pair"):
+            return joints
+        return tuple(range(dof))
+
+
+def local(feature: Callable[[State, int, Shape], Sequence[Array]]) -> Columns:
+    """Columns of a local effect from its features on one joint."""
+
+    def columns(state: State, joints: Joints, shape: Shape) -> Array:
+        (joint,) = joints
+        return np.column_stack(feature(state, joint, shape))[:, None, :]
+
+    return columns
+
+
+def against_position(state: State, joint: int) -> tuple[Array, str]:
+    """Draw over the joint's position."""
+    return state.q[:, joint], f"q{joint + 1} [rad]"

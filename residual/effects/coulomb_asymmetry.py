@@ -1,0 +1,19 @@
+"""Coulomb friction that differs between the two directions of motion."""
+
+import numpy as np
+
+from residual.effects.base import Effect, local
+
+
+def _feature(state, j, shape):
+    return [np.abs(state.sign[:, j])]
+
+
+EFFECT = Effect(
+    name="coulomb_asymmetry",
+    sentence="dry friction that is stronger in one direction than in the other",
+    parameters={"level": "N m"},
+    columns=local(_feature),
+    family="static",
+    groupable=True,
+)

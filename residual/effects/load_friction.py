@@ -1,0 +1,23 @@
+"""Friction that grows with the load the gear carries (Bittencourt et al. 2010)."""
+
+import numpy as np
+
+from residual.effects.base import Effect, local
+
+
+def _over_load(state, j):
+    return state.rigid[:, j], f"rigid-body torque {j + 1} [N m]"
+
+
+def _feature(state, j, shape):
+    return [np.abs(state.rigid[:, j]) * state.sign[:, j]]
+
+
+EFFECT = Effect(
+    name="load_friction",
+    sentence="friction that grows with the torque that the gear carries",
+    parameters={"coefficient": "-"},
+    columns=local(_feature),
+    uses_model=True,
+    variable=_over_load,
+)

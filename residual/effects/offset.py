@@ -1,0 +1,19 @@
+"""Constant torque: current-sensor bias, or a constant load."""
+
+import numpy as np
+
+from residual.effects.base import Effect, local
+
+
+def _feature(state, j, shape):
+    return [np.ones(len(state.t))]
+
+
+EFFECT = Effect(
+    name="offset",
+    sentence="a constant torque, as from a biased current sensor",
+    parameters={"torque": "N m"},
+    columns=local(_feature),
+    family="static",
+    groupable=True,
+)

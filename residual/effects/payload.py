@@ -1,0 +1,66 @@
+"""A load on the flange that the model does not have, or has wrong."""
+
+import numpy as np
+
+from residual.effects.base import Effect
+
+
+def _columns(state, joints, shape):
+    (flange,) = joints
+    return state.regressor[:, :, 10 * flange : 10 * flange + 10]
+
+
+def _values(theta, shape, robot):
+    """Mass, centre and inertia about that centre, in the flange frame.
+
+    ``theta`` is m, m·c and the inertia about the origin of the last joint's frame
+    in Pinocchio's order: xx, xy, yy, xz, yz, zz.
+    """
+    mass = theta[0] if abs(theta[0]) > 1e-9 else 1e-9
+    placement = robot.model.frames[robot.model.nframes - 1].placement
+    centre = theta[1:4] / mass
+    xx, xy, yy, xz, yz, zz = theta[4:]
+    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    shift = centre @ centre * np.eye(3) - np.outer(centre, centre)
+    rotation = placement.rotation
+    inertia = rotation.T @ (about_origin - mass * shift) @ rotation
+    com = rotation.T @ (centre - placement.translation)
+    return np.array([theta[0], *com, *inertia[np.triu_indices(3)]])
+
+
+def _prior_sd(robot):
+    """Up to 8 % of the arm's mass, a fifth of a metre off the joint's origin."""
+    mass = 0.08 * sum(body.mass for body in robot.model.inertias)
+    return np.array([mass] + 3 * [0.2 * mass] + 6 * [0.03 * mass])
+
+
+def _reports(key, values, stds):
+    """Inertia only where the motion shows it: positive, and known within a third."""
+    if not key.startswith("i"):
+        return True
+    principal = [4, 7, 9]
+    return bool(np.all(values[principal] > 3 * stds[principal]))
+
+
+EFFECT = Effect(
+    name="payload",
+    sentence="a load on the flange that the model does not have",
+    parameters={
+        "mass": "kg",
+        "com_x": "m",
+        "com_y": "m",
+        "com_z": "m",
+        "ixx": "kg m^2",
+        "ixy": "kg m^2",
+        "ixz": "kg m^2",
+        "iyy": "kg m^2",
+        "iyz": "kg m^2",
+        "izz": "kg m^2",
+    },
+    columns=_columns,
+    scope="flange",
+    values=_values,
+    is_parameter=True,
+    prior_sd=_prior_sd,
+    reports=_reports,
+)

@@ -1,0 +1,19 @@
+"""Friction whose level varies with the joint's position (worn or eccentric gear)."""
+
+import numpy as np
+
+from residual.effects.base import Effect, against_position, local
+
+
+def _feature(state, j, shape):
+    q, sign = state.q[:, j], state.sign[:, j]
+    return [sign * np.cos(q), sign * np.sin(q)]
+
+
+EFFECT = Effect(
+    name="position_friction",
+    sentence="dry friction whose size varies with the joint's position",
+    parameters={"cos": "N m", "sin": "N m"},
+    columns=local(_feature),
+    variable=against_position,
+)

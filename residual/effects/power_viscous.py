@@ -1,0 +1,24 @@
+"""Viscous friction that grows less than linearly with speed (shear thinning)."""
+
+import numpy as np
+
+from residual.effects.base import Effect, Refinement, local
+
+
+def _feature(state, j, shape):
+    (exponent,) = shape
+    qd = state.qd[:, j]
+    return [np.sign(qd) * np.abs(qd) ** exponent]
+
+
+EFFECT = Effect(
+    name="power_viscous",
+    sentence="viscous friction that grows less than linearly with speed",
+    parameters={"coefficient": "N m (s/rad)^p", "exponent": "-"},
+    columns=local(_feature),
+    values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),
+    from_values=lambda values: (values[:1], tuple(values[1:])),
+    shapes=lambda span, j: ((0.25,), (0.5,), (0.75,)),
+    refine=Refinement("ratio", 0.4, lower=0.05, upper=0.95),
+    groupable=True,
+)

@@ -1,0 +1,47 @@
+"""Torque ripple: cogging, gear mesh or belt, periodic in the joint's position."""
+
+import numpy as np
+
+from residual.effects.base import Effect, Refinement, against_position, local
+
+
+def _feature(state, j, shape):
+    (order,) = shape
+    angle = order * state.q[:, j]
+    return [np.cos(angle), np.sin(angle)]
+
+
+def _shapes(span, j):
+    """Orders that the travel can resolve and the identification filter lets pass.
+
+    Two neighbours differ by at most 1.5 rad of phase over the travel, so that the
+    search between them has one peak.
+    """
+    travel = max(span.travel[j], 1e-3)
+    lowest = max(4.0, 3 * np.pi / travel)
+    highest = min(60.0, 2 * np.pi * span.cutoff / max(0.5 * span.speed[j], 1e-3))
+    step = min(1.0, 1.5 / travel)
+    return tuple((float(n),) for n in np.arange(lowest, highest, step))
+
+
+def _values(theta, shape, robot):
+    a, b = theta
+    return np.array([np.hypot(a, b), shape[0], np.arctan2(-b, a)])
+
+
+def _from_values(values):
+    amplitude, order, phase = values
+    return amplitude * np.array([np.cos(phase), -np.sin(phase)]), (float(order),)
+
+
+EFFECT = Effect(
+    name="ripple",
+    sentence="a torque periodic in the joint's position (cogging or gear mesh)",
+    parameters={"amplitude": "N m", "order": "-", "phase": "rad"},
+    columns=local(_feature),
+    values=_values,
+    from_values=_from_values,
+    shapes=_shapes,
+    refine=Refinement("shift", 0.8),
+    variable=against_position,
+)

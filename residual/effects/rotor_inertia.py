@@ -1,0 +1,22 @@
+"""Inertia of motor rotor and gear, reflected to the joint."""
+
+from residual.effects.base import Effect, local
+
+
+def _over_acceleration(state, j):
+    return state.qdd[:, j], f"qdd{j + 1} [rad/s^2]"
+
+
+def _feature(state, j, shape):
+    return [state.qdd[:, j]]
+
+
+EFFECT = Effect(
+    name="rotor_inertia",
+    sentence="inertia of the motor's rotor, multiplied by the gear ratio squared",
+    parameters={"inertia": "kg m^2"},
+    columns=local(_feature),
+    is_parameter=True,
+    groupable=True,
+    variable=_over_acceleration,
+)

@@ -1,0 +1,27 @@
+"""A spring on the joint: hose package, cable, or a coil balancer."""
+
+import numpy as np
+
+from residual.effects.base import Effect, against_position, local
+
+
+def _feature(state, j, shape):
+    return [state.q[:, j], np.ones(len(state.t))]
+
+
+def _values(theta, shape, robot):
+    stiffness, constant = theta
+    rest = -constant / stiffness if stiffness else 0.0
+    return np.array([stiffness, rest])
+
+
+EFFECT = Effect(
+    name="spring",
+    sentence="a torque proportional to position, as from a spring or hose package",
+    parameters={"stiffness": "N m/rad", "rest": "rad"},
+    columns=local(_feature),
+    values=_values,
+    from_values=lambda values: (values[0] * np.array([1.0, -values[1]]), ()),
+    family="static",
+    variable=against_position,
+)

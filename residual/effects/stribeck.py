@@ -1,0 +1,31 @@
+"""Stribeck friction: extra friction at low speed that fades as the film builds up.
+
+The textbook form level·exp(-|qd/vs|^exponent) (Armstrong-Hélouvry 1994).
+"""
+
+import numpy as np
+
+from residual.effects.base import Effect, Refinement, local
+
+
+def _feature(state, j, shape):
+    velocity, exponent = shape
+    fade = np.exp(-np.abs(state.qd[:, j] / velocity) ** exponent)
+    return [state.sign[:, j] * fade]
+
+
+def _shapes(span, j):
+    velocities = np.array([0.03, 0.06, 0.12, 0.24]) * span.speed[j]
+    return tuple((float(v), e) for v in velocities for e in (1.0, 2.0))
+
+
+EFFECT = Effect(
+    name="stribeck",
+    sentence="extra friction at low speed that fades as the joint speeds up",
+    parameters={"level": "N m", "velocity": "rad/s", "exponent": "-"},
+    columns=local(_feature),
+    values=lambda theta, shape, robot: np.array([theta[0], *shape]),
+    from_values=lambda values: (values[:1], tuple(values[1:])),
+    shapes=_shapes,
+    refine=Refinement("ratio", 0.6),
+)

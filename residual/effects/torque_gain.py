@@ -1,0 +1,26 @@
+"""A wrong torque constant or gear ratio: all torque of a joint reads scaled."""
+
+import numpy as np
+
+from residual.effects.base import Effect, local
+
+
+def _feature(state, j, shape):
+    return [state.tau_model[:, j]]
+
+
+def _over_torque(state, j):
+    return state.tau_model[:, j], f"model torque {j + 1} [N m]"
+
+
+EFFECT = Effect(
+    name="torque_gain",
+    sentence="measured torque scaled by a wrong torque constant",
+    parameters={"gain": "-"},
+    columns=local(_feature),
+    uses_model=True,
+    # A torque constant is wrong by some per cent; a free gain would imitate any
+    # missing model on a joint that the nominal explains badly.
+    prior_sd=lambda robot: np.array([0.1]),
+    variable=_over_torque,
+)

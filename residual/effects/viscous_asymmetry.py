@@ -1,0 +1,17 @@
+"""Viscous friction that differs between the two directions of motion."""
+
+import numpy as np
+
+from residual.effects.base import Effect, local
+
+
+def _feature(state, j, shape):
+    return [np.abs(state.qd[:, j])]
+
+
+EFFECT = Effect(
+    name="viscous_asymmetry",
+    sentence="viscous friction that is stronger in one direction than in the other",
+    parameters={"coefficient": "N m s/rad"},
+    columns=local(_feature),
+)

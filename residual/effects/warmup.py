@@ -1,0 +1,30 @@
+"""Friction that falls while the grease warms up."""
+
+import numpy as np
+
+from residual.effects.base import Effect, Refinement, local
+
+
+def _feature(state, j, shape):
+    (time_constant,) = shape
+    return [state.sign[:, j] * np.exp(-state.t / time_constant)]
+
+
+def _shapes(span, j):
+    """Time constants that the session can tell from constant friction."""
+    taus = (15.0, 30.0, 60.0, 120.0, 240.0, 900.0, 3600.0)
+    return tuple((c,) for c in taus if span.duration / 6 <= c <= 2.5 * span.duration)
+
+
+EFFECT = Effect(
+    name="warmup",
+    sentence="friction that falls with the time since the session began",
+    parameters={"level": "N m", "time_constant": "s"},
+    columns=local(_feature),
+    values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),
+    from_values=lambda values: (values[:1], tuple(values[1:])),
+    shapes=_shapes,
+    refine=Refinement("ratio", 0.6),
+    needs_clock=True,
+    variable=lambda state, j: (state.t, "session time [s]"),
+)

@@ -1,0 +1,120 @@
+"""The gate: a name must lower the error of logs that were left out of the fit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.design import Group
+from residual.evidence import Fit, System, gain
+from residual.recording import Array
+from residual.search import Task, best, spares_model
+
+CLASS = 6.0  # nats within which an alternative cannot be told from the name
+MOST_FOLDS = 0.6  # share of left-out folds that must improve
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tested:
+    """One member of the chosen set after the gate.
+
+    Attributes:
+        group: The effect, joints and shape.
+        nats: Evidence that it carries in the whole set.
+        by: "fit" or "plausibility"; None where it fails.
+        joint: The joint (from 0) on which it matters most.
+        fall: Fall of the left-out error there, as a share of torque rms.
+        share: Part of that joint's left-out error which it removes.
+    """
+
+    group: Group
+    nats: float
+    by: str | None
+    joint: int
+    fall: float
+    share: float
+
+
+def leave_out(task: Task, fitted: Fit) -> Array:
+    """Squared error of each fold, predicted from the others. Shape (folds, dof)."""
+    design = task.design
+    weight = fitted.counted / design.rows / fitted.variance
+    out = []
+    for left in range(design.folds):
+        others = np.flatnonzero(np.arange(design.folds) != left)
+        system = System.of(design, task.prior, fitted.members, others)
+        theta, _ = system.solve(weight)
+        own = System.of(design, task.prior, fitted.members, np.array([left]))
+        out.append(own.squared_error(theta))
+    return np.array(out)
+
+
+def gate(task: Task, fitted: Fit) -> list[Tested]:
+    """Test every member of a set: left-out error, else plausibility."""
+    full = leave_out(task, fitted)
+    return [_test(task, fitted, group, full) for group in fitted.members]
+
+
+def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
+    design, rules = task.design, task.rules
+    rest = [g for g in fitted.members if g is not group]
+    without = task.fit(rest, fitted, rounds=4)
+    nats, big, small = gain(design, task.prior, fitted, without)
+    left = leave_out(task, without)
+    power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
+    fall = (left - full).sum(axis=0) / power
+    acts = [j for j in range(design.dof) if len(design.present(j, group.ids)[0])]
+    joint = acts[int(np.argmax(fall[acts]))]
+    relative = float(np.sign(fall[joint]) * np.sqrt(abs(fall[joint])))
+    share = float(1 - full[:, joint].sum() / max(left[:, joint].sum(), 1e-30))
+    improved = float(np.mean((left - full)[:, joint] > 0))
+    by = None
+    if relative >= rules.tolerance and share >= rules.share and improved >= MOST_FOLDS:
+        by = "fit"
+    elif spares_model(task, group, nats, big, small):
+        by = "plausibility"
+    return Tested(group, nats, by, joint, relative, share)
+
+
+def passed(task: Task, fitted: Fit) -> tuple[Fit, list[Tested]]:
+    """Drop the members that fail, weakest first, until all pass."""
+    while True:
+        tested = gate(task, fitted)
+        failed = [t for t in tested if t.by is None]
+        if not failed:
+            return fitted, tested
+        worst = min(failed, key=lambda t: t.nats)
+        rest = [g for g in fitted.members if g is not worst.group]
+        fitted = task.settle(task.fit(rest, fitted))
+
+
+def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], float]:
+    """What could stand in a member's place, and how sure its class is.
+
+    Returns:
+        Candidates within 6 nats of the member when swapped in, nearest first; the
+        probability of that class against every other candidate and against nothing.
+    """
+    rest = [g for g in fitted.members if g is not group]
+    without = task.fit(rest, fitted)
+    own = task.net_gain(fitted, without, group)
+    ranked = best(task, without, exclude=[group.key])
+    removed = np.maximum(without.sse - fitted.sse, 0) / without.sse
+    joint = int(np.argmax(removed))
+
+    def stands_in(value: float, other: Group, big: Fit) -> bool:
+        """It explains what the member explains, and not something else beside it."""
+        fall = (without.sse[joint] - big.sse[joint]) / without.sse[joint]
+        close = own - value < CLASS and not other.parts
+        return close and fall > 0.5 * removed[joint]
+
+    near = [g for value, g, big in ranked if stands_in(value, g, big)]
+    far = [value for value, g, _ in ranked if own - value >= CLASS]
+    inside = np.exp([0.0, *(min(v - own, 50) for v, g, _ in ranked if g in near)]).sum()
+    outside = np.exp([min(v - own, 50) for v in [0.0, *far]]).sum()
+    return near, float(inside / (inside + outside))
+
+
+def same(groups: Sequence[Group], name: str) -> list[Group]:
+    """The members of one name."""
+    return [g for g in groups if g.effect.name == name]

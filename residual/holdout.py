@@ -1,0 +1,78 @@
+"""What the held-out logs say of each name: confirmed, neutral or refuted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.compare import Witness, moving_error
+from residual.diagnose import Diagnosis, as_model, refit
+from residual.evidence import Fit
+from residual.gate import Tested
+from residual.recording import Array
+
+CONFIRMED = 0.01  # gain above which a name counts as confirmed
+ROUND = 3  # gains are compared to 0.1 %
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Verdicts:
+    """Names that survive the held-out logs, and those that do not.
+
+    Attributes:
+        fit: Fit with the surviving names.
+        kept, refuted: Members with the gain of each: the part of its joint's error on
+            held-out moving samples that vanishes with it.
+    """
+
+    fit: Fit
+    kept: tuple[tuple[Tested, float], ...]
+    refuted: tuple[tuple[Tested, float], ...]
+
+
+def held_out_verdicts(diagnosis: Diagnosis, held_out: Sequence[Witness]) -> Verdicts:
+    """Drop each name alone, refit the rest on the fit logs, predict the held-out logs.
+
+    The worst refuted name goes first, then all are judged again.
+    """
+    tested, refuted = list(diagnosis.tested), []
+    fitted = diagnosis.fit
+    while True:
+        gains = [_gain(diagnosis, fitted, tested, t, held_out) for t in tested]
+        if not gains or min(gains) >= 0:
+            kept = tuple(zip(tested, gains, strict=True))
+            return Verdicts(fitted, kept, tuple(refuted))
+        worst = int(np.argmin(gains))
+        refuted.append((tested.pop(worst), gains[worst]))
+        fitted = refit(diagnosis, tested)
+
+
+def word(gain: float) -> str:
+    """The verdict's word for a gain."""
+    if gain < 0:
+        return "refuted"
+    return "confirmed" if gain >= CONFIRMED else "neutral"
+
+
+def _gain(
+    diagnosis: Diagnosis,
+    fitted: Fit,
+    tested: Sequence[Tested],
+    one: Tested,
+    held_out: Sequence[Witness],
+) -> float:
+    rest = [t for t in tested if t is not one]
+    with_it = moving_error(as_model(diagnosis.nominal, fitted), held_out)
+    without = moving_error(
+        as_model(diagnosis.nominal, refit(diagnosis, rest)), held_out
+    )
+    return round(_fall(one, with_it, without, diagnosis.task.design.rms), ROUND)
+
+
+def _fall(one: Tested, with_it: Array, without: Array, rms: Array) -> float:
+    """1 - error with over error without, on the joints that the effect acts on."""
+    effect, dof = one.group.effect, len(rms)
+    joints = list(effect.rows(one.group.joints, dof))
+    a = float((with_it / rms**2)[joints].sum())
+    b = float((without / rms**2)[joints].sum())
+    return 1 - np.sqrt(a / b) if b > 0 else 0.0

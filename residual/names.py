@@ -1,0 +1,41 @@
+"""Names that users type, checked with a hint at the nearest valid one."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+from residual.errors import UnknownNameError
+
+
+def check_name(name: str, known: Iterable[str], what: str) -> str:
+    """Return the name if it is known.
+
+    Args:
+        name: What was typed.
+        known: The valid names.
+        what: What the name stands for, as the message begins: "effect".
+
+    Returns:
+        The same name.
+
+    Raises:
+        UnknownNameError: If it is not one of them; the message has the nearest.
+    """
+    valid = sorted(known)
+    if name in valid:
+        return name
+    near = get_close_matches(str(name).lower(), valid, n=1, cutoff=0.5)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    raise UnknownNameError(
+        f"Unknown {what} '{name}': {hint}Valid: {', '.join(valid) or 'none'}."
+    )
+
+
+def check_keys(table: Iterable[str], known: Iterable[str], where: str) -> None:
+    """Check every key of one table of a TOML file.
+
+    Raises:
+        UnknownNameError: On the first key that is not known.
+    """
+    known = tuple(known)
+    for key in table:
+        check_name(key, known, f"key in {where}")

@@ -1,0 +1,77 @@
+"""The model as the user gave it: rigid body and declared effects."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual.dynamics import inertial_parameters
+from residual.effects import registry
+from residual.effects.base import Effect, Joints, Span
+from residual.errors import InputError
+from residual.model import Model, Term
+from residual.prior import ASSUMED, GIVEN, Nominal
+from residual.robot import Robot
+from residual.signals import Filters
+
+DEFAULT = ("viscous", "coulomb", "rotor_inertia")
+MOST_SHAPES = 4
+
+
+def declared_names(robot: Robot, names: Sequence[str] | None) -> tuple[str, ...]:
+    """What the model has: the user's list, else robot.toml's, else the usual three."""
+    if names is not None:
+        return tuple(dict.fromkeys(names))
+    return tuple(robot.declared) or DEFAULT
+
+
+def build_nominal(
+    robot: Robot, names: Sequence[str], span: Span, speed_floor, filters: Filters
+) -> Nominal:
+    """Nominal model with the robot's values where given, else zero and free.
+
+    Raises:
+        InputError: If a declared effect cannot stand without its values.
+    """
+    terms, widths = [], []
+    for name in names:
+        effect = registry()[name]
+        given = robot.declared.get(name)
+        for joints in effect.candidates(robot.dof):
+            if given is None or not given.values:
+                own = _free(effect, joints, span)
+                terms += own
+                widths += [None] * len(own)
+            else:
+                terms.append(_given(effect, joints, given.values))
+                widths.append(ASSUMED if given.assumed else GIVEN)
+    model = Model(
+        robot, inertial_parameters(robot.model), tuple(terms), speed_floor, (), None
+    )
+    return Nominal(model, tuple(widths), scale=robot.prior_scale)
+
+
+def _given(effect: Effect, joints: Joints, values) -> Term:
+    anchor = joints[0] if joints else 0
+    numbers = [float(np.asarray(values.get(k, np.zeros(64)))[anchor]) for k in effect.parameters]
+    theta, shape = effect.from_values(np.array(numbers))
+    return Term(effect, joints, shape, np.asarray(theta, dtype=float))
+
+
+def _free(effect: Effect, joints: Joints, span: Span) -> list[Term]:
+    """A declared effect of unknown size; its shapes, if few, are all carried along."""
+    anchor = joints[0] if joints else 0
+    shapes = list(effect.shapes(span, anchor))
+    if len(shapes) > 2 * MOST_SHAPES:
+        raise InputError(
+            f"{effect.name} is declared without values, and its shape cannot be "
+            f"fitted blindly. Give {', '.join(effect.parameters)} in robot.toml."
+        )
+    return [Term(effect, joints, s, np.zeros(_width(effect))) for s in shapes]
+
+
+def _width(effect: Effect) -> int:
+    """Number of linear coefficients of an effect."""
+    if effect.name == "payload":
+        return 10
+    theta, _ = effect.from_values(np.ones(len(effect.parameters)))
+    return len(theta)

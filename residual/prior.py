@@ -1,0 +1,129 @@
+"""How much the nominal model is believed, before the logs speak."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.design import Design
+from residual.evidence import Fit, Prior
+from residual.model import Model
+from residual.recording import Array
+from residual.robot import Robot
+
+SCALES = (0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
+ROUGH = 0.1  # a nominal worse than this is too rough to blame a payload
+GIVEN, ASSUMED = 0.1, 1.0  # relative sd of a declared value, and of an assumed one
+POSTERIOR_FLOOR = 0.01  # no baseline is believed better than this
+TINY = 1e-9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Nominal:
+    """The nominal model and how firmly it is held.
+
+    Attributes:
+        model: The model.
+        given: Relative sd of each term's coefficients; None where no value is given.
+        covariance: Posterior covariance of a baseline, inertial parameters first.
+            Shape (p, p); None where there was no baseline.
+        scale: Fixed relative scale of the rigid part, None to estimate it.
+        baseline_unexplained: Structured residual of the baseline, as a share of torque
+            rms. Shape (dof,), or None.
+    """
+
+    model: Model
+    given: tuple[float | None, ...]
+    covariance: Array | None = None
+    scale: float | None = None
+    baseline_unexplained: Array | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Declared effects, each once."""
+        return tuple(dict.fromkeys(t.effect.name for t in self.model.terms))
+
+
+def inertial_sd(robot: Robot) -> Array:
+    """Size of each inertial parameter, for relative priors [SI]. Shape (10 dof,).
+
+    A link's centre is never known better than a share of 5 cm, its inertia of 1 dm
+    squared times its mass, so that a zero in a URDF is not taken as exact.
+    """
+    out = []
+    for body in list(robot.model.inertias)[1 : robot.dof + 1]:
+        size = np.abs(body.toDynamicParameters())
+        floor = body.mass * np.array([0.0] + 3 * [0.05] + 6 * [0.01])
+        out.append(np.maximum(np.maximum(size, floor), 1e-4))
+    return np.concatenate(out)
+
+
+def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
+    """The priors to compare: one per scale, or one where the scale is settled."""
+    if nominal.covariance is not None:
+        return (_posterior(nominal),)
+    scales = SCALES if nominal.scale is None else (nominal.scale,)
+    return tuple(relative_prior(design, nominal, scale) for scale in scales)
+
+
+def relative_prior(design: Design, nominal: Nominal, scale: float) -> Prior:
+    """Inertial parameters within a relative scale, declared effects as given."""
+    precision = np.zeros((len(design.nominal), len(design.nominal)))
+    size = len(nominal.model.inertial)
+    inertial = 1 / (scale * inertial_sd(nominal.model.robot)) ** 2
+    precision[:size, :size] = np.diag(inertial)
+    start = size
+    for term, given in zip(nominal.model.terms, nominal.given, strict=True):
+        own = slice(start, start + len(term.theta))
+        ids = design.nominal[own]
+        rows = term.effect.rows(term.joints, design.dof)
+        flat = design.unit_information(ids, rows)
+        flat += 1e-6 * np.diag(np.diag(flat)) + TINY * np.eye(len(ids))
+        if given is None:
+            precision[own, own] = flat
+        else:
+            sd = given * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
+            precision[own, own] = np.diag(1 / sd**2)
+        start = own.stop
+    return _prior(precision, scale)
+
+
+def _posterior(nominal: Nominal) -> Prior:
+    """The baseline's posterior, widened by 1 % of each parameter."""
+    model = nominal.model
+    sizes = [inertial_sd(model.robot), *(np.abs(t.theta) for t in model.terms)]
+    floor = POSTERIOR_FLOOR * np.concatenate(sizes)
+    covariance = nominal.covariance + np.diag(floor**2 + TINY**2)
+    scale = np.sqrt(np.diag(covariance))
+    inner = np.linalg.inv(covariance / np.outer(scale, scale))
+    return _prior(inner / np.outer(scale, scale), None)
+
+
+def _prior(precision: Array, scale: float | None) -> Prior:
+    size = np.sqrt(np.diag(precision))
+    log_det = 2 * np.log(size).sum()
+    log_det += np.linalg.slogdet(precision / np.outer(size, size))[1]
+    return Prior(precision, float(log_det), scale)
+
+
+def forbidden(prior: Prior, nominal: Nominal, is_parameter: Mapping[str, bool]) -> set:
+    """Effects that may not be blamed under this prior.
+
+    A declared effect is no candidate unless its value is known; a payload is none
+    where the rigid part is too rough. Named by an exact duplicate of a column that is
+    free already, both would be empty words.
+    """
+    known = nominal.covariance is not None
+    out = set()
+    for term, given in zip(nominal.model.terms, nominal.given, strict=True):
+        settled = known or (given is not None and given < ASSUMED)
+        if not (settled and is_parameter[term.effect.name]):
+            out.add(term.effect.name)
+    if not known and prior.scale is not None and prior.scale > ROUGH:
+        out |= {"payload", "link_inertia"}
+    return out
+
+
+def posterior_of(fitted: Fit, count: int) -> Array:
+    """Covariance of the first ``count`` coefficients of a fit. Shape (count, count)."""
+    return fitted.covariance()[:count, :count]

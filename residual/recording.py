@@ -1,0 +1,78 @@
+"""The checked log of one motion: what a robot measures, and nothing else."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from residual.errors import RecordingError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Recording:
+    """Samples of one motion.
+
+    Attributes:
+        id: Opaque label, unique among the logs of one diagnosis.
+        robot: Name of the robot.
+        t: Sample times on the log's own clock, strictly increasing [s]. Shape (n,).
+        q: Joint positions, link side [rad]. Shape (n, dof).
+        tau: Measured joint torques, link side [N m]. Shape (n, dof).
+        qd: Measured velocities where logged [rad/s]. Shape (n, dof) or None.
+        qdd: Measured accelerations where logged [rad/s^2]. Shape (n, dof) or None.
+        q_ref: Reference positions where logged [rad]. Shape (n, dof) or None.
+
+    Raises:
+        RecordingError: On a wrong shape, a value that is not finite, or a time that
+            does not increase.
+    """
+
+    id: str
+    robot: str
+    t: Array
+    q: Array
+    tau: Array
+    qd: Array | None = None
+    qdd: Array | None = None
+    q_ref: Array | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self)[2:]:
+            value = getattr(self, field.name)
+            if value is None:
+                continue
+            array = np.array(value, dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, field.name, array)
+            self._check(field.name, array)
+        steps = np.diff(self.t)
+        if len(steps) and steps.min() <= 0:
+            row = int(np.argmax(steps <= 0)) + 1
+            raise RecordingError(
+                f"{self.id}: time must increase; sample {row} is at {self.t[row]:g} s "
+                f"after {self.t[row - 1]:g} s. Remove repeated or reordered samples."
+            )
+
+    def _check(self, name: str, array: Array) -> None:
+        expected = (len(self.t),) if name == "t" else (len(self.t), self.dof)
+        if array.shape != expected:
+            raise RecordingError(
+                f"{self.id}: {name} has shape {array.shape}, expected {expected}."
+            )
+        if not np.isfinite(array).all():
+            row = int(np.argwhere(~np.isfinite(array))[0][0])
+            raise RecordingError(
+                f"{self.id}: {name} is NaN or infinite at sample {row}. "
+                "Cut the log there with a window (FILE@start:end) or repair it."
+            )
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return np.shape(self.q)[1]
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.t[-1] - self.t[0])

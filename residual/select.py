@@ -1,0 +1,56 @@
+"""Choose the set of effects and the scale of the rigid prior together.
+
+The scale is chosen after the search: chosen before it, the prior widens until the
+inertial parameters swallow the effect.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.candidates import Candidates
+from residual.design import Design
+from residual.evidence import Fit, Prior, fit
+from residual.search import Rules, Task, search
+
+PER_NAME = 2.0  # nats a name costs when scales are compared
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Selection:
+    """The search's result: the task under the chosen prior, and its best fit."""
+
+    task: Task
+    fit: Fit
+
+
+def select(
+    design: Design,
+    choices: Sequence[tuple[Prior, Candidates]],
+    rules: Rules,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> Selection:
+    """Search under every prior and keep the pair with the most evidence.
+
+    Args:
+        design: Columns and Gram.
+        choices: Priors, each with the candidates it allows.
+        rules: Thresholds.
+        progress: Told the share done.
+    """
+    runs = []
+    for i, (prior, candidates) in enumerate(choices):
+        task = Task(design, prior, candidates, rules)
+        runs.append(Selection(task, search(task)))
+        progress((i + 1) / len(choices))
+    counted = np.max([r.fit.counted for r in runs], axis=0)
+    winner = max(runs, key=lambda r: _worth(r, counted))
+    return replace(winner, fit=winner.task.settle(winner.fit))
+
+
+def _worth(run: Selection, counted) -> float:
+    """Evidence of a run with rows counted alike for all, less the price of names."""
+    task, members = run.task, run.fit.members
+    common = fit(task.design, task.prior, members, counted, rounds=4)
+    return common.score - sum(task.candidates.cost(g) + PER_NAME for g in members)

@@ -1,0 +1,173 @@
+"""The verdict in its documented form: every key always there, no NaN."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.compare import Errors
+from residual.diagnose import Diagnosis
+from residual.findings import Finding
+from residual.gate import Tested
+from residual.holdout import word
+from residual.recording import Array
+
+METRIC = "100*||tau-tau_hat||/||tau||"
+STAGES = ("nominal", "identified", "augmented")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Case:
+    """All that a verdict is written from.
+
+    Attributes:
+        diagnosis: The diagnosis.
+        found: The findings, most important first.
+        gains: Held-out gain of each tested member, by identity.
+        errors: Errors of each stage on the held-out logs.
+        held_out: Labels of the held-out logs.
+        same_run: Whether they are a part of a fit log.
+        minimum: Minimum detectable sizes.
+        warnings: Sentences.
+    """
+
+    diagnosis: Diagnosis
+    found: Sequence[Finding]
+    gains: Mapping[int, float]
+    errors: Mapping[str, Errors]
+    held_out: Sequence[str]
+    same_run: bool
+    minimum: Sequence[Mapping]
+    warnings: Sequence[str]
+
+
+def write(case: Case) -> dict:
+    """The verdict as a dictionary that JSON can hold (docs/verdict.md)."""
+    diagnosis = case.diagnosis
+    flagged = [j + 1 for j in diagnosis.adequacy.flagged]
+    if case.found:
+        verdict = "effects"
+    else:
+        verdict = "unknown" if flagged else "none"
+    return _plain(
+        {
+            "schema": 1,
+            "robot": diagnosis.logs.robot.name,
+            "declared": list(diagnosis.nominal.names),
+            "verdict": verdict,
+            "effects": [
+                _effect(f, i + 1, case.gains) for i, f in enumerate(case.found)
+            ],
+            "minimum_detectable": list(case.minimum),
+            "unexplained": _unexplained(diagnosis),
+            "error": _error(case),
+            "nominal_scale": diagnosis.task.prior.scale,
+            "next_experiment": None,
+            "warnings": list(case.warnings),
+        }
+    )
+
+
+def _effect(finding: Finding, order: int, gains: Mapping[int, float]) -> dict:
+    single = len(finding.tested) == 1
+    gain = float(np.mean([gains[id(t)] for t in finding.tested]))
+    fits = [t for t in finding.tested if t.by == "fit"]
+    return {
+        "name": finding.effect.name,
+        "joints": list(finding.joints),
+        "probability": finding.probability,
+        "order": order,
+        "equivalent": [
+            {"name": name, "joints": list(joints)} for name, joints in finding.equivalent
+        ],
+        "parameters": {
+            key: {
+                "value": value[0] if single else list(value),
+                "std": std[0] if single else list(std),
+                "unit": unit,
+            }
+            for key, (value, std, unit) in finding.parameters.items()
+        },
+        "evidence": {
+            "nats": finding.nats,
+            "by": "fit" if fits else "plausibility",
+            "held_out": word(gain),
+            "held_out_gain": gain,
+            "p_value": None,
+        },
+    }
+
+
+def _unexplained(diagnosis: Diagnosis) -> dict:
+    a, fitted, design = diagnosis.adequacy, diagnosis.fit, diagnosis.task.design
+    power = design.rows * design.rms**2
+    weight = power / power.sum()
+    kinds = [k for j, k in enumerate(a.kind) if k and (j in a.flagged or not a.flagged)]
+    kind = max(sorted(set(kinds)), key=kinds.count) if kinds else None
+    left = np.sqrt(fitted.sse / power)
+    return {
+        "joints": [j + 1 for j in a.flagged],
+        "fraction": float(np.sqrt(weight @ a.structured**2)),
+        "noise_floor": float(np.sqrt(weight @ a.noise**2)),
+        "depends_on": [],
+        "kind": kind,
+        "per_joint": [
+            {
+                "joint": j + 1,
+                "fraction": a.structured[j],
+                "before": a.before[j],
+                "noise_floor": a.noise[j],
+                "left": left[j],
+                "kind": a.kind[j],
+            }
+            for j in range(design.dof)
+        ],
+        "noise_model": "autocorrelation",
+    }
+
+
+def _error(case: Case) -> dict:
+    cutoff = min(t.cutoff for t in case.diagnosis.logs.tracks)
+    tables = {
+        kind: {stage: case.errors[stage].per_joint(kind) for stage in STAGES}
+        for kind in ("raw", "filtered", "moving")
+    }
+    overall = {
+        kind: {stage: case.errors[stage].overall(kind) for stage in STAGES}
+        for kind in ("raw", "filtered")
+    }
+    for table in (*tables.values(), *overall.values()):
+        table["plsr"] = None
+    return {
+        "metric": METRIC,
+        "filter": {"cutoff_hz": cutoff},
+        "logs": list(case.held_out),
+        "same_run": case.same_run,
+        "held_out": tables["raw"],
+        "filtered": tables["filtered"],
+        "moving": tables["moving"],
+        "overall": overall["raw"],
+        "overall_filtered": overall["filtered"],
+    }
+
+
+def _plain(value):
+    """Plain Python values; what is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, Array):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def complaint(tested: Tested, why: str) -> str:
+    """A warning about a name that did not stand: 'ripple on joint 3: why'."""
+    joints = [j + 1 for j in tested.group.joints]
+    place = f" on joint{'s' if len(joints) > 1 else ''} " if joints else ""
+    return f"{tested.group.effect.name}{place}{', '.join(map(str, joints))}: {why}"

@@ -1,0 +1,1 @@
+"""The world simulated: arms that hide effects, and what their sensors log."""

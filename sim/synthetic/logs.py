@@ -1,0 +1,201 @@
+"""Recordings of a synthetic arm, and whole cases to diagnose."""
+
+from dataclasses import dataclass, replace
+
+from residual.recording import Recording
+from residual.robot import Robot, load_robot
+from sim.synthetic.draw import draw
+from sim.synthetic.motion import make_motion
+from sim.synthetic.plant import Plant, true_friction, true_torque
+from sim.synthetic.room import room
+from sim.synthetic.seeds import stream
+from sim.synthetic.sensors import encoder, torque_noise
+from sim.synthetic.sizes import sizes
+from sim.synthetic.state import Hidden
+
+RATE = 250.0  # Hz
+DURATION = 20.0  # s
+_PAUSE = (5.0, 20.0)  # s between two logs of a session
+_BETWEEN_SESSIONS = 3600.0  # s between baseline and fit logs
+_FIT = ("fourier", "fourier", "cyclic", "slow_cyclic", *2 * ("move_stop_move",))
+_HELD_OUT = ("fourier", "move_stop_move", "cyclic")
+
+# Declared by default with unknown level: only a change against a baseline shows.
+CHANGES = ("viscous", "coulomb", "rotor_inertia")
+
+
+@dataclass(frozen=True, slots=True)
+class LogPlan:
+    """One log to record.
+
+    Attributes:
+        name: Its id, unique in the plan.
+        part: "baseline" (without hidden effects), "fit" or "held_out".
+        family: Motion family.
+        duration: Length [s].
+        rate: Samples per second [Hz].
+    """
+
+    name: str
+    part: str
+    family: str
+    duration: float = DURATION
+    rate: float = RATE
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Case:
+    """Logs with the truth beside them.
+
+    Attributes:
+        robot: The robot as the diagnosis may know it.
+        fit: Logs to fit.
+        held_out: Logs to prove it on.
+        baseline: Logs before the effect came; empty without a baseline.
+        declared: What to give as declared effects; None for the default.
+        truth: The hidden effect, None in a null case. One that is not declared at all
+            stands here with all its joints.
+    """
+
+    robot: Robot
+    fit: tuple[Recording, ...]
+    held_out: tuple[Recording, ...]
+    baseline: tuple[Recording, ...]
+    declared: tuple[str, ...] | None
+    truth: Hidden | None
+
+
+def standard_plan(baseline: bool = False) -> tuple[LogPlan, ...]:
+    """Return six fit logs and three held-out ones of 20 s, after a baseline if asked.
+
+    Two Fourier, a cyclic, a slow cyclic and two move-stop-move; held out are a Fourier,
+    a move-stop-move and a cyclic one. The baseline is like the fit logs.
+    """
+    parts = [("baseline", _FIT)] if baseline else []
+    parts += [("fit", _FIT), ("held_out", _HELD_OUT)]
+    return tuple(
+        LogPlan(f"{part}_{i}_{family}", part, family)
+        for part, families in parts
+        for i, family in enumerate(families, start=1)
+    )
+
+
+def make(plant: Plant, plan: tuple[LogPlan, ...], seed: int) -> list[Recording]:
+    """Record the logs of a plan, one after the other.
+
+    Time runs on through pauses from log to log. The session of the hidden effects
+    (warm-up) begins with the first log that is not baseline.
+
+    Args:
+        plant: The arm.
+        plan: What to record, in that order.
+        seed: Seed of motions, pauses and noise; each has its own streams.
+
+    Returns:
+        One recording per entry.
+    """
+    recordings, clock, session = [], 0.0, None
+    for entry in plan:
+        if entry.part != "baseline" and session is None:
+            clock += _BETWEEN_SESSIONS if recordings else 0.0
+            session = clock
+        recordings.append(_record(plant, entry, seed, (clock, session)))
+        pause = stream(seed, f"pause/{entry.name}").uniform(*_PAUSE)
+        clock = round(clock + entry.duration + pause, 3)
+    return recordings
+
+
+def standard_case(
+    effect: str | None,
+    seed: int,
+    joint: int | None = None,
+    baseline: bool = False,
+    undeclared: bool = False,
+    robot: Robot | None = None,
+) -> Case:
+    """Draw one case: an arm that hides one effect, or none, and its logs.
+
+    Viscous and Coulomb friction and rotors are on every joint and declared without
+    values. So one of these as `effect` is a change of 30 to 100 % on one joint since a
+    baseline was recorded, unless `undeclared`: then it is what every joint has anyway,
+    and what the declared list leaves out.
+
+    Args:
+        effect: Name of the hidden effect, None for a null case.
+        seed: Seed of everything.
+        joint: Its joint from 1 (the first of a pair), None to draw it.
+        baseline: Whether to record a baseline also where the effect does not need one.
+        undeclared: For viscous, coulomb and rotor_inertia: leave it undeclared.
+        robot: The robot; None for the built-in arm as a bare URDF.
+
+    Returns:
+        The case.
+
+    Raises:
+        ValueError: If there is no such effect, or `undeclared` does not fit it.
+    """
+    robot = replace(load_robot("irb140"), declared={}) if robot is None else robot
+    if undeclared:
+        return _undeclared_case(robot, effect, seed, baseline)
+    hidden = ()
+    if effect is not None:
+        hidden = (draw(robot, effect, stream(seed, f"draw/{effect}"), joint),)
+    plan = standard_plan(baseline or effect in CHANGES)
+    plant = Plant(robot, hidden, seed)
+    return _case(plant, plan, None, hidden[0] if hidden else None)
+
+
+def _undeclared_case(
+    robot: Robot, effect: str | None, seed: int, baseline: bool
+) -> Case:
+    if effect not in CHANGES:
+        raise ValueError(f"Only {CHANGES} can be left undeclared, not {effect!r}.")
+    plant = Plant(robot, (), seed)
+    friction = true_friction(plant)
+    parameters = {
+        "viscous": {"coefficient": friction.viscous},
+        "coulomb": {"level": friction.coulomb},
+        "rotor_inertia": {"inertia": friction.rotor},
+    }[effect]
+    truth = Hidden(effect, tuple(range(1, robot.dof + 1)), parameters)
+    declared = tuple(name for name in CHANGES if name != effect)
+    return _case(plant, standard_plan(baseline), declared, truth)
+
+
+def _case(
+    plant: Plant,
+    plan: tuple[LogPlan, ...],
+    declared: tuple[str, ...] | None,
+    truth: Hidden | None,
+) -> Case:
+    recordings = make(plant, plan, plant.seed)
+
+    def of(part: str) -> tuple[Recording, ...]:
+        return tuple(r for r, p in zip(recordings, plan, strict=True) if p.part == part)
+
+    return Case(plant.robot, of("fit"), of("held_out"), of("baseline"), declared, truth)
+
+
+def _record(
+    plant: Plant, entry: LogPlan, seed: int, clock: tuple[float, float | None]
+) -> Recording:
+    now, session = clock
+    motion = make_motion(
+        entry.family,
+        room(plant.robot),
+        entry.duration,
+        entry.rate,
+        stream(seed, f"motion/{entry.name}"),
+    )
+    active = session is not None
+    start = now - session if active else 0.0
+    torque = true_torque(plant, motion, entry.name, start, active)
+    span = sizes(plant.robot).torque
+    rng = stream(seed, f"torque/{entry.name}")
+    return Recording(
+        id=entry.name,
+        robot=plant.robot.name,
+        t=now + motion.t,
+        q=encoder(motion.q, stream(seed, f"encoder/{entry.name}")),
+        tau=torque.tau + torque_noise(len(motion.t), span, entry.rate, rng),
+    )

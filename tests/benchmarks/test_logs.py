@@ -1,0 +1,88 @@
+import pytest
+
+from benchmarks.figures import figure, finish, missing, partial, wilson
+from benchmarks.logs_parts.singles import judge, singles_figures
+
+
+def verdict(*effects, flagged=()):
+    found = [
+        {
+            "name": name,
+            "joints": joints,
+            "order": i,
+            "equivalent": [{"name": n, "joints": j} for n, j in equivalent],
+            "evidence": {"by": "fit", "nats": 50.0, "held_out": "confirmed"},
+        }
+        for i, (name, joints, *equivalent) in enumerate(effects, start=1)
+    ]
+    return {
+        "effects": found,
+        "verdict": "effects" if found else "none",
+        "unexplained": {"joints": list(flagged)},
+        "warnings": [],
+    }
+
+
+TRUTH = ["offset", [2]]
+
+
+@pytest.mark.parametrize(
+    ("found", "score"),
+    [
+        ([("offset", [2])], "right"),
+        ([("coulomb_asymmetry", [2], ("offset", [2]))], "right"),
+        ([("coulomb_asymmetry", [2])], "wrong"),
+        ([("offset", [3])], "wrong"),
+        ([("spring", [1]), ("offset", [2])], "wrong"),
+        ([], "nothing"),
+    ],
+)
+def test_only_the_first_finding_and_its_class_count(found, score):
+    assert judge(TRUTH, verdict(*found))["score"] == score
+
+
+def test_further_names_are_counted_apart():
+    got = judge(TRUTH, verdict(("offset", [2]), ("ripple", [4])))
+    assert (got["score"], got["extra"]) == ("right", [["ripple", [4]]])
+
+
+def test_order_decides_which_is_first():
+    both = verdict(("offset", [2]), ("ripple", [4]))
+    both["effects"].reverse()
+    assert judge(TRUTH, both)["first"] == TRUTH
+
+
+def test_a_null_with_a_name_is_a_false_alarm():
+    assert judge(None, verdict())["score"] == "right"
+    assert judge(None, verdict(("ripple", [1])))["score"] == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("found", "flagged", "score"),
+    [([], [5], "right"), ([], [], "nothing"), ([("ripple", [5])], [5], "wrong")],
+)
+def test_an_effect_without_a_name_asks_for_a_flag_on_its_joint(found, flagged, score):
+    answer = verdict(*found, flagged=flagged)
+    assert judge(["x_vibration", [5]], answer)["score"] == score
+
+
+def test_a_crash_counts_as_not_right():
+    crash = {"effect": "offset", "truth": TRUTH, "score": "crash", "extra": []}
+    figures = singles_figures([crash, {**crash, "effect": None}], quick=False)
+    assert figures["singles_right"]["ok"] is False
+    assert figures["nulls_named"]["value"] == 0
+    assert figures["crashes"] == {"value": 2, "bar": 0, "ok": False, "n": 2}
+
+
+def test_wilson_interval_has_known_values():
+    assert wilson(0, 40) == [0.0, 0.0876]
+    assert wilson(306, 360) == [0.8094, 0.8832]
+
+
+def test_the_exit_code_is_one_for_a_missed_bar_only(capsys):
+    assert finish({"a": figure(1.0, 2.0, 3), "b": missing(1.0, "no data")}) == 0
+    small = partial(figure(0.0, 1.0, 2), "too few")
+    assert small["ok"] is None
+    assert finish({"a": small}) == 0
+    assert finish({"a": partial(figure(3.0, 1.0, 2), "too few")}) == 1
+    assert capsys.readouterr().out.strip().splitlines()[-1].startswith("{")

@@ -1,0 +1,59 @@
+"""A diagnosis without the numerics: the core and the report replaced by fakes."""
+
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from residual.outcome import Outcome
+
+JOINTS = range(1, 7)
+NAMES = ("t", *(f"q{i}" for i in JOINTS), *(f"tau{i}" for i in JOINTS))
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Replace core and report; returns the list of calls of the core."""
+    made = []
+
+    def close_the_loop(robot, fit, **options):
+        made.append({"robot": robot.name, "fit": fit, **options})
+        if options["progress"]:
+            options["progress"]("search", 0.5)
+        verdict = {"schema": 1, "verdict": "none", "warnings": ["core"]}
+        return Outcome(verdict, (), (), (), ("core note",))
+
+    def print_outcome(outcome, console):
+        console.print(f"verdict {outcome.verdict['verdict']}")
+
+    def render(outcome, robot_name):
+        return f"<html>{robot_name} {outcome.notes}</html>"
+
+    fakes = {
+        "residual.close": SimpleNamespace(close_the_loop=close_the_loop),
+        "flows.report.terminal": SimpleNamespace(print_outcome=print_outcome),
+        "flows.report.html": SimpleNamespace(render=render),
+    }
+    for name, module in fakes.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    return made
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working directory with the logs A.csv, B.csv and C.csv of irb140."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(2)
+    t = np.arange(300) / 100
+    for name in "ABC":
+        q = 0.5 * np.sin(t[:, None] * np.arange(1, 7) / 2 + rng.normal(size=6))
+        table = np.column_stack([t, q, rng.normal(size=(300, 6))])
+        np.savetxt(
+            tmp_path / f"{name}.csv",
+            table,
+            delimiter=",",
+            header=",".join(NAMES),
+            comments="",
+        )
+    return tmp_path

@@ -1,0 +1,310 @@
+"""Made-up outcomes for the report's tests: plausible numbers, every kind of verdict."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from residual.outcome import Cloud, LogProof, Outcome
+
+DOF = 6
+STAGES = ("nominal", "identified", "augmented")
+NOTES = (
+    "fit: A B | baseline: – | held out: C",
+    "A: 4 021 rows at 250 Hz; the torque was not filtered at the source",
+    "kinematics low-passed at 12 Hz, torque at 8 Hz, zero phase",
+    "0.1 s around each reversal and every dwell masked, joint by joint",
+)
+
+
+def effect(name: str, joints: list[int], parameters: dict, **more: object) -> dict:
+    """Return one entry of verdict["effects"]."""
+    evidence = {
+        "nats": more.pop("nats", 360.0),
+        "by": more.pop("by", "fit"),
+        "held_out": more.pop("held_out", "confirmed"),
+        "held_out_gain": 0.31,
+        "p_value": more.pop("p_value", None),
+    }
+    base = {"name": name, "joints": joints, "probability": 0.97, "order": 1}
+    base |= {"equivalent": [], "parameters": parameters, "evidence": evidence}
+    return base | more
+
+
+def parameter(value: object, std: object, unit: str) -> dict:
+    """Return one entry of an effect's parameters."""
+    return {"value": value, "std": std, "unit": unit}
+
+
+BALANCER = effect(
+    "balancer",
+    [2],
+    {"sin": parameter(-719.4, 88.1, "N m"), "cos": parameter(6983.2, 41.7, "N m")},
+    equivalent=[{"name": "spring", "joints": [2]}],
+)
+COULOMB_ALL = effect(
+    "coulomb",
+    [1, 2, 3, 4, 5, 6],
+    {
+        "level": parameter(
+            [412.0, 388.1, 296.4, 41.22, 38.05, 22.9],
+            [9.1, 12.0, 7.7, 0.61, 0.55, 0.32],
+            "N m",
+        )
+    },
+    nats=4120.0,
+    probability=0.9999,
+    p_value=0.005,
+)
+OFFSET = effect(
+    "offset",
+    [4],
+    {"torque": parameter(0.741, 0.022, "N m")},
+    equivalent=[{"name": "coulomb_asymmetry", "joints": [4]}],
+    nats=88.0,
+    probability=0.91,
+    order=3,
+)
+RIPPLE = effect(
+    "ripple",
+    [5],
+    {
+        "amplitude": parameter(3.1, 0.2, "N m"),
+        "order": parameter(27.06, 0.04, "1"),
+        "phase": parameter(-1.2, 0.1, "rad"),
+    },
+    nats=41.0,
+    by="plausibility",
+    held_out="neutral",
+    probability=0.83,
+    order=4,
+)
+BEFORE = {
+    "nominal": [61.2, 74.0, 55.1, 83.4, 77.8, 402.0],
+    "identified": [4.2, 22.7, 4.3, 11.3, 6.0, 7.0],
+    "augmented": [4.2, 4.7, 2.7, 11.4, 6.0, 7.0],
+    "plsr": None,
+}
+FILTERED = {
+    "nominal": [60.8, 71.9, 55.0, 83.0, 77.2, 396.0],
+    "identified": [4.9, 22.4, 4.8, 12.2, 6.6, 7.7],
+    "augmented": [4.9, 14.8, 3.3, 12.3, 6.6, 7.7],
+    "plsr": None,
+}
+
+
+def verdict(kind: str, effects: list[dict], **changes: object) -> dict:
+    """Return a whole verdict; keyword arguments replace keys of "error"."""
+    without = {k: v for k, v in FILTERED.items() if k != "augmented"}
+    same = without | {"augmented": FILTERED["identified"]}
+    filtered = FILTERED if effects else same
+    moving = BEFORE if effects else BEFORE | {"augmented": BEFORE["identified"]}
+    raw = {k: v and [x + 3.1 for x in v] for k, v in filtered.items()}
+    after = 7.9 if effects else 12.4
+    overall = {"nominal": 66.3, "identified": 12.4, "augmented": after, "plsr": None}
+    error = {
+        "metric": "100*||tau-tau_hat||/||tau||",
+        "filter": {"cutoff_hz": 8.0},
+        "logs": ["C"],
+        "same_run": False,
+        "held_out": raw,
+        "filtered": filtered,
+        "moving": moving,
+        "overall": {k: v and v + 3.0 for k, v in overall.items()},
+        "overall_filtered": overall,
+    }
+    return {
+        "schema": 1,
+        "robot": "kr300",
+        "declared": ["viscous", "coulomb", "rotor_inertia"],
+        "verdict": kind,
+        "effects": effects,
+        "minimum_detectable": [],
+        "unexplained": {
+            "joints": [],
+            "fraction": 0.04,
+            "noise_floor": 0.011,
+            "depends_on": [],
+            "kind": None,
+            "per_joint": per_joint([0.03, 0.02, 0.02, 0.04, 0.03, 0.03]),
+            "noise_model": "autocorrelation",
+        },
+        "error": error | changes,
+        "nominal_scale": 0.3,
+        "next_experiment": None,
+        "warnings": [],
+    }
+
+
+def per_joint(fractions: list[float]) -> list[dict]:
+    """Return verdict["unexplained"]["per_joint"] as a diagnosis writes it."""
+    return [
+        {"joint": j, "fraction": share, "noise_floor": 0.01 + 0.001 * j, "kind": None}
+        for j, share in enumerate(fractions, start=1)
+    ]
+
+
+def proof(rng: np.random.Generator, label: str = "C", n: int = 4000) -> LogProof:
+    """Return a held-out log of 16 s with the joint 2 effect in it."""
+    t = np.linspace(0, 16.5, n)
+    phase = np.arange(DOF) + 1.0
+    q = 0.6 * np.sin(0.9 * t[:, None] * (1 + 0.15 * phase) + phase)
+    qd = np.gradient(q, t, axis=0)
+    size = np.array([900.0, 6000, 2500, 220, 180, 60])
+    clean = size * (np.cos(q) + 0.25 * np.tanh(qd / 0.02) + 0.3 * np.sin(3 * q))
+    # Noise as slow as a filter of 8 Hz leaves it.
+    noise = rng.normal(size=(n + 30, DOF)).cumsum(0)
+    tau = clean + 0.03 * size * (noise[30:] - noise[:-30]) / 5
+    missing = np.zeros_like(tau)
+    missing[:, 1] = 1500 * np.cos(q[:, 1] * 2)
+    hats = {
+        "nominal": clean * 0.4,
+        "identified": clean - missing + missing.mean(0),
+        "augmented": clean,
+    }
+    return LogProof(label, t, tau, hats, np.abs(qd) > 0.05)
+
+
+def cloud(
+    rng: np.random.Generator,
+    name: str,
+    joint: int,
+    shape: Callable[[np.ndarray], np.ndarray],
+    span: tuple[float, float] = (-1.5, 1.5),
+) -> Cloud:
+    """Return the cloud of a finding whose effect has this shape over its variable."""
+    x = rng.uniform(*span, 3000)
+    fitted = shape(x)
+    spread = 0.25 * np.ptp(fitted)
+    residual = fitted + rng.normal(0, spread, 3000)
+    log = np.where(np.arange(3000) < 1600, "A", "B")
+    axis = "q" if name in ("balancer", "spring", "ripple") else "qd"
+    unit = "rad" if axis == "q" else "rad/s"
+    return Cloud(name, joint, f"{axis}{joint} [{unit}]", x, residual, fitted, log)
+
+
+def balancer_shape(x: np.ndarray) -> np.ndarray:
+    """Torque of a balancer [N m]."""
+    return -719 * np.sin(x) + 6983 * np.cos(x)
+
+
+def one_effect() -> Outcome:
+    """A balancer on joint 2 that a spring explains as well."""
+    rng = np.random.default_rng(1)
+    result = verdict("effects", [BALANCER])
+    result["unexplained"] |= {
+        "joints": [1, 4, 6],
+        "kind": "repeatable",
+        "per_joint": per_joint([0.07, 0.02, 0.02, 0.12, 0.03, 0.08]),
+    }
+    result["warnings"] = ["base_tilt was refuted on log C and is not reported."]
+    clouds = (cloud(rng, "balancer", 2, balancer_shape, (-0.9, 0.2)),)
+    sentence = "A balancer carries part of the weight: torque follows sin q2 and cos q2"
+    return Outcome(result, (f"{sentence}.",), (proof(rng),), clouds, NOTES)
+
+
+def several() -> Outcome:
+    """Coulomb friction on six joints, a balancer, a class and a weak ripple."""
+    rng = np.random.default_rng(2)
+    effects = [COULOMB_ALL, BALANCER | {"order": 2}, OFFSET, RIPPLE]
+    result = verdict("effects", effects)
+    result["declared"] = []
+    result["minimum_detectable"] = detectable()
+    result["next_experiment"] = {
+        "purpose": "tell the offset from the asymmetry on joint 4",
+        "motion": "cyclic",
+        "joints": [4],
+        "expected_nats": 14.2,
+    }
+    levels = COULOMB_ALL["parameters"]["level"]["value"]
+    clouds = [
+        cloud(rng, "coulomb", j + 1, lambda x, a=a: a * np.sign(x))
+        for j, a in enumerate(levels)
+    ]
+    clouds += [
+        cloud(rng, "balancer", 2, balancer_shape, (-0.9, 0.2)),
+        cloud(rng, "offset", 4, lambda x: 0.74 + 0 * x),
+        cloud(rng, "ripple", 5, lambda x: 3.1 * np.cos(27 * x - 1.2)),
+    ]
+    sentences = tuple(f"Sentence about {e['name']}." for e in effects)
+    proofs = (proof(rng), proof(rng, "D"))
+    return Outcome(result, sentences, proofs, tuple(clouds), NOTES)
+
+
+def detectable() -> list[dict]:
+    """Smallest sizes of three effects."""
+    sizes = [("payload", [6], 0.2, "kg"), ("base_tilt", [], 0.004, "rad")]
+    sizes += [("stribeck", [j], 0.4 * j, "N m") for j in range(1, DOF + 1)]
+    sizes += [("spring", [j], 14.2 / j, "N m/rad") for j in range(1, DOF + 1)]
+    keys = ("name", "joints", "value", "unit")
+    return [dict(zip(keys, size, strict=True)) for size in sizes]
+
+
+def nothing() -> Outcome:
+    """Nothing found, with the sizes that would have been."""
+    result = verdict("none", [])
+    result["minimum_detectable"] = detectable()
+    return Outcome(result, (), (proof(np.random.default_rng(3)),), (), NOTES)
+
+
+def unknown() -> Outcome:
+    """Something without a name on joints 1 and 4; a delay was withdrawn."""
+    result = verdict("unknown", [])
+    result["unexplained"] |= {
+        "joints": [1, 4],
+        "kind": "time-driven",
+        "depends_on": ["t"],
+        "per_joint": [0.13, 0.02, 0.02, 0.21, 0.03, 0.03],
+    }
+    result["warnings"] = ["delay is withdrawn: it explains 41 % of joint 4 only."]
+    return Outcome(result, (), (proof(np.random.default_rng(4)),), (), NOTES)
+
+
+def baseline() -> Outcome:
+    """A change against a baseline: a payload and the friction of joint 3."""
+    rng = np.random.default_rng(5)
+    payload = effect(
+        "payload",
+        [6],
+        {"mass": parameter(2.9, 0.1, "kg"), "com_x": parameter(0.012, 0.004, "m")},
+        equivalent=[{"name": "link_inertia", "joints": [6]}],
+    )
+    change = effect("coulomb", [3], {"level": parameter(11.2, 1.3, "N m")}, order=2)
+    clouds = (cloud(rng, "coulomb", 3, lambda x: 11.2 * np.tanh(x / 0.05)),)
+    result = verdict("effects", [payload, change])
+    sentences = ("The flange carries 2.9 kg more.", "Joint 3 rubs more than it did.")
+    return Outcome(result, sentences, (proof(rng),), clouds, NOTES)
+
+
+def same_run() -> Outcome:
+    """One log only: the proof is the last quarter of the same run."""
+    outcome = one_effect()
+    result = dict(outcome.verdict)
+    result["error"] = result["error"] | {"same_run": True, "logs": ["run.csv@75%:"]}
+    result["warnings"] = ["Held-out motion is the last quarter of the same log."]
+    return Outcome(
+        result, outcome.sentences, outcome.proofs, outcome.clouds, outcome.notes
+    )
+
+
+def no_overall() -> Outcome:
+    """Overall errors and much else are null."""
+    outcome = one_effect()
+    result = dict(outcome.verdict)
+    result["error"] = result["error"] | {"overall": None, "overall_filtered": None}
+    result |= {"nominal_scale": None, "minimum_detectable": None, "warnings": None}
+    result["unexplained"] = None
+    return Outcome(result, (), outcome.proofs, (), ())
+
+
+ALL = {
+    maker.__name__: maker
+    for maker in (
+        one_effect,
+        several,
+        nothing,
+        unknown,
+        baseline,
+        same_run,
+        no_overall,
+    )
+}

@@ -1,0 +1,219 @@
+"""The command line: words in, exit codes, messages and files out."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from flows.cli import main
+from flows.cli.diagnose import parse_declared
+
+ROOT = Path(__file__).parents[2]
+
+
+def run(words):
+    """Run a command line written as one text."""
+    return main(words.split())
+
+
+def ids(recordings):
+    return [recording.id for recording in recordings]
+
+
+SETS = {
+    "diagnose A.csv --robot irb140": ("A", "", ""),
+    "diagnose A.csv B.csv --robot irb140 --holdout C.csv": ("A B", "", "C"),
+    "diagnose A.csv --robot irb140 --baseline B.csv C.csv": ("A", "B C", ""),
+    "diagnose A.csv --baseline B.csv --robot irb140 --holdout C.csv": ("A", "B", "C"),
+    "diagnose --robot irb140 A.csv B.csv": ("A B", "", ""),
+    "diagnose --robot irb140 --baseline B.csv -- A.csv": ("A", "B", ""),
+    "diagnose --robot=irb140 A.csv --holdout=B.csv C.csv": ("A", "", "B C"),
+}
+
+
+@pytest.mark.parametrize("words", SETS)
+def test_every_log_goes_into_the_set_that_the_words_say(folder, calls, capsys, words):
+    assert run(words) == 0
+    fit, baseline, held_out = SETS[words]
+    call = calls[0]
+    assert ids(call["fit"]) == fit.split()
+    assert ids(call["baseline"]) == baseline.split()
+    assert ids(call["held_out"]) == held_out.split()
+    shown = capsys.readouterr().out
+    assert (
+        f"fit: {fit} | baseline: {baseline or '–'} | held out: {held_out or '–'}\n"
+        in shown
+    )
+    assert "A: 300 samples, 100 Hz, 2.99 s; read t q1..6 tau1..6" in shown
+    assert "verdict none" in shown
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        (None, None),
+        ("none", ()),
+        ("viscous", ("viscous",)),
+        ("viscous, coulomb,viscous", ("viscous", "coulomb")),
+    ],
+)
+def test_declared_effects_are_a_list_of_names_or_none(text, names):
+    assert parse_declared(text) == names
+
+
+def test_files_are_written_and_named(folder, calls, capsys):
+    assert run("diagnose A.csv --robot irb140 --report o.html --json o.json") == 0
+    verdict = json.loads((folder / "o.json").read_text())
+    assert verdict == {"schema": 1, "verdict": "none", "warnings": ["core"]}
+    page = (folder / "o.html").read_text()
+    assert page.startswith("<html>irb140")
+    assert "fit: A | baseline" in page
+    shown = capsys.readouterr().out
+    assert "wrote o.html\nwrote o.json" in shown
+    assert (folder / "o.html").stat().st_mode & 0o777 == 0o666 & ~umask()
+
+
+def umask():
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+@pytest.mark.parametrize("json_words", ["--json -", "--json=-"])
+def test_json_on_standard_output_is_alone_there(folder, calls, capsys, json_words):
+    assert run(f"diagnose A.csv --robot irb140 {json_words} --holdout B.csv") == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["verdict"] == "none"
+    assert "fit: A | baseline: – | held out: B" in shown.err
+
+
+def test_what_the_readers_found_odd_is_among_the_warnings(folder, calls):
+    lines = (folder / "A.csv").read_text().splitlines()
+    still = [lines[0], *(line.rpartition(",")[0] + ",0" for line in lines[1:])]
+    (folder / "A.csv").write_text("\n".join(still))
+    assert run("diagnose A.csv --robot irb140 --json o.json") == 0
+    warnings = json.loads((folder / "o.json").read_text())["warnings"]
+    assert warnings == ["A: tau6 never changes; is it logged?", "core"]
+
+
+BAD_WORDS = {
+    "diagnos": 'Did you mean "diagnose"',
+    "diagnose A.csv": "--robot requires an argument",
+    "diagnose A.csv --robo irb140": "Did you mean --robot",
+    "diagnose A.csv --robot": "--robot requires an argument",
+    "diagnose A.csv --robot irb140 --holdout": "--holdout requires at least 1",
+    "diagnose A.csv --robot irb140 --json": "--json requires an argument",
+    "diagnose --robot irb140 --holdout A.csv": "No log to diagnose",
+    "diagnose A.csv --robot irb14": "did you mean 'irb140'",
+    "diagnose A.csv --robot my.urdf": "No file or folder 'my.urdf'",
+    "diagnose A.csv --robot irb140 --declared coulom": "did you mean 'coulomb'",
+    "diagnose A.csv --robot irb140 --declared viscous,": "Unknown effect",
+    "diagnose A.csv --robot irb140 --declared none,viscous": "Unknown effect",
+    "diagnose A.csv --robot irb140 --map no.toml": "Cannot read the map",
+    "diagnose D.csv --robot irb140": "No log file 'D.csv'",
+    "diagnose A.csv@0:9 --robot irb140": "outside the log",
+    "diagnose A.csv B.csv --robot irb140 --holdout A.csv": "hold the same samples",
+    "diagnose A.csv --robot irb140 --baseline A.csv": "hold the same samples",
+    "diagnose A.csv --robot irb140 --holdout A.csv@0:2.5": "hold the same samples",
+    "diagnose A.csv --robot irb140 --report no/o.html": "no folder 'no'",
+    "diagnose A.csv --robot irb140 --report .": "is a folder",
+    "diagnose A.csv --robot irb140 --report A.csv": "overwrite an input",
+    "diagnose A.csv@0:2.5 --robot irb140 --json A.csv": "overwrite an input",
+    "diagnose A.csv --robot irb140 --json o --report ./o": "both name",
+    "demo --effect stribek": "did you mean 'stribeck'",
+    "demo --seed x": "seed",
+    "demo --seed -1": "expected 0 or more",
+    "demo --folder A.csv": "Cannot write to --folder A.csv",
+}
+
+
+@pytest.mark.parametrize("words", BAD_WORDS)
+def test_bad_words_end_with_two_and_at_most_two_lines(folder, calls, capsys, words):
+    before = sorted(os.listdir(folder))
+    assert run(words) == 2
+    shown = capsys.readouterr()
+    assert BAD_WORDS[words] in shown.err
+    assert shown.err.startswith("modelgap: ")
+    assert 1 <= shown.err.count("\n") <= 2
+    assert shown.out == ""
+    assert sorted(os.listdir(folder)) == before
+    assert calls == []
+
+
+def test_a_failure_of_the_program_is_one_and_hints_at_the_trace(
+    folder, calls, capsys, monkeypatch
+):
+    def fail(*_, **__):
+        raise RuntimeError("of a\nstrange kind")
+
+    monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", fail)
+    assert run("diagnose A.csv --robot irb140 --report o.html") == 1
+    shown = capsys.readouterr().err
+    assert shown == (
+        "modelgap: unexpected failure: RuntimeError: of a strange kind\n"
+        "Set MODELGAP_TRACEBACK=1 to see where.\n"
+    )
+    assert not (folder / "o.html").exists()
+    monkeypatch.setenv("MODELGAP_TRACEBACK", "1")
+    assert run("diagnose A.csv --robot irb140") == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_an_interruption_is_one_hundred_and_thirty(folder, calls, capsys, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", interrupt)
+    assert run("diagnose A.csv --robot irb140 --report o.html") == 130
+    assert capsys.readouterr().err == "modelgap: interrupted\n"
+    assert sorted(os.listdir(folder)) == ["A.csv", "B.csv", "C.csv"]
+
+
+def test_a_verdict_with_nan_is_never_written(folder, calls, monkeypatch):
+    close = sys.modules["residual.close"].close_the_loop
+
+    def spoiled(*words, **options):
+        outcome = close(*words, **options)
+        outcome.verdict["nominal_scale"] = float("nan")
+        return outcome
+
+    monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", spoiled)
+    assert run("diagnose A.csv --robot irb140 --report o.html --json o.json") == 1
+    assert sorted(os.listdir(folder)) == ["A.csv", "B.csv", "C.csv"]
+
+
+@pytest.mark.parametrize("words", ["--help", "diagnose --help", "demo --help", ""])
+def test_help_teaches_by_example(capsys, words):
+    assert run(words) == 0
+    assert "modelgap de" in capsys.readouterr().out or "modelgap di" in words
+
+
+def in_a_shell(words, **options):
+    code = "import sys; from flows.cli import main; sys.exit(main())"
+    return subprocess.run(
+        [sys.executable, "-c", code, *words.split()], cwd=ROOT, text=True, **options
+    )
+
+
+def test_help_is_there_at_once():
+    """Nothing numerical is loaded for it."""
+    in_a_shell("--help", stdout=subprocess.PIPE)
+    start = time.perf_counter()
+    done = in_a_shell("--help", stdout=subprocess.PIPE)
+    assert time.perf_counter() - start < 1.0
+    assert done.returncode == 0
+    code = "import sys, flows.cli.app; print('numpy' in sys.modules)"
+    loaded = subprocess.check_output([sys.executable, "-c", code], cwd=ROOT, text=True)
+    assert loaded.strip() == "False"
+
+
+def test_a_reader_that_goes_away_is_no_failure_of_ours():
+    read, write = os.pipe()
+    os.close(read)
+    done = in_a_shell("--help", stdout=write, stderr=subprocess.PIPE)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, "")

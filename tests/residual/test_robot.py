@@ -1,0 +1,227 @@
+"""Loading robots: what is accepted, and what is said of what is not."""
+
+import numpy as np
+import pytest
+
+from residual.errors import RobotError, UnknownNameError
+from residual.robot import load_robot
+
+JOINT = """
+  <joint name="joint{i}" type="{kind}">
+    <parent link="link{parent}"/><child link="link{i}"/>
+    <origin xyz="0 0 0.4"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" velocity="3" effort="50"/>{extra}
+  </joint>
+  <link name="link{i}">{inertial}</link>"""
+INERTIAL = """<inertial><origin xyz="0 0 0.2"/><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
+
+
+def joint(i, kind="revolute", parent=None, extra="", inertial=INERTIAL):
+    parent = i - 1 if parent is None else parent
+    return JOINT.format(i=i, kind=kind, parent=parent, extra=extra, inertial=inertial)
+
+
+def urdf(*joints):
+    return f'<robot name="Two Link"><link name="link0"/>{"".join(joints)}\n</robot>'
+
+
+TWO_LINK = urdf(joint(1), joint(2))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder that holds the two-link arm."""
+    (tmp_path / "arm.urdf").write_text(TWO_LINK)
+    return tmp_path
+
+
+def test_built_in_irb140_has_the_published_geometry_and_labels_what_is_assumed():
+    robot = load_robot("irb140")
+    assert (robot.name, robot.dof, robot.model.nq) == ("irb140", 6, 6)
+    np.testing.assert_allclose(
+        np.rad2deg([robot.lower, robot.upper]),
+        [[-180, -90, -230, -200, -115, -400], [180, 110, 50, 200, 115, 400]],
+        atol=1e-4,
+    )
+    np.testing.assert_allclose(
+        np.rad2deg(robot.velocity_limit), [200, 200, 260, 360, 360, 450], atol=1e-3
+    )
+    base_mass = 26.36
+    moving_mass = sum(body.mass for body in list(robot.model.inertias)[1:])
+    assert base_mass + moving_mass == pytest.approx(98, abs=0.05)
+    assert set(robot.declared) == {"viscous", "coulomb", "rotor_inertia"}
+    assert all(d.assumed and "TX40" in d.source for d in robot.declared.values())
+
+
+def test_every_body_of_irb140_is_physically_possible():
+    for body in list(load_robot("irb140").model.inertias)[1:]:
+        moments = np.linalg.eigvalsh(body.inertia)
+        assert body.mass > 0
+        assert moments[0] > 0
+        assert moments[2] < moments[0] + moments[1]
+
+
+def test_bare_urdf_ignores_the_toml_beside_it(folder):
+    (folder / "robot.toml").write_text('[robot]\nname = "other"\n')
+    bare = load_robot(folder / "arm.urdf")
+    assert (bare.name, dict(bare.declared), bare.prior_scale) == ("two_link", {}, None)
+    assert load_robot(folder).name == "other"
+
+
+def test_robot_toml_values_arrive(folder):
+    (folder / "robot.toml").write_text(
+        "[robot]\ngravity = [0, 9.81, 0]\n"
+        "[joints]\ngear_ratio = [100, -50]\ntorque_limit = [10, 20]\n"
+        "[declared.coulomb]\nlevel = [3, 4]\n[declared.viscous]\n"
+        "[couplings]\nmotor_from_joint = [[100, 0], [3, -50]]\n"
+        "[prior]\nscale = 0.03\n"
+    )
+    robot = load_robot(folder)
+    np.testing.assert_array_equal(robot.model.gravity.linear, [0, 9.81, 0])
+    np.testing.assert_array_equal(robot.torque_limit, [10, 20])
+    np.testing.assert_array_equal(robot.velocity_limit, [3, 3])
+    np.testing.assert_array_equal(robot.transmission, [[100, 0], [3, -50]])
+    np.testing.assert_array_equal(robot.declared["coulomb"].values["level"], [3, 4])
+    assert dict(robot.declared["viscous"].values) == {}
+    assert robot.prior_scale == 0.03
+
+
+def test_continuous_becomes_revolute_and_fixed_merges(folder):
+    fixed = joint(3, kind="fixed")
+    text = urdf(joint(1), joint(2, kind="continuous"), fixed)
+    (folder / "arm.urdf").write_text(text)
+    robot = load_robot(folder)
+    assert (robot.dof, robot.model.nq, robot.model.nv) == (2, 2, 2)
+    np.testing.assert_array_equal(robot.upper, [2, np.inf])
+    assert robot.model.inertias[2].mass == pytest.approx(4)
+
+
+def test_joints_are_in_kinematic_order_whatever_the_file_or_the_names_say(folder):
+    text = urdf(joint(2), joint(1)).replace('"joint1"', '"z"')
+    (folder / "arm.urdf").write_text(text)
+    assert list(load_robot(folder).model.names)[1:] == ["z", "joint2"]
+
+
+def test_link_that_only_its_fixed_part_gives_mass_is_accepted(folder):
+    text = urdf(joint(1), joint(2, inertial=""), joint(3, kind="fixed"))
+    (folder / "arm.urdf").write_text(text)
+    assert load_robot(folder).dof == 2
+
+
+def test_content_hash_follows_the_urdf_and_the_meaning_of_the_toml(folder):
+    bare = load_robot(folder).content_hash
+    (folder / "robot.toml").write_text('# note\n[robot]\nname = "a"\n')
+    named = load_robot(folder).content_hash
+    (folder / "robot.toml").write_text('robot = {name = "a"}\n')
+    assert load_robot(folder).content_hash == named != bare
+    assert len(named) == 64
+
+
+BAD_URDF = {
+    "not xml": ("<robot", "does not parse"),
+    "other xml": ("<sdf/>", "root is <sdf>"),
+    "xacro": (
+        '<robot xmlns:x="http://ros.org/xacro"><x:include/></robot>',
+        "Expand it",
+    ),
+    "no joint": (urdf(), "no revolute joint"),
+    "massless": (urdf(joint(1), joint(2, inertial="")), "'link2', moved by joint"),
+    "mass is text": (TWO_LINK.replace('value="2"', 'value="m"'), "finite number"),
+    "negative mass": (TWO_LINK.replace('value="2"', 'value="-2"'), "expected >= 0"),
+    "prismatic": (urdf(joint(1, kind="prismatic")), "'joint1' is prismatic"),
+    "strange type": (urdf(joint(1, kind="ball")), "unknown type 'ball'"),
+    "mimic": (urdf(joint(1), joint(2, extra='<mimic joint="joint1"/>')), "mimics"),
+    "branches": (urdf(joint(1), joint(2), joint(3, parent=1)), "branches"),
+    "no range": (TWO_LINK.replace('lower="-2"', 'lower="2"'), "no range"),
+    "no child": (TWO_LINK.replace('<child link="link2"/>', ""), "lacks a parent"),
+    "two bases": (
+        TWO_LINK.replace("</robot>", '<link name="x"/></robot>'),
+        "one base link",
+    ),
+    "link on two joints": (urdf(joint(1), joint(2), joint(1)), "two joints"),
+    "unknown parent": (urdf(joint(1), joint(2, parent=7)), "one base link|not found"),
+    "unknown child": (
+        TWO_LINK.replace('<link name="link2">', '<link name="l">'),
+        "link",
+    ),
+    "no tensor": (TWO_LINK.replace("<inertia ", "<x "), "must have inertia"),
+    "one name twice": (TWO_LINK.replace('"joint2"', '"joint1"'), "not unique"),
+    "axis zero": (TWO_LINK.replace("0 1 0", "0 0 0"), "axis"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_URDF.values(), ids=BAD_URDF)
+def test_bad_urdf_is_refused_in_one_or_two_lines(tmp_path, capfd, text, message):
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(RobotError, match=message) as caught:
+        load_robot(tmp_path)
+    assert len(str(caught.value)) < 250
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
+
+
+BAD_TOML = {
+    "not toml": ("[robot", "not valid TOML"),
+    "unknown table": ("[joint]", "did you mean 'joints'"),
+    "unknown key": ("[joints]\ngearratio = [1, 1]", "did you mean 'gear_ratio'"),
+    "unknown effect": ("[declared.coulom]", "did you mean 'coulomb'"),
+    "unknown parameter": ("[declared.coulomb]\nlevels = []", "did you mean 'level'"),
+    "bare key": ("robot = 3", "must be a table"),
+    "effect no table": ("[declared]\ncoulomb = [1, 2]", r"\[declared.coulomb\]"),
+    "length": ("[joints]\ngear_ratio = [1]", "gear_ratio needs 2 numbers, got 1"),
+    "text": ("[joints]\ngear_ratio = 'x'", "needs 2 numbers, got none"),
+    "nan": ("[joints]\ngear_ratio = [1, nan]", "finite"),
+    "zero gear": ("[joints]\ngear_ratio = [1, 0]", "must not be 0"),
+    "negative limit": ("[joints]\ntorque_limit = [1, -1]", "must be positive"),
+    "gravity": ("[robot]\ngravity = 9.81", "gravity needs 3 numbers"),
+    "name": ("[robot]\nname = 'IRB 140'", "1 to 40"),
+    "scale": ("[prior]\nscale = 0", "'estimate' or a positive"),
+    "no source": (
+        "[declared.coulomb]\nlevel = [1, 1]\nassumed = true",
+        "need a source",
+    ),
+    "assumed": ("[declared.coulomb]\nassumed = 1", "true or false"),
+    "coupling size": (
+        "[couplings]\nmotor_from_joint = [1, 1]",
+        "needs 2 x 2 numbers, got 2",
+    ),
+    "coupling": (
+        "[couplings]\nmotor_from_joint = [[1, 1], [1, 1]]",
+        "must be invertible",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_TOML.values(), ids=BAD_TOML)
+def test_bad_robot_toml_is_refused(folder, text, message):
+    (folder / "robot.toml").write_text(text)
+    with pytest.raises((RobotError, UnknownNameError), match=message):
+        load_robot(folder)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("irb14", "did you mean 'irb140'"),
+        ("nothing/like/it", "No file or folder"),
+        ("arm.urdf", "No file or folder 'arm.urdf'"),
+        ("/dev/null", "No file or folder"),
+    ],
+)
+def test_robot_that_is_not_there_is_named(tmp_path, monkeypatch, spec, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((RobotError, UnknownNameError), match=message):
+        load_robot(spec)
+
+
+def test_folder_needs_exactly_one_urdf(folder):
+    (folder / "second.urdf").write_text(TWO_LINK)
+    with pytest.raises(RobotError, match=r"found arm.urdf, second.urdf"):
+        load_robot(folder)
+
+
+def test_binary_file_is_not_a_urdf(tmp_path):
+    (tmp_path / "arm.urdf").write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(RobotError, match="not a text file"):
+        load_robot(tmp_path / "arm.urdf")

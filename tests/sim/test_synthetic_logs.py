@@ -1,0 +1,173 @@
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from residual.robot import load_robot
+from sim.synthetic.demo import write_demo
+from sim.synthetic.draw import draw
+from sim.synthetic.logs import LogPlan, make, standard_case, standard_plan
+from sim.synthetic.plant import Plant, true_friction
+from sim.synthetic.seeds import stream
+from sim.synthetic.sensors import encoder, torque_noise
+from sim.synthetic.sizes import sizes
+
+ROBOT = load_robot("irb140")
+SHORT = tuple(
+    LogPlan(f"{part}_{i}", part, family, duration=3.0)
+    for i, (part, family) in enumerate(
+        [("fit", "fourier"), ("fit", "cyclic"), ("held_out", "move_stop_move")]
+    )
+)
+TWO_LINKS = """<robot name="two">
+  <link name="base"/>
+  <link name="a"><inertial><origin xyz="0.2 0 0"/><mass value="4"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.08" iyz="0" izz="0.08"/>
+  </inertial></link>
+  <link name="b"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.04" iyz="0" izz="0.04"/>
+  </inertial></link>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="a"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="100"/></joint>
+  <joint name="j2" type="continuous"><parent link="a"/><child link="b"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+def logs(*effects, seed=5):
+    hidden = tuple(draw(ROBOT, e, stream(seed, e)) for e in effects)
+    return make(Plant(ROBOT, hidden, seed), SHORT, seed)
+
+
+def test_the_same_seed_gives_the_same_bits():
+    for one, two in zip(logs("ripple"), logs("ripple"), strict=True):
+        np.testing.assert_array_equal(one.t, two.t)
+        np.testing.assert_array_equal(one.q, two.q)
+        np.testing.assert_array_equal(one.tau, two.tau)
+
+
+def test_another_seed_gives_another_motion_and_another_arm():
+    one, two = logs(seed=5)[0], logs(seed=6)[0]
+    assert np.abs(one.q - two.q).max() > 0.1
+    five, six = (true_friction(Plant(ROBOT, (), s)) for s in (5, 6))
+    assert (five.coulomb != six.coulomb).all()
+
+
+def test_an_effect_does_not_change_noise_or_motion():
+    null, one, two = logs(), logs("offset"), logs("offset", "x_random_walk")
+    for a, b in zip(null, one, strict=True):
+        np.testing.assert_array_equal(a.q, b.q)
+        np.testing.assert_array_equal(a.t, b.t)
+        change = b.tau - a.tau
+        np.testing.assert_allclose(change, change[:1] + 0 * change, atol=1e-9)
+    for a, b in zip(null, two, strict=True):
+        np.testing.assert_array_equal(a.q, b.q)
+
+
+def test_another_log_in_the_plan_does_not_change_the_rest():
+    plant = Plant(ROBOT, (), 5)
+    extra = LogPlan("extra", "fit", "cyclic", duration=3.0)
+    longer = make(plant, (extra, *SHORT), 5)[1:]
+    for a, b in zip(make(plant, SHORT, 5), longer, strict=True):
+        np.testing.assert_array_equal(a.q, b.q)
+        np.testing.assert_array_equal(a.tau, b.tau)
+
+
+def test_streams_of_other_names_are_independent():
+    a, b = (stream(3, name).normal(size=20000) for name in ("one", "two"))
+    assert abs(np.corrcoef(a, b)[0, 1]) < 0.03
+
+
+def test_the_session_clock_runs_on_through_pauses():
+    case = standard_case(None, 3, baseline=True)
+    recordings = [*case.baseline, *case.fit, *case.held_out]
+    for before, after in pairwise(recordings):
+        assert after.t[0] - before.t[-1] >= 5.0
+    assert case.fit[0].t[0] - case.baseline[-1].t[-1] > 3000
+    assert len({r.id for r in recordings}) == len(recordings) == 15
+
+
+def test_warmup_starts_cold_with_the_session_not_with_the_baseline():
+    hidden = draw(ROBOT, "warmup", stream(1, "warmup"))
+    plan = standard_plan(baseline=True)
+    plan = tuple(replace(p, duration=2.0) for p in (plan[0], plan[6]))
+    with_it, without = (make(Plant(ROBOT, h, 1), plan, 1) for h in ((hidden,), ()))
+    np.testing.assert_array_equal(with_it[0].tau, without[0].tau)
+    change = np.abs(with_it[1].tau - without[1].tau).max()
+    assert change == pytest.approx(hidden.parameters["level"], rel=0.1)
+
+
+def test_a_change_comes_with_a_baseline_and_others_without():
+    change, other = standard_case("viscous", 2), standard_case("stribeck", 2)
+    assert (len(change.baseline), len(change.fit), len(change.held_out)) == (6, 6, 3)
+    assert other.baseline == ()
+    assert len(change.truth.joints) == 1
+    assert change.declared is None
+
+
+def test_an_undeclared_effect_is_on_every_joint():
+    case = standard_case("coulomb", 2, undeclared=True)
+    assert case.truth.joints == (1, 2, 3, 4, 5, 6)
+    assert case.declared == ("viscous", "rotor_inertia")
+    assert case.baseline == ()
+    with pytest.raises(ValueError, match="stribeck"):
+        standard_case("stribeck", 2, undeclared=True)
+
+
+def test_a_null_case_hides_nothing():
+    case = standard_case(None, 2)
+    assert case.truth is None
+    assert not case.robot.declared
+
+
+def test_sensor_noise_has_its_size():
+    q = np.zeros((20000, 2))
+    seen = encoder(q, stream(1, "encoder"))
+    assert np.isin(np.round(seen / 1e-4, 6) % 1, (0, 1)).all()
+    noise = torque_noise(50000, np.array([100.0, 1.0]), 250.0, stream(1, "torque"))
+    expected = np.hypot(0.015, 0.005) * np.array([100.0, 1.0])
+    np.testing.assert_allclose(noise.std(axis=0), expected, rtol=0.05)
+
+
+def test_torque_ranges_are_those_the_sizes_assume():
+    case = standard_case(None, 4)
+    largest = np.max([np.abs(r.tau).max(axis=0) for r in case.fit], axis=0)
+    ratio = largest / sizes(case.robot).torque
+    assert (ratio > 0.4).all()
+    assert (ratio < 2.5).all()
+
+
+@pytest.mark.parametrize("effect", ["stribeck", "payload", "coupled_friction", None])
+def test_any_robot_will_do(tmp_path, effect):
+    file = tmp_path / "two.urdf"
+    file.write_text(TWO_LINKS)
+    robot = load_robot(file)
+    hidden = () if effect is None else (draw(robot, effect, stream(1, "draw")),)
+    for recording in make(Plant(robot, hidden, 1), SHORT, 1):
+        assert recording.dof == 2
+        assert np.abs(recording.tau).max() < 10 * sizes(robot).torque.max()
+
+
+def test_a_demo_is_small_and_keeps_its_truth_apart(tmp_path):
+    paths = write_demo(tmp_path)
+    names = [p.name for p in paths]
+    assert names == [
+        "fit_1.csv",
+        "fit_2.csv",
+        "fit_3.csv",
+        "held_out.csv",
+        "truth.json",
+    ]
+    assert sum(p.stat().st_size for p in paths) < 1.5e6
+    truth = json.loads(paths[-1].read_text())
+    assert truth["name"] == "stribeck"
+    assert b"stribeck" not in b"".join(p.read_bytes() for p in paths[:-1])
+
+
+def test_the_shipped_example_is_the_demo(tmp_path):
+    shipped = Path(__file__).parents[2] / "examples" / "hidden"
+    for path in write_demo(tmp_path):
+        assert (shipped / path.name).read_text() == path.read_text()

@@ -1,0 +1,155 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from residual.dynamics import inertial_parameters
+from residual.robot import load_robot
+from sim.synthetic import effects
+from sim.synthetic.body import outward, scatter, with_payload
+from sim.synthetic.bristle import deflection
+from sim.synthetic.draw import draw
+from sim.synthetic.motion import make_motion
+from sim.synthetic.plant import Plant, true_friction, true_model, true_torque
+from sim.synthetic.room import room
+from sim.synthetic.seeds import stream
+from sim.synthetic.state import Hidden
+
+ROBOT = load_robot("irb140")
+LOCAL = [n for n in (*effects.NAMED, *effects.UNNAMED) if n != "payload"]
+
+
+def motion(family="fourier", seed=1):
+    return make_motion(family, room(ROBOT), 8.0, 250.0, stream(seed, "motion"))
+
+
+def dahl(x, displacement):
+    """Dahl's equation by many small Euler steps, for one contact."""
+    z, out = 0.0, [0.0]
+    for step in np.diff(x):
+        for _ in range(400):
+            z += step / 400 / displacement * (1 - z * np.sign(step))
+        out.append(z)
+    return np.array(out)
+
+
+def test_without_hidden_effects_torque_is_rnea_plus_friction():
+    plant, m = Plant(ROBOT, (), 4), motion()
+    model, friction = true_model(plant), true_friction(plant)
+    data = model.createData()
+    rigid = np.array(
+        [pin.rnea(model, data, *s) for s in zip(m.q, m.qd, m.qdd, strict=True)]
+    )
+    z = deflection(m.q, friction.displacement)
+    expected = rigid + friction.coulomb * z + friction.viscous * m.qd
+    expected += friction.rotor * m.qdd
+    tau = true_torque(plant, m, "log").tau
+    np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-9)
+
+
+def test_bristles_follow_dahls_equation():
+    x = motion("move_stop_move").q[:200, 0]
+    x = 3e-4 * (x - x[0]) / np.ptp(x)
+    z = deflection(x[:, None], np.array([2e-4]))[:, 0]
+    np.testing.assert_allclose(z, dahl(x, 2e-4), atol=2e-3)
+
+
+def test_bristles_saturate_with_the_direction_and_hold_at_standstill():
+    m = motion("move_stop_move")
+    z = deflection(m.q, np.full(6, 2e-4))
+    fast = np.abs(m.qd) > 0.1
+    np.testing.assert_allclose(z[fast], np.sign(m.qd[fast]), atol=0.05)
+    still = (m.qd[1:] == 0).all(1) & (m.qd[:-1] == 0).all(1)
+    np.testing.assert_array_equal(z[1:][still], z[:-1][still])
+
+
+@pytest.mark.parametrize("name", LOCAL)
+def test_an_effect_changes_torque_on_its_joints_only(name):
+    hidden = draw(ROBOT, name, stream(2, name))
+    m = motion()
+    without = true_torque(Plant(ROBOT, (), 2), m, "log").tau
+    change = true_torque(Plant(ROBOT, (hidden,), 2), m, "log").tau - without
+    rows = np.zeros(6, dtype=bool)
+    rows[[j - 1 for j in hidden.joints]] = True
+    if name == "x_cogging_sum":
+        rows[hidden.joints[1] - 1] = False
+    assert (np.abs(change).max(axis=0)[rows] > 1e-2).all()
+    assert not change[:, ~rows].any()
+
+
+def test_a_payload_loads_the_arm_like_a_point_of_that_weight():
+    hidden = Hidden(
+        "payload", (6,), {"mass": 2.0, "com_x": 0.1, "com_y": 0.02, "com_z": 0.0}
+    )
+    model = true_model(Plant(ROBOT, (), 2))
+    loaded = with_payload(model, hidden)
+    added = inertial_parameters(loaded) - inertial_parameters(model)
+    assert added[50] == pytest.approx(2.0)
+    # The flange is 65 mm out on the axis of joint 6.
+    np.testing.assert_allclose(added[51:54], [2 * 0.165, 2 * 0.02, 0], atol=1e-9)
+    assert not added[:50].any()
+
+
+def test_an_inactive_effect_is_not_there():
+    hidden = draw(ROBOT, "payload", stream(2, "p"))
+    m = motion()
+    off = true_torque(Plant(ROBOT, (hidden,), 2), m, "log", active=False)
+    none = true_torque(Plant(ROBOT, (), 2), m, "log")
+    np.testing.assert_array_equal(off.tau, none.tau)
+
+
+def test_warmup_fades_with_session_time():
+    hidden = Hidden("warmup", (2,), {"level": 10.0, "time_constant": 60.0})
+    plant, m = Plant(ROBOT, (hidden,), 2), motion()
+    sizes = [
+        np.abs(true_torque(plant, m, "log", start).hidden[0]).max()
+        for start in (0.0, 60.0, 600.0)
+    ]
+    assert sizes[0] == pytest.approx(10.0, rel=0.05)
+    assert sizes[0] > 1.5 * sizes[1] > 10 * sizes[2]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_scattered_bodies_are_possible_ones(seed):
+    true = scatter(ROBOT.model, 0.02, stream(seed, "scatter"))
+    pairs = zip(list(true.inertias)[1:], list(ROBOT.model.inertias)[1:], strict=True)
+    for body, nominal in pairs:
+        pseudo = pin.PseudoInertia.FromInertia(body).toMatrix()
+        assert np.linalg.eigvalsh(pseudo).min() > 0
+        assert body.mass != nominal.mass
+    masses, nominal = (
+        inertial_parameters(model)[::10] for model in (true, ROBOT.model)
+    )
+    assert 0.002 < np.abs(masses / nominal - 1).mean() < 0.05
+
+
+def test_friction_takes_energy():
+    m = motion("move_stop_move")
+    pair = {"level": 1.0, "coefficient": 0.3, "sign": -1.0}
+    hidden = Hidden("coupled_friction", (5, 6), pair)
+    torque = true_torque(Plant(ROBOT, (hidden,), 2), m, "log").hidden[0]
+    assert (torque * m.qd).sum() > 0
+
+
+def test_a_gas_spring_nearly_is_its_first_harmonic():
+    hidden = Hidden("balancer", (2,), {"cos": 3.0, "sin": -4.0})
+    m = motion()
+    torque = true_torque(Plant(ROBOT, (hidden,), 2), m, "log").hidden[0][:, 1]
+    harmonic = 3 * np.cos(m.q[:, 1]) - 4 * np.sin(m.q[:, 1])
+    error = np.abs(torque - harmonic).max()
+    assert 0.01 < error < 1.0
+
+
+def test_the_flange_points_away_from_the_wrist():
+    np.testing.assert_allclose(outward(ROBOT.model), [1, 0, 0], atol=1e-9)
+
+
+def test_sizes_of_a_draw_depend_on_the_seed_alone():
+    one, two = (draw(ROBOT, "stribeck", stream(9, "draw")) for _ in range(2))
+    assert one.joints == two.joints
+    assert one.parameters == two.parameters
+
+
+@pytest.mark.parametrize(("name", "joint"), [("magic", None), ("stribeck", 7)])
+def test_what_cannot_be_drawn_is_refused(name, joint):
+    with pytest.raises(ValueError, match=name):
+        draw(ROBOT, name, stream(1, "draw"), joint)

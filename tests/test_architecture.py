@@ -1,0 +1,168 @@
+"""The house rules that a reader relies on, checked on the source text itself.
+
+import-linter checks the import directions too; here they hold without any tool, and
+as lists of what is allowed, so that a new module needs no new rule.
+"""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("flows", "residual", "sim", "warehouse")
+
+# What each folder may import of ours; flows may import everything.
+RECORDS = {f"residual.{name}" for name in ("recording", "robot", "errors", "names")}
+ALLOWED = {
+    "residual": {"residual"},
+    "sim": {"sim", *RECORDS, "residual.dynamics", "residual.base"},
+    "warehouse": {"warehouse", *RECORDS},
+}
+# What only some may import of others.
+ONLY = {
+    "prefect": ("flows/",),
+    "pybullet": ("sim/bullet.py",),
+    "pybullet_data": ("sim/bullet.py",),
+    "cvxpy": ("residual/consistency.py",),
+    "duckdb": ("warehouse/", "flows/"),
+    "pyarrow": ("warehouse/", "flows/"),
+    "pandas": (),
+}
+MAX_LINES = 300
+MAX_BODY = 40
+
+
+def _sources(*folders: str) -> list[Path]:
+    return sorted(p for f in folders for p in (ROOT / f).rglob("*.py"))
+
+
+def _name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def _imports(path: Path) -> set[str]:
+    """Return the dotted names that a file imports, at its top or inside a function."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= _from_names(path, node)
+    return found
+
+
+def _from_names(path: Path, node: ast.ImportFrom) -> set[str]:
+    package = path.relative_to(ROOT).parent.parts
+    base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+    module = ".".join(part for part in (base, node.module) if part)
+    # `from residual import robot` names a module, `from residual.robot import Robot`
+    # a thing in it: the longer name tells both apart once it is cut by _within.
+    return {f"{module}.{alias.name}" for alias in node.names}
+
+
+def _within(name: str, allowed: set[str]) -> bool:
+    return any(name == a or name.startswith(a + ".") for a in allowed)
+
+
+@pytest.mark.parametrize("room", sorted(ALLOWED))
+def test_a_folder_imports_only_what_stands_below_it(room):
+    wrong = [
+        f"{_name(path)} imports {name}"
+        for path in _sources(room)
+        for name in sorted(_imports(path))
+        if _within(name, set(ROOMS)) and not _within(name, ALLOWED[room])
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("library", sorted(ONLY))
+def test_a_library_is_imported_only_where_it_belongs(library):
+    wrong = [
+        _name(path)
+        for path in _sources(*ROOMS)
+        if not _name(path).startswith(ONLY[library] or ("-",))
+        and any(_within(name, {library}) for name in _imports(path))
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("module", ["flows.cli.app", "flows.steps", "flows.demo"])
+def test_who_has_only_logs_loads_neither_engine_nor_scheduler(module):
+    code = (
+        f"import sys, {module}\n"
+        "print(sorted({'prefect', 'pybullet', 'cvxpy'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert (done.stdout.strip(), done.stderr) == ("[]", "")
+
+
+def _pages() -> list[Path]:
+    """Return every text that somebody wrote and reads: no data, locks or licence."""
+    kinds = {".py", ".sh", ".md", ".toml", ".sql", ".html", ".css", ".js", ".j2"}
+    folders = (*ROOMS, "tests", "benchmarks", "docs", "examples", "scripts", ".ci")
+    inside = [p for f in folders for p in (ROOT / f).rglob("*")]
+    top = [p for p in ROOT.iterdir() if p.suffix in {".md", ".toml"}]
+    other = [ROOT / "Makefile", ROOT / ".ci" / "run"]
+    return sorted({p for p in inside + top if p.suffix in kinds} | set(other))
+
+
+def test_no_file_is_longer_than_a_reader_will_read():
+    long = {
+        _name(p): n
+        for p in _pages()
+        if not _name(p).startswith(("tests/", "CHANGELOG"))
+        and (n := len(p.read_text(encoding="utf-8").splitlines())) > MAX_LINES
+    }
+    assert long == {}
+
+
+def _body_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    first = node.body[0]
+    told = ast.get_docstring(node) is not None
+    start = first.end_lineno + 1 if told else first.lineno
+    return max(0, node.end_lineno - start + 1)
+
+
+def test_no_function_is_longer_than_a_screen():
+    long = {
+        f"{_name(path)}:{node.lineno} {node.name}": _body_lines(node)
+        for path in _sources(*ROOMS, "benchmarks")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and _body_lines(node) > MAX_BODY
+    }
+    assert long == {}
+
+
+# Written in pieces, so that this file does not find itself.
+MACHINE = re.compile(
+    r"(?<![\w.~/-])/(?:home|work|root|opt|Users)" + r"/\w"
+    "|" + "pypi" + r"\.(?:org|python)|python" + "hosted" + r"|/simp" + "le/"
+    "|" + "--(?:extra-)?ind" + "ex-url|--find-" + "links"
+)
+
+
+def test_no_text_holds_a_path_of_one_machine_or_the_address_of_an_index():
+    wrong = [
+        f"{_name(p)}:{number}: {line.strip()[:80]}"
+        for p in [*_pages(), *ROOT.glob("*.lock")]
+        for number, line in enumerate(p.read_text(encoding="utf-8").splitlines(), 1)
+        if MACHINE.search(line)
+    ]
+    assert wrong == []
+
+
+def test_every_folder_with_code_is_a_package_and_tests_are_not():
+    bare = [
+        _name(folder)
+        for folder in {path.parent for path in _sources(*ROOMS)}
+        if not (folder / "__init__.py").is_file()
+    ]
+    assert bare == []
+    assert list((ROOT / "tests").rglob("__init__.py")) == []

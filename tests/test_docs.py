@@ -1,0 +1,106 @@
+"""The pages say what the program does."""
+
+import inspect
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from flows.cli.demo import demo
+from flows.cli.diagnose import diagnose
+from residual.robot_toml import parse_robot_toml
+from residual.vocabulary import DEFAULT_DECLARED, VOCABULARY
+from warehouse.logs.columns import load_columns
+
+ROOT = Path(__file__).parents[1]
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
+
+
+def _text(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def _toml(page: str) -> list[str]:
+    return re.findall(r"```toml\n(.*?)```", _text(page), re.S)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_links_only_to_pages_that_exist(page):
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    pages = [link for link in links if not link.endswith(".png")]  # made by a run
+    assert [link for link in pages if not (page.parent / link).exists()] == []
+
+
+def test_the_verdict_page_explains_every_key_of_its_example():
+    text = _text("docs/verdict.md")
+    example = json.loads(re.search(r"```json\n(.*?)```", text, re.S)[1])
+
+    def keys(value):
+        if isinstance(value, list):
+            return set().union(*map(keys, value), set())
+        if isinstance(value, dict):
+            return set(value) | set().union(*map(keys, value.values()), set())
+        return set()
+
+    free = {"mass"}  # the parameters of an effect are named in its own table
+    explained = set(re.findall(r"^\| `([\w.]+)`", text, re.M))
+    explained = {part for name in explained for part in name.split(".")}
+    assert keys(example) - explained - free == set()
+
+
+def _described_effects() -> dict[str, dict[str, str]]:
+    rows = re.findall(r"^\| `(\w+)` \|.*\| ([^|]+) \|$", _text("docs/effects.md"), re.M)
+    group = re.compile(r"((?:`\w+`(?:, )?)+) \[([^\]]+)\]")  # `cos`, `sin` [N m]
+    return {
+        name: {
+            key: unit
+            for keys, unit in group.findall(parameters)
+            for key in re.findall(r"`(\w+)`", keys)
+        }
+        for name, parameters in rows
+    }
+
+
+def test_the_effects_page_has_every_name_parameter_and_unit():
+    assert _described_effects() == VOCABULARY
+
+
+def test_the_effects_page_reserves_what_no_file_implements():
+    folder = {path.stem for path in (ROOT / "residual" / "effects").glob("*.py")}
+    reserved = re.search(r"## Reserved(.*?)##", _text("docs/effects.md"), re.S)[1]
+    named = set(re.findall(r"`(\w+)`", reserved))
+    assert named == set(VOCABULARY) - folder
+
+
+def test_the_example_of_a_map_is_read(tmp_path):
+    path = tmp_path / "COLUMNS.toml"
+    path.write_text(_toml("docs/logs.md")[0], encoding="utf-8")
+    columns = load_columns(path)
+    assert columns.time_unit == "ms"
+    assert columns.signals["q"].sign == (1, -1)
+
+
+def test_the_example_of_a_robot_file_is_read():
+    robot = parse_robot_toml(_toml("docs/logs.md")[1], dof=2, where="docs/logs.md")
+    assert set(robot.declared) == {"coulomb", "viscous"}
+    assert robot.prior_scale == 0.03
+
+
+def test_the_default_list_of_declared_effects_is_the_one_in_the_text():
+    assert f"`{','.join(DEFAULT_DECLARED)}`" in _text("docs/logs.md")
+
+
+def test_every_option_that_a_page_shows_exists():
+    commands = {"diagnose": diagnose, "demo": demo}
+    shown = [
+        (command, option)
+        for page in PAGES
+        for command, rest in re.findall(
+            r"modelgap (\w+)([^`\n#]*)", page.read_text(encoding="utf-8")
+        )
+        for option in re.findall(r"--(\w+)", rest)
+    ]
+    assert shown
+    for command, option in shown:
+        assert option in inspect.signature(commands[command]).parameters

@@ -1,0 +1,151 @@
+"""The set-up says what it does, and does what the README says."""
+
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def _text(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def _pins(lock: str) -> dict[str, str]:
+    return dict(re.findall(r"^([\w.-]+)==(\S+) \\$", _text(lock), re.M))
+
+
+def _wanted(*extras: str) -> list[Requirement]:
+    listed = PROJECT["project"]["optional-dependencies"]
+    texts = [*PROJECT["project"]["dependencies"]]
+    texts += [text for extra in extras for text in listed[extra]]
+    return [Requirement(t) for t in texts + PROJECT["dependency-groups"]["build"]]
+
+
+@pytest.mark.parametrize(
+    ("lock", "extras"),
+    [
+        ("requirements.lock", ()),
+        ("requirements-dev.lock", ("sdp", "bags", "scale", "dev")),
+    ],
+)
+def test_a_lock_pins_every_dependency_inside_its_declared_range(lock, extras):
+    pins = _pins(lock)
+    for want in _wanted(*extras):
+        pin = pins.get(canonicalize_name(want.name))
+        assert pin, f"{lock} lacks {want.name}: make lock"
+        assert want.specifier.contains(pin, prereleases=True), f"{want} but {pin}"
+
+
+def test_what_is_tested_is_what_a_user_gets():
+    core, dev = _pins("requirements.lock"), _pins("requirements-dev.lock")
+    assert core.items() <= dev.items()
+
+
+@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-dev.lock"])
+def test_every_pin_has_hashes_and_no_package_depends_on_an_address(lock):
+    blocks = re.split(r"^(?=[\w.-]+==)", _text(lock), flags=re.M)
+    entries = [block for block in blocks if "==" in block]
+    assert len(entries) == len(_pins(lock))
+    assert all("--hash=sha256:" in entry for entry in entries)
+    assert not re.search(r"^[^#]*(?:://| @ |^-)", _text(lock), re.M)
+
+
+def test_pyproject_names_each_extra_once_and_the_prefect_pins_hold():
+    extras = set(PROJECT["project"]["optional-dependencies"])
+    assert extras == {"sdp", "bags", "scale", "dev"}
+    texts = PROJECT["project"]["dependencies"]
+    assert {"prefect==3.8.8", "fastapi<0.151", "sqlalchemy<2.1"} <= set(texts)
+
+
+def _targets() -> set[str]:
+    return set(re.findall(r"^([a-z]+):", _text("Makefile"), re.M))
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", ".ci/run"])
+def test_every_make_command_that_a_page_names_exists(page):
+    named = set(re.findall(r"^\s*(?:`|\$ )?make ([a-z]+)", _text(page), re.M))
+    named |= set(re.findall(r"`make ([a-z]+)`", _text(page)))
+    assert named
+    assert named <= _targets()
+
+
+def test_ci_runs_the_tests_as_the_readme_says():
+    assert os.access(ROOT / ".ci" / "run", os.X_OK)
+    assert "\nmake test\n" in _text(".ci/run")
+    assert re.search(r"^make test\b", _text("README.md"), re.M)
+
+
+def test_the_changelog_knows_the_version_of_pyproject():
+    version = PROJECT["project"]["version"]
+    entries = re.findall(r"^## \[([^\]]+)\]", _text("CHANGELOG.md"), re.M)
+    assert version in entries[:2]
+
+
+@pytest.fixture
+def bare_machine(tmp_path):
+    """A copy of the set-up and a PATH with a shell but without any Python."""
+    (tmp_path / "bin").mkdir()
+    for name in ("bash", "dirname", "uname", "grep", "env", "rm"):
+        (tmp_path / "bin" / name).symlink_to(shutil.which(name))
+    (tmp_path / "scripts").mkdir()
+    shutil.copy(ROOT / "scripts" / "setup.sh", tmp_path / "scripts")
+    return tmp_path
+
+
+def _set_up(folder: Path) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        ["bash", "scripts/setup.sh", "requirements.lock"],
+        cwd=folder,
+        env={"PATH": str(folder / "bin")},
+        capture_output=True,
+        text=True,
+    )
+
+
+def _command(folder: Path, name: str, script: str) -> None:
+    path = folder / "bin" / name
+    path.write_text(f"#!/usr/bin/env bash\n{script}\n", encoding="utf-8")
+    path.chmod(0o755)
+
+
+def test_without_python_the_set_up_says_what_to_install(bare_machine):
+    done = _set_up(bare_machine)
+    assert done.returncode == 1
+    assert "Python 3.11 with venv is needed; found: none." in done.stderr
+    assert "apt install" in done.stderr
+    assert len(done.stderr.splitlines()) <= 3
+    assert not (bare_machine / ".venv").exists()
+
+
+def test_a_shim_that_only_complains_is_not_taken_for_python(bare_machine):
+    _command(bare_machine, "python3.11", "echo 'no such version' >&2; exit 127")
+    _command(bare_machine, "python3", "[ $1 = -V ] && echo Python 3.9.2 || exit 1")
+    done = _set_up(bare_machine)
+    assert done.returncode == 1
+    assert "found: Python 3.9.2." in done.stderr
+
+
+def test_without_python_uv_is_asked_for_one(bare_machine):
+    _command(bare_machine, "uv", "echo uv was called: $*; exit 9")
+    done = _set_up(bare_machine)
+    assert done.returncode == 1
+    assert "--python 3.11 --seed" in done.stdout
+    assert "uv could not bring Python 3.11" in done.stderr
+
+
+def test_another_system_is_refused_before_anything_is_made(bare_machine):
+    (bare_machine / "bin" / "uname").unlink()
+    _command(bare_machine, "uname", "echo Darwin arm64")
+    done = _set_up(bare_machine)
+    assert done.returncode == 1
+    assert "Linux on x86_64 is needed" in done.stderr
+    assert not (bare_machine / ".venv").exists()

@@ -1,0 +1,167 @@
+"""COLUMNS.toml: units, sides, signs; and what is said of a bad one."""
+
+import numpy as np
+import pytest
+
+from residual.errors import InputError
+from warehouse.logs import load_columns, read_log
+
+LOG_NAMES = ("Time", "J1", "J2", "I1", "I2")
+
+
+@pytest.fixture
+def read(samples, write, tmp_path, make_robot):
+    """Return a function that reads the log of LOG_NAMES by a map's text."""
+
+    def read(text, table=None, robot_toml=""):
+        (tmp_path / "COLUMNS.toml").write_text(text)
+        columns = load_columns(tmp_path / "COLUMNS.toml")
+        path = write(samples if table is None else table, LOG_NAMES)
+        return read_log(path, make_robot(robot_toml), columns)
+
+    return read
+
+
+BASE = 'time = {column = "Time"}\n'
+Q = 'q = {columns = ["J1", "J2"]}\n'
+TAU = 'tau = {columns = ["I1", "I2"]}\n'
+
+
+def test_names_alone_change_nothing(read, samples):
+    recording, understood = read(BASE + Q + TAU)
+    np.testing.assert_array_equal(recording.q, samples[:, 1:3])
+    assert understood.conversions == ()
+    assert understood.used == LOG_NAMES
+
+
+def test_units_signs_and_zeros_are_applied_and_said(read, samples):
+    table = samples.copy()
+    table[:, 0] *= 1000
+    table[:, 1:3] = np.rad2deg(samples[:, 1:3]) * [1, -1] + [10, -20]
+    table[:, 4] *= -1
+    recording, understood = read(
+        'time = {column = "Time", unit = "ms"}\n'
+        'q = {columns = ["J1", "J2"], unit = "deg", sign = [1, -1], zero = [10, -20]}\n'
+        'tau = {columns = ["I1", "I2"], sign = [1, -1]}\n',
+        table,
+    )
+    np.testing.assert_allclose(recording.t, samples[:, 0])
+    np.testing.assert_allclose(recording.q, samples[:, 1:3], atol=1e-12)
+    np.testing.assert_allclose(recording.tau, samples[:, 3:])
+    assert understood.conversions == (
+        "t: ms to s",
+        "q: deg to rad, sign turned on joint 2, zero moved",
+        "tau: sign turned on joint 2",
+    )
+
+
+MOTOR = (
+    BASE
+    + 'q = {columns = ["J1", "J2"], side = "motor"}\n'
+    + 'tau = {columns = ["I1", "I2"], side = "motor"}\n'
+)
+
+
+def test_gears_turn_motor_angles_and_torques_into_those_of_the_link(read, samples):
+    table = samples * [1, 100, -50, 1 / 100, -1 / 50]
+    recording, _ = read(MOTOR, table, "[joints]\ngear_ratio = [100, -50]")
+    np.testing.assert_allclose(recording.q, samples[:, 1:3])
+    np.testing.assert_allclose(recording.tau, samples[:, 3:])
+
+
+def test_couplings_keep_the_power_of_both_sides(read, samples):
+    coupling = np.array([[100.0, 0.0], [-3.0, 50.0]])
+    table = samples.copy()
+    table[:, 1:3] = samples[:, 1:3] @ coupling.T
+    recording, _ = read(
+        MOTOR, table, "[couplings]\nmotor_from_joint = [[100, 0], [-3, 50]]"
+    )
+    np.testing.assert_allclose(recording.q, samples[:, 1:3], atol=1e-12)
+    np.testing.assert_allclose(
+        np.sum(recording.tau * recording.q, axis=1),
+        np.sum(table[:, 3:] * table[:, 1:3], axis=1),
+    )
+
+
+CURRENT = BASE + Q + 'tau = {columns = ["I1", "I2"], unit = "A", side = "SIDE"}'
+
+
+@pytest.mark.parametrize("side", ["link", "motor"])
+def test_torque_per_unit_holds_at_the_link_whatever_the_side(read, samples, side):
+    recording, understood = read(
+        CURRENT.replace("SIDE", side), None, "[joints]\ntorque_per_unit = [30, -20]"
+    )
+    np.testing.assert_allclose(recording.tau, samples[:, 3:] * [30, -20])
+    assert "A to N m" in understood.conversions[0]
+
+
+def test_currents_of_coupled_motors_act_on_both_joints(read, samples):
+    toml = (
+        "[joints]\ntorque_per_unit = [30, 20]\n"
+        "[couplings]\nmotor_from_joint = [[100, 0], [-5, 50]]"
+    )
+    recording, _ = read(CURRENT.replace("SIDE", "motor"), None, toml)
+    motor = samples[:, 3:] * [30 / 100, 20 / 50]
+    np.testing.assert_allclose(recording.tau[:, 0], motor @ [100, -5])
+    np.testing.assert_allclose(recording.tau[:, 1], motor @ [0, 50])
+
+
+def test_the_map_that_the_documentation_shows_is_valid(tmp_path):
+    (tmp_path / "c.toml").write_text(
+        'time  = {column = "Time", unit = "ms"}\n'
+        'q     = {columns = ["J1", "J2"], unit = "deg", side = "link", '
+        "sign = [1, -1], zero = [0, 0]}\n"
+        'tau   = {columns = ["I1", "I2"], unit = "A", side = "motor"}\n'
+        'csv   = {separator = ";", decimal = ",", skip = 3}\n'
+    )
+    columns = load_columns(tmp_path / "c.toml")
+    assert columns.csv.skip == 3
+    assert columns.signals["tau"].side == "motor"
+
+
+BAD_MAPS = {
+    "not toml": ("time =", "not valid TOML"),
+    "key": ("tim = {}", "did you mean 'time'"),
+    "inner key": ("time = {colum = 't'}", "did you mean 'column'"),
+    "no table": ("time = 't'", "must be a table"),
+    "name": ("time = {column = 3}", "must be a text"),
+    "time unit": ("time = {unit = 'min'}", "Valid: ms, s, us"),
+    "unit": ("q = {columns = ['a', 'b'], unit = 'degrees'}", "did you mean 'deg'"),
+    "side": ("q = {columns = ['a', 'b'], side = 'moter'}", "did you mean 'motor'"),
+    "no columns": ("q = {unit = 'deg'}", "needs columns"),
+    "sign": ("q = {columns = ['a', 'b'], sign = [1, 2]}", "list of 1 and -1"),
+    "sign length": ("q = {columns = ['a', 'b'], sign = [1]}", "1 entries for 2"),
+    "zero": ("q = {columns = ['a', 'b'], zero = [nan, 0]}", "list of numbers"),
+    "zero of torque": ("tau = {columns = ['a', 'b'], zero = [0, 0]}", "key in tau"),
+    "separator": ("csv = {separator = ';;'}", "one character"),
+    "both": ("csv = {separator = ',', decimal = ','}", "both ','"),
+    "decimal": ("csv = {decimal = ';'}", "Unknown decimal"),
+    "skip": ("csv = {skip = -1}", "number of lines"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_MAPS.values(), ids=BAD_MAPS)
+def test_bad_maps_are_refused(tmp_path, text, message):
+    (tmp_path / "c.toml").write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_columns(tmp_path / "c.toml")
+
+
+def test_a_map_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match="Cannot read the map"):
+        load_columns(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (BASE + Q + 'tau = {columns = ["I1"]}', "names 1 columns of tau"),
+        (BASE + Q + 'tau = {columns = ["I1", "I3"]}', "missing column I3"),
+        (BASE + Q + 'tau = {columns = ["J1", "I2"]}', "'J1' stands twice"),
+        (MOTOR, "needs gear_ratio"),
+        (CURRENT.replace("SIDE", "link"), "needs torque_per_unit"),
+    ],
+)
+def test_maps_that_do_not_fit_the_log_or_the_robot_are_refused(read, text, message):
+    with pytest.raises(InputError, match=message):
+        read(text)

@@ -1,0 +1,264 @@
+"""Reading CSV and Parquet logs: what arrives, and what is said of bad ones."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from residual.errors import InputError
+from residual.robot import load_robot
+from warehouse.logs import ColumnMap, read_log
+from warehouse.logs.columns import CsvFormat
+
+NAMES = ("t", "q1", "q2", "tau1", "tau2")
+
+
+def test_plain_csv_arrives_as_written(robot, samples, write):
+    samples[:, 0] += 1000
+    recording, understood = read_log(write(samples), robot)
+    np.testing.assert_array_equal(recording.t, samples[:, 0])
+    np.testing.assert_array_equal(recording.q, samples[:, 1:3])
+    np.testing.assert_array_equal(recording.tau, samples[:, 3:])
+    assert (recording.id, recording.robot) == ("run", "two_link")
+    assert recording.qd is recording.qdd is recording.q_ref is None
+    assert understood.text == "run: 400 samples, 100 Hz, 3.99 s; read t q1..2 tau1..2"
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|", " "])
+def test_any_separator_is_recognised(robot, samples, write, separator):
+    recording, _ = read_log(write(samples, separator=separator), robot)
+    np.testing.assert_array_equal(recording.tau, samples[:, 3:])
+
+
+def test_names_with_blanks_do_not_hide_the_separator(robot, samples, write):
+    names = (*NAMES, "Axis 1 load in %")
+    path = write(np.c_[samples, samples[:, 0]], names, separator=";")
+    assert read_log(path, robot)[1].ignored == ("Axis 1 load in %",)
+
+
+def test_byte_order_mark_carriage_returns_blanks_and_empty_lines_do_no_harm(
+    robot, samples, write, tmp_path
+):
+    text = (
+        Path(write(samples)).read_text().replace(",", " , ").replace("\n", "\r\n\r\n")
+    )
+    (tmp_path / "windows.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    recording, _ = read_log(str(tmp_path / "windows.csv"), robot)
+    np.testing.assert_array_equal(recording.q, samples[:, 1:3])
+
+
+def test_names_that_are_not_utf8_are_read(robot, samples, write, tmp_path):
+    names = (*NAMES, "Temperatur °C")
+    path = write(np.c_[samples, samples[:, 0]], names)
+    text = Path(path).read_text(encoding="utf-8")
+    (tmp_path / "old.csv").write_text(text, encoding="latin-1")
+    understood = read_log(str(tmp_path / "old.csv"), robot)[1]
+    assert understood.ignored == ("Temperatur °C",)
+
+
+def test_decimal_comma_and_skipped_lines_only_by_the_map(
+    robot, samples, write, tmp_path
+):
+    text = Path(write(samples, separator=";")).read_text().replace(".", ",")
+    path = tmp_path / "german.csv"
+    path.write_text("Regler 7\n\nAchsen 2\n" + text)
+    csv = CsvFormat(decimal=",", skip=3)
+    recording, _ = read_log(str(path), robot, ColumnMap(csv=csv))
+    np.testing.assert_array_equal(recording.q, samples[:, 1:3])
+    with pytest.raises(InputError, match=r"Decimal comma\?.*decimal = ','"):
+        read_log(str(path), robot, ColumnMap(csv=CsvFormat(skip=3)))
+
+
+def test_parquet_is_known_by_its_content(robot, samples, tmp_path):
+    path = tmp_path / "run.log"
+    columns = dict(zip(NAMES, samples.T, strict=True))
+    columns["note"] = ["x"] * len(samples)
+    pq.write_table(pa.table(columns), path)
+    recording, understood = read_log(str(path), robot)
+    np.testing.assert_array_equal(recording.tau, samples[:, 3:])
+    assert understood.ignored == ("note",)
+
+
+def test_optional_signals_are_read_where_whole_and_named_where_not(
+    robot, samples, write
+):
+    names = (*NAMES, "qd1", "qd2", "q_ref1", "q_out1", "temp")
+    table = np.column_stack([samples, samples[:, :5]])
+    recording, understood = read_log(write(table, names), robot)
+    np.testing.assert_array_equal(recording.qd, samples[:, :2])
+    assert recording.q_ref is None
+    assert understood.ignored == ("q_ref1", "q_out1", "temp")
+    assert understood.text.endswith("qd1..2; ignored q_ref1 q_out1 temp")
+
+
+def test_columns_come_in_any_order_and_text_beside_them_is_ignored(
+    robot, samples, tmp_path
+):
+    lines = ["mode,tau2,q1,t,q2,tau1"]
+    lines += [f"AUTO,{r[4]!r},{r[1]!r},{r[0]!r},{r[2]!r},{r[3]!r}" for r in samples]
+    (tmp_path / "run.csv").write_text("\n".join(lines).replace("np.float64", ""))
+    text = (tmp_path / "run.csv").read_text().replace("(", "").replace(")", "")
+    (tmp_path / "run.csv").write_text(text)
+    recording, understood = read_log(str(tmp_path / "run.csv"), robot)
+    np.testing.assert_array_equal(recording.tau, samples[:, 3:])
+    assert understood.ignored == ("mode",)
+
+
+def test_a_channel_that_never_changes_and_a_gap_are_said(robot, samples, write):
+    samples[:, 4] = 0.0
+    samples[200:, 0] += 0.5
+    warnings = read_log(write(samples), robot)[1].warnings
+    assert "tau2 never changes" in warnings[0]
+    assert "1 gap(s) in time, the largest 0.51 s at t = 1.99 s" in warnings[1]
+
+
+def test_thirty_thousand_rows_are_read_in_a_fraction_of_a_second(write):
+    rng = np.random.default_rng(0)
+    t = np.arange(30_000) / 250
+    q = np.sin(t[:, None] * np.arange(1, 7) / 3)
+    joints = range(1, 7)
+    names = ("t", *(f"q{i}" for i in joints), *(f"tau{i}" for i in joints))
+    path = write(np.column_stack([t, q, rng.normal(size=(30_000, 6))]), names)
+    robot = load_robot("irb140")
+    read_log(path, robot)
+    start = time.perf_counter()
+    read_log(path, robot)
+    assert time.perf_counter() - start < 0.3
+
+
+def change(row, column, value):
+    """Return a change of one sample."""
+
+    def apply(table):
+        table[row, column] = value
+        return table
+
+    return apply
+
+
+def scale(columns, factor):
+    def apply(table):
+        table[:, columns] *= factor
+        return table
+
+    return apply
+
+
+BAD_SAMPLES = {
+    "nan": (change(7, 2, np.nan), "q is NaN or infinite at sample 7"),
+    "inf": (change(7, 4, np.inf), "tau is NaN or infinite at sample 7"),
+    "time nan": (change(7, 0, np.nan), "time is NaN or infinite at sample 7"),
+    "time backwards": (change(7, 0, 0.01), "time runs backwards at sample 7"),
+    "time repeats": (change(7, 0, 0.06), "time repeats at sample 7"),
+    "short": (lambda t: t[:150], "lasts 1.5 s, expected at least 2 s"),
+    "one sample": (lambda t: t[:1], "has 1 samples"),
+    "no samples": (lambda t: t[:0], "has 0 samples|no samples"),
+    "slow": (scale(0, 1000), "Time in ms"),
+    "fast": (scale(0, 0.001), "is the unit of time right"),
+    "still": (scale([1, 2], 0), "q is constant on all joints"),
+    "no torque": (scale([3, 4], 0), "tau is constant on all joints"),
+    "degrees": (scale([1, 2], 57.3), "range is -2 to 2 rad.\nDegrees?"),
+    "zero moved": (lambda t: t + np.array([0, 2.5, 0, 0, 0]), "Check zero"),
+}
+
+
+@pytest.mark.parametrize(("spoil", "message"), BAD_SAMPLES.values(), ids=BAD_SAMPLES)
+def test_bad_samples_are_refused(robot, samples, write, spoil, message):
+    with pytest.raises(InputError, match=message) as caught:
+        read_log(write(spoil(samples)), robot)
+    assert str(caught.value).count("\n") <= 1
+
+
+def test_degrees_of_a_continuous_joint_show_by_their_speed(
+    make_robot, samples, write, tmp_path
+):
+    make_robot()
+    file = tmp_path / "arm" / "arm.urdf"
+    file.write_text(file.read_text().replace('"revolute"', '"continuous"'))
+    samples[:, 1:3] *= 57.3
+    with pytest.raises(InputError, match=r"limit is 3 rad/s.\nDegrees"):
+        read_log(write(samples), load_robot(file))
+
+
+BAD_NAMES = {
+    "missing": (("t", "q1", "q2", "tau1", "x"), "missing column tau2 .*found t q1..2"),
+    "missing two": (("t", "a", "b", "tau1", "tau2"), "missing column q1..2"),
+    "near": (("T", "q1", "q2", "tau1", "tau_2"), r"missing column t tau2"),
+    "no names": (("0", "1", "2.5", "3", "4e1"), "starts with numbers"),
+    "twice": (("t", "q1", "q2", "tau2", "tau2"), "missing column tau1"),
+}
+
+
+@pytest.mark.parametrize(("names", "message"), BAD_NAMES.values(), ids=BAD_NAMES)
+def test_bad_column_names_are_refused(robot, samples, write, names, message):
+    with pytest.raises(InputError, match=message):
+        read_log(write(samples, names), robot)
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        ("q3", "'q3' is beyond the robot's joints 1 to 2"),
+        ("tau7", "'tau7' is beyond"),
+        ("qd0", "'qd0' is beyond"),
+        ("q2", "'q2' stands twice"),
+    ],
+)
+def test_joint_columns_that_do_not_fit_are_refused(
+    robot, samples, write, extra, message
+):
+    table = np.column_stack([samples, samples[:, 1]])
+    with pytest.raises(InputError, match=message):
+        read_log(write(table, (*NAMES, extra)), robot)
+
+
+def broken_parquet(samples):
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table({"t": samples[:, 0]}), sink)
+    return sink.getvalue().to_pybytes()[:-50]
+
+
+BAD_FILES = {
+    "empty": (lambda s: b"", "is empty"),
+    "blank": (lambda s: b" \r\n\n", "is empty"),
+    "rubbish": (lambda s: bytes(range(256)) * 40, "is binary but not Parquet"),
+    "pickle": (lambda s: b"\x80\x04\x95\x00", "is binary"),
+    "names only": (lambda s: b"t,q1,q2,tau1,tau2", "no samples|has 0 samples"),
+    "text": (lambda s: b"t,q1,q2,tau1,tau2\n0,a,2,3,4\n", "'q1' has 'a', expected a"),
+    "ragged": (lambda s: b"t,q1,q2,tau1,tau2\n0,1,2\n", "a line has 3 values for 5"),
+    "parquet cut": (broken_parquet, "not a readable Parquet"),
+    "parquet fake": (lambda s: b"PAR1 is text", "not a readable Parquet"),
+    "prose": (lambda s: b"Dear reader,\nthis is a letter.\n", "missing column"),
+}
+
+
+@pytest.mark.parametrize(("content", "message"), BAD_FILES.values(), ids=BAD_FILES)
+def test_bad_files_are_refused(robot, samples, tmp_path, content, message):
+    (tmp_path / "run.csv").write_bytes(content(samples))
+    with pytest.raises(InputError, match=message):
+        read_log(str(tmp_path / "run.csv"), robot)
+
+
+def test_text_column_in_parquet_is_refused(robot, samples, tmp_path):
+    columns = dict(zip(NAMES, samples.T, strict=True))
+    columns["q1"] = [str(x) for x in samples[:, 1]]
+    pq.write_table(pa.table(columns), tmp_path / "run.parquet")
+    with pytest.raises(InputError, match="'q1' holds string, expected numbers"):
+        read_log(str(tmp_path / "run.parquet"), robot)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("none.csv", "No log file 'none.csv'"),
+        (".", "is a folder"),
+        ("/dev/null", "not a regular file"),
+    ],
+)
+def test_what_is_not_a_file_is_refused(robot, tmp_path, monkeypatch, spec, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=message):
+        read_log(spec, robot)

@@ -1,0 +1,1 @@
+"""The world remembered: measured logs come in here; runs and models are kept."""

@@ -1,0 +1,86 @@
+"""From the columns of a log to SI units at the link side of the robot."""
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.robot import Robot
+from warehouse.logs.columns import LOGGED_UNITS, UNITS, SignalMap
+
+Array = np.ndarray
+
+
+def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Array:
+    """Convert one signal of all joints.
+
+    Positions and their derivatives: unit * sign * (reading - zero), then from motor to
+    joint by the inverse of the transmission. Torques: from motor to joint by its
+    transpose, since both sides carry the same power.
+
+    Args:
+        name: "q", "qd", "qdd", "q_ref" or "tau".
+        raw: Readings. Shape (n, dof).
+        signal: Their meaning.
+        robot: Gears and torque per logged unit.
+
+    Returns:
+        Values in SI units, link side. Shape (n, dof).
+
+    Raises:
+        InputError: If the robot lacks a gear ratio or torque per unit that is needed.
+    """
+    values = raw
+    if signal.zero:
+        values = values - np.array(signal.zero)
+    factor = UNITS[name][signal.unit]
+    if factor != 1 or signal.sign:
+        values = values * (factor * np.array(signal.sign or 1.0))
+    if name == "tau":
+        return _torque(values, signal, robot)
+    if signal.side == "motor":
+        return np.linalg.solve(_transmission(name, robot), values.T).T
+    return values
+
+
+def _torque(values: Array, signal: SignalMap, robot: Robot) -> Array:
+    logged = signal.unit in LOGGED_UNITS
+    if logged:
+        if robot.torque_per_unit is None:
+            raise InputError(
+                f"tau is in {signal.unit}: robot.toml of '{robot.name}' needs "
+                "torque_per_unit under [joints], N m at the link per logged unit."
+            )
+        values = values * robot.torque_per_unit
+    if signal.side == "link":
+        return values
+    # torque_per_unit holds at the link already; only couplings are left to apply.
+    if logged and robot.motor_from_joint is None:
+        return values
+    transmission = _transmission("tau", robot)
+    if logged:
+        values = values / np.diag(transmission)
+    return values @ transmission
+
+
+def _transmission(name: str, robot: Robot) -> Array:
+    if robot.transmission is None:
+        raise InputError(
+            f"{name} is on the motor side: robot.toml of '{robot.name}' needs "
+            "gear_ratio under [joints] (or [couplings] motor_from_joint)."
+        )
+    return robot.transmission
+
+
+def describe(name: str, signal: SignalMap) -> str | None:
+    """Return in words what was converted, None for nothing."""
+    units = [unit for unit, factor in UNITS[name].items() if factor == 1]
+    parts = []
+    if signal.unit not in units or signal.unit in LOGGED_UNITS:
+        parts.append(f"{signal.unit} to {units[0]}")
+    if signal.side == "motor":
+        parts.append("motor to link side")
+    if any(s < 0 for s in signal.sign):
+        turned = [str(i) for i, s in enumerate(signal.sign, start=1) if s < 0]
+        parts.append(f"sign turned on joint {', '.join(turned)}")
+    if any(signal.zero):
+        parts.append("zero moved")
+    return f"{name}: {', '.join(parts)}" if parts else None

@@ -1,0 +1,118 @@
+"""Text logs with any separator."""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv as arrow_csv
+
+from residual.errors import InputError
+from warehouse.logs.columns import CsvFormat
+from warehouse.logs.tables import LogFile
+
+Array = np.ndarray
+
+_SEPARATORS = ";\t,|"
+
+
+class CsvLog(LogFile):
+    """A text file with a line of names.
+
+    Args:
+        path: The file.
+        head: Its first bytes.
+        form: How it is written.
+    """
+
+    def __init__(self, path: Path, head: bytes, form: CsvFormat) -> None:
+        self.name = path.name
+        self._path = path
+        self._form = form
+        self._encoding, text = _decode(head)
+        lines = re.split(r"\r\n|\n|\r", text)
+        rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
+        if not rows:
+            raise InputError(
+                f"{self.name} has no line of names after {form.skip} lines."
+            )
+        self._skip = rows[0] + 1
+        header = lines[rows[0]]
+        self._separator = form.separator or _sniff(header)
+        self.columns = tuple(name.strip() for name in _split(header, self._separator))
+        if all(_is_number(name) for name in self.columns):
+            raise InputError(
+                f"{self.name} starts with numbers, expected a line of column names "
+                "such as t,q1,tau1."
+            )
+
+    def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
+        """Return the values of some columns, NaN where empty."""
+        # Columns are found by place, since a name may stand twice among the ignored.
+        places = [str(i) for i in range(len(self.columns))]
+        wanted = [places[self.columns.index(column)] for column in columns]
+        try:
+            table = arrow_csv.read_csv(
+                self._path,
+                read_options=arrow_csv.ReadOptions(
+                    skip_rows=self._skip, column_names=places, encoding=self._encoding
+                ),
+                parse_options=arrow_csv.ParseOptions(delimiter=self._separator),
+                convert_options=arrow_csv.ConvertOptions(
+                    include_columns=wanted,
+                    column_types=dict.fromkeys(wanted, pa.float64()),
+                    decimal_point=self._form.decimal,
+                ),
+            )
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+            raise InputError(self._explain(str(error))) from error
+        values = (table.column(place).to_numpy() for place in wanted)
+        return dict(zip(columns, values, strict=True))
+
+    def _explain(self, error: str) -> str:
+        """Turn what the parser says into what the user can do."""
+        if found := re.search(r"#(\d+).*invalid value '(.*)'", error):
+            place, value = int(found[1]), found[2][:30]
+            what = f"{self.name}: column '{self.columns[place]}' has '{value}'"
+            if re.fullmatch(r"\s*[-+]?\d+,\d+(e[-+]?\d+)?\s*", value, re.IGNORECASE):
+                return (
+                    f"{what}.\nDecimal comma? Say so in --map: csv = {{decimal = ','}}."
+                )
+            return f"{what}, expected a number."
+        if found := re.search(r"Expected (\d+) columns, got (\d+)", error):
+            return (
+                f"{self.name}: a line has {found[2]} values for {found[1]} names. "
+                "Repair it, or give the separator in --map: csv = {separator = ';'}."
+            )
+        if "too short" in error or "Empty CSV" in error:
+            return f"{self.name} has names but no samples."
+        return f"{self.name} is not a readable CSV file: {error.splitlines()[0][:120]}"
+
+
+def _decode(head: bytes) -> tuple[str, str]:
+    # The cut may fall inside a character; those up to the last line end are whole.
+    whole = head[: head.rfind(b"\n") + 1] or head
+    try:
+        return "utf-8", whole.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return "latin-1", whole.decode("latin-1")
+
+
+def _sniff(header: str) -> str:
+    """Return the separator that splits the names into the most."""
+    best = max(_SEPARATORS, key=lambda s: len(_split(header, s)))
+    # A blank separates only where nothing else does: names may have blanks in them.
+    return best if best in header else " "
+
+
+def _split(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator), [])
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,80 @@
+"""One log: from the words of the user to a checked recording."""
+
+import numpy as np
+
+from residual.errors import RecordingError
+from residual.recording import Recording
+from residual.robot import Robot
+from warehouse.logs.check import check_samples, check_time
+from warehouse.logs.columns import TIME_UNITS, ColumnMap
+from warehouse.logs.convert import describe, to_link_side
+from warehouse.logs.select import Selection, select
+from warehouse.logs.tables import open_log
+from warehouse.logs.understood import Understood
+from warehouse.logs.window import split_spec
+
+Array = np.ndarray
+
+
+def read_log(
+    spec: str, robot: Robot, columns: ColumnMap | None = None, label: str | None = None
+) -> tuple[Recording, Understood]:
+    """Read a log in CSV or Parquet.
+
+    Args:
+        spec: "FILE" or "FILE@start:end".
+        robot: The arm that was logged.
+        columns: Which column is what; None for t, q1.., tau1.. in SI units.
+        label: Id of the recording; None for the file's stem and window.
+
+    Returns:
+        The recording, on the log's own clock, and what was understood of the file.
+
+    Raises:
+        InputError: If the file, its columns, its samples or the window are not usable.
+    """
+    columns = columns or ColumnMap()
+    path, window = split_spec(spec)
+    tail = "" if window is None else f"@{window.text}"
+    label = label or f"{path.stem}{tail}"
+    log = open_log(path, columns.csv)
+    chosen = select(log.columns, columns, robot.dof, path.name)
+    table = log.read(chosen.used)
+    t = table[chosen.time] * TIME_UNITS[columns.time_unit]
+    check_time(t, path.name)
+    rows = slice(None) if window is None else window.rows(t, path.name)
+    signals = _signals(table, chosen, rows, robot)
+    if len(t[rows]) < 2:
+        raise RecordingError(f"{label} has {len(t[rows])} samples; widen the window.")
+    recording = Recording(id=label, robot=robot.name, t=t[rows], **signals)
+    warnings = check_samples(recording, robot)
+    words = [describe(name, signal) for name, signal in chosen.signals.items()]
+    if columns.time_unit != "s":
+        words.insert(0, f"t: {columns.time_unit} to s")
+    understood = Understood(
+        id=label,
+        file=str(path),
+        window=None if window is None else window.text,
+        rows=len(recording.t),
+        rate=(len(recording.t) - 1) / recording.duration,
+        duration=recording.duration,
+        used=chosen.used,
+        ignored=chosen.ignored,
+        conversions=tuple(word for word in words if word),
+        warnings=warnings,
+    )
+    return recording, understood
+
+
+def _signals(
+    table: dict[str, Array], chosen: Selection, rows: slice, robot: Robot
+) -> dict[str, Array]:
+    return {
+        name: to_link_side(
+            name,
+            np.column_stack([table[c][rows] for c in signal.columns]),
+            signal,
+            robot,
+        )
+        for name, signal in chosen.signals.items()
+    }

@@ -1,0 +1,139 @@
+"""What the words FILE@start:end stand for."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from residual.errors import InputError
+
+Array = np.ndarray
+
+_EDGE = r"(\d+(?:\.\d*)?|\.\d+)(%?)"
+_WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A span of a log: [start, end) in time from its first sample.
+
+    Attributes:
+        text: As the user wrote it, without the "@".
+        start: Start [s], or [%] of the whole time.
+        end: End, None for the end of the log.
+        start_percent: Whether start is a percentage.
+        end_percent: Whether end is a percentage.
+    """
+
+    text: str
+    start: float = 0.0
+    end: float | None = None
+    start_percent: bool = False
+    end_percent: bool = False
+
+    def rows(self, t: Array, where: str) -> slice:
+        """Return the rows of the window.
+
+        Args:
+            t: Sample times, strictly increasing [s]. Shape (n,).
+            where: File name, as messages begin.
+
+        Raises:
+            InputError: If the window is empty or reaches beyond the log.
+        """
+        step = float(np.median(np.diff(t)))
+        # One step longer than last minus first, so that 100 % has the last sample.
+        whole = float(t[-1] - t[0]) + step
+        start = self.start * whole / 100 if self.start_percent else self.start
+        end = whole if self.end is None else self.end
+        end = end * whole / 100 if self.end_percent else end
+        if start >= whole - step / 2 or end > whole + step / 2:
+            raise InputError(
+                f"{where}: window @{self.text} is outside the log, which lasts "
+                f"{whole:.6g} s. Times count from its first sample."
+            )
+        if end <= start:
+            raise InputError(
+                f"{where}: window @{self.text} is empty: end before start."
+            )
+        # A hair early, so that 2.5 s is not missed by the rounding of a clock.
+        edges = np.searchsorted(t - t[0], np.array([start, end]) - 1e-3 * step)
+        last = len(t) if end >= whole - step / 2 else int(edges[1])
+        return slice(int(edges[0]), last)
+
+
+def split_spec(spec: str) -> tuple[Path, Window | None]:
+    """Split the words for a log into its file and its window.
+
+    Args:
+        spec: "FILE" or "FILE@start:end"; a file of the full name wins.
+
+    Returns:
+        The file, and the window or None.
+
+    Raises:
+        InputError: If there is no such file or the window is not understood.
+    """
+    path = Path(spec)
+    if "@" not in path.name or path.exists():
+        return _existing(path), None
+    name, _, text = spec.rpartition("@")
+    match = _WINDOW.fullmatch(text)
+    if match is None or not name:
+        raise InputError(
+            f"{path.name}: window @{text} is not understood, expected @start:end in "
+            "seconds or percent, such as @0:16.5, @60%: or @:60%."
+        )
+    start, start_percent, end, end_percent = match.groups()
+    window = Window(
+        text,
+        float(start or 0),
+        None if end is None else float(end),
+        bool(start_percent),
+        bool(end_percent),
+    )
+    for edge, percent in ((start, start_percent), (end, end_percent)):
+        if percent and float(edge) > 100:
+            raise InputError(f"{path.name}: {edge}% is outside the log.")
+    return _existing(Path(name)), window
+
+
+def unique_ids(specs: Sequence[str]) -> list[str]:
+    """Return a short label for each log, no two alike.
+
+    Args:
+        specs: The logs as the user wrote them.
+
+    Returns:
+        File stems with their windows; with folders, then with numbers, where alike.
+    """
+    parts = [split_spec(spec) for spec in specs]
+    tails = ["" if window is None else f"@{window.text}" for _, window in parts]
+    ids = [f"{path.stem}{tail}" for (path, _), tail in zip(parts, tails, strict=True)]
+    longer = [
+        f"{path.resolve().parent.name}/{path.name}{tail}"
+        for (path, _), tail in zip(parts, tails, strict=True)
+    ]
+    counts = Counter(ids)
+    ids = [a if counts[a] == 1 else b for a, b in zip(ids, longer, strict=True)]
+    counts, seen = Counter(ids), Counter()
+    for i, label in enumerate(ids):
+        seen[label] += 1
+        if counts[label] > 1:
+            ids[i] = f"{label} ({seen[label]})"
+    return ids
+
+
+def _existing(path: Path) -> Path:
+    if path.is_dir():
+        raise InputError(f"{path} is a folder, expected a log file.")
+    if not path.exists():
+        raise InputError(f"No log file '{path}'. Give a CSV or Parquet file.")
+    if not path.is_file():
+        raise InputError(
+            f"{path} is not a regular file, expected a CSV or Parquet file."
+        )
+    return path
