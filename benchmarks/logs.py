@@ -83,7 +83,8 @@ def _splits(args: argparse.Namespace) -> list[str]:
     if measured.data_folder() is None:
         return []
     rotations = measured.ROTATIONS[:1] if args.quick else measured.ROTATIONS
-    return [*rotations, "UR10"]
+    # The longest first, so that the pool ends together.
+    return ["UR10", *rotations]
 
 
 def _tasks(args: argparse.Namespace) -> list[tuple[str | None, int]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from flows.steps import Progress, Request, diagnose
+from flows.steps import Request
 from residual.errors import InputError
 from residual.names import check_name
 
@@ -28,15 +28,14 @@ class DemoRequest:
     folder: Path
 
 
-def demo(
-    request: DemoRequest, console: Console, progress: Progress | None = None
-) -> None:
-    """Write logs with a hidden effect, diagnose them, then tell what was hidden.
+def write_logs(request: DemoRequest) -> tuple[Request, Path]:
+    """Write logs of the built-in arm with a hidden effect.
 
     Args:
         request: Which demonstration.
-        console: Where people read.
-        progress: Told the stage and the fraction done.
+
+    Returns:
+        What to diagnose, and the file that holds the truth.
 
     Raises:
         InputError: If there is no such effect or seed, or the folder cannot be used.
@@ -63,9 +62,20 @@ def demo(
         report=str(folder / "report.html"),
         json=str(folder / "verdict.json"),
     )
-    diagnose(asked, console, progress)
+    return asked, truth
+
+
+def open_the_truth(asked: Request, truth: Path, console: Console) -> None:
+    """Say what was hidden, and how to do the diagnosis again by hand.
+
+    Args:
+        asked: What was diagnosed.
+        truth: The file that holds the truth.
+        console: Where people read.
+    """
     told = json.loads(truth.read_text(encoding="utf-8"))
-    again = f"{' '.join(fit)} --robot {ROBOT} --holdout {held_out}"
+    logs, held_out = " ".join(asked.logs), " ".join(asked.held_out)
+    again = f"{logs} --robot {asked.robot} --holdout {held_out}"
     for line in (f"truth: {_words(told)}", f"again: modelgap diagnose {again}"):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
 

@@ -70,7 +70,7 @@ class LogSets:
 def diagnose(
     request: Request, console: Console, progress: Progress | None = None
 ) -> Outcome:
-    """Read logs, find what the model lacks, tell the user and write the files.
+    """Read logs, say what was understood of them, and find what the model lacks.
 
     Args:
         request: What is wanted.
@@ -78,10 +78,10 @@ def diagnose(
         progress: Told the stage and the fraction done.
 
     Returns:
-        The outcome; its files are written.
+        The outcome, for `tell`.
 
     Raises:
-        InputError: If the request or a log is not usable; then nothing is written.
+        InputError: If the request or a log is not usable.
     """
     check_writable(request.files, _inputs(request))
     robot = load_robot(request.robot)
@@ -104,9 +104,37 @@ def diagnose(
             declared=request.declared,
             progress=progress,
         )
-    outcome = _with_reading(outcome, logs)
-    _tell(outcome, request, robot, console)
-    return outcome
+    return _with_reading(outcome, logs)
+
+
+def tell(outcome: Outcome, request: Request, console: Console) -> None:
+    """Write the files that were asked for and print the verdict.
+
+    Args:
+        outcome: The diagnosis.
+        request: What is wanted.
+        console: Where people read.
+
+    Raises:
+        OSError: If a file cannot be written.
+    """
+    # Late: the figures of the report are a slow import.
+    from flows.report.terminal import print_outcome
+
+    texts = {}
+    if request.report is not None:
+        from flows.report.html import render
+
+        texts[Path(request.report)] = render(outcome, outcome.verdict["robot"])
+    verdict = verdict_json(outcome.verdict)
+    if request.json not in (None, "-"):
+        texts[Path(request.json)] = verdict
+    write_all(texts)
+    print_outcome(outcome, console)
+    for path in texts:
+        console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+    if request.json == "-":
+        print(verdict, end="")
 
 
 def read_logs(request: Request, robot: Robot) -> LogSets:
@@ -174,24 +202,6 @@ def _with_reading(outcome: Outcome, logs: LogSets) -> Outcome:
 def verdict_json(verdict: Mapping) -> str:
     """Return the verdict as JSON text; NaN is refused."""
     return json.dumps(verdict, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _tell(outcome: Outcome, request: Request, robot: Robot, console: Console) -> None:
-    from flows.report.html import render
-    from flows.report.terminal import print_outcome
-
-    texts = {}
-    if request.report is not None:
-        texts[Path(request.report)] = render(outcome, robot.name)
-    verdict = verdict_json(outcome.verdict)
-    if request.json not in (None, "-"):
-        texts[Path(request.json)] = verdict
-    write_all(texts)
-    print_outcome(outcome, console)
-    for path in texts:
-        console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
-    if request.json == "-":
-        print(verdict, end="")
 
 
 def _check_declared(names: tuple[str, ...] | None) -> None:

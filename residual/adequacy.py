@@ -58,7 +58,8 @@ def adequacy(
         if (structured[j] > limit[j] and structured[j] > 0.5 * first[j])
         or structured[j] > 2 * limit[j]
     ]
-    kinds = tuple(_kind(design, tracks, after, noise, j) for j in range(design.dof))
+    periods = [repeat(track) for track in tracks]
+    kinds = tuple(_kind(design, periods, after, noise, j) for j in range(design.dof))
     return Adequacy(structured, first, noise, kinds, tuple(flagged))
 
 
@@ -68,13 +69,12 @@ def _structured(design: Design, fitted: Fit, noise: Array) -> Array:
 
 
 def _kind(
-    design: Design, tracks: tuple[Track, ...], fitted: Fit, noise: Array, j: int
+    design: Design, periods: list[int | None], fitted: Fit, noise: Array, j: int
 ) -> str | None:
     """Where a log repeats itself: does the residual repeat with it?"""
     lines = design.series(j, design.residual(j, fitted.ids, fitted.theta))
     same = other = count = 0.0
-    for track, line in zip(tracks, lines, strict=True):
-        period = repeat(track)
+    for period, line in zip(periods, lines, strict=True):
         if period is None:
             continue
         a, b = line[:-period], line[period:]

@@ -2,12 +2,18 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from dataclasses import dataclass
 
 import numpy as np
 
 from residual.design import Design, Group
 from residual.effects.base import Effect, Span
+
+
+# What every drive has: a model that lacks all three must gain them in one step, since
+# each alone leaves a residual in which the others cannot be seen.
+USUAL = ("viscous", "coulomb", "rotor_inertia")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,9 +54,17 @@ def collect(
             shapes = effect.shapes(span, anchor)
             wanted += [(effect, joints, shape) for shape in shapes]
     groups = design.add(wanted)
-    groups += _on_all_joints(groups, dof)
+    together = _on_all_joints(groups, dof)
+    groups += together
     variants = Counter(g.key for g in groups)
     price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
+    usual = [g for g in together if g.effect.name in USUAL]
+    for count in range(2, len(usual) + 1):
+        for some in combinations(usual, count):
+            parts = [part for g in some for part in g.parts]
+            label = " + ".join(g.effect.name for g in some)
+            groups.append(Design.union(parts, label))
+            price[groups[-1].key] = sum(price[g.key] for g in some)
     return Candidates(tuple(groups), price)
 
 

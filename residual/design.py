@@ -29,7 +29,8 @@ class Group:
         precision: Prior precision of their coefficients. Shape (k, k).
         log_det: Log determinant of the precision.
         parts: For one effect on all joints at once, the groups of the single joints.
-        fellows: How many joints came together with this one in such a group.
+        fellows: How many came together with this one in such a group.
+        label: Name of the candidate; the effect's own where empty.
     """
 
     effect: Effect
@@ -40,12 +41,13 @@ class Group:
     log_det: float
     parts: tuple["Group", ...] = ()
     fellows: int = 1
+    label: str = ""
 
     @property
     def key(self) -> tuple:
         """Identity apart from a searched shape: one candidate finding per key."""
         fixed = self.shape if self.effect.refine is None else ()
-        return (self.effect.name, self.joints, fixed)
+        return (self.label or self.effect.name, self.joints, fixed)
 
 
 class Design:
@@ -215,8 +217,8 @@ class Design:
         return out
 
     @staticmethod
-    def union(parts: Sequence[Group]) -> Group:
-        """One effect on several joints at once, from the groups of the joints."""
+    def union(parts: Sequence[Group], label: str = "") -> Group:
+        """One candidate of several groups, such as an effect on all joints."""
         parts = [replace(g, fellows=len(parts)) for g in parts]
         sizes = [len(g.ids) for g in parts]
         precision = np.zeros((sum(sizes), sum(sizes)))
@@ -226,12 +228,13 @@ class Design:
             start += k
         return Group(
             effect=parts[0].effect,
-            joints=tuple(j for g in parts for j in g.joints),
+            joints=tuple(sorted({j for g in parts for j in g.joints})),
             shape=parts[0].shape,
             ids=np.concatenate([g.ids for g in parts]),
             precision=precision,
             log_det=sum(g.log_det for g in parts),
             parts=tuple(parts),
+            label=label,
         )
 
     # -- reading ------------------------------------------------------------------

@@ -11,7 +11,7 @@ from residual.design import Design
 from residual.effects import registry
 from residual.effects.base import Span
 from residual.evidence import Fit, fit
-from residual.gate import Tested, passed
+from residual.gate import Tested, passed, simplest
 from residual.model import Model, Term
 from residual.nominal import build_nominal
 from residual.prior import Nominal, forbidden, priors, relative_prior
@@ -20,7 +20,7 @@ from residual.robot import Robot
 from residual.search import Rules, Task, start
 from residual.select import Selection, select
 from residual.signals import Filters, Track, prepare
-from residual.standstill import SHAPES, SMOOTH
+from residual.standstill import CHOICES, SMOOTH
 
 Progress = Callable[[str, float], None]
 ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
@@ -65,7 +65,8 @@ class Diagnosis:
 
     def model(self, fitted: Fit) -> Model:
         """A fit as a model, with the standstill that suits the fit logs."""
-        return with_standstill(as_model(self.nominal, fitted), self.logs)
+        rough = with_standstill(as_model(self.nominal, fitted), self.logs)
+        return _refitted(self, fitted, rough)
 
 
 def ready(
@@ -110,14 +111,14 @@ def diagnose(
     design, rough = _first_look(logs, nominal)
     selection = _search(design, logs, nominal, (rules, progress))
     if _needs_second_look(selection):
-        named = as_model(nominal, selection.fit)
+        named = _without_structure(as_model(nominal, selection.fit))
         design, _ = _first_look(logs, nominal, named)
         prior = selection.task.prior
         again = replace(nominal, scale=prior.scale)
         selection = _search(design, logs, again, (rules, progress))
     progress("gate", 0.0)
     task = selection.task
-    fitted, tested = passed(task, selection.fit)
+    fitted, tested = passed(task, simplest(task, selection.fit))
     plain = task.settle(task.fit((), fitted, rounds=4))
     enough = adequacy(design, logs.tracks, plain, fitted, nominal.baseline_unexplained)
     kept = [t for t in tested if not _resembles(task, t, enough)]
@@ -182,6 +183,16 @@ def _needs_second_look(selection: Selection) -> bool:
     return model_based and bool(np.max(np.sqrt(fall) / task.design.rms) > LARGE)
 
 
+def _without_structure(model: Model) -> Model:
+    """Only what has a physical parameter in it: loads, friction levels, rotors.
+
+    A feature that reads the model's torque must not carry the shape of another finding:
+    a torque gain times a found warm-up would explain the warm-up.
+    """
+    terms = tuple(t for t in model.terms if t.effect.is_parameter)
+    return replace(model, terms=terms)
+
+
 def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
     """A name on a flagged joint that explains less than 3/4 of what was left."""
     effect = tested.group.effect
@@ -206,7 +217,7 @@ def with_standstill(model: Model, logs: Logs) -> Model:
     dof = model.robot.dof
     regressors = [model.observe(t).regressor for t in logs.tracks]
     misses = []
-    for shape in SHAPES:
+    for shape in CHOICES:
         trial = replace(model, standstill=(shape,) * dof)
         miss = np.zeros(dof)
         for track, regressor in zip(logs.tracks, regressors, strict=True):
@@ -214,10 +225,27 @@ def with_standstill(model: Model, logs: Logs) -> Model:
             miss += ((track.tau - torque)[track.inner] ** 2).sum(axis=0)
         misses.append(miss)
     order = np.argmin(misses, axis=0)
-    usual = SHAPES.index(SMOOTH)
+    usual = CHOICES.index(SMOOTH)
     better = np.array(misses)[order, range(dof)] < 0.98 * misses[usual]
-    chosen = tuple(SHAPES[i] if b else SMOOTH for i, b in zip(order, better, strict=True))
+    chosen = tuple(CHOICES[i] if b else SMOOTH for i, b in zip(order, better, strict=True))
     return replace(model, standstill=chosen)
+
+
+def _refitted(diagnosis: Diagnosis, fitted: Fit, rough: Model) -> Model:
+    """Coefficients that go with a model's standstill and its own torque.
+
+    A wide standstill changes friction on slow moving rows too, and features such as
+    load friction read the model's torque: both are settled by one more fit.
+    """
+    nominal, tracks = diagnosis.nominal, diagnosis.logs.tracks
+    base = replace(nominal.model, standstill=rough.standstill)
+    states = [rough.observe(t) for t in tracks]
+    design = Design(list(zip(tracks, states, strict=True)), base)
+    members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
+    final = fit(
+        design, diagnosis.task.prior, members, fitted.counted, fitted.variance
+    )
+    return as_model(replace(nominal, model=base), final)
 
 
 def refit(diagnosis: Diagnosis, tested: Sequence[Tested]) -> Fit:

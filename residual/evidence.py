@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
 from residual.design import Design, Group
 from residual.recording import Array
@@ -74,7 +75,8 @@ class Fit:
 
     def covariance(self) -> Array:
         """Posterior covariance. Shape (m, m)."""
-        return cho_solve((self.cholesky, True), np.eye(len(self.ids)))
+        lower = np.tril(dpotri(self.cholesky, lower=1)[0])
+        return lower + np.tril(lower, -1).T
 
 
 def fit(
@@ -124,14 +126,16 @@ class System:
         ids: Columns. Shape (m,).
         precision: Prior precision of all of them. Shape (m, m).
         log_det: Its log determinant.
-        blocks: Per joint: which of ids act on it, their Gram and their cross product.
+        gram, cross: Per joint, zero for columns that do not act on it.
+            Shapes (dof, m, m), (dof, m).
         power: Sum of squares of the target of each joint. Shape (dof,).
     """
 
     ids: Array
     precision: Array
     log_det: float
-    blocks: tuple
+    gram: Array
+    cross: Array
     power: Array
 
     @classmethod
@@ -144,42 +148,40 @@ class System:
     ) -> "System":
         """Gather from the design; ``folds`` selects some folds only."""
         ids = np.concatenate([design.nominal, *(g.ids for g in members)])
-        p = len(design.nominal)
-        precision = np.zeros((len(ids), len(ids)))
+        p, m = len(design.nominal), len(ids)
+        precision = np.zeros((m, m))
         precision[:p, :p] = prior.precision
         log_det, start = prior.log_det, p
         for g in members:
             stop = start + len(g.ids)
             precision[start:stop, start:stop] = g.precision
             log_det, start = log_det + g.log_det, stop
-        blocks = []
+        gram, cross = np.zeros((design.dof, m, m)), np.zeros((design.dof, m))
         for j in range(design.dof):
             place, have = design.present(j, ids)
-            gram, cross = design.total(j, folds)
-            blocks.append((have, gram[np.ix_(place, place)], cross[place]))
+            all_gram, all_cross = design.total(j, folds)
+            gram[j, have[:, None], have] = all_gram[place[:, None], place]
+            cross[j, have] = all_cross[place]
         chosen = slice(None) if folds is None else folds
         power = design.power[chosen].sum(axis=0)
-        return cls(ids, precision, log_det, tuple(blocks), power)
+        return cls(ids, precision, log_det, gram, cross, power)
 
     def solve(self, weight: Array) -> tuple[Array, Array]:
         """Posterior mean and the lower Cholesky factor of its precision."""
-        a = self.precision.copy()
-        b = np.zeros(len(self.ids))
-        for w, (have, gram, cross) in zip(weight, self.blocks, strict=True):
-            a[np.ix_(have, have)] += w * gram
-            b[have] += w * cross
-        a[np.diag_indices_from(a)] *= 1 + 1e-12
-        lower = cho_factor(a, lower=True, check_finite=False)[0]
-        theta = cho_solve((lower, True), b, check_finite=False)
-        return theta, np.tril(lower)
+        m = len(self.ids)
+        a = self.precision + (weight @ self.gram.reshape(len(weight), -1)).reshape(m, m)
+        a.ravel()[:: m + 1] *= 1 + 1e-12
+        # LAPACK directly: SciPy's wrappers cost more than the work at this size.
+        lower, failed = dpotrf(a, lower=1, clean=1)
+        if failed:
+            raise np.linalg.LinAlgError("normal equations are not positive definite")
+        theta, _ = dpotrs(lower, weight @ self.cross, lower=1)
+        return theta, lower
 
     def squared_error(self, theta: Array) -> Array:
         """Squared error of each joint on the gathered rows. Shape (dof,)."""
-        out = []
-        for power, (have, gram, cross) in zip(self.power, self.blocks, strict=True):
-            x = theta[have]
-            out.append(power - 2 * x @ cross + x @ gram @ x)
-        return np.maximum(out, 0.0)
+        left = self.power - 2 * self.cross @ theta + (self.gram @ theta) @ theta
+        return np.maximum(left, 0.0)
 
 
 def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
@@ -227,7 +229,8 @@ def screen(design: Design, prior: Prior, base: Fit, groups: Sequence[Group]) -> 
     theta, lower = system.solve(weight)
     pull = np.zeros(design.size)
     shared = np.zeros((len(system.ids), design.size))
-    for j, (have, _, _) in enumerate(system.blocks):
+    for j in range(design.dof):
+        _, have = design.present(j, system.ids)
         gram, cross = design.total(j)
         every = np.flatnonzero(design.place[j] >= 0)
         columns = design.place[j][every]

@@ -1,6 +1,5 @@
 """The gate: a name must lower the error of logs that were left out of the fit."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +7,10 @@ import numpy as np
 from residual.design import Group
 from residual.evidence import Fit, System, gain
 from residual.recording import Array
-from residual.search import Task, best, spares_model
+from residual.search import Task, best, least, spares_model
 
 CLASS = 6.0  # nats within which an alternative cannot be told from the name
+SIMPLER = 3.0  # nats within which the simpler of two names is taken
 MOST_FOLDS = 0.6  # share of left-out folds that must improve
 
 
@@ -69,7 +69,9 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     share = float(1 - full[:, joint].sum() / max(left[:, joint].sum(), 1e-30))
     improved = float(np.mean((left - full)[:, joint] > 0))
     by = None
-    if relative >= rules.tolerance and share >= rules.share and improved >= MOST_FOLDS:
+    if nats < least(task, group):
+        pass
+    elif relative >= rules.tolerance and share >= rules.share and improved >= MOST_FOLDS:
         by = "fit"
     elif spares_model(task, group, nats, big, small):
         by = "plausibility"
@@ -98,23 +100,39 @@ def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], fl
     rest = [g for g in fitted.members if g is not group]
     without = task.fit(rest, fitted)
     own = task.net_gain(fitted, without, group)
-    ranked = best(task, without, exclude=[group.key])
+    ranked = best(task, without, instead=group)
     removed = np.maximum(without.sse - fitted.sse, 0) / without.sse
     joint = int(np.argmax(removed))
 
-    def stands_in(value: float, other: Group, big: Fit) -> bool:
+    def stands_in(value: float, big: Fit) -> bool:
         """It explains what the member explains, and not something else beside it."""
         fall = (without.sse[joint] - big.sse[joint]) / without.sse[joint]
-        close = own - value < CLASS and not other.parts
-        return close and fall > 0.5 * removed[joint]
+        return own - value < CLASS and fall > 0.5 * removed[joint]
 
-    near = [g for value, g, big in ranked if stands_in(value, g, big)]
+    near = [g for value, g, big in ranked if stands_in(value, big)]
     far = [value for value, g, _ in ranked if own - value >= CLASS]
     inside = np.exp([0.0, *(min(v - own, 50) for v, g, _ in ranked if g in near)]).sum()
     outside = np.exp([min(v - own, 50) for v in [0.0, *far]]).sum()
     return near, float(inside / (inside + outside))
 
 
-def same(groups: Sequence[Group], name: str) -> list[Group]:
-    """The members of one name."""
-    return [g for g in groups if g.effect.name == name]
+def simplest(task: Task, fitted: Fit) -> Fit:
+    """Prefer the simpler of two names that the data cannot tell apart.
+
+    A member gives way to an alternative with fewer coefficients and shape parameters
+    that explains the same within 3 nats (odds of 20 to 1).
+    """
+    for group in fitted.members:
+        rest = [g for g in fitted.members if g is not group]
+        without = task.fit(rest, fitted)
+        own = task.net_gain(fitted, without, group)
+        for value, other, _ in best(task, without, instead=group):
+            if own - value < SIMPLER and _size(other) < _size(group):
+                fitted = task.settle(task.fit((*rest, other), without))
+                break
+    return fitted
+
+
+def _size(group: Group) -> int:
+    """Number of free numbers of a group."""
+    return len(group.ids) + (group.effect.refine is not None)

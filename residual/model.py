@@ -9,7 +9,7 @@ from residual.effects.base import Effect, Joints, Shape, State
 from residual.recording import Array, Recording
 from residual.robot import Robot
 from residual.signals import Filters, Track, prepare
-from residual.standstill import SMOOTH, directions
+from residual.standstill import SMOOTH, Standstill, directions
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -56,7 +56,7 @@ class Model:
     inertial: Array
     terms: tuple[Term, ...] = ()
     speed_floor: Array | None = None
-    standstill: tuple[str | float, ...] = ()
+    standstill: tuple[Standstill, ...] = ()
     clock: float | None = None
     filters: Filters = field(default_factory=Filters)
 

@@ -68,7 +68,8 @@ def _information(design, solved, weight: Array, group: Group) -> tuple[Array, Ar
     own = np.zeros((len(group.ids), len(group.ids)))
     mixed = np.zeros((len(system.ids), len(group.ids)))
     free = np.zeros(design.dof)
-    for j, (have, _, _) in enumerate(system.blocks):
+    for j in range(design.dof):
+        _, have = design.present(j, system.ids)
         place, mine = design.present(j, group.ids)
         if not len(place):
             continue

@@ -83,17 +83,24 @@ def search(task: Task) -> Fit:
         members = (*current.members, *(chosen.parts or (chosen,)))
         current = task.settle(task.fit(refined(task, members, current), current))
         if not chosen.parts:
-            current = _swap(task, current)
-        current = _delete(task, current, keep_fellows=True)
-    return _delete(task, current)
+            current = _swap(task, current, _rows(task, chosen))
+        current = _delete(task, current)
+    return current
 
 
 def best(
-    task: Task, base: Fit, exclude: Sequence[tuple] = ()
+    task: Task, base: Fit, instead: Group | None = None
 ) -> list[tuple[float, Group, Fit]]:
-    """Admissible additions to a fit, most evidence first: (net gain, group, fit)."""
+    """Admissible additions to a fit, most evidence first: (net gain, group, fit).
+
+    Args:
+        task: What is searched.
+        base: The fit to add to.
+        instead: A member that was taken out: only what acts on its joints, and is not
+            the same candidate, may stand in for it.
+    """
     found = []
-    for group in _shortlist(task, base, exclude):
+    for group in _shortlist(task, base, instead):
         members = (*base.members, group)
         trial = fit(task.design, task.prior, members, task.design.rows / 4)
         value, big, small = gain(
@@ -105,12 +112,22 @@ def best(
     return sorted(found, key=lambda item: -item[0])
 
 
-def _shortlist(task: Task, base: Fit, exclude: Sequence[tuple]) -> list[Group]:
+def _rows(task: Task, group: Group) -> set[int]:
+    """Joints on which a group's columns act."""
+    return set(group.effect.rows(group.joints, task.design.dof))
+
+
+def _shortlist(task: Task, base: Fit, instead: Group | None) -> list[Group]:
     """The most promising shape of the most promising keys, at most a third per joint."""
     groups = task.candidates.groups
+    if instead is not None:
+        where = _rows(task, instead)
+        groups = [g for g in groups if not g.parts and where & _rows(task, g)]
     values = screen(task.design, task.prior, base, groups)
     values -= [task.candidates.cost(g) for g in groups]
-    taken = {g.key for g in base.members if g.effect.name != "ripple"} | set(exclude)
+    taken = {g.key for g in base.members if g.effect.name != "ripple"}
+    if instead is not None:
+        taken.add(instead.key)
     families = {(g.effect.family, g.joints) for g in base.members if g.effect.family}
     chosen, per_joint, limit = {}, {}, task.rules.shortlist
     for i in np.argsort(-values):
@@ -191,20 +208,23 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
     return (*others, winner)
 
 
-def _swap(task: Task, current: Fit) -> Fit:
+def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
     """Replace a member where another candidate explains the same better by 1 nat.
 
-    One of several joints that came together gives way to something else only for as
+    Only members that share a joint with the last addition are looked at: nothing
+    changed for the others. One of several joints that came together gives way to something else only for as
     much as a name of its own would need.
     """
     for _ in range(2):
-        for group in current.members[-task.rules.most :]:
+        for group in current.members:
+            if not where & _rows(task, group):
+                continue
             rest = tuple(g for g in current.members if g is not group)
             without = task.fit(rest, current)
             own = task.net_gain(current, without, group)
-            ranked = best(task, without, exclude=[group.key])
+            ranked = best(task, without, instead=group)
             margin = 1.0 if group.fellows == 1 else task.rules.threshold
-            if ranked and ranked[0][0] > own + margin and not ranked[0][1].parts:
+            if ranked and ranked[0][0] > own + margin:
                 members = refined(task, (*rest, ranked[0][1]), without)
                 current = task.settle(task.fit(members, without))
                 break
@@ -213,17 +233,21 @@ def _swap(task: Task, current: Fit) -> Fit:
     return current
 
 
-def _delete(task: Task, current: Fit, keep_fellows: bool = False) -> Fit:
+def _delete(task: Task, current: Fit) -> Fit:
     """Drop members that no longer carry their own weight.
 
-    Members of a group that came together stay while they carry any: what a joint
-    still lacks makes its rows count for little, until the search comes to it.
+    Members of a group that came together stay while they carry any: the name stands
+    already, and what a joint still lacks makes its rows count for little.
     """
     for group in current.members:
         rest = tuple(g for g in current.members if g is not group)
         without = task.fit(rest, current)
         value, _, _ = gain(task.design, task.prior, current, without)
-        least = 0.0 if keep_fellows and group.fellows > 1 else task.rules.threshold
-        if value < least:
+        if value < least(task, group):
             current = task.settle(without)
     return current
+
+
+def least(task: Task, group: Group) -> float:
+    """Evidence that a member must carry to stay [nats]."""
+    return 0.0 if group.fellows > 1 else task.rules.threshold

@@ -8,6 +8,7 @@ value up to breakaway, so no function of the motion predicts it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -98,8 +99,13 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
     """Zero-phase Butterworth low-pass of order 4 (twice 4) along the first axis."""
     if cutoff >= 0.45 * rate:
         return np.asarray(x, dtype=float)
-    sos = butter(4, cutoff / (rate / 2), output="sos")
-    return sosfiltfilt(sos, x, axis=0, padlen=min(len(x) - 2, int(rate)))
+    return sosfiltfilt(_butterworth(cutoff / (rate / 2)), x, axis=0, padlen=min(len(x) - 2, int(rate)))
+
+
+@cache
+def _butterworth(share: float) -> Array:
+    """Second-order sections of the low-pass; its design costs more than its use."""
+    return butter(4, share, output="sos")
 
 
 def sample_rate(t: Array) -> float:

@@ -8,10 +8,11 @@ from scipy.signal import welch
 from residual.diagnose import Logs
 from residual.model import Model
 from residual.recording import Recording
-from residual.signals import sample_rate
+from residual.signals import low_pass, sample_rate
 
 QUIET = 0.02  # high-band density, as a share of the middle band, that white noise never has
 LEAST_DELAY = 0.004  # s
+SHIFTS = 0.002 * np.arange(-15, 16)  # s
 
 
 def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
@@ -46,29 +47,23 @@ def delayed_at_source(model: Model, logs: Logs) -> str | None:
     The shift is the one that correlates measured and predicted torque best on the fit
     logs, by joint; half of the joints or more must agree within a third.
     """
-    steps, shifts = np.arange(-15, 16), []
-    tracks = logs.tracks
-    rate = tracks[0].rate / tracks[0].step
-    for j in range(model.robot.dof):
-        miss = np.zeros(len(steps))
-        for track in tracks:
-            state = model.observe(track)
-            torque = model.torque(state)[:, j]
-            for i, shift in enumerate(steps):
-                moved = np.interp(
-                    state.t, state.t + shift * 0.002, torque
-                )
-                gap = (track.tau[:, j] - track.filter(moved)) * track.moving[:, j]
-                miss[i] += gap @ gap
-        shifts.append(_vertex(steps * 0.002, miss))
+    miss = np.zeros((len(SHIFTS), model.robot.dof))
+    for track in logs.tracks:
+        torque = low_pass(model.torque(model.observe(track)), track.cutoff, track.rate)
+        rows = track.t[:: track.step]
+        for i, shift in enumerate(SHIFTS):
+            moved = [np.interp(rows - shift, track.t, column) for column in torque.T]
+            gap = (track.tau - np.column_stack(moved)) * track.moving
+            miss[i] += (gap**2).sum(axis=0)
+    shifts = [_vertex(SHIFTS, column) for column in miss.T]
     delay = float(np.median(shifts))
     agree = np.mean(np.abs(np.array(shifts) - delay) < max(abs(delay) / 3, 1e-3))
     if abs(delay) < LEAST_DELAY or agree < 0.5:
         return None
     return (
         f"torque seems {'late' if delay > 0 else 'early'} against position by "
-        f"{1000 * abs(delay):.0f} ms (row rate {rate:.0f} Hz); findings that follow "
-        "speed or acceleration may be part of it"
+        f"{1000 * abs(delay):.0f} ms; findings that follow speed or acceleration may be "
+        "part of it"
     )
 
 

@@ -6,36 +6,59 @@ the drive and the gear left behind: the sign of creep, the sign of the last moti
 need an answer all the same.
 """
 
+from dataclasses import dataclass
+from typing import Literal
+
 import numba
 import numpy as np
 
 from residual.recording import Array
 
-SMOOTH = "smooth"
-SHAPES: tuple[str | float, ...] = (SMOOTH, "zero", 0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """How the direction of motion passes through zero.
+
+    Attributes:
+        kind: "smooth": tanh(qd / (size · floor)). "zero": nothing under the floor.
+            "bristle": Dahl's state of that displacement [rad] (Dahl 1968), where 0 is
+            the plain sign of velocity.
+        size: Number of its kind.
+    """
+
+    kind: Literal["smooth", "zero", "bristle"] = "smooth"
+    size: float = 0.25
 
 
-def direction(q: Array, qd: Array, floor: float, shape: str | float) -> Array:
+SMOOTH = Standstill()
+CHOICES = (
+    SMOOTH,
+    Standstill("smooth", 1.0),
+    Standstill("smooth", 4.0),
+    Standstill("zero", 1.0),
+    *(Standstill("bristle", d) for d in (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)),
+)
+
+
+def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
     """Direction of motion of one joint, with its behaviour at standstill.
 
     Args:
         q: Position [rad]. Shape (n,).
         qd: Velocity [rad/s]. Shape (n,).
         floor: Speed under which the joint counts as standing [rad/s].
-        shape: "smooth" for tanh(4 qd / floor); "zero" for nothing under the floor;
-            a number for a bristle of that displacement (Dahl 1968) [rad], where 0
-            is the plain sign of velocity.
+        shape: Behaviour at standstill.
 
     Returns:
         Values in [-1, 1]. Shape (n,).
     """
-    if shape == SMOOTH:
-        return np.tanh(4 * qd / floor)
-    if shape == "zero":
-        return np.where(np.abs(qd) < floor, 0.0, np.sign(qd))
-    if shape == 0.0:
+    if shape.kind == "smooth":
+        return np.tanh(qd / (shape.size * floor))
+    if shape.kind == "zero":
+        return np.where(np.abs(qd) < shape.size * floor, 0.0, np.sign(qd))
+    if shape.size == 0.0:
         return np.sign(qd)
-    return _bristle(np.ascontiguousarray(q), float(shape))
+    return _bristle(np.ascontiguousarray(q), shape.size)
 
 
 @numba.njit(cache=True)
@@ -50,7 +73,9 @@ def _bristle(q, displacement):
     return state
 
 
-def directions(q: Array, qd: Array, floor: Array, shapes) -> Array:
+def directions(
+    q: Array, qd: Array, floor: Array, shapes: tuple[Standstill, ...]
+) -> Array:
     """Direction of motion of every joint. Shapes (n, dof), (dof,), one per joint."""
     pairs = zip(q.T, qd.T, floor, shapes, strict=True)
     return np.column_stack([direction(*p) for p in pairs])

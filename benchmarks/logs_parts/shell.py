@@ -10,11 +10,16 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks.figures import ROOT, Figures, figure, missing
+from residual.robot import load_robot
 from sim.synthetic.logs import standard_case
 
 _SECONDS, _GIGABYTES = 15.0, 1.5
 # The same as the console script, also where that is not installed.
-_MODELGAP = (sys.executable, "-c", "from flows.cli import main; main()")
+_MODELGAP = (
+    sys.executable,
+    "-c",
+    "from flows.cli import main; raise SystemExit(main())",
+)
 
 
 def shell_figures(runs: int) -> Figures:
@@ -28,7 +33,8 @@ def shell_figures(runs: int) -> Figures:
         words = ["diagnose", *fit, "--holdout", held_out, "--robot", "irb140"]
         words += ["--json", str(Path(folder) / "verdict.json")]
         done = [_run(words, folder) for _ in range(runs)]
-    failed = next((text for code, text, _, _ in done if code != 0), None)
+        ok = (Path(folder) / "verdict.json").exists()
+    failed = next((text for code, text, _, _ in done if code != 0 or not ok), None)
     if failed is not None:
         why = f"the command failed: {failed.strip()[-300:]}"
         return {
@@ -44,7 +50,7 @@ def shell_figures(runs: int) -> Figures:
 
 
 def _write_logs(folder: Path) -> tuple[list[str], str]:
-    case = standard_case("stribeck", 1, joint=2)
+    case = standard_case("stribeck", 1, joint=2, robot=load_robot("irb140"))
     header = ",".join(["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 7))])
     paths = []
     for log in (*case.fit[1:], case.held_out[1]):

@@ -9,7 +9,8 @@ from sim.synthetic.effects import NAMED
 from sim.synthetic.logs import standard_case
 
 EFFECTS = tuple(sorted(NAMED))
-_FEW = "too few draws for a rate; the full run decides"
+_FEW = "too few draws, or not the deciding ones; the full run decides"
+_NO_BAR = "for information, no bar of its own"
 
 
 def run_single(task: tuple[str | None, int]) -> dict:
@@ -82,39 +83,46 @@ def judge(truth: list | None, verdict: dict) -> dict:
     }
 
 
-def singles_figures(records: list[dict], quick: bool) -> Figures:
-    """Return rates of right and wrong first names, extra names, and false alarms."""
+def singles_figures(records: list[dict], small: bool) -> Figures:
+    """Return rates of right and wrong first names, extra names, and false alarms.
+
+    Args:
+        records: Judged cases.
+        small: Whether there are too few, or not the deciding ones, to hold to a bar.
+    """
     singles = [r for r in records if r["effect"] in EFFECTS]
     nulls = [r for r in records if r["effect"] is None]
-    n = len(singles)
-    right, wrong, crash = (
-        sum(r["score"] == score for r in singles)
-        for score in ("right", "wrong", "crash")
-    )
-    extra = sum(bool(r["extra"]) for r in singles)
-    named = sum(r["score"] == "wrong" for r in nulls)
-    rate = right / n if n else None
-    worst = min(_per_effect(singles).values(), default=None)
+    crashes = sum(r["score"] == "crash" for r in [*singles, *nulls])
+    false_names = sum(r["score"] == "wrong" for r in nulls)
+    each = _per_effect(singles)
     figures = {
-        "singles_right": figure(
-            rate, 0.85, n, ok=rate is not None and rate >= 0.85, at_least=True
-        )
-        | {"interval": wilson(right, n), "per_effect": _per_effect(singles)},
-        "singles_right_worst_effect": figure(worst, None, n, why="no bar of its own"),
-        "singles_wrong": figure(wrong / n if n else None, 0.02, n)
-        | {"interval": wilson(wrong, n)},
-        "singles_with_extra_names": figure(
-            extra / n if n else None, None, n, why="counted apart, no bar of its own"
-        )
-        | {"interval": wilson(extra, n)},
-        "crashes": figure(crash + sum(r["score"] == "crash" for r in nulls), 0, n),
-        "nulls_named": figure(named if nulls else None, 0, len(nulls))
-        | {"interval": wilson(named, len(nulls))},
+        "singles_right": _rate([r["score"] == "right" for r in singles], 0.85, True)
+        | {"per_effect": each},
+        "singles_wrong": _rate([r["score"] == "wrong" for r in singles], 0.02),
+        "nulls_named": figure(false_names if nulls else None, 0, len(nulls))
+        | {"interval": wilson(false_names, len(nulls))},
+        "crashes": figure(crashes, 0, len(singles) + len(nulls)),
+        "singles_right_worst_effect": figure(
+            min(each.values(), default=None), None, len(singles), why=_NO_BAR
+        ),
+        # The rest of the right ones have the truth in the class of the first name.
+        "singles_right_by_name": _rate([r.get("exact", False) for r in singles], None),
+        "singles_with_extra_names": _rate([bool(r["extra"]) for r in singles], None),
     }
-    if quick:
+    if small:
         for name in ("singles_right", "singles_wrong", "nulls_named"):
             figures[name] |= {"ok": None, "why": _FEW}
     return figures
+
+
+def _rate(hits: list[bool], bar: float | None, at_least: bool = False) -> dict:
+    n = len(hits)
+    entry = figure(sum(hits) / n if n else None, bar, n)
+    if at_least and n:
+        entry |= {"ok": bool(entry["value"] >= bar), "at_least": True}
+    if bar is None:
+        entry["why"] = _NO_BAR
+    return entry | {"interval": wilson(sum(hits), n)}
 
 
 def show_singles(records: list[dict]) -> None:

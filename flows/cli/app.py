@@ -34,7 +34,13 @@ def _version() -> str:
         return "not installed"
 
 
-app = App(name="modelgap", help=_HELP, help_format="markdown", version=_version)
+app = App(
+    name="modelgap",
+    help=_HELP,
+    help_format="markdown",
+    version=_version,
+    suppress_keyboard_interrupt=False,
+)
 app.command(diagnose, usage="Usage: modelgap diagnose LOG... --robot ROBOT [OPTIONS]")
 app.command(demo)
 

@@ -23,10 +23,13 @@ def demo(
     """
     from rich.console import Console
 
+    from flows import steps
     from flows.cli.progress import progress_bar
-    from flows.demo import DemoRequest
-    from flows.demo import demo as run_demo
+    from flows.demo import DemoRequest, open_the_truth, write_logs
 
-    request = DemoRequest(seed, effect, Path(folder))
+    console = Console()
+    asked, truth = write_logs(DemoRequest(seed, effect, Path(folder)))
     with progress_bar() as progress:
-        run_demo(request, Console(), progress)
+        outcome = steps.diagnose(asked, console, progress)
+    steps.tell(outcome, asked, console)
+    open_the_truth(asked, truth, console)

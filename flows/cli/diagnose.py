@@ -74,7 +74,8 @@ def diagnose(
     # Where the JSON has standard output for itself, people read standard error.
     console = Console(stderr=json == "-")
     with progress_bar() as progress:
-        steps.diagnose(request, console, progress)
+        outcome = steps.diagnose(request, console, progress)
+    steps.tell(outcome, request, console)
 
 
 def parse_declared(text: str | None) -> tuple[str, ...] | None:

@@ -8,7 +8,7 @@ from rich.console import Console
 
 @contextmanager
 def progress_bar() -> Iterator[Callable[[str, float], None] | None]:
-    """Show a bar until the block ends.
+    """Show a bar from the first stage that is told until the block ends.
 
     Yields:
         A function that takes the stage and the fraction done, or None where standard
@@ -21,11 +21,23 @@ def progress_bar() -> Iterator[Callable[[str, float], None] | None]:
     # Late: the bar is a slow import.
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (
+    bar = Progress(
         BarColumn(bar_width=24),
         TimeElapsedColumn(),
         TextColumn("{task.description}", markup=False),
+        console=console,
+        transient=True,
+        # Otherwise what is meant for standard output would go to standard error.
+        redirect_stdout=False,
+        redirect_stderr=False,
     )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("reading", total=1.0)
-        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+    task = bar.add_task("", total=1.0)
+
+    def tell(stage: str, done: float) -> None:
+        bar.start()
+        bar.update(task, description=stage, completed=done)
+
+    try:
+        yield tell
+    finally:
+        bar.stop()

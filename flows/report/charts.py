@@ -84,14 +84,17 @@ def cloud_charts(outcome: Outcome) -> tuple[list[Chart], int]:
 
 
 def curve_charts(outcome: Outcome) -> tuple[list[Chart], list[Chart], int]:
-    """Return (of the joints concerned, of the others, number left out)."""
+    """Return (of the joints concerned, of the others, number left out).
+
+    Every joint is drawn on the first log before any is drawn on the next.
+    """
     focus = concerned(outcome)
     others = [j for j in range(1, (dof_of(outcome) or 0) + 1) if j not in focus]
-    wanted = [(p, j) for j in focus for p in outcome.proofs]
-    wanted += [(p, j) for j in others for p in outcome.proofs]
+    wanted = [(p, j) for p in outcome.proofs for j in (*focus, *others)]
     wanted = [(p, j) for p, j in wanted if j <= p.tau.shape[1] and len(p.t) > 1]
     charts = [_curve_chart(outcome, p, j) for p, j in wanted[:_MOST_CURVES]]
     left = len(wanted) - len(charts)
+    charts.sort(key=lambda chart: (*focus, *others).index(chart.joint))
     mine = [chart for chart in charts if chart.joint in focus]
     return mine, [chart for chart in charts if chart.joint not in focus], left
 
@@ -113,9 +116,9 @@ def concerned(outcome: Outcome) -> list[int]:
 def _most_changed(outcome: Outcome) -> list[int]:
     falls = []
     for row in error_rows(outcome):
-        pair = [row.values["filtered"].get(s) for s in ("identified", "augmented")]
-        if row.joint and all(map(known, pair)):
-            falls.append((pair[1] - pair[0], row.joint))
+        before, after = map(row.values["filtered"].get, ("identified", "augmented"))
+        if row.joint and known(before) and known(after):
+            falls.append((after - before, row.joint))
     return [joint for fall, joint in sorted(falls)[:2] if fall < 0]
 
 

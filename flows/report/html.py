@@ -1,14 +1,15 @@
 """The verdict as one HTML page that needs nothing else: to mail, print and keep."""
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from flows.report import charts, quantity, rows, words
+from flows.report import charts, outlook, quantity, rows, words
 from flows.report.phrases import sentence_case
-from flows.report.quantity import as_list, dig, known
+from flows.report.quantity import as_list, dig, known, texts
 from residual.outcome import Outcome
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -36,6 +37,7 @@ def render(outcome: Outcome, robot_name: str) -> str:
     return page.render(_context(outcome, robot_name))
 
 
+@cache
 def _environment() -> Environment:
     # Everything is escaped: names of logs and columns come from other people's files.
     environment = Environment(
@@ -60,7 +62,7 @@ def _context(outcome: Outcome, robot_name: str) -> dict[str, Any]:
     found = rows.findings(outcome)
     clouds, clouds_left = charts.cloud_charts(outcome)
     focus, others, curves_left = charts.curve_charts(outcome)
-    heads, sizes = rows.detectable_rows(outcome)
+    heads, sizes = outlook.detectable_rows(outcome)
     return {
         "robot": robot_name,
         "headline": words.sentences(verdict)[0],
@@ -80,20 +82,20 @@ def _context(outcome: Outcome, robot_name: str) -> dict[str, Any]:
         "focus": focus,
         "others": others,
         "curves_left": curves_left,
-        "unexplained": rows.unexplained_words(verdict),
+        "unexplained": outlook.unexplained_words(verdict),
         "size_heads": heads,
         "sizes": sizes,
-        "warnings": [str(warning) for warning in as_list(verdict.get("warnings"))],
-        "plan": rows.next_words(verdict.get("next_experiment")),
+        "warnings": texts(verdict.get("warnings")),
+        "plan": outlook.next_words(verdict.get("next_experiment")),
         "notes": outcome.notes,
     }
 
 
 def _setting(verdict: Mapping) -> str:
     """Return under which assumptions and on which logs the verdict was reached."""
-    declared = ", ".join(map(str, as_list(verdict.get("declared"))))
+    declared = ", ".join(texts(verdict.get("declared")))
     parts = [f"Declared in the model: {declared or 'rigid body only'}."]
-    logs = ", ".join(map(str, as_list(dig(verdict, "error", "logs"))))
+    logs = ", ".join(texts(dig(verdict, "error", "logs")))
     if logs:
         parts.append(f"Held out: {logs}.")
     if known(verdict.get("nominal_scale")):

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+from flows.report.quantity import records
+
 _NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight")
 
 _NOUNS = {
@@ -66,7 +68,7 @@ def joint_words(joints: Iterable[int], dof: int | None = None) -> str:
     if len(numbers) == 1:
         return f"joint {numbers[0]}"
     if len(numbers) == dof:
-        return "both joints" if dof == 2 else f"all {count(dof)} joints"
+        return "both joints" if dof == 2 else f"all {count(len(numbers))} joints"
     return f"joints {listing(_runs(numbers))}"
 
 
@@ -87,6 +89,8 @@ def _runs(numbers: list[int]) -> list[str]:
 
 def noun(name: Any) -> str:
     """Return an effect in words; a name that is not known loses its underscores."""
+    if not name:
+        return "an effect without a name"
     return _NOUNS.get(name, str(name).replace("_", " "))
 
 
@@ -119,7 +123,7 @@ def alternatives(effect: Mapping, dof: int | None = None) -> list[str]:
     """Return the equivalents in words; their place only where it differs."""
     own = list(effect.get("joints") or [])
     words = []
-    for other in effect.get("equivalent") or []:
+    for other in records(effect.get("equivalent")):
         joints = list(other.get("joints") or [])
         same = joints == own and other.get("name") not in ("payload", "link_inertia")
         words.append(noun(other.get("name")) if same else phrase(other, dof))

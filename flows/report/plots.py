@@ -5,6 +5,7 @@ import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -28,7 +29,7 @@ LABELS = {
 INK, SOFT, GRID = "#222222", "#5c6670", "#e3e7ea"
 
 _FONTS = "'Helvetica Neue', Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "svg.hashsalt": "modelgap",
     "svg.fonttype": "none",
     # Names of logs and columns are text, never formulas.
@@ -63,9 +64,9 @@ def blank(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), facecolor="white", layout=None)
 
 
-def rule(axes: Axes, which: str = "y") -> None:
-    """Draw pale grid lines along one axis."""
-    axes.grid(axis=which, color=GRID, linewidth=0.8)
+def rule(axes: Axes) -> None:
+    """Draw pale lines at the values of the vertical axis."""
+    axes.grid(axis="y", color=GRID, linewidth=0.8)
 
 
 def as_uri(figure: Figure) -> str:

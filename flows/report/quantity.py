@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 MISSING = "–"
 _SUPERSCRIPT = {"2": "²", "3": "³"}
@@ -27,7 +27,17 @@ def as_list(value: Any) -> list:
     return [value]
 
 
-def known(value: Any) -> bool:
+def texts(value: Any) -> list[str]:
+    """Return what a list says, as text, without its nulls."""
+    return [str(item) for item in as_list(value) if item is not None]
+
+
+def records(value: Any) -> list[Mapping]:
+    """Return the records of a list, without its nulls."""
+    return [item for item in as_list(value) if isinstance(item, Mapping)]
+
+
+def known(value: Any) -> TypeGuard[float]:
     """Return whether a value is a finite number."""
     return (
         isinstance(value, int | float)

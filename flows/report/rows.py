@@ -1,18 +1,10 @@
 """The rows of every table, once, for the terminal and the page alike."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flows.report.phrases import (
-    alternatives,
-    joint_words,
-    listing,
-    noun,
-    phrase,
-    place,
-    sentence_case,
-)
+from flows.report.phrases import alternatives, noun, phrase, place, sentence_case
 from flows.report.quantity import (
     MISSING,
     as_list,
@@ -21,12 +13,9 @@ from flows.report.quantity import (
     known,
     measured,
     number,
-    unit_text,
 )
 from flows.report.words import held_out_words, joint_count, ordered
 from residual.outcome import Outcome
-
-_ELSEWHERE = 10**6  # column of what does not sit on one joint: after every joint
 
 STAGES = ("nominal", "identified", "augmented", "plsr")
 METRICS = {"filtered": "filtered", "moving": "moving", "held_out": "as logged"}
@@ -63,22 +52,19 @@ class Finding:
     alternatives: tuple[str, ...]
 
     @property
-    def per_joint(self) -> list[int]:
-        """Joints that have parameters of their own."""
-        found = (p.joint for p in self.parameters if p.joint is not None)
-        return list(dict.fromkeys(found))
-
-    @property
-    def parameter_rows(self) -> list[tuple[str, list[str]]]:
-        """Parameters as (name, one text per joint, or one in all)."""
-        columns = self.per_joint or [None]
-        texts: dict[str, dict[int | None, str]] = {}
-        for p in self.parameters:
-            texts.setdefault(p.name, {})[p.joint] = p.text
-        return [
-            (name, [found.get(c, found.get(None, MISSING)) for c in columns])
-            for name, found in texts.items()
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Parameters as (heading, rows): a row per joint, or per parameter."""
+        joints = dict.fromkeys(p.joint for p in self.parameters if p.joint is not None)
+        if not joints:
+            rows = [[p.name, p.text] for p in self.parameters]
+            return ["Parameter", "Value"], rows
+        names = list(dict.fromkeys(p.name for p in self.parameters))
+        found = {(p.name, p.joint): p.text for p in self.parameters}
+        rows = [
+            [f"Joint {j}", *(found.get((name, j), MISSING) for name in names)]
+            for j in joints
         ]
+        return ["On", *map(sentence_case, names)], rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +82,7 @@ def findings(outcome: Outcome) -> list[Finding]:
     """Return the findings, first found first."""
     verdict = outcome.verdict
     dof = dof_of(outcome)
-    listed = [e for e in verdict.get("effects") or [] if isinstance(e, Mapping)]
+    listed = as_list(verdict.get("effects"))
     said = dict(zip(map(id, listed), outcome.sentences, strict=False))
     return [
         _finding(effect, position, said.get(id(effect), ""), dof)
@@ -136,7 +122,7 @@ def joint_shares(verdict: Mapping, key: str) -> list[float | None]:
     return found
 
 
-def has(rows: list[ErrorRow], metric: str, stage: str) -> bool:
+def has(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
     """Return whether any joint has this error."""
     return any(known(row.values[metric].get(stage)) for row in rows)
 
@@ -147,75 +133,6 @@ def dof_of(outcome: Outcome) -> int | None:
     if found is None and outcome.proofs:
         found = outcome.proofs[0].tau.shape[1]
     return found
-
-
-def detectable_rows(
-    outcome: Outcome, short: bool = False
-) -> tuple[list[str], list[list[str]]]:
-    """Return (heading, rows): smallest size that would have been found, per joint.
-
-    Effects on pairs of joints or on the whole arm get rows and a column of their own.
-
-    Args:
-        outcome: The diagnosis.
-        short: Call effects by their names and joints J1, for narrow columns.
-    """
-    sizes: dict[tuple[str, str], dict[int, str]] = {}
-    for item in outcome.verdict.get("minimum_detectable") or []:
-        joints = as_list(item.get("joints"))
-        local = len(joints) == 1
-        if short:
-            name = " ".join(map(str, [item.get("name"), *joints[local:]]))
-        else:
-            name = noun(item.get("name")) if local else phrase(item)
-        key = (name, unit_text(item.get("unit")))
-        column = joints[0] if local else _ELSEWHERE
-        sizes.setdefault(key, {})[column] = number(item.get("value"))
-    columns = sorted({column for found in sizes.values() for column in found})
-    joint, other = ("J", "else") if short else ("Joint ", "Pair or arm")
-    heads = [other if c == _ELSEWHERE else f"{joint}{c}" for c in columns]
-    rows = [
-        [name, unit, *(found.get(c, MISSING) for c in columns)]
-        for (name, unit), found in sizes.items()
-    ]
-    return ["Effect", "Unit", *heads], rows
-
-
-def unexplained_words(verdict: Mapping) -> list[str]:
-    """Return what is left after the findings, in sentences."""
-    left = verdict.get("unexplained") or {}
-    words = []
-    if known(left.get("fraction")):
-        sentence = f"{fraction(left['fraction'])} of the torque stays unexplained"
-        floors = [f for f in as_list(left.get("noise_floor")) if known(f)]
-        if floors:
-            ends = sorted({fraction(min(floors)), fraction(max(floors))})
-            source = left.get("noise_model")
-            sentence += f"; noise alone is {' to '.join(ends)}"
-            sentence += f" (from {source})" if source else ""
-        words.append(f"{sentence}.")
-    if left.get("joints"):
-        who = sentence_case(joint_words(left["joints"], joint_count(verdict)))
-        words.append(f"{who}: too much is left to call the model complete.")
-    if left.get("kind"):
-        words.append(f"What is left is {left['kind']}.")
-    depends = [str(item) for item in as_list(left.get("depends_on"))]
-    if depends:
-        words.append(f"It depends on {listing(depends)}.")
-    return words
-
-
-def next_words(plan: Any) -> list[str]:
-    """Return the proposed next experiment as lines, whatever form it has."""
-    if plan is None:
-        return []
-    if isinstance(plan, Mapping):
-        return [
-            f"{str(key).replace('_', ' ')}: {_flat(value)}"
-            for key, value in plan.items()
-            if value is not None
-        ]
-    return [_flat(item) for item in as_list(plan)]
 
 
 def parameter_lines(finding: Finding, width: int) -> list[str]:
@@ -238,7 +155,7 @@ def _finding(effect: Mapping, position: int, sentence: str, dof: Any) -> Finding
     evidence = effect.get("evidence") or {}
     order = effect.get("order")
     return Finding(
-        name=str(effect.get("name")),
+        name=effect.get("name") or "",
         order=str(order if order is not None else position),
         title=phrase(effect, dof),
         noun=noun(effect.get("name")),
@@ -288,11 +205,3 @@ def _at(verdict: Mapping, metric: str, joint: int) -> dict[str, float | None]:
         for stage, values in stages.items()
         if len(as_list(values)) >= joint
     }
-
-
-def _flat(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_flat(item)}" for key, item in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(map(_flat, value))
-    return number(value) if isinstance(value, float) else str(value)

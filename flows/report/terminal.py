@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Sequence
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
+from flows.report import outlook
 from flows.report import rows as tables
-from flows.report.quantity import as_list, bare_percent, known, probability
+from flows.report.quantity import bare_percent, known, probability, texts
 from flows.report.rows import METRICS, STAGES, ErrorRow, Finding
 from flows.report.words import headline, rising
 from residual.outcome import Outcome
@@ -27,7 +28,7 @@ def print_outcome(outcome: Outcome, console: Console) -> None:
     """
     _line(console, "")
     _line(console, headline(outcome.verdict), "bold")
-    for part in (_findings, _errors, _left_over, _detectable, _notes, _warnings, _next):
+    for part in (_findings, _errors, _left_over, _detectable, _warnings, _next):
         part(outcome, console)
     _line(console, "")
 
@@ -94,9 +95,10 @@ def _errors(outcome: Outcome, console: Console) -> None:
 
 def _error_columns(lines: Sequence[ErrorRow]) -> list[tuple]:
     """Return (heading, metric, stages): stages in full for the first metric known."""
-    first, *others = [m for m in METRICS if _any(lines, m)] or [None]
-    if first is None:
+    metrics = [metric for metric in METRICS if _any(lines, metric)]
+    if not metrics:
         return []
+    first, *others = metrics
     columns = [(s, first, (s,)) for s in STAGES if tables.has(lines, first, s)]
     pair = ("identified", "augmented")
     return columns + [(METRICS[metric], metric, pair) for metric in others]
@@ -118,21 +120,21 @@ def _error_cell(row: ErrorRow, metric: str, stages: Sequence[str]) -> Text:
 
 def _error_title(outcome: Outcome, metric: str) -> str:
     error = outcome.verdict.get("error") or {}
-    logs = ", ".join(map(str, as_list(error.get("logs"))))
+    logs = ", ".join(texts(error.get("logs")))
     where = f" on {logs}" if logs else ""
     weak = " (the same run: a weak proof)" if error.get("same_run") else ""
     return f"Held-out error{where}{weak}, {METRICS[metric]}, % of torque"
 
 
 def _left_over(outcome: Outcome, console: Console) -> None:
-    sentences = tables.unexplained_words(outcome.verdict)
+    sentences = outlook.unexplained_words(outcome.verdict)
     if sentences:
         _line(console, "")
         _line(console, " ".join(sentences))
 
 
 def _detectable(outcome: Outcome, console: Console) -> None:
-    heads, lines = tables.detectable_rows(outcome, short=True)
+    heads, lines = outlook.detectable_rows(outcome, short=True)
     if outcome.verdict.get("effects") or not lines:
         return
     title = "Smallest size that would have been found"
@@ -144,15 +146,8 @@ def _detectable(outcome: Outcome, console: Console) -> None:
     _print(console, table)
 
 
-def _notes(outcome: Outcome, console: Console) -> None:
-    if outcome.notes:
-        _line(console, "")
-    for note in outcome.notes:
-        _line(console, note, "dim")
-
-
 def _warnings(outcome: Outcome, console: Console) -> None:
-    warnings = as_list(outcome.verdict.get("warnings"))
+    warnings = texts(outcome.verdict.get("warnings"))
     if warnings:
         _line(console, "")
     for warning in warnings:
@@ -160,31 +155,33 @@ def _warnings(outcome: Outcome, console: Console) -> None:
 
 
 def _next(outcome: Outcome, console: Console) -> None:
-    lines = tables.next_words(outcome.verdict.get("next_experiment"))
+    lines = outlook.next_words(outcome.verdict.get("next_experiment"))
     if lines:
         _line(console, "\nNext experiment:", "bold")
     for line in lines:
         _line(console, f"  {line}")
 
 
-def _table(title: str, heads: Sequence[str], justify: str = "left") -> Table:
+def _table(title: str, heads: Sequence[str], justify: JustifyMethod = "left") -> Table:
     table = Table(
-        title=Text(title, style="bold"),
+        title=title,
+        title_style="bold",
         title_justify="left",
         box=box.SIMPLE_HEAD,
         show_edge=False,
         pad_edge=False,
     )
     for i, head in enumerate(heads):
-        table.add_column(Text(head), justify="left" if i == 0 else justify)
+        table.add_column(head, justify="left" if i == 0 else justify)
     return table
 
 
 def _print(console: Console, table: Table) -> None:
     _line(console, "")
-    table.title = _readable(console, table.title)
+    # As text, so that nothing in a name is taken for markup.
+    table.title = _readable(console, Text(str(table.title), style="bold"))
     for column in table.columns:
-        column.header = _readable(console, column.header)
+        column.header = _readable(console, Text(str(column.header)))
     console.print(table)
 
 

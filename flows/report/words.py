@@ -11,7 +11,15 @@ from flows.report.phrases import (
     phrase,
     sentence_case,
 )
-from flows.report.quantity import as_list, dig, known, number, percent, probability
+from flows.report.quantity import (
+    as_list,
+    dig,
+    known,
+    number,
+    percent,
+    probability,
+    records,
+)
 
 _NAMED_AT_MOST = 3
 _SURE = 0.9
@@ -57,7 +65,7 @@ def joint_count(verdict: Mapping) -> int | None:
 
 def ordered(verdict: Mapping) -> list[Mapping]:
     """Return the effects, first found first."""
-    effects = [e for e in verdict.get("effects") or [] if isinstance(e, Mapping)]
+    effects = records(verdict.get("effects"))
     return sorted(effects, key=lambda effect: effect.get("order") or len(effects))
 
 
@@ -222,7 +230,8 @@ def _joint_change(verdict: Mapping, joint: int) -> Change | None:
 def _pair(stages: Mapping | None) -> tuple[float, float] | None:
     """Return (before, after): the refit before, since only it isolates the effect."""
     stages = stages or {}
-    before = stages.get("identified")
-    before = before if known(before) else stages.get("nominal")
-    after = stages.get("augmented")
-    return (before, after) if known(before) and known(after) else None
+    refit, nominal, after = map(stages.get, ("identified", "nominal", "augmented"))
+    before = refit if known(refit) else nominal
+    if known(before) and known(after):
+        return before, after
+    return None

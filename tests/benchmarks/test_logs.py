@@ -68,7 +68,7 @@ def test_an_effect_without_a_name_asks_for_a_flag_on_its_joint(found, flagged, s
 
 def test_a_crash_counts_as_not_right():
     crash = {"effect": "offset", "truth": TRUTH, "score": "crash", "extra": []}
-    figures = singles_figures([crash, {**crash, "effect": None}], quick=False)
+    figures = singles_figures([crash, {**crash, "effect": None}], small=False)
     assert figures["singles_right"]["ok"] is False
     assert figures["nulls_named"]["value"] == 0
     assert figures["crashes"] == {"value": 2, "bar": 0, "ok": False, "n": 2}

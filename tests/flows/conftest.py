@@ -21,7 +21,12 @@ def calls(monkeypatch):
         made.append({"robot": robot.name, "fit": fit, **options})
         if options["progress"]:
             options["progress"]("search", 0.5)
-        verdict = {"schema": 1, "verdict": "none", "warnings": ["core"]}
+        verdict = {
+            "schema": 1,
+            "robot": robot.name,
+            "verdict": "none",
+            "warnings": ["core"],
+        }
         return Outcome(verdict, (), (), (), ("core note",))
 
     def print_outcome(outcome, console):

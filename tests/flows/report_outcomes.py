@@ -291,20 +291,9 @@ def no_overall() -> Outcome:
     outcome = one_effect()
     result = dict(outcome.verdict)
     result["error"] = result["error"] | {"overall": None, "overall_filtered": None}
-    result |= {"nominal_scale": None, "minimum_detectable": None, "warnings": None}
-    result["unexplained"] = None
-    return Outcome(result, (), outcome.proofs, (), ())
+    nulls = ("nominal_scale", "minimum_detectable", "warnings", "unexplained")
+    return Outcome(result | dict.fromkeys(nulls), (), outcome.proofs, (), ())
 
 
-ALL = {
-    maker.__name__: maker
-    for maker in (
-        one_effect,
-        several,
-        nothing,
-        unknown,
-        baseline,
-        same_run,
-        no_overall,
-    )
-}
+_MAKERS = (one_effect, several, nothing, unknown, baseline, same_run, no_overall)
+ALL = {maker.__name__: maker for maker in _MAKERS}

@@ -68,7 +68,7 @@ def test_declared_effects_are_a_list_of_names_or_none(text, names):
 def test_files_are_written_and_named(folder, calls, capsys):
     assert run("diagnose A.csv --robot irb140 --report o.html --json o.json") == 0
     verdict = json.loads((folder / "o.json").read_text())
-    assert verdict == {"schema": 1, "verdict": "none", "warnings": ["core"]}
+    assert (verdict["robot"], verdict["warnings"]) == ("irb140", ["core"])
     page = (folder / "o.html").read_text()
     assert page.startswith("<html>irb140")
     assert "fit: A | baseline" in page
@@ -189,7 +189,8 @@ def test_a_verdict_with_nan_is_never_written(folder, calls, monkeypatch):
 @pytest.mark.parametrize("words", ["--help", "diagnose --help", "demo --help", ""])
 def test_help_teaches_by_example(capsys, words):
     assert run(words) == 0
-    assert "modelgap de" in capsys.readouterr().out or "modelgap di" in words
+    command = words.split()[0] if words[:1].isalpha() else "demo"
+    assert f"\n modelgap {command}" in capsys.readouterr().out
 
 
 def in_a_shell(words, **options):

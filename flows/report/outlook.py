@@ -1,0 +1,97 @@
+"""What the findings leave open: the rest, what was too small to see, what is next."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from flows.report.phrases import joint_words, listing, noun, phrase, sentence_case
+from flows.report.quantity import (
+    MISSING,
+    as_list,
+    fraction,
+    known,
+    number,
+    records,
+    texts,
+    unit_text,
+)
+from flows.report.words import joint_count
+from residual.outcome import Outcome
+
+_ELSEWHERE = 10**6  # column of what does not sit on one joint: after every joint
+
+
+def detectable_rows(
+    outcome: Outcome, short: bool = False
+) -> tuple[list[str], list[list[str]]]:
+    """Return (heading, rows): smallest size that would have been found, per joint.
+
+    Effects on pairs of joints or on the whole arm get rows and a column of their own.
+
+    Args:
+        outcome: The diagnosis.
+        short: Call effects by their names and joints J1, for narrow columns.
+    """
+    sizes: dict[tuple[str, str], dict[int, str]] = {}
+    for item in records(outcome.verdict.get("minimum_detectable")):
+        joints = as_list(item.get("joints"))
+        local = len(joints) == 1
+        if short:
+            name = " ".join(texts([item.get("name"), *joints[local:]]))
+        else:
+            name = noun(item.get("name")) if local else phrase(item)
+        key = (name, unit_text(item.get("unit")))
+        column = joints[0] if local else _ELSEWHERE
+        sizes.setdefault(key, {})[column] = number(item.get("value"))
+    columns = sorted({column for found in sizes.values() for column in found})
+    joint, other = ("J", "else") if short else ("Joint ", "Pair or arm")
+    heads = [other if c == _ELSEWHERE else f"{joint}{c}" for c in columns]
+    rows = [
+        [name, unit, *(found.get(c, MISSING) for c in columns)]
+        for (name, unit), found in sizes.items()
+    ]
+    return ["Effect", "Unit", *heads], rows
+
+
+def unexplained_words(verdict: Mapping) -> list[str]:
+    """Return what is left after the findings, in sentences."""
+    left = verdict.get("unexplained") or {}
+    words = []
+    if known(left.get("fraction")):
+        sentence = f"{fraction(left['fraction'])} of the torque stays unexplained"
+        floors = [f for f in as_list(left.get("noise_floor")) if known(f)]
+        if floors:
+            ends = sorted({fraction(min(floors)), fraction(max(floors))})
+            source = left.get("noise_model")
+            sentence += f"; noise alone is {' to '.join(ends)}"
+            sentence += f" (from {source})" if source else ""
+        words.append(f"{sentence}.")
+    if left.get("joints"):
+        who = sentence_case(joint_words(left["joints"], joint_count(verdict)))
+        words.append(f"{who}: too much is left to call the model complete.")
+    if left.get("kind"):
+        words.append(f"What is left is {left['kind']}.")
+    depends = texts(left.get("depends_on"))
+    if depends:
+        words.append(f"It depends on {listing(depends)}.")
+    return words
+
+
+def next_words(plan: Any) -> list[str]:
+    """Return the proposed next experiment as lines, whatever form it has."""
+    if plan is None:
+        return []
+    if isinstance(plan, Mapping):
+        return [
+            f"{str(key).replace('_', ' ')}: {_flat(value)}"
+            for key, value in plan.items()
+            if value is not None
+        ]
+    return [_flat(item) for item in as_list(plan)]
+
+
+def _flat(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_flat(item)}" for key, item in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_flat, value))
+    return number(value) if isinstance(value, float) else str(value)

@@ -1,0 +1,280 @@
+"""The HTML page and the terminal: complete, harmless, the same every time."""
+
+import base64
+import copy
+import io
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from flows.report import charts
+from flows.report.html import render
+from flows.report.terminal import print_outcome
+from residual.outcome import Cloud, LogProof, Outcome
+from tests.flows import report_outcomes as made
+
+NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
+
+
+@pytest.fixture(scope="module")
+def several_page() -> str:
+    return render(made.several(), "kr300")
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the drawing, for tests of what stands around the figures."""
+    for name in ("error_bars", "over_time", "over_variable"):
+        monkeypatch.setattr(charts.figures, name, lambda *_: "data:,")
+
+
+def printed(outcome: Outcome, width: int = 80, encoding: str = "utf-8") -> str:
+    file = io.TextIOWrapper(io.BytesIO(), encoding=encoding, newline="")
+    print_outcome(outcome, Console(file=file, width=width, no_color=True))
+    file.flush()
+    return file.buffer.getvalue().decode(encoding)
+
+
+class Page(HTMLParser):
+    """Collects tags, attributes and text of a page."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict]] = []
+        self.words: list[str] = []
+        self.open: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+    def all(self, tag: str) -> list[dict]:
+        return [attrs for name, attrs in self.tags if name == tag]
+
+
+def test_page_names_every_finding_joint_and_note(several_page: str) -> None:
+    page = Page(several_page)
+    titles = (
+        "Coulomb friction on all six joints",
+        "A balancer on joint 2",
+        "A constant torque offset on joint 4",
+        "Torque ripple on joint 5",
+    )
+    for words in (*titles, "These data cannot tell a balancer from a spring."):
+        assert words in page.text
+    for joint in range(1, made.DOF + 1):
+        alts = [image["alt"] for image in page.all("img")]
+        assert any(f"torque of joint {joint} on log" in alt for alt in alts)
+        assert any(f"Residual torque of joint {joint} over" in alt for alt in alts)
+    for number in ("412.0 ± 9.1 N m", "6983 ± 42 N m", "4120", "> 99 %", "14.8"):
+        assert number in page.text
+    for note in made.NOTES:
+        assert note in page.text
+
+
+def test_page_is_well_formed_and_accessible(several_page: str) -> None:
+    page = Page(several_page)
+    assert page.open == []
+    assert page.all("html")[0]["lang"] == "en"
+    assert all(len(image["alt"]) > 40 for image in page.all("img"))
+    assert all(cell.get("scope") for cell in page.all("th"))
+    ids = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
+    assert len(ids) == len(set(ids))
+    named = [attrs["aria-labelledby"] for attrs in page.all("section")]
+    assert set(named) <= set(ids)
+
+
+def test_page_fetches_nothing(several_page: str) -> None:
+    page = Page(several_page)
+    assert "default-src 'none'" in several_page
+    assert not re.search(r"https?:|//[a-z]|url\(|@import", several_page)
+    assert {"script", "link", "iframe", "object"}.isdisjoint(t for t, _ in page.tags)
+    for image in page.all("img"):
+        kind, code = image["src"].split(",")
+        assert kind == "data:image/svg+xml;base64"
+        svg = base64.b64decode(code).decode()
+        refs = re.findall(r'(?:href|src)="([^"]+)"', svg)
+        assert all(ref.startswith(("#", "data:")) for ref in refs)
+        assert "<script" not in svg
+
+
+def test_page_is_small_and_the_same_every_time(several_page: str) -> None:
+    assert len(several_page) < 3_000_000
+    assert render(made.several(), "kr300") == several_page
+
+
+def test_names_from_files_are_escaped_in_page_and_figures() -> None:
+    outcome = made.one_effect()
+    cloud = outcome.clouds[0]
+    result = copy.deepcopy(outcome.verdict)
+    result["warnings"] = [NASTY]
+    result["declared"] = [NASTY]
+    result["error"]["logs"] = [NASTY]
+    result["effects"][0]["name"] = NASTY
+    result["effects"][0]["equivalent"] = [{"name": NASTY, "joints": [2]}]
+    result["effects"][0]["parameters"] = {
+        NASTY: {"value": 1.0, "std": None, "unit": NASTY}
+    }
+    nasty = Outcome(
+        result,
+        (NASTY,),
+        (replace(outcome.proofs[0], id=NASTY),),
+        (replace(cloud, name=NASTY, variable=NASTY, log=np.full(len(cloud.x), NASTY)),),
+        (NASTY,),
+    )
+    html = render(nasty, NASTY)
+    page = Page(html)
+    assert page.all("script") == []
+    assert page.text.count("<script>alert(1)</script>") >= 8
+    drawn = [base64.b64decode(i["src"].split(",")[1]).decode() for i in page.all("img")]
+    assert not any("<script" in svg for svg in drawn)
+    assert "alert(1)" in printed(nasty)
+    assert "[bold]" in printed(nasty)
+
+
+def paths(value: object, path: tuple = ()) -> Iterator[tuple]:
+    """Yield the path of every key of a nested record."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield (*path, key)
+            yield from paths(inner, (*path, key))
+    if isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from paths(inner, (*path, i))
+
+
+def without(record: dict, path: tuple) -> dict:
+    """Return a copy in which one value is null."""
+    changed = copy.deepcopy(record)
+    inner = changed
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = None
+    return changed
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("name", ["several", "unknown", "baseline"])
+def test_every_key_may_be_null(name: str) -> None:
+    outcome = made.ALL[name]()
+    for path in paths(outcome.verdict):
+        changed = replace(outcome, verdict=without(outcome.verdict, path))
+        for text in (render(changed, "kr300"), printed(changed)):
+            assert not re.search(r"\b(None|nan)\b", text), path
+
+
+def test_an_outcome_of_nulls_alone_is_told() -> None:
+    keys = made.one_effect().verdict
+    empty = Outcome(dict.fromkeys(keys), (), (), (), ())
+    assert "No verdict was reached." in render(empty, "kr300")
+    assert "No verdict was reached." in printed(empty)
+    assert "No verdict was reached." in render(replace(empty, verdict={}), "kr300")
+
+
+def test_degenerate_curves_are_drawn() -> None:
+    outcome = made.one_effect()
+    t = np.array([0.0, 0.004])
+    zeros = np.zeros((2, made.DOF))
+    hats = dict.fromkeys(made.STAGES, zeros)
+    proof = LogProof("C", t, zeros, hats, zeros > 0)
+    one = np.ones(3)
+    flat = Cloud("balancer", 2, "q2 [rad]", one, 0 * one, 0 * one, np.full(3, "A"))
+    html = render(replace(outcome, proofs=(proof,), clouds=(flat,)), "kr300")
+    assert Page(html).all("img")
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("name", made.ALL)
+def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
+    outcome = made.ALL[name]()
+    page = Page(render(outcome, "kr300"))
+    assert page.open == []
+    for warning in outcome.verdict["warnings"] or ():
+        assert warning in page.text
+    assert ("Weak proof." in page.text) is (name == "same_run")
+
+
+@pytest.mark.usefixtures("quick")
+def test_figures_show_no_second_line_where_nothing_was_added() -> None:
+    images = Page(render(made.nothing(), "kr300")).all("img")
+    assert not any("augmented" in image["alt"] for image in images)
+
+
+def test_joints_concerned_come_first() -> None:
+    assert charts.concerned(made.one_effect()) == [2, 1, 4, 6]
+    assert charts.concerned(made.nothing()) == [2]
+    assert charts.concerned(made.unknown()) == [1, 4]
+    assert charts.concerned(made.baseline()) == [3, 2]
+
+
+@pytest.mark.usefixtures("quick")
+def test_every_finding_is_drawn_before_any_is_drawn_twice() -> None:
+    outcome = made.several()
+    more = outcome.clouds[:6] * 4 + outcome.clouds
+    drawn, left = charts.cloud_charts(replace(outcome, clouds=more))
+    assert {chart.name for chart in drawn} == {
+        "coulomb",
+        "balancer",
+        "offset",
+        "ripple",
+    }
+    assert left == len(more) - len(drawn)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize("name", made.ALL)
+def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -> None:
+    text = printed(made.ALL[name](), width, encoding)
+    assert max(len(line) for line in text.splitlines()) <= width
+    assert "…" not in text
+    assert "\x1b" not in text
+
+
+def test_terminal_says_the_verdict_first_and_then_everything() -> None:
+    text = printed(made.several())
+    flat = " ".join(text.split())
+    assert flat.startswith("The model lacks Coulomb friction on all six joints, a bal")
+    for words in (
+        "J4 41.22 ± 0.61 N m",
+        "sin -719 ± 88 N m",
+        "or a spring: these data",
+        "held-out: neutral",
+        "by plausibility",
+        "22.7 → 4.7",
+        "Next experiment:",
+    ):
+        assert words in flat
+    assert "Smallest size" not in text
+    assert "Smallest size" in printed(made.nothing())
+    assert "Warning: delay is withdrawn" in printed(made.unknown())
+
+
+def test_terminal_tells_a_seven_joint_arm() -> None:
+    outcome = made.nothing()
+    result = json.loads(json.dumps(outcome.verdict))
+    for metric in ("held_out", "filtered", "moving"):
+        for values in result["error"][metric].values():
+            if values:
+                values.append(3.0)
+    text = printed(replace(outcome, verdict=result))
+    assert re.search(r"^7 .* 3\.0 ", text, re.M)
+    assert max(map(len, text.splitlines())) <= 80

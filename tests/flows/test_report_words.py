@@ -1,0 +1,223 @@
+"""The verdict in plain sentences, and numbers as people write them."""
+
+import copy
+
+import pytest
+
+from flows.report import quantity
+from flows.report.phrases import joint_words, listing, noun, phrase
+from flows.report.words import headline, rising, sureness
+from residual.vocabulary import VOCABULARY
+from tests.flows import report_outcomes as made
+
+SPRING = {"name": "spring", "joints": [2]}
+ASYMMETRY = {"name": "coulomb_asymmetry", "joints": [4]}
+CANNOT = "these data cannot tell"
+
+
+def verdict(*effects: dict, kind: str = "effects", **error: object) -> dict:
+    return made.verdict(kind, list(effects), **error)
+
+
+def effect(name: str, joints: list[int], **more: object) -> dict:
+    return made.effect(name, joints, {}, **more)
+
+
+@pytest.mark.parametrize(
+    ("effects", "start"),
+    [
+        ([effect("balancer", [2])], "The model lacks a balancer on joint 2."),
+        (
+            [effect("balancer", [2], equivalent=[SPRING])],
+            f"The model lacks a balancer on joint 2 (or a spring: {CANNOT}).",
+        ),
+        (
+            [
+                effect("balancer", [2], equivalent=[SPRING]),
+                effect("offset", [4], equivalent=[ASYMMETRY], order=2),
+            ],
+            "The model lacks a balancer on joint 2 (or a spring) and a constant torque "
+            "offset on joint 4 (or Coulomb friction that differs by direction). "
+            "These data cannot tell a name in brackets from the one before it.",
+        ),
+        (
+            [effect("stribeck", [1, 2, 3, 4, 5, 6])],
+            "The model lacks Stribeck friction on all six joints.",
+        ),
+        (
+            [effect("ripple", [4, 5, 6], order=2), effect("spring", [1])],
+            "The model lacks a spring on joint 1 and torque ripple on joints 4 to 6.",
+        ),
+        (
+            [effect("coupled_friction", [5, 6])],
+            "The model lacks coupled friction between joints 5 and 6.",
+        ),
+        ([effect("base_tilt", [])], "The model lacks a tilted base."),
+        ([effect("payload", [6])], "The model lacks a payload at the flange."),
+        (
+            [effect("link_inertia", [3])],
+            "The model has a wrong value for the inertia of link 3.",
+        ),
+        (
+            [effect("coulomb", [1]), effect("viscous", [2], order=2)],
+            "The model has wrong values for Coulomb friction on joint 1 and viscous "
+            "friction on joint 2.",
+        ),
+        (
+            [effect("spring", [1]), effect("coulomb", [3], order=2)],
+            "The model lacks a spring on joint 1 and has a wrong value for Coulomb "
+            "friction on joint 3.",
+        ),
+        (
+            [effect("spring", [j], order=j) for j in range(1, 6)],
+            "The model lacks a spring on joint 1, a spring on joint 2, a spring on "
+            "joint 3 and two more.",
+        ),
+        (
+            [effect("spring", [1], probability=0.7)],
+            "The model most likely lacks a spring on joint 1.",
+        ),
+        (
+            [effect("wind_load", [1], probability=None)],
+            "The model lacks wind load on joint 1.",
+        ),
+    ],
+)
+def test_headline_says_what_is_missing(effects: list[dict], start: str) -> None:
+    assert headline(verdict(*effects)).startswith(start + " ")
+
+
+def test_headline_proves_one_joint_on_its_moving_samples() -> None:
+    end = "Held-out error on joint 2, while it moves, falls from 22.7 % to 4.7 %."
+    assert headline(verdict(effect("balancer", [2]))).endswith(end)
+
+
+def test_headline_proves_several_joints_together() -> None:
+    end = "Held-out error over all joints falls from 12.4 % to 7.9 %."
+    assert headline(verdict(effect("coulomb", [1, 2]))).endswith(end)
+    assert headline(verdict(effect("payload", [6]))).endswith(end)
+
+
+def test_headline_takes_the_next_best_error_where_one_is_null() -> None:
+    only_raw = verdict(effect("spring", [2]), moving=None, filtered=None)
+    assert "on joint 2 falls from 25.5 % to 17.9 %." in headline(only_raw)
+    bare = verdict(effect("spring", [2]))
+    bare["error"] = None
+    assert headline(bare).endswith("No held-out motion proves it.")
+
+
+def test_headline_does_not_call_a_rise_a_fall() -> None:
+    worse = {"identified": 8.0, "augmented": 9.0}
+    text = headline(verdict(effect("payload", [6]), overall_filtered=worse))
+    assert "over all joints rises from 8.0 % to 9.0 %." in text
+    same = {"identified": 8.0, "augmented": 8.01}
+    text = headline(verdict(effect("payload", [6]), overall_filtered=same))
+    assert "over all joints stays at 8.0 %." in text
+
+
+def test_headline_calls_the_same_run_a_weak_proof() -> None:
+    text = headline(verdict(effect("balancer", [2]), same_run=True))
+    assert text.endswith("to 4.7 % in the same run: a weak proof.")
+
+
+def test_headline_admits_what_stays_unexplained() -> None:
+    text = headline(made.one_effect().verdict)
+    assert text.endswith(
+        "Joints 1, 4 and 6 keep an error that no known effect explains."
+    )
+
+
+def test_headline_of_nothing_and_of_unknown() -> None:
+    level = "Its held-out error is 12.4 % over all joints."
+    nothing = f"These data show nothing that the model lacks. {level}"
+    assert headline(made.nothing().verdict) == nothing
+    unknown = "The model lacks something on joints 1 and 4 that no known effect"
+    assert headline(made.unknown().verdict) == f"{unknown} explains. {level}"
+    assert headline({}) == "No verdict was reached."
+
+
+def test_headline_leaves_the_verdict_as_it_was() -> None:
+    result = made.several().verdict
+    before = copy.deepcopy(result)
+    headline(result)
+    assert result == before
+
+
+@pytest.mark.parametrize(
+    ("joints", "dof", "words"),
+    [
+        ([], 6, ""),
+        ([2], 6, "joint 2"),
+        ([2, 1], 6, "joints 1 and 2"),
+        ([4, 5, 6], 6, "joints 4 to 6"),
+        ([1, 3, 5], 6, "joints 1, 3 and 5"),
+        ([1, 3, 4, 5, 7], 7, "joints 1, 3 to 5 and 7"),
+        ([1, 2, 3, 4, 5, 6], 6, "all six joints"),
+        ([1, 2, 3, 4, 5, 6], None, "joints 1 to 6"),
+        ([1, 2], 2, "both joints"),
+        ([1], 1, "joint 1"),
+    ],
+)
+def test_joints_in_words(joints: list[int], dof: int | None, words: str) -> None:
+    assert joint_words(joints, dof) == words
+
+
+@pytest.mark.parametrize("name", VOCABULARY)
+def test_every_effect_has_words_of_its_own(name: str) -> None:
+    assert "_" not in noun(name)
+    others = [noun(other) for other in VOCABULARY if other != name]
+    assert noun(name) not in others
+    assert phrase({"name": name, "joints": [2]}).startswith(noun(name))
+
+
+def test_sureness_names_its_grounds() -> None:
+    words = sureness(made.COULOMB_ALL)
+    expected = "probability > 99 %, 4120 nats by fit, confirmed on held-out motion"
+    assert words == f"{expected}, p = 0.005"
+    assert sureness({}) == "not tried on held-out motion"
+
+
+def test_joints_that_got_worse_are_named() -> None:
+    stages = {"identified": [10.0, 10.0, None], "augmented": [10.1, 11.0, 3.0]}
+    result = {"error": {"filtered": stages}}
+    assert rising(result) == ["joint 2 from 10.0 % to 11.0 %"]
+
+
+def test_listing() -> None:
+    assert [listing(list("abc")[:n]) for n in range(4)] == [
+        "",
+        "a",
+        "a and b",
+        "a, b and c",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "unit", "text"),
+    [
+        (2.9, 0.1, "kg", "2.90 ± 0.10 kg"),
+        (6983.2, 41.7, "N m", "6983 ± 42 N m"),
+        (7031.0, 212.0, "N m", "7030 ± 210 N m"),
+        (-0.0532, 0.0021, "rad", "-0.0532 ± 0.0021 rad"),
+        (1.2e-7, 3e-8, "kg m^2", "(1.20 ± 0.30)e-7 kg m²"),
+        (3.14159, None, "N m s^2/rad^2", "3.14 N m s²/rad²"),
+        (3.14159, 0.0, "1", "3.14"),
+        (0.0, 0.5, "-", "0.00 ± 0.50"),
+        (None, 0.1, "kg", "–"),
+        (float("nan"), 0.1, "kg", "–"),
+        (True, None, "kg", "–"),
+    ],
+)
+def test_values_are_cut_at_what_is_known(
+    value: object, std: object, unit: object, text: str
+) -> None:
+    assert quantity.measured(value, std, unit) == text
+
+
+def test_percentages_and_probabilities() -> None:
+    assert quantity.percent(4.711) == "4.7 %"
+    assert quantity.percent(412.3) == "412 %"
+    assert quantity.percent(None) == "–"
+    assert quantity.fraction(0.04) == "4.0 %"
+    found = [quantity.probability(p) for p in (0.97, 1.0, 0.001, None)]
+    assert found == ["97 %", "> 99 %", "< 1 %", "–"]
