@@ -1,0 +1,1 @@
+"""The pure core: from recordings to a verdict; `close.py` is the whole method."""

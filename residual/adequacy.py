@@ -64,8 +64,10 @@ def adequacy(
 
 
 def _structured(design: Design, fitted: Fit, noise: Array) -> Array:
+    """Excess over the noise, beyond three standard deviations of a variance."""
     left = fitted.sse / design.rows / design.rms**2
-    return np.sqrt(np.maximum(left - noise**2, 0))
+    doubt = 1 + 3 * np.sqrt(2 / fitted.counted)
+    return np.sqrt(np.maximum(left - noise**2 * doubt, 0))
 
 
 def _kind(

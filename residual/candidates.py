@@ -2,14 +2,13 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from residual.design import Design, Group
 from residual.effects.base import Effect, Span
-
 
 # What every drive has: a model that lacks all three must gain them in one step, since
 # each alone leaves a residual in which the others cannot be seen.

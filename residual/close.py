@@ -6,18 +6,19 @@ that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PL
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from residual.clouds import clouds
 from residual.compare import compare, witnesses
 from residual.diagnose import Diagnosis, Logs, Progress, diagnose, ready, start_nominal
+from residual.effects import registry
 from residual.errors import InputError
 from residual.findings import findings
 from residual.holdout import held_out_verdicts
 from residual.names import check_name
 from residual.nominal import declared_names
-from residual.effects import registry
 from residual.outcome import Outcome
 from residual.power import minimum_detectable
 from residual.prior import ROUGH, Nominal, posterior_of
@@ -191,7 +192,7 @@ def _warnings(diagnosis: Diagnosis, refuted, same_run: bool) -> list[str]:
 def session_clock(recordings: Sequence[Recording]) -> float | None:
     """Start of the session if the logs' times show their order, else None [s]."""
     spans = sorted((float(r.t[0]), float(r.t[-1])) for r in recordings)
-    ordered = all(a[1] < b[0] for a, b in zip(spans, spans[1:], strict=False))
+    ordered = all(a[1] < b[0] for a, b in pairwise(spans))
     return spans[0][0] if ordered else None
 
 

@@ -31,9 +31,7 @@ class Witness:
         return model.observe(self.track, self.regressor)
 
 
-def witnesses(
-    recordings: Sequence[Recording], model: Model
-) -> tuple[Witness, ...]:
+def witnesses(recordings: Sequence[Recording], model: Model) -> tuple[Witness, ...]:
     """Prepare held-out logs with the signal path of a model."""
     tracks, _ = prepare(recordings, model.filters, model.speed_floor, full_rate=True)
     out = []

@@ -108,11 +108,11 @@ def diagnose(
         rules: Thresholds.
         progress: Told the stage and the share done.
     """
-    design, rough = _first_look(logs, nominal)
+    design = _first_look(logs, nominal)
     selection = _search(design, logs, nominal, (rules, progress))
     if _needs_second_look(selection):
         named = _without_structure(as_model(nominal, selection.fit))
-        design, _ = _first_look(logs, nominal, named)
+        design = _first_look(logs, nominal, named)
         prior = selection.task.prior
         again = replace(nominal, scale=prior.scale)
         selection = _search(design, logs, again, (rules, progress))
@@ -126,14 +126,10 @@ def diagnose(
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
     progress("gate", 1.0)
-    return Diagnosis(
-        logs, nominal, task, plain, fitted, tuple(kept), gone, enough
-    )
+    return Diagnosis(logs, nominal, task, plain, fitted, tuple(kept), gone, enough)
 
 
-def _first_look(
-    logs: Logs, nominal: Nominal, named: Model | None = None
-) -> tuple[Design, Model]:
+def _first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
     """Nominal columns, and features seen with a model that fits these logs roughly."""
     states = [nominal.model.observe(t) for t in logs.tracks]
     design = Design(list(zip(logs.tracks, states, strict=True)), nominal.model)
@@ -144,9 +140,12 @@ def _first_look(
             (prior,) = priors(design, nominal)
         named = as_model(nominal, _rough_fit(design, prior))
     design.look(
-        [named.observe(t, s.regressor) for t, s in zip(logs.tracks, states, strict=True)]
+        [
+            named.observe(t, s.regressor)
+            for t, s in zip(logs.tracks, states, strict=True)
+        ]
     )
-    return design, named
+    return design
 
 
 def _rough_fit(design: Design, prior) -> Fit:
@@ -227,7 +226,9 @@ def with_standstill(model: Model, logs: Logs) -> Model:
     order = np.argmin(misses, axis=0)
     usual = CHOICES.index(SMOOTH)
     better = np.array(misses)[order, range(dof)] < 0.98 * misses[usual]
-    chosen = tuple(CHOICES[i] if b else SMOOTH for i, b in zip(order, better, strict=True))
+    chosen = tuple(
+        CHOICES[i] if b else SMOOTH for i, b in zip(order, better, strict=True)
+    )
     return replace(model, standstill=chosen)
 
 
@@ -242,9 +243,7 @@ def _refitted(diagnosis: Diagnosis, fitted: Fit, rough: Model) -> Model:
     states = [rough.observe(t) for t in tracks]
     design = Design(list(zip(tracks, states, strict=True)), base)
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
-    final = fit(
-        design, diagnosis.task.prior, members, fitted.counted, fitted.variance
-    )
+    final = fit(design, diagnosis.task.prior, members, fitted.counted, fitted.variance)
     return as_model(replace(nominal, model=base), final)
 
 

@@ -101,8 +101,11 @@ def _equivalents(members, near) -> tuple:
     """Alternatives that hold for every member, its own name excluded."""
     name = members[0].group.effect.name
     per_member = [
-        {g.effect.name if len(members) > 1 else (g.effect.name, public_joints(g)): g
-         for g in groups if g.effect.name != name or len(members) == 1}
+        {
+            g.effect.name if len(members) > 1 else (g.effect.name, public_joints(g)): g
+            for g in groups
+            if g.effect.name != name or len(members) == 1
+        }
         for groups in near
     ]
     shared = [k for k in per_member[0] if all(k in other for other in per_member)]

@@ -69,9 +69,11 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     share = float(1 - full[:, joint].sum() / max(left[:, joint].sum(), 1e-30))
     improved = float(np.mean((left - full)[:, joint] > 0))
     by = None
-    if nats < least(task, group):
+    if nats < least(task, fitted.members, group):
         pass
-    elif relative >= rules.tolerance and share >= rules.share and improved >= MOST_FOLDS:
+    elif (
+        relative >= rules.tolerance and share >= rules.share and improved >= MOST_FOLDS
+    ):
         by = "fit"
     elif spares_model(task, group, nats, big, small):
         by = "plausibility"

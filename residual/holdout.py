@@ -10,6 +10,7 @@ from residual.diagnose import Diagnosis, as_model, refit
 from residual.evidence import Fit
 from residual.gate import Tested
 from residual.recording import Array
+from residual.search import least
 
 CONFIRMED = 0.01  # gain above which a name counts as confirmed
 ROUND = 3  # gains are compared to 0.1 %
@@ -45,6 +46,15 @@ def held_out_verdicts(diagnosis: Diagnosis, held_out: Sequence[Witness]) -> Verd
         worst = int(np.argmin(gains))
         refuted.append((tested.pop(worst), gains[worst]))
         fitted = refit(diagnosis, tested)
+        alone = [t for t in tested if not _stands(diagnosis, fitted, t)]
+        if alone:
+            tested = [t for t in tested if t not in alone]
+            fitted = refit(diagnosis, tested)
+
+
+def _stands(diagnosis: Diagnosis, fitted: Fit, one: Tested) -> bool:
+    """Does a name still carry what it needs, now that others are gone?"""
+    return one.nats >= least(diagnosis.task, fitted.members, one.group)
 
 
 def word(gain: float) -> str:

@@ -125,4 +125,3 @@ def at_samples(torque: Array, track: Track, recording: Recording) -> Array:
     if torque.shape[0] == len(recording.t) and np.allclose(track.t, recording.t):
         return torque
     return np.column_stack([np.interp(recording.t, track.t, c) for c in torque.T])
-

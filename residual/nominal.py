@@ -12,8 +12,8 @@ from residual.model import Model, Term
 from residual.prior import ASSUMED, GIVEN, Nominal
 from residual.robot import Robot
 from residual.signals import Filters
+from residual.vocabulary import DEFAULT_DECLARED
 
-DEFAULT = ("viscous", "coulomb", "rotor_inertia")
 MOST_SHAPES = 4
 
 
@@ -21,7 +21,7 @@ def declared_names(robot: Robot, names: Sequence[str] | None) -> tuple[str, ...]
     """What the model has: the user's list, else robot.toml's, else the usual three."""
     if names is not None:
         return tuple(dict.fromkeys(names))
-    return tuple(robot.declared) or DEFAULT
+    return tuple(robot.declared) or DEFAULT_DECLARED
 
 
 def build_nominal(
@@ -52,7 +52,10 @@ def build_nominal(
 
 def _given(effect: Effect, joints: Joints, values) -> Term:
     anchor = joints[0] if joints else 0
-    numbers = [float(np.asarray(values.get(k, np.zeros(64)))[anchor]) for k in effect.parameters]
+    numbers = [
+        float(np.asarray(values.get(k, np.zeros(64)))[anchor])
+        for k in effect.parameters
+    ]
     theta, shape = effect.from_values(np.array(numbers))
     return Term(effect, joints, shape, np.asarray(theta, dtype=float))
 

@@ -31,7 +31,7 @@ def minimum_detectable(task: Task, fitted: Fit) -> list[dict]:
         if group.parts or group.key in {g.key for g in fitted.members}:
             continue
         size = _smallest(task, fitted, (system, lower, weight), group)
-        key, unit = next(iter(group.effect.parameters.items()))
+        unit = next(iter(group.effect.parameters.values()))
         joints = [j + 1 for j in group.joints]
         if np.isfinite(size):
             entry = {"name": group.effect.name, "joints": joints}

@@ -118,7 +118,7 @@ def _rows(task: Task, group: Group) -> set[int]:
 
 
 def _shortlist(task: Task, base: Fit, instead: Group | None) -> list[Group]:
-    """The most promising shape of the most promising keys, at most a third per joint."""
+    """The best shape of the most promising keys, at most a third of them per joint."""
     groups = task.candidates.groups
     if instead is not None:
         where = _rows(task, instead)
@@ -151,7 +151,9 @@ def _overlaps(group: Group, taken: set) -> bool:
 
 def admissible(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
     """Does the effect lower the error, or spare the model beyond belief?"""
-    return lowers_error(task, big, small) or spares_model(task, group, value, big, small)
+    return lowers_error(task, big, small) or spares_model(
+        task, group, value, big, small
+    )
 
 
 def lowers_error(task: Task, big: Fit, small: Fit) -> bool:
@@ -163,9 +165,7 @@ def lowers_error(task: Task, big: Fit, small: Fit) -> bool:
     return bool(np.any((relative >= rules.tolerance) & (share >= rules.share)))
 
 
-def spares_model(
-    task: Task, group: Group, value: float, big: Fit, small: Fit
-) -> bool:
+def spares_model(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
     """The refit can imitate the effect, but only with implausible parameters."""
     rules = task.rules
     if value < rules.plausible or small.bent - big.bent < rules.bent * value:
@@ -197,10 +197,14 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
     for _ in range(3):
         points = centre * np.exp(offsets) if ratio else centre + offsets
         points = np.unique(np.clip(points, how.lower, how.upper))
-        shapes = [(last.effect, last.joints, (float(x), *last.shape[1:])) for x in points]
+        shapes = [
+            (last.effect, last.joints, (float(x), *last.shape[1:])) for x in points
+        ]
         for group in task.design.add(shapes):
             counted = task.design.rows / 4
-            trial = fit(task.design, task.prior, (*others, group), counted, like.variance)
+            trial = fit(
+                task.design, task.prior, (*others, group), counted, like.variance
+            )
             if trial.score > top:
                 top, winner = trial.score, group
         centre = winner.shape[0]
@@ -212,8 +216,8 @@ def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
     """Replace a member where another candidate explains the same better by 1 nat.
 
     Only members that share a joint with the last addition are looked at: nothing
-    changed for the others. One of several joints that came together gives way to something else only for as
-    much as a name of its own would need.
+    changed for the others. One of several joints that came together gives way to
+    something else only for as much as a name of its own would need.
     """
     for _ in range(2):
         for group in current.members:
@@ -243,11 +247,17 @@ def _delete(task: Task, current: Fit) -> Fit:
         rest = tuple(g for g in current.members if g is not group)
         without = task.fit(rest, current)
         value, _, _ = gain(task.design, task.prior, current, without)
-        if value < least(task, group):
+        if value < least(task, current.members, group):
             current = task.settle(without)
     return current
 
 
-def least(task: Task, group: Group) -> float:
-    """Evidence that a member must carry to stay [nats]."""
-    return 0.0 if group.fellows > 1 else task.rules.threshold
+def least(task: Task, members: Sequence[Group], group: Group) -> float:
+    """Evidence that a member must carry to stay [nats].
+
+    None for one of several joints, as long as half of the arm's joints have the name.
+    """
+    name = group.effect.name
+    fellows = [g for g in members if g.fellows > 1 and g.effect.name == name]
+    enough = group in fellows and len(fellows) >= max(2, task.design.dof / 2)
+    return 0.0 if enough else task.rules.threshold

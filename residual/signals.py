@@ -99,7 +99,9 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
     """Zero-phase Butterworth low-pass of order 4 (twice 4) along the first axis."""
     if cutoff >= 0.45 * rate:
         return np.asarray(x, dtype=float)
-    return sosfiltfilt(_butterworth(cutoff / (rate / 2)), x, axis=0, padlen=min(len(x) - 2, int(rate)))
+    return sosfiltfilt(
+        _butterworth(cutoff / (rate / 2)), x, axis=0, padlen=min(len(x) - 2, int(rate))
+    )
 
 
 @cache

@@ -10,7 +10,9 @@ from residual.model import Model
 from residual.recording import Recording
 from residual.signals import low_pass, sample_rate
 
-QUIET = 0.02  # high-band density, as a share of the middle band, that white noise never has
+QUIET = (
+    0.02  # high-band density, as a share of the middle band, that white noise never has
+)
 LEAST_DELAY = 0.004  # s
 SHIFTS = 0.002 * np.arange(-15, 16)  # s
 
@@ -28,7 +30,9 @@ def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
         length = min(512, len(recording.t))
         f, density = welch(recording.tau, rate, nperseg=length, axis=0)
         top, middle = f > 0.4 * rate, (f > 0.1 * rate) & (f < 0.2 * rate)
-        shares.append(density[top].mean(axis=0) / (density[middle].mean(axis=0) + 1e-30))
+        shares.append(
+            density[top].mean(axis=0) / (density[middle].mean(axis=0) + 1e-30)
+        )
         rates.append(rate)
     share = np.median(np.array(shares), axis=0)
     quiet = [j + 1 for j in np.flatnonzero(share < QUIET)]
@@ -36,8 +40,8 @@ def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
         return None
     return (
         f"torque looks low-pass filtered at the source on joints {_list(quiet)}: its "
-        f"noise density near {0.45 * min(rates):.0f} Hz is under {100 * QUIET:.0f} % of "
-        "that in mid band, so noise and detectable sizes are understated"
+        f"noise density near {0.45 * min(rates):.0f} Hz is under {100 * QUIET:.0f} % "
+        "of that in mid band, so noise and detectable sizes are understated"
     )
 
 
@@ -62,8 +66,8 @@ def delayed_at_source(model: Model, logs: Logs) -> str | None:
         return None
     return (
         f"torque seems {'late' if delay > 0 else 'early'} against position by "
-        f"{1000 * abs(delay):.0f} ms; findings that follow speed or acceleration may be "
-        "part of it"
+        f"{1000 * abs(delay):.0f} ms; findings that follow speed or acceleration "
+        "may be part of it"
     )
 
 

@@ -45,16 +45,13 @@ def write(case: Case) -> dict:
     """The verdict as a dictionary that JSON can hold (docs/verdict.md)."""
     diagnosis = case.diagnosis
     flagged = [j + 1 for j in diagnosis.adequacy.flagged]
-    if case.found:
-        verdict = "effects"
-    else:
-        verdict = "unknown" if flagged else "none"
+    nothing = "unknown" if flagged else "none"
     return _plain(
         {
             "schema": 1,
             "robot": diagnosis.logs.robot.name,
             "declared": list(diagnosis.nominal.names),
-            "verdict": verdict,
+            "verdict": "effects" if case.found else nothing,
             "effects": [
                 _effect(f, i + 1, case.gains) for i, f in enumerate(case.found)
             ],
@@ -78,7 +75,8 @@ def _effect(finding: Finding, order: int, gains: Mapping[int, float]) -> dict:
         "probability": finding.probability,
         "order": order,
         "equivalent": [
-            {"name": name, "joints": list(joints)} for name, joints in finding.equivalent
+            {"name": name, "joints": list(joints)}
+            for name, joints in finding.equivalent
         ],
         "parameters": {
             key: {
@@ -99,29 +97,18 @@ def _effect(finding: Finding, order: int, gains: Mapping[int, float]) -> dict:
 
 
 def _unexplained(diagnosis: Diagnosis) -> dict:
-    a, fitted, design = diagnosis.adequacy, diagnosis.fit, diagnosis.task.design
+    a, design = diagnosis.adequacy, diagnosis.task.design
     power = design.rows * design.rms**2
     weight = power / power.sum()
     kinds = [k for j, k in enumerate(a.kind) if k and (j in a.flagged or not a.flagged)]
     kind = max(sorted(set(kinds)), key=kinds.count) if kinds else None
-    left = np.sqrt(fitted.sse / power)
     return {
         "joints": [j + 1 for j in a.flagged],
         "fraction": float(np.sqrt(weight @ a.structured**2)),
         "noise_floor": float(np.sqrt(weight @ a.noise**2)),
         "depends_on": [],
         "kind": kind,
-        "per_joint": [
-            {
-                "joint": j + 1,
-                "fraction": a.structured[j],
-                "before": a.before[j],
-                "noise_floor": a.noise[j],
-                "left": left[j],
-                "kind": a.kind[j],
-            }
-            for j in range(design.dof)
-        ],
+        "per_joint": a.structured,
         "noise_model": "autocorrelation",
     }
 

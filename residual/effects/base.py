@@ -129,8 +129,9 @@ class Effect:
     reports: Callable[[str, Array, Array], bool] | None = None
     family: str = ""
     groupable: bool = False
-    variable: Callable[[State, int], tuple[Array, str]] = (
-        lambda state, j: (state.qd[:, j], f"qd{j + 1} [rad/s]")
+    variable: Callable[[State, int], tuple[Array, str]] = lambda state, j: (
+        state.qd[:, j],
+        f"qd{j + 1} [rad/s]",
     )
 
     def candidates(self, dof: int) -> tuple[Joints, ...]:

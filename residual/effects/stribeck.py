@@ -10,7 +10,7 @@ from residual.effects.base import Effect, Refinement, local
 
 def _feature(state, j, shape):
     velocity, exponent = shape
-    fade = np.exp(-np.abs(state.qd[:, j] / velocity) ** exponent)
+    fade = np.exp(-(np.abs(state.qd[:, j] / velocity) ** exponent))
     return [state.sign[:, j] * fade]
 
 
