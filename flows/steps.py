@@ -104,6 +104,8 @@ def diagnose(
             declared=request.declared,
             progress=progress,
         )
+    for note in outcome.notes:
+        console.print(note, markup=False, highlight=False, soft_wrap=True)
     return _with_reading(outcome, logs)
 
 

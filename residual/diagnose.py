@@ -19,8 +19,8 @@ from residual.recording import Recording
 from residual.robot import Robot
 from residual.search import Rules, Task, start
 from residual.select import Selection, select
+from residual.settle import with_standstill
 from residual.signals import Filters, Track, prepare
-from residual.standstill import CHOICES, SMOOTH
 
 Progress = Callable[[str, float], None]
 ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
@@ -65,7 +65,7 @@ class Diagnosis:
 
     def model(self, fitted: Fit) -> Model:
         """A fit as a model, with the standstill that suits the fit logs."""
-        rough = with_standstill(as_model(self.nominal, fitted), self.logs)
+        rough = with_standstill(as_model(self.nominal, fitted), self.logs.tracks)
         return _refitted(self, fitted, rough)
 
 
@@ -209,27 +209,6 @@ def as_model(nominal: Nominal, fitted: Fit) -> Model:
         Term(g.effect, g.joints, g.shape, fitted.of(g)) for g in fitted.members
     )
     return replace(moved, terms=(*moved.terms, *found))
-
-
-def with_standstill(model: Model, logs: Logs) -> Model:
-    """Choose each joint's behaviour at standstill by the fit logs' whole error."""
-    dof = model.robot.dof
-    regressors = [model.observe(t).regressor for t in logs.tracks]
-    misses = []
-    for shape in CHOICES:
-        trial = replace(model, standstill=(shape,) * dof)
-        miss = np.zeros(dof)
-        for track, regressor in zip(logs.tracks, regressors, strict=True):
-            torque = track.filter(trial.torque(trial.observe(track, regressor)))
-            miss += ((track.tau - torque)[track.inner] ** 2).sum(axis=0)
-        misses.append(miss)
-    order = np.argmin(misses, axis=0)
-    usual = CHOICES.index(SMOOTH)
-    better = np.array(misses)[order, range(dof)] < 0.98 * misses[usual]
-    chosen = tuple(
-        CHOICES[i] if b else SMOOTH for i, b in zip(order, better, strict=True)
-    )
-    return replace(model, standstill=chosen)
 
 
 def _refitted(diagnosis: Diagnosis, fitted: Fit, rough: Model) -> Model:

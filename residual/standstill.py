@@ -20,14 +20,17 @@ class Standstill:
     """How the direction of motion passes through zero.
 
     Attributes:
-        kind: "smooth": tanh(qd / (size · floor)). "zero": nothing under the floor.
-            "bristle": Dahl's state of that displacement [rad] (Dahl 1968), where 0 is
-            the plain sign of velocity.
+        kind: "smooth": tanh(qd / (size · floor)). "bristle": Dahl's state of that
+            displacement [rad] (Dahl 1968), where 0 is the plain sign of velocity.
         size: Number of its kind.
+        hold: Share of it that remains while the joint stands, 0 to 1.
+        reach: Speed up to which it counts as standing here, in floors.
     """
 
-    kind: Literal["smooth", "zero", "bristle"] = "smooth"
+    kind: Literal["smooth", "bristle"] = "smooth"
     size: float = 0.25
+    hold: float = 1.0
+    reach: float = 1.0
 
 
 SMOOTH = Standstill()
@@ -35,8 +38,11 @@ CHOICES = (
     SMOOTH,
     Standstill("smooth", 1.0),
     Standstill("smooth", 4.0),
-    Standstill("zero", 1.0),
-    *(Standstill("bristle", d) for d in (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)),
+    *(
+        Standstill("bristle", d, reach=r)
+        for d in (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+        for r in (1.0, 4.0)
+    ),
 )
 
 
@@ -53,12 +59,12 @@ def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
         Values in [-1, 1]. Shape (n,).
     """
     if shape.kind == "smooth":
-        return np.tanh(qd / (shape.size * floor))
-    if shape.kind == "zero":
-        return np.where(np.abs(qd) < shape.size * floor, 0.0, np.sign(qd))
-    if shape.size == 0.0:
-        return np.sign(qd)
-    return _bristle(np.ascontiguousarray(q), shape.size)
+        out = np.tanh(qd / (shape.size * floor))
+    elif shape.size == 0.0:
+        out = np.sign(qd)
+    else:
+        out = _bristle(np.ascontiguousarray(q), shape.size)
+    return out if shape.hold == 1.0 else np.where(np.abs(qd) < shape.reach * floor, shape.hold, 1) * out
 
 
 @numba.njit(cache=True)

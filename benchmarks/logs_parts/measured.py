@@ -97,7 +97,7 @@ def show_measured(result: dict) -> None:
     print(f"  named: {named or 'nothing'}; unexplained: {result['unexplained']}")
 
 
-def _ratio(result: dict, variant: str = "weighted") -> np.ndarray:
+def _ratio(result: dict, variant: str = "ordinary") -> np.ndarray:
     peer = np.array(result["least_squares"][variant])
     return np.array(result["filtered"]["augmented"]) / peer
 
@@ -109,11 +109,11 @@ def _worst(results: list[dict]) -> dict:
         for variant in results[0]["least_squares"]
     }
     joints = sum(len(r["moving"]) for r in results)
-    value = round(ratios.pop("weighted"), 4)
+    value = round(ratios.pop("ordinary"), 4)
     against = {
         f"ratio_to_{k.replace(' ', '_')}": round(v, 4) for k, v in ratios.items()
     }
-    return figure(value, _NOT_WORSE, joints, peer="weighted least squares", **against)
+    return figure(value, _NOT_WORSE, joints, peer="ordinary least squares", **against)
 
 
 def _short(effect: dict) -> dict:

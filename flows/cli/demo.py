@@ -3,9 +3,7 @@
 from pathlib import Path
 
 
-def demo(
-    seed: int = 7, effect: str = "stribeck", folder: str = "modelgap-demo"
-) -> None:
+def demo(seed: int = 7, effect: str = "payload", folder: str = "modelgap-demo") -> None:
     """Diagnose an arm with an effect that its model is not told of.
 
     Writes synthetic logs of the built-in arm, diagnoses them as if they were

@@ -172,7 +172,9 @@ def _table(title: str, heads: Sequence[str], justify: JustifyMethod = "left") ->
         pad_edge=False,
     )
     for i, head in enumerate(heads):
-        table.add_column(head, justify="left" if i == 0 else justify)
+        # Short cells keep their width, so that no verdict is cut at 80 columns.
+        least = len("held-out: confirmed") if head == "evidence" else None
+        table.add_column(head, justify="left" if i == 0 else justify, min_width=least)
     return table
 
 

@@ -18,14 +18,14 @@ from sim.synthetic.seeds import stream
 
 _RATE = 125.0  # Hz: enough for a demonstration, half the size
 _PLAN = (
-    LogPlan("fit_1", "fit", "fourier", rate=_RATE),
-    LogPlan("fit_2", "fit", "slow_cyclic", rate=_RATE),
-    LogPlan("fit_3", "fit", "cyclic", rate=_RATE),
-    LogPlan("held_out", "held_out", "move_stop_move", rate=_RATE),
+    LogPlan("fit_1", "fit", "slow_cyclic", rate=_RATE),
+    LogPlan("fit_2", "fit", "cyclic", rate=_RATE),
+    LogPlan("fit_3", "fit", "move_stop_move", rate=_RATE),
+    LogPlan("held_out", "held_out", "fourier", rate=_RATE),
 )
 
 
-def write_demo(folder: Path, seed: int = 7, effect: str = "stribeck") -> list[Path]:
+def write_demo(folder: Path, seed: int = 7, effect: str = "payload") -> list[Path]:
     """Write logs of the built-in arm with one hidden effect.
 
     Three logs to fit and one of another motion family to hold out, as CSV; truth.json

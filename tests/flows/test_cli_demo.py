@@ -16,10 +16,10 @@ def test_demo_diagnoses_its_own_logs_and_then_tells_what_was_hidden(
     assert main(["demo", "--seed", "7"]) == 0
     shown = capsys.readouterr().out
     assert "fit: fit_1 fit_2 fit_3 | baseline: – | held out: held_out" in shown
-    assert "truth: stribeck on joint" in shown.splitlines()[-2]
+    assert "truth: payload on joint" in shown.splitlines()[-2]
     assert "again: modelgap diagnose modelgap-demo/fit_1.csv" in shown.splitlines()[-1]
     verdict = json.loads((tmp_path / "modelgap-demo" / "verdict.json").read_text())
-    assert verdict["effects"][0]["name"] == "stribeck"
+    assert verdict["effects"][0]["name"] == "payload"
     assert "<html" in (tmp_path / "modelgap-demo" / "report.html").read_text()
 
 

@@ -163,8 +163,8 @@ def test_a_demo_is_small_and_keeps_its_truth_apart(tmp_path):
     ]
     assert sum(p.stat().st_size for p in paths) < 1.5e6
     truth = json.loads(paths[-1].read_text())
-    assert truth["name"] == "stribeck"
-    assert b"stribeck" not in b"".join(p.read_bytes() for p in paths[:-1])
+    assert truth["name"] == "payload"
+    assert b"payload" not in b"".join(p.read_bytes() for p in paths[:-1])
 
 
 def test_the_shipped_example_is_the_demo(tmp_path):
