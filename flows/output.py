@@ -38,28 +38,29 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
         seen[place] = option
 
 
-def write_all(texts: Mapping[Path, str]) -> None:
+def write_all(contents: Mapping[Path, str | bytes]) -> None:
     """Write files, each whole or not at all.
 
     Args:
-        texts: Content by path; an existing file is replaced.
+        contents: Text or bytes by path; an existing file is replaced.
 
     Raises:
         OSError: If a file cannot be written.
     """
-    for path, text in texts.items():
-        _write(path.resolve(), text)
+    for path, content in contents.items():
+        data = content.encode() if isinstance(content, str) else content
+        _write(path.resolve(), data)
 
 
-def _write(path: Path, text: str) -> None:
+def _write(path: Path, data: bytes) -> None:
     # A device or pipe cannot be renamed over without destroying it.
     if path.exists() and not path.is_file():
-        path.write_text(text, encoding="utf-8")
+        path.write_bytes(data)
         return
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         # mkstemp makes files private; a report is as readable as any new file.

@@ -25,8 +25,8 @@ ALLOWED = {
 # What only some may import of others.
 ONLY = {
     "prefect": ("flows/",),
-    "pybullet": ("sim/bullet.py",),
-    "pybullet_data": ("sim/bullet.py",),
+    "pybullet": ("sim/bullet.py", "sim/bullet_camera.py"),
+    "pybullet_data": ("sim/bullet.py", "sim/bullet_camera.py"),
     "cvxpy": ("residual/consistency.py",),
     "duckdb": ("warehouse/", "flows/"),
     "pyarrow": ("warehouse/", "flows/"),

@@ -41,12 +41,15 @@ def main(words: Sequence[str] | None = None) -> int:
 def _explain(error: Exception) -> int:
     from cyclopts import CycloptsError
 
+    from flows.errors import RunError
     from residual.errors import ModelgapError
 
     if os.environ.get(TRACEBACK):
         traceback.print_exception(error)
     if isinstance(error, ModelgapError):
         return _say(str(error), 2)
+    if isinstance(error, RunError):
+        return _say(str(error), 1)
     if isinstance(error, CycloptsError):
         return _say(f"{' '.join(str(error).split())} See modelgap --help.", 2)
     what = " ".join(f"{type(error).__name__}: {error}".split())

@@ -8,6 +8,9 @@ from cyclopts import App
 
 from flows.cli.demo import demo
 from flows.cli.diagnose import diagnose
+from flows.cli.experiment import campaign, experiment
+from flows.cli.store import runs, show, sql
+from flows.cli.trajectory import trajectory
 
 _HELP = """Find what a robot's dynamic model is missing.
 
@@ -43,6 +46,12 @@ app = App(
 )
 app.command(diagnose, usage="Usage: modelgap diagnose LOG... --robot ROBOT [OPTIONS]")
 app.command(demo)
+app.command(experiment)
+app.command(campaign)
+app.command(trajectory)
+app.command(runs)
+app.command(sql)
+app.command(show)
 
 
 def run(words: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from flows.report import charts, outlook, quantity, rows, words
 from flows.report.phrases import sentence_case
 from flows.report.quantity import as_list, dig, known, texts
+from flows.report.staged import Staged
 from residual.outcome import Outcome
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -23,18 +24,19 @@ class Tile(NamedTuple):
     note: str
 
 
-def render(outcome: Outcome, robot_name: str) -> str:
+def render(outcome: Outcome, robot_name: str, staged: Staged | None = None) -> str:
     """Return the report page.
 
     Args:
         outcome: The diagnosis.
         robot_name: Robot as the reader calls it.
+        staged: Picture and truth of an experiment of our own.
 
     Returns:
         One self-contained HTML document; the same outcome gives the same bytes.
     """
     page = _environment().get_template("page.html")
-    return page.render(_context(outcome, robot_name))
+    return page.render(_context(outcome, robot_name), staged=staged)
 
 
 @cache

@@ -11,12 +11,14 @@ from flows.report import outlook
 from flows.report import rows as tables
 from flows.report.quantity import bare_percent, known, probability, texts
 from flows.report.rows import METRICS, STAGES, ErrorRow, Finding
+from flows.report.staged import Staged
 from flows.report.words import headline, rising
 from residual.outcome import Outcome
 
 # What a terminal without Unicode shows instead.
 _PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3", "·": ","})
 _NARROW = 26
+_TRUTH = ("", "hidden", "found")
 
 
 def print_outcome(outcome: Outcome, console: Console) -> None:
@@ -31,6 +33,20 @@ def print_outcome(outcome: Outcome, console: Console) -> None:
     for part in (_findings, _errors, _left_over, _detectable, _warnings, _next):
         part(outcome, console)
     _line(console, "")
+
+
+def print_truth(staged: Staged, console: Console) -> None:
+    """Print what was hidden beside what was found.
+
+    Args:
+        staged: Both.
+        console: Where to print.
+    """
+    table = _table("The seal, opened after the verdict was stored", _TRUTH)
+    for row in staged.rows:
+        _row(console, table, map(Text, row))
+    _print(console, table)
+    _line(console, staged.judged)
 
 
 def _findings(outcome: Outcome, console: Console) -> None:

@@ -38,22 +38,28 @@ def scatter(model: pin.Model, relative: float, rng: np.random.Generator) -> pin.
 
 
 def with_payload(model: pin.Model, payload: Hidden) -> pin.Model:
-    """Return a copy with a steel ball fixed to the flange.
+    """Return a copy with a load fixed to the flange: a steel ball, unless told.
 
     Args:
         model: Model of the arm.
-        payload: `mass` [kg] and `com_x`, `com_y`, `com_z` [m] in the flange frame.
+        payload: `mass` [kg] and `com_x`, `com_y`, `com_z` [m] in the flange frame;
+            `ixx` to `izz` about that centre [kg m^2] where known, else left out or NaN.
 
     Returns:
-        The copy; the last body is the sum of link and ball.
+        The copy; the last body is the sum of link and load.
     """
     p = payload.parameters
     centre = np.array([p["com_x"], p["com_y"], p["com_z"]])
     # Radius of a steel ball of that mass (7850 kg/m^3).
     radius = (3 * p["mass"] / (4 * np.pi * 7850.0)) ** (1 / 3)
-    ball = pin.Inertia(p["mass"], centre, 0.4 * p["mass"] * radius**2 * np.eye(3))
+    inertia = 0.4 * p["mass"] * radius**2 * np.eye(3)
+    if not np.isnan(p.get("ixx", np.nan)):
+        upper = [p[key] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+        inertia[np.triu_indices(3)] = upper
+        inertia = np.triu(inertia) + np.triu(inertia, 1).T
+    load = pin.Inertia(p["mass"], centre, inertia)
     loaded = pin.Model(model)
-    loaded.inertias[loaded.njoints - 1] += flange_placement(model).act(ball)
+    loaded.inertias[loaded.njoints - 1] += flange_placement(model).act(load)
     return loaded
 
 

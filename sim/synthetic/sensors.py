@@ -5,17 +5,16 @@ from scipy.signal import lfilter
 
 Array = np.ndarray
 
-ENCODER_NOISE = 5e-5  # rad, standard deviation
 ENCODER_STEP = 1e-4  # rad
 WHITE_TORQUE = 0.015  # of the torque range
 SLOW_TORQUE = 0.005  # of the torque range
 SLOW_TIME = 0.1  # s
 
 
-def encoder(q: Array, rng: np.random.Generator) -> Array:
-    """Return noisy positions, rounded to the steps of the encoder [rad]."""
-    noisy = q + ENCODER_NOISE * rng.normal(size=q.shape)
-    return np.round(noisy / ENCODER_STEP) * ENCODER_STEP
+def encoder(q: Array, rng: np.random.Generator, step: float = ENCODER_STEP) -> Array:
+    """Return positions with noise of half a step, rounded to whole steps [rad]."""
+    noisy = q + step / 2 * rng.normal(size=q.shape)
+    return np.round(noisy / step) * step
 
 
 def torque_noise(

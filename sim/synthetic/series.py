@@ -62,13 +62,30 @@ def evaluate(series: Series, t: Array, duration: float) -> tuple[Array, Array, A
     The path time s(t) starts and ends at rest: q = q(s), qd = q' s', and
     qdd = q'' s'^2 + q' s''.
     """
-    s, sd, sdd = _path_time(t, duration)
-    q, first, second = (_derivative(series, s, d) for d in range(3))
+    s, sd, sdd = path_time(t, duration)
+    q, first, second = (derivative(series, s, d) for d in range(3))
     sd, sdd = sd[:, None], sdd[:, None]
     return series.centre + q, first * sd, second * sd**2 + first * sdd
 
 
-def _derivative(series: Series, s: Array, times: int) -> Array:
+def peaks(series: Series) -> tuple[Array, Array, Array]:
+    """Return bounds of |q - centre|, |q'| and |q''| that hold for every s. (dof,)."""
+    s = np.linspace(0, series.period, 400)
+    size = np.hypot(series.sine, series.cosine)
+    rate = 2 * np.pi / series.period * np.arange(1, len(size) + 1)[:, None]
+    step = s[1] - s[0]
+
+    def largest(times: int) -> Array:
+        # Between two grid points a curve exceeds them by at most h^2/8 max|f''|.
+        bend = (size * rate ** (times + 2)).sum(axis=0)
+        grid = np.abs(derivative(series, s, times)).max(axis=0)
+        return grid + step**2 / 8 * bend
+
+    position, velocity, acceleration = (largest(d) for d in range(3))
+    return position, velocity, acceleration
+
+
+def derivative(series: Series, s: Array, times: int) -> Array:
     """Return the d-th derivative of q - centre with respect to s. Shape (n, dof)."""
     rate = 2 * np.pi / series.period * np.arange(1, len(series.sine) + 1)
     angle = np.outer(s, rate) + times * np.pi / 2
@@ -80,18 +97,7 @@ def _derivative(series: Series, s: Array, times: int) -> Array:
 
 def _within(space: Room, series: Series, share: float) -> Series:
     """Scale each joint as large as its range (times share), speed and acceleration."""
-    s = np.linspace(0, series.period, 400)
-    size = np.hypot(series.sine, series.cosine)
-    rate = 2 * np.pi / series.period * np.arange(1, len(size) + 1)[:, None]
-    step = s[1] - s[0]
-
-    def largest(times: int) -> Array:
-        # Between two grid points a curve exceeds them by at most h^2/8 max|f''|.
-        bend = (size * rate ** (times + 2)).sum(axis=0)
-        grid = np.abs(_derivative(series, s, times)).max(axis=0)
-        return grid + step**2 / 8 * bend
-
-    position, velocity, acceleration = (largest(d) for d in range(3))
+    position, velocity, acceleration = peaks(series)
     scale = np.min(
         [
             share * space.amplitude / position,
@@ -105,19 +111,30 @@ def _within(space: Room, series: Series, share: float) -> Series:
     )
 
 
-def _path_time(t: Array, duration: float) -> tuple[Array, Array, Array]:
-    """Return s, s' and s'': s' rises over one ramp by 10x^3 - 15x^4 + 6x^5."""
-    rise, fall = (np.clip(x / _RAMP, 0, 1) for x in (t, duration - t))
+def path_time(
+    t: Array, duration: float, ramp: float = _RAMP
+) -> tuple[Array, Array, Array]:
+    """Return s, s' and s'': s' rises over one ramp by 10x^3 - 15x^4 + 6x^5.
+
+    Args:
+        t: Time from the start [s]. Shape (n,).
+        duration: Length of the motion, at least two ramps [s].
+        ramp: Time from rest to s' = 1 and back [s].
+
+    Returns:
+        Path time [s], which ends at duration - ramp, and its derivatives. Shape (n,).
+    """
+    rise, fall = (np.clip(x / ramp, 0, 1) for x in (t, duration - t))
 
     def area(x: Array) -> Array:
-        return _RAMP * (2.5 * x**4 - 3 * x**5 + x**6)
+        return ramp * (2.5 * x**4 - 3 * x**5 + x**6)
 
     def height(x: Array) -> Array:
         return 10 * x**3 - 15 * x**4 + 6 * x**5
 
     def slope(x: Array) -> Array:
-        return 30 * x**2 * (1 - x) ** 2 / _RAMP
+        return 30 * x**2 * (1 - x) ** 2 / ramp
 
-    plateau = np.clip(t - _RAMP, 0, duration - 2 * _RAMP)
-    s = area(rise) + plateau + _RAMP / 2 - area(fall)
+    plateau = np.clip(t - ramp, 0, duration - 2 * ramp)
+    s = area(rise) + plateau + ramp / 2 - area(fall)
     return s, height(rise) + height(fall) - 1, slope(rise) - slope(fall)

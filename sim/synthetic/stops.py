@@ -39,22 +39,49 @@ def move_stop_move(
     now = dwells[0]
     for step in range(1, 1000):
         start, end = points[(step - 1) % _POINTS], points[step % _POINTS]
-        time = slower[step % _POINTS] * _move_time(space, end - start)
+        time = slower[step % _POINTS] * move_time(
+            end - start, space.velocity, space.acceleration
+        )
         if now + time > duration - _DWELL[0]:
             break
         moving = (t >= now) & (t < now + time)
         x = ((t[moving] - now) / time)[:, None]
-        q[moving] = start + (end - start) * (10 * x**3 - 15 * x**4 + 6 * x**5)
-        qd[moving] = (end - start) / time * 30 * x**2 * (1 - x) ** 2
-        qdd[moving] = (end - start) / time**2 * 60 * x * (1 - x) * (1 - 2 * x)
+        q[moving], qd[moving], qdd[moving] = quintic(start, end, time, x)
         q[t >= now + time] = end
         now += time + dwells[step % _POINTS]
     return q, qd, qdd
 
 
-def _move_time(space: Room, distance: Array) -> float:
-    """Return the shortest time in which all joints keep their limits [s]."""
+def quintic(
+    start: Array, end: Array, time: float, x: Array
+) -> tuple[Array, Array, Array]:
+    """Return position, velocity and acceleration of a move from rest to rest.
+
+    Args:
+        start: First position [rad]. Shape (dof,).
+        end: Last position [rad]. Shape (dof,).
+        time: How long the move takes [s].
+        x: Shares of that time, from 0 to 1. Shape (n, 1).
+
+    Returns:
+        q, qd and qdd. Shapes (n, dof).
+    """
+    return (
+        start + (end - start) * (10 * x**3 - 15 * x**4 + 6 * x**5),
+        (end - start) / time * 30 * x**2 * (1 - x) ** 2,
+        (end - start) / time**2 * 60 * x * (1 - x) * (1 - 2 * x),
+    )
+
+
+def move_time(distance: Array, velocity: Array, acceleration: Array) -> float:
+    """Return the shortest time in which all joints keep their limits [s].
+
+    Args:
+        distance: How far each joint goes [rad]. Shape (dof,).
+        velocity: Speed limits [rad/s]. Shape (dof,).
+        acceleration: Acceleration limits [rad/s^2]. Shape (dof,).
+    """
     distance = np.abs(distance)
-    by_speed = _SPEED * distance / space.velocity
-    by_acceleration = np.sqrt(_ACCELERATION * distance / space.acceleration)
+    by_speed = _SPEED * distance / velocity
+    by_acceleration = np.sqrt(_ACCELERATION * distance / acceleration)
     return max(0.4, float(by_speed.max()), float(by_acceleration.max()))

@@ -1,26 +1,142 @@
-"""The demonstration, from the words to the truth, with nothing faked."""
+"""The demonstration, from the words to the truth."""
 
 import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+from flows import demo as steps
 from flows.cli import main
 from flows.cli.progress import progress_bar
+from flows.report.staged import Hidden, Staged, judge
+from flows.report.terminal import print_truth
+
+ROOT = Path(__file__).parents[2]
+RUN = "from flows.cli import main; raise SystemExit(main())"
 
 
 @pytest.mark.slow
-def test_demo_diagnoses_its_own_logs_and_then_tells_what_was_hidden(
-    tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    assert main(["demo", "--seed", "7"]) == 0
-    shown = capsys.readouterr().out
-    assert "fit: fit_1 fit_2 fit_3 | baseline: – | held out: held_out" in shown
-    assert "truth: payload on joint" in shown.splitlines()[-2]
-    assert "again: modelgap diagnose modelgap-demo/fit_1.csv" in shown.splitlines()[-1]
-    verdict = json.loads((tmp_path / "modelgap-demo" / "verdict.json").read_text())
+def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(tmp_path):
+    """The whole of it, with physics, Prefect and nothing faked."""
+    plain = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
+    plain |= {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path / "home")}
+    words = ["demo", "--effect", "payload", "--store", "store"]
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, *words],
+        cwd=tmp_path,
+        env=plain,
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "The model lacks a payload at the flange" in done.stdout
+    assert "The first name is what was hidden." in done.stdout
+    assert "prefect" not in done.stdout.lower()
+    page = Path(done.stdout.splitlines()[-1].removeprefix("report: "))
+    assert "data:image/gif;base64," in page.read_text()
+    verdict = json.loads((page.parent / "verdict.json").read_text())
     assert verdict["effects"][0]["name"] == "payload"
-    assert "<html" in (tmp_path / "modelgap-demo" / "report.html").read_text()
+    assert (tmp_path / "store" / "_prefect" / "prefect.db").exists()
+    assert not (tmp_path / "home" / ".prefect").exists()
+    _the_verdict_needs_no_seal(tmp_path / "store", verdict)
+
+
+def _the_verdict_needs_no_seal(store: Path, verdict: dict) -> None:
+    from flows.records import read_outcome
+
+    shutil.rmtree(store / "sealed")
+    asked = steps.Asked(7, "payload")
+    runs = steps.run_experiments(asked, store)
+    assert not (store / "sealed").exists()
+    _, proof = steps.diagnose(runs, store)
+    assert json.dumps(read_outcome(store, proof).verdict) == json.dumps(verdict)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--effect", "sprin"], "did you mean 'spring'"),
+        (["--seed", "-1"], "--seed is -1, expected 0 or more"),
+    ],
+)
+def test_a_wrong_word_is_answered_before_anything_is_started(
+    tmp_path, capsys, words, said
+):
+    assert main(["demo", "--store", str(tmp_path / "store"), *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "store").exists()
+
+
+def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own():
+    made = [spec for _, spec in steps.specs(steps.Asked(3))]
+    assert len({spec.plant_spec() for spec in made}) == 1
+    assert len({spec.reference().seed for spec in made}) == 8
+    ends = [spec.start + spec.trajectory.duration for spec in made]
+    assert all(a < b.start for a, b in zip(ends, made[1:], strict=False))
+    families = [spec.trajectory.kind for spec in made]
+    assert len(set(families[:6])) == 3
+    assert set(families[6:]) - set(families[:6])
+
+
+def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
+    drawn, asked, nothing = (
+        steps.specs(steps.Asked(3, effect))[0][1] for effect in (None, "spring", "none")
+    )
+    assert len(drawn.plant_spec().effects) == 1
+    assert asked.plant_spec().effects[0].name == "spring"
+    assert nothing.plant_spec().effects == ()
+    assert drawn.reference() == asked.reference() == nothing.reference()
+    assert drawn.plant_spec().seed == nothing.plant_spec().seed
+
+
+SPRING = Hidden("spring", (2,), {"stiffness": 4.0, "rest": 0.1})
+
+
+def found(name: str, joints: list, **same) -> dict:
+    parameters = {"stiffness": {"value": 4.12, "std": 0.21, "unit": "N m/rad"}}
+    return {
+        "name": name,
+        "joints": joints,
+        "order": 1,
+        "equivalent": [],
+        "parameters": parameters,
+        **same,
+    }
+
+
+@pytest.mark.parametrize(
+    ("hidden", "effects", "judged"),
+    [
+        ([SPRING], [found("spring", [2])], "right"),
+        ([SPRING], [found("spring", [3])], "wrong"),
+        ([SPRING], [], "missed"),
+        ([], [], "clean"),
+        ([], [found("spring", [2])], "false alarm"),
+        (
+            [SPRING],
+            [found("balancer", [2], equivalent=[{"name": "spring", "joints": [2]}])],
+            "class",
+        ),
+    ],
+)
+def test_truth_and_verdict_are_compared(hidden, effects, judged):
+    assert judge(hidden, {"effects": effects}) == judged
+
+
+def test_the_truth_stands_beside_the_verdict(capsys):
+    from rich.console import Console
+
+    verdict = {"effects": [found("spring", [2])]}
+    print_truth(Staged(b"", "", (SPRING,), verdict), Console(width=80))
+    shown = capsys.readouterr().out
+    rows = [" ".join(line.split()) for line in shown.splitlines()]
+    assert "stiffness 4 N m/rad 4.12 ± 0.21 N m/rad" in rows
+    assert "rest 0.1 rad –" in rows
+    assert "The first name is what was hidden." in shown
 
 
 def test_there_is_no_bar_where_nobody_looks():

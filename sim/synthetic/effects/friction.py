@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from sim import laws
 from sim.synthetic.bristle import deflection
 from sim.synthetic.state import State
 
@@ -32,24 +33,25 @@ def viscous_asymmetry(state: State, p: Mapping) -> Array:
 
 
 def quadratic_viscous(state: State, p: Mapping) -> Array:
-    """Return coefficient qd sqrt(qd^2 + 0.02^2): churning, linear when very slow."""
-    return p["coefficient"] * state.qd * np.hypot(state.qd, 0.02)
+    """Return coefficient qd times the viscosity of churning oil."""
+    return p["coefficient"] * state.qd * laws.quadratic_viscosity(state.qd)
 
 
 def power_viscous(state: State, p: Mapping) -> Array:
-    """Return coefficient qd (qd^2 + 0.01^2)^((exponent - 1) / 2): shear thinning."""
-    speed = np.hypot(state.qd, 0.01)
-    return p["coefficient"] * state.qd * speed ** (p["exponent"] - 1.0)
+    """Return coefficient qd times the viscosity of grease that shears."""
+    thin = laws.power_viscosity(state.qd, p["exponent"])
+    return p["coefficient"] * state.qd * thin
 
 
 def stribeck(state: State, p: Mapping) -> Array:
     """Return level z / (1 + (qd / velocity)^2): a Lorentzian, not an exponential."""
-    return p["level"] * state.bristle / (1.0 + (state.qd / p["velocity"]) ** 2)
+    return p["level"] * state.bristle * laws.stribeck(state.qd, p["velocity"])
 
 
 def load_friction(state: State, p: Mapping) -> Array:
     """Return coefficient sqrt(load^2 + e^2) z with e a tenth of the Coulomb level."""
-    return p["coefficient"] * np.hypot(state.load, 0.1 * state.coulomb) * state.bristle
+    load = laws.carried(state.load, 0.1 * state.coulomb)
+    return p["coefficient"] * load * state.bristle
 
 
 def position_friction(state: State, p: Mapping) -> Array:
@@ -58,8 +60,7 @@ def position_friction(state: State, p: Mapping) -> Array:
     With the base friction: Fc (1 + (a / Fc) cos x + ...), an eccentric gear wheel.
     """
     size, phase = np.hypot(p["cos"], p["sin"]), np.arctan2(p["sin"], p["cos"])
-    x = state.q - phase
-    return size * (np.cos(x) + 0.1 * np.cos(2 * x)) * state.bristle
+    return size * laws.eccentric(state.q - phase) * state.bristle
 
 
 def coupled_friction(state: State, p: Mapping) -> Array:

@@ -1,0 +1,91 @@
+"""modelgap experiment and campaign: runs of the simulated arm into the store."""
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+_Flag = Annotated[bool, Parameter(negative="")]
+
+
+def experiment(spec: str, *, store: str | None = None, dry_run: _Flag = False) -> None:
+    """Run one experiment on the simulated arm and store it.
+
+    ```
+    modelgap experiment SPEC.toml
+    modelgap experiment SPEC.toml --dry-run
+    ```
+
+    The same spec is the same run: what is in the store is not run again. A spec that
+    breaks a limit of the arm, or a simulation that diverges, stores nothing.
+
+    Args:
+        spec: SPEC.toml: robot, trajectory, plant with its hidden effects, rates.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        dry_run: Only say what would run and what is there.
+    """
+    from rich.console import Console
+
+    from flows import experiment as steps
+    from flows.settings import store_folder
+    from flows.spec import load_spec
+
+    place, console = store_folder(store), Console()
+    (planned,) = steps.plan([(spec, load_spec(spec))], place)
+    _list([planned], console)
+    if not dry_run and not planned.stored:
+        steps.run(planned.spec, place)
+        _line(console, f"stored in {place}: modelgap show {planned.run_id}")
+
+
+def campaign(spec: str, *, store: str | None = None, dry_run: _Flag = False) -> None:
+    """Run many experiments on the simulated arm, over all cores.
+
+    ```
+    modelgap campaign CAMPAIGN.toml --dry-run
+    modelgap campaign CAMPAIGN.toml
+    ```
+
+    A campaign is a SPEC.toml with [grid], lists of which every combination is run, or
+    [random], of which a number is drawn. Interrupted, the same command completes it;
+    an experiment that fails is reported, and the others go on.
+
+    Args:
+        spec: The campaign file.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        dry_run: Only say what would run and what is there.
+    """
+    from rich.console import Console
+
+    from flows import experiment as steps
+    from flows.campaign import run_all
+    from flows.cli.progress import progress_bar
+    from flows.design import load_campaign
+    from flows.errors import RunError
+    from flows.settings import store_folder
+
+    place, console = store_folder(store), Console()
+    planned = steps.plan(((e.label, e.spec) for e in load_campaign(spec)), place)
+    if dry_run:
+        _list(planned, console)
+    missing = sum(not p.stored for p in planned)
+    _line(console, f"{missing} to run, {len(planned) - missing} in {place}")
+    if dry_run:
+        return
+    with progress_bar() as bar:
+        summary = run_all(planned, place, bar)
+    for failure in summary.failures:
+        _line(console, f"failed: {failure.planned.label}: {failure.why}")
+    failed = len(summary.failures)
+    _line(console, f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
+    if failed:
+        raise RunError(f"{failed} of {len(planned)} experiments failed.")
+
+
+def _list(planned: list, console) -> None:
+    for each in planned:
+        word = "is there" if each.stored else "to run"
+        _line(console, f"{each.run_id}  {word:8}  {each.label}")
+
+
+def _line(console, text: str) -> None:
+    console.print(text, markup=False, highlight=False, soft_wrap=True)

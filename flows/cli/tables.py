@@ -1,0 +1,102 @@
+"""Answers of the store as text: a table for people, CSV and JSON for programs."""
+
+import csv
+import json
+import math
+import sys
+from datetime import datetime
+from decimal import Decimal
+
+import pyarrow as pa
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+# More rows than anybody reads; the other formats have all of them.
+MOST = 1000
+
+
+def print_table(rows: pa.Table, format: str) -> None:
+    """Print an answer on standard output.
+
+    Args:
+        rows: The answer.
+        format: "table", "csv" or "json".
+    """
+    if format == "json":
+        _print_json(rows)
+    elif format == "csv":
+        _print_csv(rows)
+    else:
+        _print_people(rows)
+
+
+def _print_people(rows: pa.Table) -> None:
+    console = Console()
+    if not console.is_terminal:
+        # Into a file or a pipe: as wide as it needs, nothing is cut.
+        console = Console(width=10_000)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for field in rows.schema:
+        number = pa.types.is_integer(field.type) or pa.types.is_floating(field.type)
+        table.add_column(field.name, justify="right" if number else "left")
+    columns = [_words(column) for column in rows.slice(0, MOST).columns]
+    for row in zip(*columns, strict=True):
+        table.add_row(*row)
+    console.print(table, markup=False, highlight=False)
+    more = f"; the first {MOST} are shown, --format csv has all" * (len(rows) > MOST)
+    noun = "row" if len(rows) == 1 else "rows"
+    console.print(f"{len(rows)} {noun}{more}", highlight=False)
+
+
+def _print_csv(rows: pa.Table) -> None:
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(rows.column_names)
+    for batch in rows.to_batches(max_chunksize=10_000):
+        columns = [[_cell(value.as_py()) for value in column] for column in batch]
+        writer.writerows(zip(*columns, strict=True))
+
+
+def _print_json(rows: pa.Table) -> None:
+    names = rows.column_names
+    values = [[_plain(value.as_py()) for value in column] for column in rows.columns]
+    listed = [dict(zip(names, row, strict=True)) for row in zip(*values, strict=True)]
+    print(json.dumps(listed, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def _words(column: pa.ChunkedArray) -> list[str]:
+    return [_word(value.as_py()) for value in column]
+
+
+def _word(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, datetime):
+        return value.isoformat(" ", "seconds")
+    if isinstance(value, list):
+        return ", ".join(_word(item) for item in value)
+    return str(value)
+
+
+def _cell(value: object) -> object:
+    """One field of CSV: numbers in full, lists as JSON, empty for null."""
+    if isinstance(value, list | dict):
+        return json.dumps(_plain(value), ensure_ascii=False)
+    return value.isoformat() if isinstance(value, datetime) else value
+
+
+def _plain(value: object) -> object:
+    """A value that JSON has; what is not finite becomes null."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Decimal):  # a sum of whole numbers is one
+        return int(value) if value == int(value) else float(value)
+    if value is None or isinstance(value, str | int):
+        return value
+    return value.isoformat() if isinstance(value, datetime) else str(value)

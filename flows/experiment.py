@@ -1,0 +1,163 @@
+"""One experiment, step by step: spec -> reference -> plant -> store, id to id."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from time import perf_counter
+
+from flows.spec import ExperimentSpec
+from residual.robot import Robot, load_robot
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """An experiment whose id is known before it is run.
+
+    Attributes:
+        label: What it is, for people.
+        spec: What to run.
+        run_id: The id that its run has or will have.
+        stored: Whether the run is in the store.
+    """
+
+    label: str
+    spec: ExperimentSpec
+    run_id: str
+    stored: bool
+
+
+def plan(specs: Iterable[tuple[str, ExperimentSpec]], store: Path) -> list[Planned]:
+    """Return what would run and what is there; the same experiment only once.
+
+    Args:
+        specs: Labels and experiments.
+        store: The store.
+
+    Raises:
+        InputError: If an experiment asks for what its robot or the plant lacks.
+    """
+    planned: dict[str, Planned] = {}
+    for label, spec in specs:
+        id = run_id_of(spec)
+        if id not in planned:
+            planned[id] = Planned(label, spec, id, is_stored(store, spec, id))
+    return list(planned.values())
+
+
+def run_id_of(spec: ExperimentSpec) -> str:
+    """Return the id of an experiment, without running it.
+
+    Raises:
+        InputError: If it asks for what its robot or the plant lacks.
+    """
+    from warehouse import ids
+    from warehouse.provenance import plant_code_hash
+    from warehouse.seal import sealed_hash
+
+    robot = checked_robot(spec)
+    hidden = sealed_hash(sealed_half(spec))
+    return ids.run_id(open_half(spec, robot), hidden, plant_code_hash())
+
+
+def is_stored(store: Path, spec: ExperimentSpec, run_id: str) -> bool:
+    """Return whether a run is in the store."""
+    from warehouse.layout import record_folder
+
+    return record_folder(store, "runs", run_id, checked_robot(spec).name).is_dir()
+
+
+def run(spec: ExperimentSpec, store: Path) -> str:
+    """Run one experiment and store it; one that is stored is not run again.
+
+    Args:
+        spec: What to run.
+        store: The store.
+
+    Returns:
+        The id of the run.
+
+    Raises:
+        InputError: If the motion breaks a limit of the arm (which joint, when, by how
+            much) or the simulation diverges; nothing is stored then.
+    """
+    from warehouse.commit import commit_run
+    from warehouse.seal import Sealed
+
+    id = run_id_of(spec)
+    if is_stored(store, spec, id):
+        return id
+    robot = checked_robot(spec)
+    made, timings = _simulate(spec, robot)
+    manifest = {
+        "spec": open_half(spec, robot),
+        "robot": spec.robot,
+        "robot_hash": robot.content_hash,
+        "seed_streams": {"reference": spec.reference().seed, "sealed": _stream_names()},
+        "timings": timings,
+    }
+    sealed = Sealed(sealed_half(spec), made.truth)
+    return commit_run(store, made.log, manifest, sealed, made.twin)
+
+
+def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
+    """Return what everybody may know of an experiment, as its record has it."""
+    reference = spec.reference()
+    return {
+        "schema": spec.schema_,
+        "robot": {"name": robot.name, "content_hash": robot.content_hash},
+        "declared": sorted(robot.declared),
+        "trajectory": asdict(reference),
+        "seed": reference.seed,
+        "start": spec.start,
+        "rates": asdict(spec.log_rates()),
+    }
+
+
+def sealed_half(spec: ExperimentSpec) -> dict:
+    """Return what the diagnosis must find out by itself."""
+    return asdict(spec.plant_spec())
+
+
+def checked_robot(spec: ExperimentSpec) -> Robot:
+    """Return the arm, once it is known to fit what the spec hides in it.
+
+    Raises:
+        InputError: If there is no such robot, effect, parameter or joint.
+    """
+    from sim.plant.perturbations import check_effect
+
+    robot = _robot(spec.robot)
+    for effect in spec.plant_spec().effects:
+        check_effect(effect, robot)
+    return robot
+
+
+@lru_cache(maxsize=8)
+def _robot(name: str) -> Robot:
+    return load_robot(name)
+
+
+def _simulate(spec: ExperimentSpec, robot: Robot) -> tuple:
+    # Late: the engine is a slow import, and whoever has only logs never needs it.
+    from threadpoolctl import threadpool_limits
+
+    from sim.experiment import run_experiment
+    from sim.trajectories import make_reference
+
+    rates, clock = spec.log_rates(), [perf_counter()]
+    with threadpool_limits(1, user_api="blas"):
+        reference = make_reference(robot, spec.reference(), rates.control)
+        clock.append(perf_counter())
+        made = run_experiment(robot, reference, spec.plant_spec(), rates, spec.start)
+        clock.append(perf_counter())
+    names = ("reference_s", "plant_s")
+    times = (round(b - a, 3) for a, b in pairwise(clock))
+    return made, dict(zip(names, times, strict=True))
+
+
+def _stream_names() -> Sequence[str]:
+    from sim.streams import NAMES
+
+    return list(NAMES)

@@ -1,0 +1,158 @@
+"""Work spread over processes: one failure is one result, a dead parent leaves nobody.
+
+Processes are spawned, not forked, since a fork copies the threads' locks of whatever
+the parent has loaded.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Any
+
+from flows.settings import one_thread_each
+
+_DIED = "its process ended without a word; out of memory, or killed from outside"
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """One finished job.
+
+    Attributes:
+        index: Its place in the list of jobs.
+        value: What the work returned, None if it failed.
+        error: Why it failed, None if it did not.
+    """
+
+    index: int
+    value: Any = None
+    error: BaseException | None = None
+
+
+class Pool:
+    """Processes that do one kind of work; a context manager.
+
+    Args:
+        workers: How many processes.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+        self._pool = _fresh(workers)
+
+    def __enter__(self) -> "Pool":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        _stop(self._pool)
+
+    def warm(self, work: Callable[[], object]) -> None:
+        """Let every process load what it will need, while the caller does other work.
+
+        Args:
+            work: A function of a module, without arguments.
+        """
+        for _ in range(self._workers):
+            self._submit(work)
+
+    def run(self, work: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Done]:
+        """Yield jobs as they are done.
+
+        A job that takes its process down with it (out of memory, a fault in compiled
+        code) fails alone: those that ran beside it are done again, one at a time.
+
+        Args:
+            work: A function of a module, of one argument that can be pickled.
+            jobs: Its arguments.
+        """
+        waiting, suspects = deque(range(len(jobs))), deque[int]()
+        running: dict[Future, int] = {}
+        while waiting or suspects or running:
+            queue, most = (suspects, 1) if suspects else (waiting, self._workers)
+            while queue and len(running) < most:
+                index = queue.popleft()
+                running[self._submit(work, jobs[index])] = index
+            ended = {running.pop(f): f for f in _ended(running)}
+            lost = [i for i, f in ended.items() if _died(f)]
+            yield from (_done(i, f) for i, f in ended.items() if i not in lost)
+            if lost:
+                # Nobody knows which of those that ran took the processes down.
+                lost = sorted([*lost, *running.values()])
+                running.clear()
+                self._renew()
+                if len(lost) > 1:
+                    suspects.extend(lost)
+                else:
+                    yield Done(lost[0], error=ChildProcessError(_DIED))
+
+    def _submit(self, work: Callable, *arguments: Any) -> Future:
+        # The process may be started here and takes its environment from ours.
+        with one_thread_each():
+            try:
+                return self._pool.submit(work, *arguments)
+            except BrokenProcessPool:  # an idle process was killed from outside
+                self._renew()
+                return self._pool.submit(work, *arguments)
+
+    def _renew(self) -> None:
+        _stop(self._pool)
+        self._pool = _fresh(self._workers)
+
+
+class Here:
+    """The same without processes, one job after the other."""
+
+    def run(self, work: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Done]:
+        """Yield jobs as they are done (`Pool.run`)."""
+        for index, job in enumerate(jobs):
+            try:
+                yield Done(index, work(job))
+            except Exception as error:
+                yield Done(index, error=error)
+
+
+def _fresh(workers: int) -> ProcessPoolExecutor:
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin)
+
+
+def _begin() -> None:
+    """Set up a new process: Ctrl-C is its parent's matter, and so is when to end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def end_with_parent() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+def _stop(pool: ProcessPoolExecutor) -> None:
+    # There is no public way before Python 3.14 to end a job that runs; what it stores
+    # is whole or not there at any kill.
+    processes = list((pool._processes or {}).values())
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join()
+
+
+def _ended(running: dict[Future, int]) -> list[Future]:
+    return sorted(wait(running, return_when=FIRST_COMPLETED).done, key=running.get)
+
+
+def _died(future: Future) -> bool:
+    return isinstance(future.exception(), BrokenProcessPool)
+
+
+def _done(index: int, future: Future) -> Done:
+    error = future.exception()
+    return Done(index, error=error) if error else Done(index, future.result())

@@ -1,0 +1,122 @@
+"""A Prefect server of our own, for as long as one command runs.
+
+Prefect starts one by itself where none is. That one gets the Ctrl-C that is meant for
+us, after which the flow waits for its answers for minutes, and it stays for ever if we
+are killed. This one is in a session of its own and ends when its input does.
+"""
+
+import atexit
+import os
+import socket
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic, sleep
+from urllib.request import urlopen
+
+_PATIENCE = 120.0  # s; the first start makes the database, on a busy machine slowly
+_GRACE = 10.0  # s
+# None of our flows uses blocks, and registering them takes seconds.
+_LEAN = {"PREFECT_API_BLOCKS_REGISTER_ON_START": "false", "PREFECT_UI_ENABLED": "false"}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Server:
+    """A server that was started.
+
+    Attributes:
+        url: Address of its API.
+        process: Its process.
+        log: Where it writes what it has to say.
+    """
+
+    url: str
+    process: subprocess.Popen
+    log: Path
+
+    def wait(self) -> None:
+        """Return when it answers.
+
+        Raises:
+            RuntimeError: If it has ended, or takes too long.
+        """
+        begun = monotonic()
+        while not answers(self.url):
+            if self.process.poll() is not None or monotonic() - begun > _PATIENCE:
+                raise RuntimeError(f"Prefect's server did not start; see {self.log}.")
+            sleep(0.1)
+
+    def stop(self) -> None:
+        """End it."""
+        self.process.stdin.close()
+        try:
+            self.process.wait(_GRACE)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+def start_server(home: Path) -> Server:
+    """Start a server that ends with this process, however that ends.
+
+    To be called before Prefect is imported: what Prefect still has to send at our exit
+    it sends before the server is stopped then.
+
+    Args:
+        home: Prefect's home.
+    """
+    log, port = home / "server.log", _free_port()
+    # -P: the folder of this file must not be a place to import from.
+    command = [sys.executable, "-P", str(Path(__file__)), str(port)]
+    with log.open("ab") as said:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=said,
+            stderr=said,
+            env={**os.environ, **_LEAN},
+            start_new_session=True,
+        )
+    server = Server(f"http://127.0.0.1:{port}/api", process, log)
+    atexit.register(server.stop)
+    return server
+
+
+def answers(url: str | None) -> bool:
+    """Return whether a Prefect server answers at the address of its API."""
+    if not url:
+        return False
+    try:
+        with urlopen(f"{url.rstrip('/')}/health", timeout=2) as reply:
+            return reply.status == 200
+    except (OSError, ValueError):
+        return False
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _serve(port: int) -> None:
+    """Serve until standard input ends, which it does with whoever holds it."""
+    import uvicorn
+    from prefect.server.api.server import create_app
+
+    app = create_app(ephemeral=True, final=True)
+    settings = uvicorn.Config(app, "127.0.0.1", port, log_level="error")
+    server = uvicorn.Server(settings)
+
+    def end_with_input() -> None:
+        sys.stdin.buffer.read()
+        server.should_exit = True
+
+    threading.Thread(target=end_with_input, daemon=True).start()
+    server.run()
+
+
+if __name__ == "__main__":
+    _serve(int(sys.argv[1]))

@@ -1,0 +1,61 @@
+"""Where things are kept, and how Prefect is told to be quiet and stay at home."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def store_folder(option: str | None = None) -> Path:
+    """Return the store: what --store says, else $MODELGAP_STORE, else ./store."""
+    return Path(option or os.environ.get(STORE) or "store").resolve()
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Give processes started inside one BLAS thread each; ours is left as it is."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def prefect_home(store: Path) -> Path:
+    """Return Prefect's home, made if it is not there."""
+    home = store / "_prefect"
+    home.mkdir(parents=True, exist_ok=True)
+    return home
+
+
+def prepare_prefect(home: Path) -> None:
+    """Set Prefect up for a flow of ours; to be called before Prefect is imported.
+
+    Args:
+        home: Where its files go; nothing of it lies about anywhere else.
+    """
+    quiet = {
+        # Both are needed: either alone leaves a heartbeat with a traceback.
+        "DO_NOT_TRACK": "1",
+        "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
+        # Logs of flows and tasks go to the server; people read our own progress.
+        "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL",
+        "PREFECT_RESULTS_DEFAULT_SERIALIZER": "json",
+        # Not those of the user, nor a file in the working directory.
+        "PREFECT_PROFILES_PATH": str(home / "profiles.toml"),
+        "PREFECT_HOME": str(home),
+    }
+    os.environ.update(quiet)

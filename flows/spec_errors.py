@@ -1,0 +1,115 @@
+"""A TOML file into a checked record, its faults in the words of the house."""
+
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from residual.errors import InputError
+from residual.names import check_name
+
+Record = TypeVar("Record", bound=BaseModel)
+
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "text in quotes",
+    "tuple_type": "a list",
+    "model_type": "a table",
+    "finite_number": "a finite number",
+}
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        InputError: If it is not there, not text or not TOML.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"Cannot read {path}: {error.strerror}.") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 text, expected TOML.") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is not valid TOML: {error}.") from error
+
+
+def checked(record: type[Record], content: dict[str, Any], where: str) -> Record:
+    """Check the content of a file.
+
+    Args:
+        record: What the file must hold.
+        content: What it holds.
+        where: Name of the file, for messages.
+
+    Raises:
+        InputError: On the first fault; an unknown key gets the nearest valid one.
+    """
+    try:
+        return record.model_validate(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise InputError(f"{where}: {_words(record, first)}") from error
+
+
+def _words(record: type[BaseModel], fault: dict[str, Any]) -> str:
+    *tables, key = fault["loc"] or ("",)
+    if fault["type"] == "extra_forbidden":
+        return _unknown(key, _keys(record, tables), f"key in {_place(tables)}")
+    if fault["type"] == "missing":
+        return f"{_place(tables)} needs the key '{key}'."
+    if fault["type"] == "literal_error" and isinstance(fault["input"], str):
+        valid = fault["ctx"]["expected"].replace("' or '", "', '")
+        return _unknown(fault["input"], valid.strip("'").split("', '"), str(key))
+    if fault["type"] == "value_error":
+        return f"{_place(fault['loc'])} {fault['ctx']['error']}."
+    expected = _EXPECTED.get(fault["type"])
+    if expected is None:
+        text = fault["msg"].removeprefix("Input should be ")
+        expected = text[:1].lower() + text[1:]
+    return f"{_named(fault['loc'])} is {fault['input']!r}, expected {expected}."
+
+
+def _unknown(name: object, valid: list[str], what: str) -> str:
+    try:
+        check_name(str(name), valid, what)
+    except InputError as error:
+        return str(error)
+    return f"{what} '{name}' is not usable here."
+
+
+def _keys(record: type[BaseModel], tables: list) -> list[str]:
+    """Return the valid keys of the table at a place."""
+    for table in tables:
+        if isinstance(table, int):
+            continue
+        record = _inner(record.model_fields[table].annotation)
+    return [field.alias or name for name, field in record.model_fields.items()]
+
+
+def _inner(annotation: Any) -> Any:
+    """Return the record of a field: itself, or of the elements of a list."""
+    for inner in getattr(annotation, "__args__", ()):
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            return inner
+    return annotation
+
+
+def _place(tables: list | tuple) -> str:
+    words = [str(t) for t in tables if not isinstance(t, int)]
+    counts = [t + 1 for t in tables if isinstance(t, int)]
+    if not words:
+        return "the file's head"
+    name = f"[{'.'.join(words)}]"
+    return f"[{name}] {counts[0]}" if counts else name
+
+
+def _named(loc: tuple) -> str:
+    """Return "[trajectory] duration", also for an element of a list."""
+    *tables, key = loc
+    if isinstance(key, int) and tables:
+        return f"{_named(tuple(tables))} (entry {key + 1})"
+    return f"{_place(tables)} {key}" if tables else str(key)

@@ -1,0 +1,110 @@
+"""One experiment: an arm with something to hide follows a reference and is logged."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.robot import Robot
+from sim.plant import tables as at
+from sim.plant.arm import build_arm
+from sim.plant.controller import ComputedTorque
+from sim.plant.draw import draw_hidden
+from sim.plant.stepping import Trace, simulate
+from sim.records import PlantRun, PlantSpec, Rates, Reference
+from sim.sensors import every_nth, log_of
+from sim.streams import motion_label
+from sim.twin import twin_errors, twin_of
+
+__all__ = ["draw_hidden", "run_experiment"]
+
+Array = np.ndarray
+
+
+def run_experiment(
+    robot: Robot,
+    reference: Reference,
+    plant: PlantSpec,
+    rates: Rates = Rates(),  # noqa: B008  frozen
+    start: float = 0.0,
+) -> PlantRun:
+    """Drive the arm of a spec along a reference, and its nominal twin.
+
+    A pure function: the same arguments give the same bits, in any process. Noise
+    differs from motion to motion, and with the start; the arm does not.
+
+    Args:
+        robot: Description of the arm, which the controller and the twin believe.
+        reference: The motion, at rates.control.
+        plant: How the arm differs from its description.
+        rates: Rates of controller and log.
+        start: Time since the session began; the log's clock goes on from there, and
+            the gears are as warm as after usual work for that long [s].
+
+    Returns:
+        Log, truth and twin errors.
+
+    Raises:
+        InputError: On a spec that cannot be.
+        DivergedError: If the simulation runs away.
+    """
+    _check(reference, rates, robot.dof)
+    every, label = every_nth(rates), motion_label(reference, start)
+    arm = build_arm(robot, plant)
+    controller = ComputedTorque(robot, reference)
+    trace = simulate(arm, reference, controller, label, start, plant.seed)
+    noise = (plant.noise, plant.seed, label, start)
+    log = log_of(robot, trace, reference, plant.effects, noise, rates)
+    errors = twin_errors(log, trace, twin_of(robot, reference), every)
+    return PlantRun(log, truth_of(trace, every), errors)
+
+
+def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:
+    """Return what no robot logs, at every n-th step.
+
+    Torques add up: tau_motor = tau_rigid + tau_rotor + tau_friction + every explicit
+    tau_<effect>, where tau_rigid is computed afresh from the motion. tau_drive is what
+    the drives believe to give, tau_gear what the gears pass on.
+    """
+    rows = trace.rows[::every]
+    names = {
+        "q": at.Q,
+        "qd": at.QD,
+        "motor_q": at.MOTOR_Q,
+        "motor_qd": at.MOTOR_QD,
+        "reading": at.READING,
+        "tau_drive": at.DRIVE,
+        "tau_motor": at.MOTOR,
+        "tau_rotor": at.ROTOR,
+        "tau_friction": at.FRICTION,
+        "tau_gear": at.GEAR,
+        "tau_link": at.LINK,
+        "temperature": at.TEMPERATURE,
+    }
+    truth = {name: rows[:, row].copy() for name, row in names.items()}
+    truth["qdd"] = trace.qdd[::every].copy()
+    truth["tau_rigid"] = trace.rigid(every)
+    for i, channel in enumerate(trace.channels):
+        truth[f"tau_{channel}"] = rows[:, at.CHANNELS + i].copy()
+    return truth
+
+
+def _check(reference: Reference, rates: Rates, dof: int) -> None:
+    ratio = rates.control / rates.log
+    if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
+        raise InputError(
+            f"Control at {rates.control:g} Hz and log at {rates.log:g} Hz: expected "
+            "control to be a whole multiple of log."
+        )
+    steps = np.diff(reference.t) * rates.control
+    if len(steps) < 1 or np.abs(steps - 1).max() > 1e-6:
+        raise InputError(
+            f"The reference is not sampled at the control rate of {rates.control:g} Hz."
+        )
+    for name in ("q", "qd", "qdd"):
+        array = getattr(reference, name)
+        if array.shape != (len(reference.t), dof) or not np.isfinite(array).all():
+            raise InputError(
+                f"Reference {name}: expected {len(reference.t)} finite rows of {dof} "
+                f"joints, got shape {array.shape}."
+            )

@@ -1,0 +1,68 @@
+"""Laws of friction, springs and magnets that the simulated arms obey.
+
+Plain functions of arrays; the closed-loop plant compiles them for single numbers. They
+are deliberately not the formulas of the diagnosis.
+"""
+
+import numpy as np
+
+Value = np.ndarray | float
+
+_CHURN, _THIN, _TURN = 0.02, 0.01, 0.02  # rad/s
+
+
+def quadratic_viscosity(qd: Value) -> Value:
+    """Return sqrt(qd^2 + 0.02^2): churning, linear when very slow [rad/s]."""
+    return np.hypot(qd, _CHURN)
+
+
+def power_viscosity(qd: Value, exponent: float) -> Value:
+    """Return (qd^2 + 0.01^2)^((exponent - 1) / 2): shear thinning."""
+    return np.hypot(qd, _THIN) ** (exponent - 1.0)
+
+
+def direction(qd: Value) -> Value:
+    """Return the direction of motion, blended within some 0.02 rad/s."""
+    return qd / np.hypot(qd, _TURN)
+
+
+def stribeck(qd: Value, velocity: float, exponent: float = 2.0) -> Value:
+    """Return 1 / (1 + |qd / velocity|^exponent): not an exponential (Hess 1990)."""
+    return 1.0 / (1.0 + np.abs(qd / velocity) ** exponent)
+
+
+def carried(load: Value, floor: Value) -> Value:
+    """Return sqrt(load^2 + floor^2): preload of the gear keeps it from zero [N m]."""
+    return np.hypot(load, floor)
+
+
+def eccentric(x: Value) -> Value:
+    """Return cos x + 0.1 cos 2x: a gear wheel mounted off its centre."""
+    return np.cos(x) + 0.1 * np.cos(2 * x)
+
+
+def hose(x: Value) -> Value:
+    """Return x / sqrt(1 + (x / 4)^2): a hose that softens [rad]."""
+    return x / np.hypot(1.0, x / 4.0)
+
+
+def gas_spring(x: Value) -> Value:
+    """Return the torque of a gas spring between two eyes, of no particular size.
+
+    The eyes sit at 1 and 1/4 of a length from the joint axis, so the cylinder is
+    L(x) = sqrt(1 + 1/16 - cos(x) / 2) long; pulled out it presses its gas, whose force
+    rises with (1 + 0.4 (L - 3/4))^1.2. Torque = force dL/dx.
+    """
+    length = np.sqrt(1.0 + 1 / 16 - np.cos(x) / 2)
+    force = (1.0 + 0.4 * (length - 0.75)) ** 1.2
+    return force * np.sin(x) / (4 * length)
+
+
+def magnet(x: Value) -> Value:
+    """Return cos x + 0.15 cos 2x: cogging of a motor."""
+    return np.cos(x) + 0.15 * np.cos(2 * x)
+
+
+def gas_spring_peak() -> float:
+    """Return the largest value of gas_spring over one turn."""
+    return float(gas_spring(np.linspace(0, 2 * np.pi, 721)).max())

@@ -1,0 +1,117 @@
+"""Computed torque control: the maker's model, and feedback on the readings.
+
+tau = M(q) a_q + C(q, qd) qd + G(q) + F(qd)                  (paper eq. 8)
+a_q = qdd* - Kp (q - q*) - Kd (qd - qd*)                       (paper eq. 9)
+
+The paper prints the inverse of M in eq. 8; it must be M.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from residual.robot import Robot
+from sim.plant.compiled import compiled
+from sim.records import Reference
+from sim.synthetic.sizes import sizes
+
+Array = np.ndarray
+
+# Critically damped at 30 rad/s: poles of eq. 10.
+KP, KD = 900.0, 60.0  # 1/s^2, 1/s
+_SOFT = 0.05  # rad/s: over which the controller turns its dry friction
+
+
+class Maker(NamedTuple):
+    """What the maker knows of friction and rotors, per joint. Shapes (dof,).
+
+    Attributes:
+        coulomb: Dry friction [N m].
+        viscous: Viscosity [N m s/rad].
+        rotor: Rotor inertia at the joint [kg m^2].
+    """
+
+    coulomb: Array
+    viscous: Array
+    rotor: Array
+
+
+class Controller(Protocol):
+    """Turns readings into torque commands."""
+
+    def torque(self, k: int, reading: Array, rate: Array) -> Array:
+        """Return the commands of step k [N m]. Shape (dof,)."""
+        ...
+
+
+def maker_of(robot: Robot) -> Maker:
+    """Return what the robot declares, or what arms like it have: a maker knows."""
+    usual = sizes(robot)
+    return Maker(usual.coulomb, usual.viscous, usual.rotor)
+
+
+class ComputedTorque:
+    """The controller of the paper, with the nominal model of the robot."""
+
+    def __init__(self, robot: Robot, reference: Reference) -> None:
+        self._model, self._data = robot.model, robot.model.createData()
+        self._maker = np.array(maker_of(robot))
+        self._wanted = wanted(reference)
+
+    def torque(self, k: int, reading: Array, rate: Array) -> Array:
+        """Return the commands of step k [N m]. Shape (dof,)."""
+        demand, rest = _demand(self._wanted[k], reading, rate, self._maker)
+        return pin.rnea(self._model, self._data, reading, rate, demand) + rest
+
+
+class FeedForward:
+    """Given torques, with the same feedback but joint by joint: no model in the loop.
+
+    Args:
+        robot: The robot.
+        reference: The motion.
+        given: Torque for it, from any model [N m]. Shape (n, dof).
+    """
+
+    def __init__(self, robot: Robot, reference: Reference, given: Array) -> None:
+        data = robot.model.createData()
+        mass = np.diag(pin.crba(robot.model, data, reference.q[0]))
+        self._inertia = mass + maker_of(robot).rotor
+        self._given, self._wanted = given, wanted(reference)
+
+    def torque(self, k: int, reading: Array, rate: Array) -> Array:
+        """Return the commands of step k [N m]. Shape (dof,)."""
+        q, qd, _ = self._wanted[k]
+        push = KP * (q - reading) + KD * (qd - rate)
+        return self._given[k] + self._inertia * push
+
+
+class Replay:
+    """Given torques and nothing else: no feedback."""
+
+    def __init__(self, given: Array) -> None:
+        self._given = given
+
+    def torque(self, k: int, reading: Array, rate: Array) -> Array:
+        """Return the torques given for step k [N m]. Shape (dof,)."""
+        return self._given[k]
+
+
+def wanted(reference: Reference) -> Array:
+    """Return q, qd and qdd of the reference in one array. Shape (n, 3, dof)."""
+    return np.stack([reference.q, reference.qd, reference.qdd], axis=1)
+
+
+@compiled
+def _demand(goal, reading, rate, maker):
+    """Return a_q, and the torque of rotors and friction. Shapes (dof,)."""
+    coulomb, viscous, rotor = maker
+    demand, rest = np.empty_like(reading), np.empty_like(reading)
+    for j in range(len(reading)):
+        miss = goal[0, j] - reading[j]
+        demand[j] = goal[2, j] + KP * miss + KD * (goal[1, j] - rate[j])
+        rest[j] = rotor[j] * demand[j] + viscous[j] * rate[j]
+        # By the wanted direction: the read one would chatter at standstill.
+        rest[j] += coulomb[j] * np.tanh(goal[1, j] / _SOFT)
+    return demand, rest

@@ -1,0 +1,75 @@
+"""Where the work of the motors goes: the books of a trace must balance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from sim.plant import tables as at
+from sim.plant.stepping import Trace
+from sim.plant.torques import MOTOR_SIDE
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Balance:
+    """Books of one run.
+
+    Attributes:
+        error: Largest miss of stored energy minus work in minus losses [J].
+        throughput: Integral of the absolute power of the motors [J].
+    """
+
+    error: float
+    throughput: float
+
+
+def balance(trace: Trace, every: int = 50) -> Balance:
+    """Compare the energy stored in the arm with the work done on it.
+
+    Stored: links (kinetic, potential), rotors, shared gears, springs of the
+    transmission. Work: motors, friction, explicit torques, spring dampers; each with
+    the mean speed of its step.
+
+    Args:
+        trace: A run without onsets, which would change what is stored.
+        every: Steps between two looks at the stored energy.
+    """
+    rows, dt = trace.rows, float(trace.t[1] - trace.t[0])
+    arm = trace.phases[0].constants
+    link, motor = (_mean_speed(rows[:, row]) for row in (at.QD, at.MOTOR_QD))
+    now = rows[:-1]
+    power = now[:, at.MOTOR] * motor
+    lost = now[:, at.FRICTION] * motor
+    for i, name in enumerate(trace.channels):
+        speed = motor if name in MOTOR_SIDE else link
+        lost = lost + now[:, at.CHANNELS + i] * speed
+    twist = np.abs(now[:, at.MOTOR_Q] - now[:, at.Q])
+    engaged = (twist >= arm.gap) & (arm.elastic > 0)
+    lost = lost + arm.damping * engaged * (motor - link) ** 2
+    work = np.concatenate([[0.0], np.cumsum((power - lost).sum(axis=1)) * dt])
+    looks = range(0, len(rows), every)
+    stored = np.array([_stored(trace, k) for k in looks])
+    miss = stored - stored[0] - work[::every]
+    return Balance(float(np.abs(miss).max()), float(np.abs(power).sum() * dt))
+
+
+def _mean_speed(speed: Array) -> Array:
+    return (speed[1:] + speed[:-1]) / 2
+
+
+def _stored(trace: Trace, k: int) -> float:
+    phase, now = trace.phases[0], trace.rows[k]
+    model, arm = phase.model, phase.constants
+    data, dof = model.createData(), model.nv
+    energy = pin.computeKineticEnergy(model, data, now[at.Q], now[at.QD])
+    energy += pin.computePotentialEnergy(model, data, now[at.Q])
+    energy += 0.5 * (arm.rotor * now[at.MOTOR_QD] ** 2).sum()
+    twist = np.abs(now[at.MOTOR_Q] - now[at.Q])
+    stretch = np.maximum(twist - arm.gap, 0.0)
+    energy += 0.5 * (arm.stiffness * stretch**2).sum()
+    for _, _, sign, first, second, inertia in arm.contacts[dof:]:
+        speed = now[at.MOTOR_QD, int(first)] + sign * now[at.MOTOR_QD, int(second)]
+        energy += 0.5 * inertia * speed**2
+    return float(energy)

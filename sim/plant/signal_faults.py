@@ -1,0 +1,111 @@
+"""Signals that lie: encoders that the controller believes, torque in the log."""
+
+import numpy as np
+
+from sim.plant import tables as at
+from sim.plant.compiled import compiled
+from sim.plant.perturbations import parameters
+from sim.records import PlantEffect
+
+Array = np.ndarray
+
+FAST, FAR = 60.0, 1.0  # rad/s, rad: beyond them a real arm has been stopped
+
+
+def encoder_errors(effects: tuple[PlantEffect, ...], dof: int) -> Array:
+    """Return constant, cosine and sine of the error, true minus reading [rad].
+
+    Args:
+        effects: Those that act.
+        dof: Number of joints.
+
+    Returns:
+        The three coefficients of each joint. Shape (3, dof).
+    """
+    errors = np.zeros((3, dof))
+    for effect in effects:
+        values, rows = parameters(effect), [j - 1 for j in effect.joints]
+        if effect.name == "encoder_offset":
+            errors[0, rows] += values["angle"]
+        elif effect.name == "encoder_eccentricity":
+            errors[1, rows] += values["cos"]
+            errors[2, rows] += values["sin"]
+    return errors
+
+
+def torque_constants(effects: tuple[PlantEffect, ...], dof: int) -> Array:
+    """Return real over reported torque of each joint. Shape (dof,)."""
+    ratio = np.ones(dof)
+    for effect in effects:
+        if effect.name == "torque_gain":
+            rows = [j - 1 for j in effect.joints]
+            ratio[rows] /= 1.0 + parameters(effect)["gain"]
+    return ratio
+
+
+@compiled
+def read(k, joints, motors, goal, trace):
+    """Read the encoders, which sit on the motors, and watch over the arm.
+
+    reading = x - shift - cos cos x - sin sin x, with x the true angle of the motor.
+
+    Args:
+        k: Number of the step.
+        joints: Constants of the joints, packed.
+        motors: Of the state; those of rigid joints are set to their link.
+        goal: Position that is asked for [rad]. Shape (dof,).
+        trace: Rows Q and QD are read; motors and readings are written.
+
+    Returns:
+        The first joint, from 1, that has run away; 0 if none has.
+    """
+    now, astray = trace[k], 0
+    elastic, shift, cos, sin = joints[1], joints[8], joints[9], joints[10]
+    for j in range(len(elastic)):
+        if elastic[j] == 0:
+            motors[at.ANGLE, j], motors[at.SPEED, j] = now[at.Q, j], now[at.QD, j]
+        x, speed = motors[at.ANGLE, j], motors[at.SPEED, j]
+        now[at.MOTOR_Q, j], now[at.MOTOR_QD, j] = x, speed
+        wave = cos[j] * np.cos(x) + sin[j] * np.sin(x)
+        slope = sin[j] * np.cos(x) - cos[j] * np.sin(x)
+        now[at.READING, j] = x - shift[j] - wave
+        now[at.READING_RATE, j] = speed * (1.0 - slope)
+        fine = abs(now[at.QD, j]) < FAST and abs(now[at.READING, j] - goal[j]) < FAR
+        if not fine and astray == 0:  # not a number is not fine either
+            astray = j + 1
+    return astray
+
+
+def true_angle(reading: Array, errors: Array) -> Array:
+    """Return the motor angles at which the encoders read that [rad]. Shape (dof,)."""
+    shift, cos, sin = errors
+    x = reading + shift
+    for _ in range(20):  # contracts by the size of the error each time
+        x = reading + shift + cos * np.cos(x) + sin * np.sin(x)
+    return x
+
+
+def reported(drive: Array, t: Array, effects: tuple[PlantEffect, ...]) -> Array:
+    """Return the torque that the drives report, noise apart.
+
+    The drive itself works; its report comes late and ends at the range of its sensor.
+
+    Args:
+        drive: Torque that the drives believe to give [N m]. Shape (n, dof).
+        t: Times [s]. Shape (n,).
+        effects: All effects; each acts from its onset on.
+    """
+    out = drive.copy()
+    for effect in effects:
+        values, acts = parameters(effect), t >= effect.onset - 1e-9
+        if effect.name == "saturation":
+            for row in (j - 1 for j in effect.joints):
+                clipped = np.clip(out[:, row], -values["level"], values["level"])
+                out[acts, row] = clipped[acts]
+    for effect in effects:
+        if effect.name == "delay":
+            lag, acts = parameters(effect)["delay"], t >= effect.onset - 1e-9
+            for row in range(out.shape[1]):
+                late = np.interp(t - lag, t, out[:, row])
+                out[acts, row] = late[acts]
+    return out

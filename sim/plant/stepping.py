@@ -1,0 +1,193 @@
+"""The loop: read encoders, control, friction and transmission, Bullet, next."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from threadpoolctl import threadpool_limits
+
+from residual.dynamics import flange_frame
+from residual.errors import ModelgapError
+from sim.bullet import World
+from sim.plant import tables as at
+from sim.plant.arm import Arm, Phase, new_state, phases
+from sim.plant.controller import Controller
+from sim.plant.rows import channels_of
+from sim.plant.series import series_of
+from sim.plant.signal_faults import read, true_angle
+from sim.plant.step import advance
+from sim.plant.tables import State, pack
+from sim.records import Reference
+
+Array = np.ndarray
+
+
+class DivergedError(ModelgapError):
+    """The simulation ran away.
+
+    Attributes:
+        time: When [s].
+        q: Positions then [rad]. Shape (dof,).
+        qd: Velocities then [rad/s]. Shape (dof,).
+    """
+
+    def __init__(self, time: float, q: Array, qd: Array, joint: int) -> None:
+        self.time, self.q, self.qd = time, q, qd
+        state = ", ".join(f"{angle:.3g}" for angle in q)
+        super().__init__(
+            f"The simulation diverged at {time:.3f} s on joint {joint}: q = [{state}] "
+            f"rad, joint {joint} at {qd[joint - 1]:.3g} rad/s. Make the effects there "
+            "smaller, the motion slower, or the control rate higher."
+        )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Trace:
+    """Everything that happened, at the rate of the controller.
+
+    Attributes:
+        t: Times [s]. Shape (n,).
+        rows: Rows of `tables`, then one per channel. Shape (n, rows, dof).
+        qdd: Accelerations (v_(k+1) - v_k) / dt [rad/s^2]. Shape (n, dof).
+        channels: Names of the explicit torques.
+        phases: The arm between onsets.
+    """
+
+    t: Array
+    rows: Array
+    qdd: Array
+    channels: tuple[str, ...]
+    phases: tuple[Phase, ...]
+
+    def rigid(self, every: int) -> Array:
+        """Return the torque of the true rigid body at every n-th step [N m].
+
+        Computed afresh from the motion that Bullet made. Shape (n / every, dof).
+        """
+        out = []
+        for phase in self.phases:
+            data = phase.model.createData()
+            first = -(-phase.first // every) * every
+            for k in range(first, phase.last, every):
+                q, qd = self.rows[k, at.Q], self.rows[k, at.QD]
+                out.append(pin.rnea(phase.model, data, q, qd, self.qdd[k]))
+        return np.array(out)
+
+
+def simulate(
+    arm: Arm,
+    reference: Reference,
+    controller: Controller,
+    label: str = "",
+    start: float = 0.0,
+    seed: int = 0,
+) -> Trace:
+    """Drive an arm along a reference.
+
+    Args:
+        arm: The arm.
+        reference: The motion, at the rate of the controller.
+        controller: Turns readings into torque.
+        label: Names the random streams of this motion.
+        start: Time since the session began [s].
+        seed: Seed of the arm.
+
+    Returns:
+        The trace.
+
+    Raises:
+        DivergedError: If it runs away, with time and state.
+    """
+    t, dt = reference.t, float(reference.t[1] - reference.t[0])
+    channels = channels_of(arm.effects)
+    rows = np.zeros((len(t), at.CHANNELS + len(channels), arm.robot.dof))
+    series = series_of(arm.effects, start + t, seed, label)
+    parts, state = phases(arm, len(t), dt, series), new_state(arm, start)
+    run = _Run(controller, reference.q, rows, channels, state)
+    with threadpool_limits(1):
+        q, qd = _start(parts[0], reference, state)
+        for i, phase in enumerate(parts):
+            if i > 0:
+                _join_springs(phase, parts[i - 1], state, (q, qd))
+            q, qd = _run(phase, run, q, qd)
+    if not np.isfinite(qd).all():
+        raise DivergedError(t[-1], q, qd, int(np.isfinite(qd).argmin()) + 1)
+    speeds = np.vstack([rows[:, at.QD], qd])
+    return Trace(t, rows, np.diff(speeds, axis=0) / dt, channels, tuple(parts))
+
+
+class _Run(NamedTuple):
+    """What stays the same from phase to phase of one simulation."""
+
+    controller: Controller
+    goal: Array
+    rows: Array
+    channels: tuple[str, ...]
+    state: State
+
+
+def _run(phase: Phase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Run one phase; return position and velocity after its last step."""
+    model, data, arm = phase.model, phase.model.createData(), pack(phase.constants)
+    rows, state, dof, still = run.rows, run.state, model.nv, np.zeros(model.nv)
+    body, outside = np.empty((dof + 1, dof)), np.zeros(dof)
+    with World(model, arm.dt) as world:
+        world.reset(q, qd)
+        for k in range(phase.first, phase.last):
+            now = rows[k]
+            now[at.Q], now[at.QD] = q, qd
+            astray = read(k, arm.joints, state.motors, run.goal[k], rows)
+            if astray:
+                raise DivergedError(k * arm.dt, q, qd, astray)
+            now[at.DRIVE] = run.controller.torque(
+                k, now[at.READING], now[at.READING_RATE]
+            )
+            body[:dof] = pin.crba(model, data, q)
+            body[dof] = pin.rnea(model, data, q, qd, still)
+            if phase.force is not None:
+                outside = tool_torque(phase, data, q)
+                channel = at.CHANNELS + run.channels.index("tool_force")
+                now[channel] = -outside
+            world.step(advance(k, body, outside, arm, state, rows))
+            q, qd = world.state()
+    return q, qd
+
+
+def tool_torque(phase: Phase, data: pin.Data, q: Array) -> Array:
+    """Return the torque of the force on the flange [N m]. Shape (dof,)."""
+    frame = flange_frame(phase.model)
+    jacobian = pin.computeFrameJacobian(
+        phase.model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    )
+    return jacobian[:3].T @ phase.force
+
+
+def _start(phase: Phase, reference: Reference, state: State) -> tuple[Array, Array]:
+    """Return where the arm is when its encoders read the beginning of the motion."""
+    motor = true_angle(reference.q[0], phase.errors)
+    q, data = motor, phase.model.createData()
+    for _ in range(5):  # the springs give way to the weight
+        load = pin.rnea(phase.model, data, q, reference.qd[0], reference.qdd[0])
+        q = motor - _give(phase, load)
+    state.motors[:] = motor, reference.qd[0], load
+    return q, reference.qd[0].copy()
+
+
+def _give(phase: Phase, load: Array) -> Array:
+    """Return how far each transmission gives way under a load [rad]. Shape (dof,)."""
+    c = phase.constants
+    soft = c.elastic > 0
+    twist = load / np.where(soft, c.stiffness, 1.0) + np.sign(load) * c.gap
+    return np.where(soft, twist, 0.0)
+
+
+def _join_springs(
+    phase: Phase, before: Phase, state: State, link: tuple[Array, Array]
+) -> None:
+    """Let springs that come with an onset bear the load of that moment."""
+    now, then = phase.constants, before.constants
+    new = (now.stiffness != then.stiffness) | (now.gap != then.gap)
+    give = _give(phase, state.motors[at.LOADED])
+    state.motors[at.ANGLE, new] = (link[0] + give)[new]
+    state.motors[at.SPEED, new] = link[1][new]

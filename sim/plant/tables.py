@@ -1,0 +1,135 @@
+"""The tables that the compiled step reads: one row per term, one arm per phase."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.plant.compiled import compiled
+
+Array = np.ndarray
+
+# Columns of a row of friction: what, on which contact, its memory, four numbers.
+# Contacts are the joints, then the shared gears of pairs.
+WIDTH = 7
+LEVEL, ASYMMETRY, VISCOUS, VISCOUS_ASYMMETRY, QUADRATIC, POWER = range(6)
+STRIBECK, CARRIED, POSITION, WARMUP, BRISTLE = range(6, 11)
+# Columns of a row of torque: what, on which joint, into which channel, four numbers.
+CONSTANT, HOSE, GAS_SPRING, RIPPLE, COGGING_SUM, WALL, SERIES, DEAD_ZONE = range(8)
+
+# Rows of the trace, before one row for each explicit channel.
+(
+    Q,
+    QD,
+    MOTOR_Q,
+    MOTOR_QD,
+    READING,
+    READING_RATE,
+    DRIVE,
+    MOTOR,
+    ROTOR,
+    FRICTION,
+    LINK,
+    GEAR,
+    TEMPERATURE,
+) = range(13)
+CHANNELS = 13
+
+
+class Constants(NamedTuple):
+    """One arm during one phase, as the compiled step reads it.
+
+    Attributes:
+        dt: Time step [s].
+        rotor: Rotor inertia at the joint [kg m^2]. Shape (dof,).
+        elastic: Whether a spring is between motor and link, 1 or 0. Shape (dof,).
+        stiffness, damping, gap: Transmission, N m/rad, N m s/rad, rad. (dof,) each.
+        ratio: Real over reported torque. Shape (dof,).
+        limit: Largest torque of each drive [N m]. Shape (dof,).
+        power: Usual power of friction, which heats by one unit [W]. Shape (dof,).
+        shift, cos, sin: Error of the encoder: true minus reading [rad]. (dof,).
+        contacts: Where friction acts, joints first, then shared gears: index of an
+            unknown, of a second one or -1, sign of that; both joints; inertia of a
+            shared gear [kg m^2]. Shape (c, 6).
+        friction: Rows of friction. Shape (f, WIDTH).
+        torque: Rows of explicit torque. Shape (e, WIDTH).
+        series: Torques given over time [N m]. Shape (n, s).
+    """
+
+    dt: float
+    rotor: Array
+    elastic: Array
+    stiffness: Array
+    damping: Array
+    gap: Array
+    ratio: Array
+    limit: Array
+    power: Array
+    shift: Array
+    cos: Array
+    sin: Array
+    contacts: Array
+    friction: Array
+    torque: Array
+    series: Array
+
+
+class Packed(NamedTuple):
+    """Constants with all that has one number per joint in one array.
+
+    Each array that crosses from Python to compiled code costs time at every step.
+    """
+
+    dt: float
+    joints: Array
+    contacts: Array
+    friction: Array
+    torque: Array
+    series: Array
+
+
+class State(NamedTuple):
+    """What an arm carries from step to step, changed in place.
+
+    Attributes:
+        motors: Angle and speed of the motor side of each joint, at the link [rad,
+            rad/s], and torque that its gear passes on [N m]. Shape (3, dof).
+        impulse: Friction impulse of each contact [N m s]. Shape (c,).
+        memory: Bristles and temperatures of the terms. Shape (m,).
+    """
+
+    motors: Array
+    impulse: Array
+    memory: Array
+
+
+ANGLE, SPEED, LOADED = range(3)
+
+
+def pack(constants: Constants) -> Packed:
+    """Return the same in fewer arrays."""
+    dt, *joints = constants[:12]
+    return Packed(dt, np.array(joints), *constants[12:])
+
+
+@compiled
+def unpack(packed):
+    """Return the constants by name, as views; free inside compiled code."""
+    j = packed.joints
+    return Constants(
+        packed.dt,
+        j[0],
+        j[1],
+        j[2],
+        j[3],
+        j[4],
+        j[5],
+        j[6],
+        j[7],
+        j[8],
+        j[9],
+        j[10],
+        packed.contacts,
+        packed.friction,
+        packed.torque,
+        packed.series,
+    )

@@ -1,0 +1,123 @@
+"""The records that the rooms of the simulated world share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.recording import Recording
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Reference:
+    """What the arm is asked to do, at the rate of the controller.
+
+    Attributes:
+        kind: Family: fourier, cyclic, welding or move_stop_move.
+        t: Times from 0, uniform [s]. Shape (n,).
+        q: Joint positions [rad]. Shape (n, dof).
+        qd: Joint velocities [rad/s]. Shape (n, dof).
+        qdd: Joint accelerations [rad/s^2]. Shape (n, dof).
+        period: Length of one repetition [s], None where nothing repeats.
+    """
+
+    kind: str
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    period: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectorySpec:
+    """The reference asked for: a part of the open half of a spec.
+
+    Attributes:
+        kind: Family: fourier, cyclic, welding or move_stop_move.
+        duration: Length [s].
+        periods: Repetitions within the duration.
+        seed: Seed of whatever the family draws.
+    """
+
+    kind: str = "fourier"
+    duration: float = 20.0
+    periods: int = 2
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PlantEffect:
+    """One thing that the arm has and the nominal model lacks (sealed half).
+
+    Attributes:
+        name: Name of METHOD section 4, or ``x_...`` outside the vocabulary.
+        joints: Joints that have it, from 1; () for a global effect.
+        parameters: Name and value of each parameter, SI.
+        onset: Time from which it acts [s].
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    parameters: tuple[tuple[str, float], ...]
+    onset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """Rates of the controller and of the log; control a whole multiple of log [Hz]."""
+
+    control: float = 1000.0
+    log: float = 250.0
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """What the sensors add.
+
+    Attributes:
+        torque: Standard deviation as a share of each joint's usual torque range.
+        encoder: Quantisation step [rad]; white noise of half of it comes before.
+    """
+
+    torque: float = 0.015
+    encoder: float = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class PlantSpec:
+    """The hidden half of a spec: what the diagnosis must find out by itself.
+
+    Attributes:
+        effects: What the arm has and the nominal model lacks.
+        scatter: Relative standard deviation of the rigid and declared parameters
+            around the nominal ones.
+        noise: Sensor noise.
+        seed: Seed of every named stream of the plant.
+        salt: Any text: keeps the hash of this half from being guessed.
+    """
+
+    effects: tuple[PlantEffect, ...] = ()
+    scatter: float = 0.02
+    noise: Noise = Noise()
+    seed: int = 0
+    salt: str = ""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PlantRun:
+    """One experiment on the plant.
+
+    Attributes:
+        log: What a robot would log, at the log's rate: t, q, tau and q_ref.
+        truth: What no robot logs, by name, at the log's rate: true motion, one
+            ``tau_<channel>`` per torque, temperatures. Shapes (n, ...).
+        twin: Errors e_q, e_qd, e_qdd, e_tau of the plant against the nominal
+            closed-loop twin on the same reference. Shape (n, dof) each.
+    """
+
+    log: Recording
+    truth: Mapping[str, Array]
+    twin: Mapping[str, Array]

@@ -1,0 +1,205 @@
+"""What a motion may use, and whether it does.
+
+Planned motions keep a part of what the arm has, so that a controller can still correct
+and a heavier or stiffer arm than the nominal one can still follow.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.dynamics import inverse_dynamics
+from residual.errors import InputError
+from residual.robot import Robot
+from sim.synthetic.room import room
+
+Array = np.ndarray
+
+SPEED, ACCELERATION, TORQUE = 0.8, 0.9, 0.8  # of the robot's own limits
+_UNITS = {"range": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Limits:
+    """Limits of a planned motion, inf where the robot states none.
+
+    Attributes:
+        lower: Lower end of the positions [rad]. Shape (dof,).
+        upper: Upper end of the positions [rad]. Shape (dof,).
+        velocity: Largest speed [rad/s]. Shape (dof,).
+        acceleration: Largest acceleration [rad/s^2]. Shape (dof,).
+        torque: Largest torque of the nominal model [N m]. Shape (dof,).
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+
+    @property
+    def middle(self) -> Array:
+        """Middle of the range [rad]. Shape (dof,)."""
+        return (self.lower + self.upper) / 2
+
+    @property
+    def half(self) -> Array:
+        """Half of the range [rad]. Shape (dof,)."""
+        return (self.upper - self.lower) / 2
+
+
+class LimitError(InputError):
+    """A motion asks for more than an arm may give.
+
+    Attributes:
+        joint: The joint, from 1; 0 where the arm as a whole is meant.
+        time: When [s].
+        value: What the motion needs there.
+        limit: What it may need.
+    """
+
+    def __init__(
+        self, message: str, joint: int, time: float, value: float, limit: float
+    ) -> None:
+        super().__init__(message)
+        self.joint, self.time, self.value, self.limit = joint, time, value, limit
+
+
+def plan_limits(robot: Robot) -> Limits:
+    """Return what planned motions of a robot may use.
+
+    0.05 rad off the ends of each range, 80 % of speed and torque and 90 % of
+    acceleration. Where the robot states none: one turn, 2 rad/s, and that speed within
+    0.15 s; nothing is known of torque then.
+    """
+    space = room(robot)
+    speed = np.asarray(robot.velocity_limit, dtype=float)
+    known = np.isfinite(speed) & (speed > 0)
+    velocity = np.where(known, SPEED * speed, space.velocity)
+    acceleration = velocity / 0.15
+    if robot.acceleration_limit is not None:
+        acceleration = ACCELERATION * robot.acceleration_limit
+    torque = np.asarray(robot.torque_limit, dtype=float)
+    torque = np.where(torque > 0, TORQUE * torque, np.inf)
+    return Limits(space.lower, space.upper, velocity, acceleration, torque)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Friction:
+    """What the nominal model declares beside the rigid body; zero where nothing.
+
+    Attributes:
+        coulomb: Level [N m]. Shape (dof,).
+        viscous: Coefficient [N m s/rad]. Shape (dof,).
+        rotor: Rotor inertia at the joint [kg m^2]. Shape (dof,).
+    """
+
+    coulomb: Array
+    viscous: Array
+    rotor: Array
+
+
+def declared_friction(robot: Robot) -> Friction:
+    """Return the friction and rotors that a robot declares with values."""
+
+    def values(name: str, key: str) -> Array:
+        known = robot.declared.get(name)
+        return (
+            np.zeros(robot.dof)
+            if known is None or not known.values
+            else (np.asarray(known.values[key], dtype=float))
+        )
+
+    return Friction(
+        values("coulomb", "level"),
+        values("viscous", "coefficient"),
+        values("rotor_inertia", "inertia"),
+    )
+
+
+def smooth_torque(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
+    """Return the nominal torque without Coulomb friction [N m]. Shape (n, dof)."""
+    own = declared_friction(robot)
+    rigid = inverse_dynamics(robot.model, q, qd, qdd)
+    return rigid + own.rotor * qdd + own.viscous * qd
+
+
+def largest_torque(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
+    """Return the nominal torque, friction of the worse direction [N m]. (n, dof)."""
+    level = declared_friction(robot).coulomb
+    return np.abs(smooth_torque(robot, q, qd, qdd)) + level
+
+
+def between(values: Array) -> Array:
+    """Return by how much a curve may exceed its samples between them. Shape (dof,).
+
+    Half of the largest second difference: a smooth curve exceeds its chord by an
+    eighth of it, one with a kink between two samples by less than a half.
+
+    Args:
+        values: Samples at a fine, even step. Shape (n, dof).
+    """
+    if len(values) < 3:
+        return np.zeros(values.shape[1])
+    return np.abs(np.diff(values, 2, axis=0)).max(axis=0) / 2
+
+
+def check_limits(robot: Robot, kind: str, t: Array, motion: tuple) -> None:
+    """Make sure that a motion keeps the limits at its samples and between them.
+
+    Args:
+        robot: The arm.
+        kind: Family, as the message begins.
+        t: Fine, even times [s]. Shape (n,).
+        motion: q, qd and qdd at those times. Shapes (n, dof).
+
+    Raises:
+        LimitError: With the joint that is worst, when, and by how much.
+    """
+    bounds = plan_limits(robot)
+    q, qd, qdd = motion
+    checks = {
+        "range": (q - bounds.middle, bounds.half),
+        "speed": (qd, bounds.velocity),
+        "acceleration": (qdd, bounds.acceleration),
+        "torque": (largest_torque(robot, q, qd, qdd), bounds.torque),
+    }
+    shares = {
+        name: (np.abs(used) + between(used)) / limit
+        for name, (used, limit) in checks.items()
+    }
+    name = max(shares, key=lambda key: shares[key].max())
+    share = shares[name]
+    if share.max() <= 1 + 1e-9:
+        return
+    row, joint = np.unravel_index(int(share.argmax()), share.shape)
+    used, limit = checks[name][0][row, joint], checks[name][1][joint]
+    if abs(used) <= limit:  # it is between samples that it goes too far
+        used = np.copysign(limit * share.max(), used)
+    excess, shift = abs(used) - limit, 0.0
+    if name == "range":
+        shift, limit = bounds.middle[joint], np.copysign(limit, used)
+    raise LimitError(
+        f"{kind}: joint {joint + 1} breaks its {name} limit at {t[row]:.2f} s: "
+        f"{used + shift:.4g} {_UNITS[name]}, allowed {limit + shift:.4g}, "
+        f"{excess:.2g} too much.{_what_else(shares, joint)} "
+        f"{_advice(name, float(share.max()))}",
+        int(joint) + 1,
+        float(t[row]),
+        float(used + shift),
+        float(limit + shift),
+    )
+
+
+def _what_else(shares: dict[str, Array], joint: int) -> str:
+    worst = np.max([share.max(axis=0) for share in shares.values()], axis=0)
+    other = [str(j + 1) for j in np.flatnonzero(worst > 1 + 1e-9) if j != joint]
+    return f" Beyond a limit too: joint {', '.join(other)}." if other else ""
+
+
+def _advice(name: str, share: float) -> str:
+    if name == "range":
+        return "Try another seed."
+    # Speeds fall with the time a motion takes, accelerations with its square.
+    longer = share if name == "speed" else np.sqrt(share)
+    return f"Make a period about {longer:.1f} times as long, or try another seed."

@@ -1,0 +1,184 @@
+"""Many experiments: over processes, resumed, one failure not fatal."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from flows import campaign, experiment
+from flows.campaign import run_all
+from flows.cli import main
+from flows.experiment import plan
+from flows.pool import Done, Here, Pool
+from flows.spec import experiment_of
+from residual.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+
+
+def specs(count: int) -> list:
+    made = [experiment_of({"seed": i}, "S") for i in range(count)]
+    return [(f"seed={i}", spec) for i, spec in enumerate(made)]
+
+
+@pytest.fixture
+def done(monkeypatch):
+    """Replace the experiment by a folder in its place; returns the seeds that ran."""
+    ran = []
+
+    def run(spec, store):
+        ran.append(spec.seed)
+        if spec.seed == 1:
+            raise InputError("joint 2 at 1.2 s:\n0.3 rad beyond")
+        if spec.seed == 2:
+            raise ZeroDivisionError("a fault")
+        id = experiment.run_id_of(spec)
+        (store / "samples" / "robot=irb140" / f"run_id={id}").mkdir(parents=True)
+        return id
+
+    monkeypatch.setattr(campaign.experiment, "run", run)
+    return ran
+
+
+def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
+    planned = plan(specs(4), tmp_path)
+    told = []
+    summary = run_all(planned, tmp_path, lambda *a: told.append(a), Here())
+    assert done == [0, 1, 2, 3]
+    assert [f.why for f in summary.failures] == [
+        "joint 2 at 1.2 s: 0.3 rad beyond",
+        "ZeroDivisionError: a fault",
+    ]
+    assert summary.stored == (planned[0].run_id, planned[3].run_id)
+    assert told[-1] == ("stored 4 of 4: seed=3", 1.0)
+
+
+def test_the_same_command_completes_what_was_left(tmp_path, done):
+    run_all(plan(specs(1), tmp_path), tmp_path, pool=Here())
+    planned = plan(specs(5), tmp_path)
+    assert [p.stored for p in planned] == [True, False, False, False, False]
+    summary = run_all(planned, tmp_path, pool=Here())
+    assert done == [0, 1, 2, 3, 4]
+    assert summary.known == 1
+
+
+def test_the_same_experiment_twice_is_planned_once(tmp_path):
+    assert len(plan(specs(2) + specs(2), tmp_path)) == 2
+
+
+def test_a_dry_run_says_what_would_run_and_stores_nothing(tmp_path, capsys):
+    (tmp_path / "C.toml").write_text("[grid]\ntrajectory.duration = [5.0, 6.0]\n")
+    store = tmp_path / "store"
+    words = ["campaign", str(tmp_path / "C.toml"), "--store", str(store), "--dry-run"]
+    assert main(words) == 0
+    shown = capsys.readouterr().out
+    assert "to run    trajectory.duration=5\n" in shown
+    assert f"2 to run, 0 in {store}" in shown
+    assert not store.exists()
+
+
+def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
+    tmp_path, done, monkeypatch, capsys
+):
+    monkeypatch.setattr(campaign, "Pool", lambda workers: _entered(Here()))
+    (tmp_path / "C.toml").write_text("[grid]\nseed = [0, 1]\n")
+    words = ["campaign", str(tmp_path / "C.toml"), "--store", str(tmp_path / "s")]
+    assert main(words) == 1
+    shown = capsys.readouterr()
+    assert "failed: seed=1: joint 2 at 1.2 s: 0.3 rad beyond" in shown.out
+    assert "1 of 2 experiments failed" in shown.err
+
+
+def _entered(pool):
+    class Around:
+        def __enter__(self):
+            return pool
+
+        def __exit__(self, *_):
+            return None
+
+    return Around()
+
+
+@pytest.fixture(scope="module")
+def pool():
+    with Pool(2) as made:
+        yield made
+
+
+def by_index(pool, work, jobs) -> list[Done]:
+    return sorted(pool.run(work, jobs), key=lambda d: d.index)
+
+
+def test_processes_return_values_and_errors(pool):
+    good, bad, last = by_index(pool, math.sqrt, [4.0, -1.0, 9.0])
+    assert (good.value, last.value) == (2.0, 3.0)
+    assert isinstance(bad.error, ValueError)
+
+
+def test_a_process_that_dies_takes_no_other_job_with_it(pool):
+    jobs = ["1", "2", "__import__('os')._exit(3)", "4", "5"]
+    done = by_index(pool, eval, jobs)
+    assert [d.value for d in done] == [1, 2, None, 4, 5]
+    assert "ended without a word" in str(done[2].error)
+
+
+def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    with Pool(1) as own:
+        (done,) = own.run(os.getenv, ["OMP_NUM_THREADS"])
+    assert done.value == "1"
+    assert "OMP_NUM_THREADS" not in os.environ
+
+
+_SLEEPERS = """
+import sys, time
+from flows.pool import Pool
+if __name__ == "__main__":
+    with Pool(2) as pool:
+        for done in pool.run(time.sleep, [0.0, 0.0, 600.0, 600.0]):
+            print("done", *pool._pool._processes, flush=True)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_no_process_outlives_its_parent(tmp_path, how):
+    script = tmp_path / "sleepers.py"
+    script.write_text(_SLEEPERS)
+    process = subprocess.Popen(
+        [sys.executable, str(script)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    process.stdout.readline()
+    workers = [int(word) for word in process.stdout.readline().split()[1:]]
+    process.send_signal(how)
+    process.wait(timeout=20)
+    until = time.monotonic() + 10
+    while any(_lives(pid) for pid in workers):
+        assert time.monotonic() < until, "a worker is still there"
+        time.sleep(0.05)
+
+
+def test_a_planned_experiment_knows_its_id_without_running(tmp_path):
+    (one,) = plan(specs(1), tmp_path)
+    other = experiment_of({"seed": 0, "start": 5.0}, "S")
+    assert one.run_id == experiment.run_id_of(replace(one).spec)
+    assert one.run_id != experiment.run_id_of(other)
+
+
+def _lives(pid: int) -> bool:
+    try:
+        # Empty where it has ended and nobody has taken note yet.
+        return bool(Path(f"/proc/{pid}/cmdline").read_bytes())
+    except OSError:
+        return False

@@ -1,0 +1,212 @@
+"""modelgap runs, sql and show: words in, answers and exit codes out."""
+
+import csv
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from flows.cli import main
+from tests.warehouse import store_samples as made
+from warehouse.quarantine import quarantine
+from warehouse.schema import all_views
+from warehouse.verdicts import store_verdict
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def ids(tmp_path_factory):
+    """A store with three runs, one of them quarantined, and a diagnosis."""
+    folder = tmp_path_factory.mktemp("memory")
+    kinds = ("fourier", "welding", "fourier")
+    runs = [made.commit(folder, seed, kind) for seed, kind in enumerate(kinds)]
+    quarantine(folder, runs[2], "gripper was loose")
+    last = store_verdict(folder, made.verdict([runs[1]]), {"theta": [1]}, runs[:2])
+    return {"store": str(folder), "runs": runs, "diagnosis": last}
+
+
+@pytest.fixture
+def run(ids, tmp_path, monkeypatch, capsys):
+    """Run a command in a folder of its own; returns code, output and complaints."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MODELGAP_STORE", ids["store"])
+
+    def run(*words):
+        code = main(words)
+        shown = capsys.readouterr()
+        return code, shown.out, shown.err
+
+    return run
+
+
+def answer(run, *words):
+    code, out, err = run(*words, "--format", "json")
+    assert (code, err) == (0, "")
+    return json.loads(out)
+
+
+def test_runs_are_listed_the_latest_last(run, ids):
+    rows = answer(run, "runs")
+    assert [row["run_id"] for row in rows] == ids["runs"]
+    assert [row["quarantined"] for row in rows] == [False, False, True]
+    assert [r["run_id"] for r in answer(run, "runs", "--limit", "1")] == ids["runs"][2:]
+    code, out, _ = run("runs")
+    assert code == 0
+    assert all(id in out for id in ids["runs"])
+    assert "3 rows" in out
+
+
+QUERY = "SELECT seed, trajectory, [seed] AS listed, NULL AS gap FROM runs ORDER BY seed"
+
+
+def test_an_answer_is_a_table_csv_or_json(run):
+    assert answer(run, "sql", QUERY)[1] == {
+        "seed": 1,
+        "trajectory": "welding",
+        "listed": [1],
+        "gap": None,
+    }
+    code, out, _ = run("sql", QUERY, "--format", "csv")
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert code == 0
+    assert rows[1] == {
+        "seed": "1",
+        "trajectory": "welding",
+        "listed": "[1]",
+        "gap": "",
+    }
+    code, out, _ = run("sql", QUERY)
+    words = [line.split() for line in out.splitlines() if "welding" in line]
+    assert words == [["1", "welding", "1", "–"]]
+
+
+def test_numbers_in_csv_and_json_are_whole(run):
+    query = "SELECT max(q1) AS total, sum(rows) AS rows FROM samples, runs"
+    (row,) = answer(run, "sql", query)
+    assert row["rows"] == 50 * 3 * 3 * 50
+    code, out, _ = run("sql", query, "--format", "csv")
+    assert code == 0
+    assert float(out.split()[1].split(",")[0]) == row["total"]
+    assert answer(run, "sql", "SELECT 1 / 0 AS a, 'nan'::DOUBLE AS b") == [
+        {"a": None, "b": None}
+    ]
+
+
+def test_a_long_answer_is_cut_for_people_only(run):
+    code, out, _ = run("sql", "SELECT i AS number FROM range(1200) t(i)")
+    assert code == 0
+    assert "1200 rows; the first 1000 are shown, --format csv has all" in out
+    assert " 999 \n" in out
+    assert " 1000 \n" not in out
+    _, out, _ = run("sql", "SELECT i AS n FROM range(1200) t(i)", "--format", "csv")
+    assert out.count("\n") == 1201
+
+
+def test_a_named_query_answers(run, ids):
+    (row,) = answer(run, "sql", "--named", "before_after")
+    assert (row["diagnosis_id"], row["augmented"]) == (ids["diagnosis"], 5.6)
+
+
+def test_the_schema_has_every_view_and_column_with_its_unit(run):
+    rows = answer(run, "sql", "--schema")
+    told = [(row["view"], row["column"]) for row in rows]
+    assert told == [(v, c.name) for v, columns in all_views().items() for c in columns]
+    units = {(row["view"], row["column"]): row["unit"] for row in rows}
+    assert units["samples", "tau6"] == "N m"
+    assert units["runs", "duration_s"] == "s"
+    assert all(row["about"] for row in rows)
+    code, out, _ = run("sql", "--schema")
+    assert code == 0
+    assert "error_by_trajectory" in out
+
+
+def test_the_schema_needs_no_store(run, monkeypatch):
+    monkeypatch.setenv("MODELGAP_STORE", "nowhere")
+    assert run("sql", "--schema")[0] == 0
+
+
+def test_a_record_is_shown_by_the_beginning_of_its_id(run, ids):
+    id = ids["runs"][2]
+    told = answer(run, "show", id[:10])
+    assert (told["kind"], told["id"]) == ("runs", id)
+    assert told["folder"] == f"samples/robot=two_link/run_id={id}"
+    assert told["quarantined"] == "gripper was loose"
+    assert told["content"]["spec"] == made.spec(2)
+    told = answer(run, "show", ids["diagnosis"])
+    assert {p["role"] for p in told["parents"]} == {"fit", "held_out", "model"}
+    assert told["content"]["document"]["verdict"] == "effects"
+    told = answer(run, "show", ids["runs"][0])
+    assert {(c["role"]) for c in told["children"]} == {"fit"}
+    code, out, _ = run("show", ids["diagnosis"][:10])
+    assert code == 0
+    assert f"id: {ids['diagnosis']}\n" in out
+    assert "\n        name: payload\n        joints: 2\n" in out
+
+
+def test_what_is_shown_of_a_run_does_not_tell_what_is_hidden(run, ids):
+    _, out, _ = run("show", ids["runs"][0])
+    assert "stribeck" not in out
+    assert "salt" not in out
+
+
+BAD = {
+    "runs --store nowhere": "There is no store at",
+    "runs --limit 0": "expected 1 or more",
+    "runs --format xml": "--format",
+    "sql": "Give one of",
+    "sql --schema --named findings": "Give one of",
+    "sql --named finding": "did you mean 'findings'",
+    "sql FROM": "Parser Error",
+    "sql FROM/**/nothing": "does not exist",
+    "sql DROP/**/VIEW/**/runs": "got DROP",
+    "sql COPY/**/runs/**/TO'x.csv'": "got COPY",
+    "sql FROM'/etc/passwd'": "does not exist",
+    "sql FROM/**/read_csv('/etc/passwd')": "not 'read_csv()'",
+    "sql SELECT+1;SELECT+2": "got 2 statements",
+    "show": "requires an argument",
+    "show ../../etc": "is not an id",
+    "show /etc/passwd": "is not an id",
+    "show sealed": "is not an id",
+    "show 00000000000000000000": "has an id that begins with",
+}
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_bad_words_end_with_two_and_at_most_two_lines(run, tmp_path, words):
+    code, out, err = run(*words.split())
+    assert BAD[words] in err
+    assert (code, out) == (2, "")
+    assert err.startswith("modelgap: ")
+    assert 1 <= err.count("\n") <= 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_damaged_file_is_told_and_the_rest_is_answered(run, tmp_path):
+    store = tmp_path / "torn"
+    for seed in range(2):
+        made.commit(store, seed)
+    path = sorted(store.glob("samples/*/*/part-0.parquet"))[1]
+    path.write_bytes(b"PAR1")
+    words = ("sql", "SELECT count(*) AS n FROM samples", "--store", str(store))
+    code, out, err = run(*words, "--format", "csv")
+    assert (code, out) == (0, "n\n50\n")
+    assert err.startswith("modelgap: left out: ")
+    assert str(path) in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["runs", "sql", "show"])
+def test_help_loads_no_database(command):
+    code = (
+        f"import sys; from flows.cli import main; main(['{command}', '--help'])\n"
+        "print({'duckdb', 'pyarrow', 'numpy'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert f"modelgap {command}" in done.stdout
+    assert done.stdout.endswith("set()\n")

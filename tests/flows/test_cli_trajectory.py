@@ -1,0 +1,81 @@
+"""modelgap trajectory: from the words to the files."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from flows.cli import main
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*words):
+    return main(["trajectory", *words])
+
+
+def test_a_motion_is_planned_shown_and_written(here, capsys):
+    words = ("--csv", "out.csv", "--plot", "out.png", "--gif", "out.gif")
+    assert run("move_stop_move", "--duration", "8", "--periods", "1", *words) == 0
+    shown = capsys.readouterr().out
+    assert "move_stop_move motion of irb140: 8 s at 250 Hz, period 8 s" in shown
+    assert "condition number" in shown
+    assert "share of limits" in shown
+    assert "wrote out.csv" in shown
+    picture = Image.open(here / "out.png")
+    assert picture.format == "PNG"
+    assert Image.open(io.BytesIO((here / "out.gif").read_bytes())).n_frames > 40
+    assert sorted(p.name for p in here.iterdir()) == ["out.csv", "out.gif", "out.png"]
+
+
+def test_the_csv_is_what_a_controller_reads(here):
+    assert run("welding", "--csv", "w.csv", "--rate", "100", "--seed", "3") == 0
+    header, *lines = (here / "w.csv").read_text().splitlines()
+    names = [f"{name}{j}" for name in ("q", "qd", "qdd") for j in range(1, 7)]
+    assert header.split(",") == ["t", *names]
+    assert not any("-0.000000000," in line for line in lines)
+    table = np.array([line.split(",") for line in lines], dtype=float)
+    assert table.shape == (2001, 19)
+    np.testing.assert_allclose(table[:, 0], np.arange(2001) / 100, atol=1e-9)
+    middle = (table[2:, 1:7] - table[:-2, 1:7]) * 50
+    np.testing.assert_allclose(middle, table[1:-1, 7:13], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["weldin"], "did you mean 'welding'"),
+        (["cyclic", "--duration", "3", "--periods", "2"], "breaks its"),
+        (["cyclic", "--csv", "no/such/out.csv"], "no folder"),
+        (["cyclic", "--robot", "nosuch"], "irb140"),
+        (["cyclic", "--csv", "same", "--gif", "same"], "both name"),
+        (["cyclic", "--rate", "1e9"], "rate must be"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
+    assert run(*words) == 2
+    shown = capsys.readouterr().err
+    assert message in shown
+    assert len(shown.splitlines()) <= 2
+    assert list(here.iterdir()) == []
+
+
+def test_planning_without_a_picture_does_not_load_the_engine(here):
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; from flows.cli import main; "
+        "main(['trajectory', 'move_stop_move', '--duration', '5', '--periods', '1']); "
+        "print({'pybullet', 'prefect', 'matplotlib'} & set(sys.modules))"
+    )
+    root = __file__.rsplit("/tests/", 1)[0]
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, capture_output=True, text=True
+    )
+    assert done.stdout.splitlines()[-1] == "set()"

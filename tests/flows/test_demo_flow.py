@@ -1,0 +1,168 @@
+"""The flows of Prefect: their order, what they leave behind, and where."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from flows import demo as steps
+from flows import settings, watch
+from flows.around import Around, surrounded
+
+ROOT = Path(__file__).parents[2]
+
+pytestmark = pytest.mark.prefect
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory):
+    """One Prefect server for the session, its home and database in a folder of ours."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PREFECT_HOME", str(tmp_path_factory.mktemp("prefect")))
+        patch.setenv("PREFECT_SERVER_ANALYTICS_ENABLED", "false")
+        patch.setenv("DO_NOT_TRACK", "1")
+        patch.delenv("PREFECT_API_URL", raising=False)
+        from prefect.settings import (
+            PREFECT_FLOWS_HEARTBEAT_FREQUENCY,
+            temporary_settings,
+        )
+        from prefect.testing.utilities import prefect_test_harness
+
+        # Without a heartbeat a flow ends when it ends, and not a second later.
+        quick = {PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}
+        with prefect_test_harness(120), temporary_settings(quick):
+            yield
+
+
+@pytest.fixture
+def order(monkeypatch, tmp_path):
+    """Replace the steps of both flows; returns the order in which they are taken."""
+    page = tmp_path / "report.html"
+    page.write_text("<html>")
+    taken = []
+
+    def take(module, name, answer):
+        def step(*given):
+            taken.append((name, given))
+            if isinstance(answer, Exception):
+                raise answer
+            return answer
+
+        monkeypatch.setattr(module, name, step)
+
+    runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
+    hidden = [{"name": "spring", "joints": [2], "parameters": {"stiffness": 4.0}}]
+    take(steps, "run_experiments", runs)
+    take(steps, "diagnose", ("dd", "ee"))
+    take(steps, "open_seal", hidden)
+    take(steps, "report", page)
+    take(steps, "headline", "Nothing is missing.")
+    take(watch, "run_campaign", (runs, ["one failed"]))
+    take(watch, "diagnose", ("dd", "ee"))
+    take(watch, "report", (page, "Nothing is missing."))
+    return taken
+
+
+def test_the_seal_is_opened_after_the_verdict_is_stored(server, order, tmp_path):
+    from flows.demo_flow import demo
+
+    done = demo(3, None, str(tmp_path))
+    names = [name for name, _ in order]
+    assert names[:4] == ["run_experiments", "diagnose", "open_seal", "report"]
+    assert done["diagnosis"] == "dd"
+    assert done["hidden"][0]["name"] == "spring"
+    assert done["page"] == str(tmp_path / "report.html")
+
+
+def test_the_steps_of_a_flow_get_progress_and_processes_of_its_command(server, order):
+    from flows.demo_flow import demo
+
+    told, pool = print, object()
+    with surrounded(Around(told, pool)):
+        demo(3, "spring", "store")
+    (_, given), (_, given_to_diagnose) = order[:2]
+    assert given == (steps.Asked(3, "spring"), Path("store"), told, pool)
+    assert given_to_diagnose[-1] is told
+
+
+def test_a_failing_step_fails_the_flow_with_its_own_error(server, order, monkeypatch):
+    from flows.demo_flow import demo
+    from flows.errors import RunError
+
+    def fail(*_):
+        raise RunError("Experiment welding failed: joint 2 at 1.2 s")
+
+    monkeypatch.setattr(steps, "run_experiments", fail)
+    with pytest.raises(RunError, match="joint 2 at"):
+        demo(3, None, "store")
+    assert order == []
+
+
+def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
+    server, order, tmp_path, monkeypatch
+):
+    from flows.nightly import nightly
+
+    monkeypatch.setenv("MODELGAP_STORE", str(tmp_path))
+    assert nightly() == str(tmp_path / "report.html")
+    (name, given), *rest = order
+    assert name == "run_campaign"
+    assert given[:2] == ("examples/nightly.toml", "welding")
+    assert 20260101 < given[2] < 21000101
+    assert given[3] == tmp_path
+    assert [name for name, _ in rest] == ["diagnose", "report"]
+
+
+def test_report_and_verdict_appear_among_the_artifacts(server, order, tmp_path):
+    from prefect.artifacts import Artifact
+
+    from flows.nightly import nightly
+
+    nightly(store=str(tmp_path))
+    assert "report.html" in Artifact.get("report").data
+    assert Artifact.get("verdict").data == "Nothing is missing."
+
+
+def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
+    from importlib import import_module
+
+    declared = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
+    assert [d["name"] for d in declared] == ["nightly"]
+    for deployment in declared:
+        module, _, name = deployment["entrypoint"].rpartition(".")
+        flow = getattr(import_module(module), name)
+        flow.validate_parameters(deployment["parameters"])
+        file = ROOT / deployment["parameters"]["campaign_file"]
+        assert file.is_file()
+
+
+def test_prefect_is_prepared_to_be_quiet_and_at_home_in_the_store(tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from flows.settings import "
+        f"prepare_prefect; prepare_prefect(Path({str(tmp_path)!r})); "
+        "assert 'prefect' not in sys.modules; import prefect.settings as s; "
+        "c = s.get_current_settings(); print(c.home, c.api.url, "
+        "c.server.analytics_enabled, c.results.default_serializer, "
+        "c.server.ephemeral.enabled, c.server.ephemeral.startup_timeout_seconds)"
+    )
+    plain = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
+    # A server that is gone must not be waited for.
+    plain["PREFECT_API_URL"] = "http://127.0.0.1:9/api"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=plain,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stderr == ""
+    home = f"{tmp_path / '_prefect'}"
+    assert done.stdout.split() == [home, "None", "False", "json", "True", "120"]
+
+
+def test_an_address_that_is_none_is_no_server():
+    assert not settings.answers(None)
+    assert not settings.answers("nonsense")

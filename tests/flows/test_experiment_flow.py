@@ -1,0 +1,206 @@
+"""One experiment: from a spec to a run in the store, with its hidden half sealed."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from flows import experiment
+from flows.cli import main
+from flows.spec import experiment_of
+from flows.study import Study, diagnose
+from residual.errors import InputError
+from residual.recording import Recording
+from sim.records import PlantRun
+from warehouse.commit import read_record
+from warehouse.manifest import read_manifest
+from warehouse.runs import read_channels, read_run
+from warehouse.seal import open_seal
+
+EFFECT = {"name": "spring", "joints": [2], "stiffness": 4.0}
+SPEC = """
+seed = 7
+start = 30.0
+[trajectory]
+kind = "welding"
+duration = 2.0
+[[plant.effect]]
+name = "spring"
+joints = [2]
+stiffness = 4.0
+"""
+
+
+def spec(**changes):
+    content = {
+        "seed": 7,
+        "start": 30.0,
+        "trajectory": {"kind": "welding", "duration": 2.0},
+        "plant": {"effect": [EFFECT]},
+    }
+    return experiment_of(content | changes, "SPEC.toml")
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    """Replace plant and motion by noise; returns the specs that were simulated."""
+    made = []
+
+    def simulate(spec, robot):
+        made.append(spec)
+        rng = np.random.default_rng(spec.seed)
+        q, tau, error = rng.normal(size=(3, 50, robot.dof))
+        log = Recording("", robot.name, spec.start + np.arange(50) / 250, q, tau)
+        run = PlantRun(log, {"tau_spring": 2 * tau}, {"e_q": error})
+        return run, {"reference_s": 0.1, "plant_s": 0.2}
+
+    monkeypatch.setattr(experiment, "_simulate", simulate)
+    return made
+
+
+def test_a_run_is_stored_under_the_id_that_was_known_before(tmp_path, simulated):
+    id = experiment.run_id_of(spec())
+    assert experiment.run(spec(), tmp_path) == id
+    run = read_run(tmp_path, id)
+    assert (run.robot, run.t[0], run.q.shape) == ("irb140", 30.0, (50, 6))
+    assert read_channels(tmp_path, id)["e_q"].shape == (50, 6)
+    manifest = read_manifest(tmp_path, id)
+    assert manifest["spec"]["trajectory"]["kind"] == "welding"
+    assert manifest["robot"] == "irb140"
+    assert manifest["timings"] == {"reference_s": 0.1, "plant_s": 0.2}
+
+
+def test_what_is_stored_is_not_run_again(tmp_path, simulated):
+    experiment.run(spec(), tmp_path)
+    experiment.run(spec(), tmp_path)
+    assert len(simulated) == 1
+    experiment.run(spec(seed=8), tmp_path)
+    assert len(simulated) == 2
+
+
+def test_the_record_of_a_run_has_nothing_of_what_it_hides(tmp_path, simulated):
+    id = experiment.run(spec(), tmp_path)
+    told = json.dumps(read_manifest(tmp_path, id))
+    assert "spring" not in told
+    assert str(spec().plant_spec().seed) not in told
+    sealed = open_seal(tmp_path, id)
+    assert sealed.spec["effects"][0]["name"] == "spring"
+    assert set(sealed.truth) == {"tau_spring"}
+
+
+@pytest.mark.parametrize("words", [["--dry-run"], []])
+def test_the_command_says_what_it_does(tmp_path, simulated, capsys, words):
+    path = tmp_path / "SPEC.toml"
+    path.write_text(SPEC)
+    store = ["--store", str(tmp_path / "store")]
+    assert main(["experiment", str(path), *store, *words]) == 0
+    id = experiment.run_id_of(spec())
+    shown = capsys.readouterr().out
+    assert f"{id}  to run " in shown
+    assert ("stored in" in shown) == (not words)
+    assert (tmp_path / "store").exists() == (not words)
+    assert main(["experiment", str(path), *store]) == 0
+    again = capsys.readouterr().out
+    assert f"{id}  {'is there' if not words else 'to run  '}" in again
+
+
+def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
+    tmp_path, monkeypatch, capsys
+):
+    from sim.plant.stepping import DivergedError
+
+    def diverge(spec, robot):
+        raise DivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
+
+    monkeypatch.setattr(experiment, "_simulate", diverge)
+    (tmp_path / "SPEC.toml").write_text(SPEC)
+    store = tmp_path / "store"
+    words = ["experiment", str(tmp_path / "SPEC.toml"), "--store", str(store)]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "1.250 s" in said
+    assert "joint 3" in said
+    assert not store.exists()
+
+
+def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypatch):
+    import pickle
+
+    from flows import campaign
+    from sim.plant.stepping import DivergedError
+
+    def diverge(spec, store):
+        raise DivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
+
+    monkeypatch.setattr(campaign.experiment, "run", diverge)
+    with pytest.raises(InputError) as caught:
+        campaign._run((spec(), tmp_path))
+    assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
+
+
+@pytest.mark.slow
+def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
+    from sim.synthetic.logs import standard_case
+    from warehouse.commit import commit_run
+    from warehouse.seal import Sealed
+
+    case = standard_case("spring", 3)
+
+    def put(log):
+        about = {"spec": {"robot": "irb140", "seed": 1, "log": log.id}}
+        return commit_run(tmp_path, log, about, Sealed({"salt": log.id}))
+
+    fit, held_out = (tuple(map(put, logs)) for logs in (case.fit[:3], case.held_out))
+    asked = Study("irb140", fit, held_out[:1])
+    ids = diagnose(asked, tmp_path)
+    verdict = read_record(tmp_path, ids[0])["document"]
+    assert verdict["effects"][0]["name"] == "spring"
+    for folder in ("sealed", "diagnoses", "models", "validations"):
+        shutil.rmtree(tmp_path / folder)
+    assert diagnose(asked, tmp_path) == ids
+    assert json.dumps(read_record(tmp_path, ids[0])["document"]) == json.dumps(verdict)
+
+
+def test_curves_come_back_from_the_store_as_they_were():
+    from flows.outcome_tables import from_record, to_record
+    from residual.outcome import Cloud, LogProof, Outcome
+
+    rng = np.random.default_rng(0)
+    t, tau, moving = np.arange(4.0), rng.normal(size=(4, 2)), np.ones((4, 2), bool)
+    hats = {name: rng.normal(size=(4, 2)) for name in ("nominal", "augmented")}
+    x = rng.normal(size=3)
+    cloud = Cloud("spring", 2, "q2 [rad]", x, x + 1, x + 2, np.array(["a", "a", "b"]))
+    before = Outcome(
+        verdict={"verdict": "effects"},
+        sentences=("One.",),
+        proofs=(
+            LogProof("a", t, tau, hats, moving),
+            LogProof("b", t, -tau, hats, ~moving),
+        ),
+        clouds=(cloud,),
+        notes=("n",),
+    )
+    record, tables = to_record(before)
+    after = from_record(json.loads(json.dumps(record)), tables)
+    assert (after.verdict, after.sentences, after.notes) == (
+        before.verdict,
+        before.sentences,
+        before.notes,
+    )
+    for one, other in zip(before.proofs, after.proofs, strict=True):
+        assert one.id == other.id
+        np.testing.assert_array_equal(one.tau, other.tau)
+        np.testing.assert_array_equal(one.moving, other.moving)
+        for name, hat in one.tau_hat.items():
+            np.testing.assert_array_equal(hat, other.tau_hat[name])
+    np.testing.assert_array_equal(after.clouds[0].fitted, cloud.fitted)
+    assert list(after.clouds[0].log) == ["a", "a", "b"]
+
+
+def test_an_outcome_without_findings_or_held_out_logs_comes_back_too():
+    from flows.outcome_tables import from_record, to_record
+    from residual.outcome import Outcome
+
+    empty = Outcome({"verdict": "none"}, (), (), (), ())
+    assert from_record(*to_record(empty)).clouds == ()

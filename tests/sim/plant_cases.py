@@ -1,0 +1,41 @@
+"""Short runs of the plant, shared by its tests."""
+
+import numpy as np
+
+from residual.robot import load_robot
+from sim.plant.arm import build_arm
+from sim.plant.controller import ComputedTorque
+from sim.plant.stepping import simulate
+from sim.records import PlantEffect, PlantSpec, Reference
+from sim.synthetic.motion import make_motion
+from sim.synthetic.room import room
+from sim.synthetic.seeds import stream
+
+ROBOT = load_robot("irb140")
+NOMINAL_ARM = {"scatter": 0.0}
+
+
+def effect(name, joints=(), onset=0.0, **parameters):
+    joints = (joints,) if isinstance(joints, int) else tuple(joints)
+    return PlantEffect(name, joints, tuple(parameters.items()), onset)
+
+
+def motion(family="fourier", duration=3.0, seed=1, rate=1000.0):
+    m = make_motion(family, room(ROBOT), duration, rate, stream(seed, "motion"))
+    return Reference(family, m.t, m.q, m.qd, m.qdd, None)
+
+
+def standing(duration, q=None, rate=1000.0):
+    t = np.arange(round(duration * rate)) / rate
+    still = np.zeros((len(t), ROBOT.dof))
+    return Reference(
+        "standing", t, still + (0.3 if q is None else q), still, still, None
+    )
+
+
+def drive(*effects, reference=None, controller=None, start=0.0, **spec):
+    reference = motion() if reference is None else reference
+    plant = PlantSpec(effects, **spec)
+    controller = controller or ComputedTorque(ROBOT, reference)
+    arm = build_arm(ROBOT, plant)
+    return simulate(arm, reference, controller, "", start, plant.seed)

@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+
+from residual.dynamics import inertial_parameters, inverse_dynamics, regressor
+from residual.robot import load_robot
+from sim.excitation import base_columns, cost, excitation
+from sim.trajectories.fourier import arena, draw
+from sim.trajectories.problem import problem
+from tests.sim.arms import TWO, arm
+
+ROBOT = load_robot("irb140")
+RNG = np.random.default_rng(0)
+
+
+def test_the_built_in_arm_has_36_base_parameters():
+    assert len(base_columns(ROBOT.model)) == 36
+
+
+def test_base_columns_are_all_that_the_regressor_can_say():
+    q, qd, qdd = RNG.uniform(-2, 2, (3, 80, 6))
+    full = regressor(ROBOT.model, q, qd, qdd).reshape(480, -1)
+    base = full[:, base_columns(ROBOT.model)]
+    theta = np.linalg.lstsq(base, full @ inertial_parameters(ROBOT.model))[0]
+    tau = inverse_dynamics(ROBOT.model, q, qd, qdd).ravel()
+    np.testing.assert_allclose(base @ theta, tau, atol=1e-8)
+
+
+def test_a_motion_that_never_moves_is_said_to_excite_nothing(tmp_path):
+    robot = arm(TWO, tmp_path)
+    still = np.zeros((50, 2))
+    assert np.isinf(excitation(robot.model, still, still, still).condition)
+
+
+def test_units_do_not_change_the_condition_number():
+    w = RNG.normal(size=(60, 5))
+    scaled = w * [1, 10, 1e-3, 1e4, 5]
+    shift = 0.1 / 5 * 2 * np.log(10 * 1e-3 * 1e4 * 5)
+    assert cost(w)[0] - cost(scaled)[0] == pytest.approx(shift)
+
+
+def test_the_cost_falls_with_the_condition_number():
+    orthogonal = np.linalg.qr(RNG.normal(size=(60, 5)))[0]
+    skew = orthogonal + 0.8 * orthogonal[:, :1]
+    assert cost(orthogonal)[0] < cost(skew / np.linalg.norm(skew, axis=0))[0]
+
+
+def test_the_slope_of_the_cost_is_its_derivative():
+    w, way = RNG.normal(size=(2, 40, 7))
+    slope = (cost(w + 1e-6 * way)[0] - cost(w - 1e-6 * way)[0]) / 2e-6
+    assert (cost(w)[1] * way).sum() == pytest.approx(slope, rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [0.7, 1.6], ids=["within limits", "beyond them"])
+def test_slopes_of_the_search_are_derivatives(size):
+    place = arena(ROBOT, 8.0)
+    search = problem(place)
+    x = size * search.point(draw(place, np.random.default_rng(1)))
+    way, step = np.random.default_rng(2).normal(size=x.shape), 1e-6
+    ahead, back = x + step * way, x - step * way
+    slope = (search.cost(ahead)[0] - search.cost(back)[0]) / (2 * step)
+    assert search.cost(x)[1] @ way == pytest.approx(slope, rel=1e-4)
+    change = (search.spare(ahead) - search.spare(back)) / (2 * step)
+    np.testing.assert_allclose(search.spare_slopes(x) @ way, change, atol=1e-6)
+
+
+def test_unknowns_and_motion_are_the_same_thing():
+    place = arena(ROBOT, 8.0)
+    search, series = problem(place), draw(place, np.random.default_rng(3))
+    again = search.series(search.point(series))
+    for name in ("centre", "sine", "cosine"):
+        np.testing.assert_allclose(
+            getattr(again, name), getattr(series, name), atol=1e-9
+        )

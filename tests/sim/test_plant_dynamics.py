@@ -1,0 +1,124 @@
+"""The books of the plant: torques add up, energy is kept, Bullet moves what we send."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from residual.dynamics import flange_placement, inertial_parameters
+from sim.bullet import World
+from sim.plant import tables as at
+from sim.plant.arm import build_arm
+from sim.plant.bodies import with_effects
+from sim.plant.draw import draw_hidden
+from sim.plant.energy import balance
+from sim.plant.perturbations import KINDS
+from sim.plant.urdf import urdf_of
+from sim.records import PlantSpec
+from sim.streams import stream
+from tests.sim.plant_cases import ROBOT, drive, effect, motion
+
+SHORT = motion("move_stop_move", 1.5)
+RIGID = [n for n in KINDS if n not in ("elasticity", "backlash")]
+
+
+def miss(trace):
+    """Return how far all channels are from the torque of the motors."""
+    rows = trace.rows
+    total = trace.rigid(1) + rows[:, at.ROTOR] + rows[:, at.FRICTION]
+    total = total + rows[:, at.CHANNELS :].sum(axis=1)
+    return np.abs(total - rows[:, at.MOTOR]).max()
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_channels_of_every_effect_add_up(name):
+    trace = drive(draw_hidden(ROBOT, stream(5, name), name), reference=SHORT)
+    assert miss(trace) < 1e-9
+
+
+def test_channels_of_all_effects_together_add_up():
+    effects = [
+        draw_hidden(ROBOT, stream(6, name), name)
+        for name in KINDS
+        if name != "base_tilt"
+    ]
+    assert miss(drive(*effects, reference=SHORT)) < 1e-9
+
+
+@pytest.mark.parametrize("names", [(), ("payload", "base_tilt"), ("elasticity",)])
+def test_bullet_moves_what_the_joints_pass_on(names):
+    trace = drive(*(draw_hidden(ROBOT, stream(2, n), n) for n in names))
+    assert np.abs(trace.rigid(1) - trace.rows[:, at.LINK]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        (),
+        ("payload", "stribeck", "balancer"),
+        ("coupled_friction", "tool_force", "ripple", "presliding"),
+        ("elasticity", "backlash"),
+    ],
+)
+def test_energy_balances(names):
+    effects = [draw_hidden(ROBOT, stream(3, n), n) for n in names]
+    books = balance(drive(*effects, reference=motion(duration=6.0)))
+    assert books.error < 1e-3 * books.throughput
+
+
+def test_one_step_of_bullet_is_inverse_dynamics():
+    arm = build_arm(ROBOT, PlantSpec(seed=9))
+    rng, data = np.random.default_rng(1), arm.model.createData()
+    with World(arm.model, 1e-3) as world:
+        for _ in range(50):
+            q, qd, qdd = rng.uniform(-1, 1, (3, 6)) * [[1.5], [3.0], [10.0]]
+            tau = pin.rnea(arm.model, data, q, qd, qdd)
+            world.reset(q, qd)
+            world.step(tau)
+            after = world.state()
+            np.testing.assert_allclose((after[1] - qd) / 1e-3, qdd, atol=1e-6)
+            np.testing.assert_allclose(after[0], q + 1e-3 * after[1], atol=1e-15)
+
+
+def test_the_written_urdf_is_the_same_body():
+    model = build_arm(ROBOT, PlantSpec(seed=4)).model
+    again = pin.buildModelFromXML(urdf_of(model))
+    np.testing.assert_allclose(
+        inertial_parameters(again), inertial_parameters(model), atol=1e-12
+    )
+
+
+def test_a_payload_with_a_tensor_has_it_about_its_centre():
+    tensor = dict(ixx=0.02, ixy=0.001, ixz=0.0, iyy=0.03, iyz=0.0, izz=0.025)
+    load = effect("payload", 6, mass=3.0, com_x=0.1, com_y=0.0, com_z=0.02, **tensor)
+    added = inertial_parameters(with_effects(ROBOT.model, (load,)))
+    added = added - inertial_parameters(ROBOT.model)
+    place = flange_placement(ROBOT.model)
+    body = pin.Inertia.FromDynamicParameters(added[-10:])
+    at_flange = place.actInv(body)
+    assert at_flange.mass == pytest.approx(3.0)
+    np.testing.assert_allclose(at_flange.lever, [0.1, 0.0, 0.02], atol=1e-9)
+    np.testing.assert_allclose(np.diag(at_flange.inertia), [0.02, 0.03, 0.025])
+
+
+def test_a_tilt_adds_gravity_along_the_base():
+    tilt = effect("base_tilt", tilt_x=0.03, tilt_y=-0.02)
+    gravity = with_effects(ROBOT.model, (tilt,)).gravity.linear
+    np.testing.assert_allclose(gravity, [0.2943, -0.1962, -9.81], atol=0.01)
+    assert np.linalg.norm(gravity) == pytest.approx(9.81)
+
+
+def test_the_arm_of_a_seed_does_not_depend_on_what_it_hides():
+    plain = build_arm(ROBOT, PlantSpec(seed=7))
+    other = build_arm(ROBOT, PlantSpec((effect("offset", 2, torque=1.0),), seed=7))
+    np.testing.assert_array_equal(plain.base.coulomb, other.base.coulomb)
+    np.testing.assert_array_equal(
+        inertial_parameters(plain.model), inertial_parameters(other.model)
+    )
+
+
+def test_the_declared_friction_is_scattered_by_the_share_of_the_spec():
+    arms = [build_arm(ROBOT, PlantSpec(seed=s)).base for s in range(60)]
+    ratio = np.array([a.viscous for a in arms]) / [8, 8, 5, 1, 1, 0.5]
+    assert np.std(ratio) == pytest.approx(0.02, rel=0.15)
+    exact = build_arm(ROBOT, PlantSpec(scatter=0.0, seed=3)).base
+    np.testing.assert_array_equal(exact.coulomb, [12, 12, 8, 3, 3, 1.5])

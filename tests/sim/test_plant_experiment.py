@@ -1,0 +1,203 @@
+"""Experiments: pure functions of their specs, and clear about what cannot be."""
+
+import hashlib
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.dynamics import inverse_dynamics
+from residual.errors import InputError, UnknownNameError
+from residual.robot import load_robot
+from sim.experiment import run_experiment
+from sim.plant import tables as at
+from sim.plant.draw import SOUGHT, draw_hidden
+from sim.plant.perturbations import KINDS, check_effect
+from sim.plant.stepping import DivergedError
+from sim.records import Noise, PlantEffect, PlantSpec, Rates, Reference
+from sim.streams import stream
+from sim.twin import open_loop, track
+from tests.sim.plant_cases import ROBOT, drive, effect, motion
+
+MOVE = motion("fourier", 2.0)
+QUIET = Noise(0.0, 0.0)
+HIDDEN = (
+    effect("stribeck", 3, level=3.0, velocity=0.05),
+    effect("x_random_walk", 1, amplitude=2.0),
+)
+
+
+def digest(run):
+    arrays = [run.log.t, run.log.q, run.log.tau]
+    arrays += [x for part in (run.truth, run.twin) for _, x in sorted(part.items())]
+    return hashlib.sha256(b"".join(a.tobytes() for a in arrays)).hexdigest()
+
+
+def test_the_log_is_what_a_robot_logs():
+    run = run_experiment(ROBOT, MOVE, PlantSpec(seed=1))
+    assert run.log.robot == "irb140"
+    np.testing.assert_allclose(np.diff(run.log.t), 1 / 250)
+    np.testing.assert_array_equal(run.log.q_ref, MOVE.q[::4])
+    steps = run.log.q / 1e-4
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+    noise = run.log.tau - run.truth["tau_drive"]
+    share = noise.std(axis=0) / [57, 157, 54, 11, 7, 7]
+    np.testing.assert_allclose(share, 0.0158, rtol=0.2)
+
+
+def test_same_spec_same_bits_whatever_runs_between():
+    spec = PlantSpec(HIDDEN, seed=5)
+    first = digest(run_experiment(ROBOT, MOVE, spec))
+    run_experiment(ROBOT, motion("fourier", 0.5), PlantSpec(seed=8))
+    assert digest(run_experiment(ROBOT, MOVE, spec)) == first
+    code = (
+        "from tests.sim.test_plant_experiment import *\n"
+        "print(digest(run_experiment(ROBOT, MOVE, PlantSpec(HIDDEN, seed=5))))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split()[-1] == first
+    assert done.stderr == ""
+
+
+def test_noise_differs_between_motions_and_not_with_effects():
+    def noise(reference, effects=(), start=0.0):
+        spec = PlantSpec(effects, seed=5)
+        run = run_experiment(ROBOT, reference, spec, start=start)
+        return run.log.tau - run.truth["tau_drive"]
+
+    plain = noise(MOVE)
+    np.testing.assert_allclose(noise(MOVE, HIDDEN), plain, atol=1e-12)
+    assert np.abs(noise(motion("fourier", 2.0, 2)) - plain).max() > 0.1
+    assert np.abs(noise(MOVE, start=30.0) - plain).max() > 0.1
+
+
+def test_an_arm_as_described_is_its_twin():
+    run = run_experiment(ROBOT, MOVE, PlantSpec(scatter=0.0, noise=QUIET))
+    for error in run.twin.values():
+        assert np.abs(error).max() < 1e-12
+
+
+def test_twin_errors_show_what_is_hidden():
+    spec = PlantSpec((effect("coulomb", 2, level=8.0),), scatter=0.0, noise=QUIET)
+    run = run_experiment(ROBOT, motion("fourier", 5.0), spec)
+    assert set(run.twin) == {"e_q", "e_qd", "e_qdd", "e_tau"}
+    moving = np.abs(run.truth["qd"][:, 1]) > 0.3
+    sign = np.sign(run.truth["qd"][moving, 1])
+    assert (run.twin["e_tau"][moving, 1] * sign).mean() == pytest.approx(8.0, rel=0.1)
+
+
+def test_truth_torques_add_up():
+    hidden = (*HIDDEN, effect("spring", 2, stiffness=5.0), effect("delay", delay=0.01))
+    truth = run_experiment(ROBOT, MOVE, PlantSpec(hidden, seed=2)).truth
+    parts = ("rigid", "rotor", "friction", "spring", "x_random_walk")
+    total = sum(truth[f"tau_{name}"] for name in parts)
+    np.testing.assert_allclose(total, truth["tau_motor"], rtol=0, atol=1e-9)
+
+
+def test_a_runaway_stops_with_time_and_state():
+    hidden = effect("offset", 1, 0.2, torque=1e4)
+    with pytest.raises(
+        DivergedError, match=r"diverged at 0\.\d+ s on joint 1"
+    ) as caught:
+        run_experiment(ROBOT, MOVE, PlantSpec((hidden,)))
+    assert 0.2 < caught.value.time < 0.5
+    assert caught.value.q.shape == (6,)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "error", "words"),
+    [
+        (effect("stribek", 1, level=1.0), UnknownNameError, "stribeck"),
+        (effect("stribeck", 1, level=1.0), InputError, "needs 'velocity'"),
+        (effect("coulomb", 1, levle=1.0), UnknownNameError, "'level'"),
+        (effect("coulomb", 7, level=1.0), InputError, "1 to 6"),
+        (effect("coulomb", (), level=1.0), InputError, "one or more"),
+        (effect("coulomb", 1, level=np.nan), InputError, "finite"),
+        (effect("coulomb", 1, -1.0, level=1.0), InputError, "onset"),
+        (effect("payload", 3, mass=1.0), InputError, "expected \\[6\\]"),
+        (effect("payload", 6, mass=-1.0), InputError, "above 0"),
+        (effect("payload", 6, mass=1.0, ixx=1.0), InputError, "all of ixx"),
+        (effect("delay", 2, delay=0.01), InputError, "none"),
+        (effect("torque_gain", 2, gain=-1.5), InputError, "more than -1"),
+        (effect("coupled_friction", 5, level=1.0), InputError, "two of"),
+        (effect("coupled_friction", (5, 6), level=1.0, sign=2.0), InputError, "sign"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_a_hint(hidden, error, words):
+    with pytest.raises(error, match=words):
+        check_effect(hidden, ROBOT)
+
+
+def test_a_motor_cannot_lose_all_its_inertia():
+    spec = PlantSpec((effect("rotor_inertia", 4, inertia=-0.2),))
+    with pytest.raises(InputError, match="joint 4"):
+        run_experiment(ROBOT, MOVE, spec)
+
+
+def test_an_impossible_tensor_is_refused():
+    tensor = dict(ixx=9.0, ixy=0.0, ixz=0.0, iyy=0.1, iyz=0.0, izz=0.1)
+    spec = PlantSpec((effect("payload", 6, mass=1.0, **tensor),))
+    with pytest.raises(InputError, match="moments"):
+        run_experiment(ROBOT, MOVE, spec)
+
+
+@pytest.mark.parametrize(
+    ("rates", "words"), [(Rates(1000, 300), "multiple"), (Rates(500, 250), "500 Hz")]
+)
+def test_rates_that_do_not_fit_are_refused(rates, words):
+    with pytest.raises(InputError, match=words):
+        run_experiment(ROBOT, MOVE, PlantSpec(), rates)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_everything_can_be_drawn(name):
+    drawn = draw_hidden(ROBOT, stream(3, "hidden"), name)
+    check_effect(drawn, ROBOT)
+    assert drawn == draw_hidden(ROBOT, stream(3, "hidden"), name)
+    assert all(type(value) is float for _, value in drawn.parameters)
+
+
+def test_drawing_covers_what_is_sought_and_no_more():
+    drawn = {draw_hidden(ROBOT, stream(s, "hidden")).name for s in range(300)}
+    assert drawn == set(SOUGHT)
+    every = {draw_hidden(ROBOT, stream(s, "h"), every=True).name for s in range(600)}
+    assert every == {name for name in KINDS if not name.startswith("x_")}
+    with pytest.raises(UnknownNameError):
+        draw_hidden(ROBOT, stream(1, "hidden"), "magic")
+
+
+def test_a_better_feed_forward_tracks_better():
+    load = PlantSpec((effect("payload", 6, mass=4.0, com_x=0.1),), scatter=0.0)
+    nominal = inverse_dynamics(ROBOT.model, MOVE.q, MOVE.qd, MOVE.qdd)
+    truth = drive(*load.effects, reference=MOVE, scatter=0.0)
+    errors = [
+        np.sqrt((track(ROBOT, MOVE, load, torque) ** 2).mean())
+        for torque in (nominal, truth.rows[:, at.DRIVE])
+    ]
+    assert errors[1] < 0.3 * errors[0]
+
+
+def test_the_right_torque_moves_the_nominal_model_along():
+    run = drive(reference=MOVE, scatter=0.0)
+    rows = run.rows
+    done = Reference("done", run.t, rows[:, at.Q], rows[:, at.QD], run.qdd, None)
+    error = open_loop(ROBOT, done, rows[:, at.DRIVE], 0.25)
+    assert np.abs(error).max() < 1e-6
+    wrong = open_loop(ROBOT, done, 1.02 * rows[:, at.DRIVE], 0.25)
+    assert np.abs(wrong).max() > 1e-4
+
+
+def test_a_bare_urdf_is_driven_too():
+    bare = replace(load_robot("irb140"), declared={})
+    run = run_experiment(bare, MOVE, PlantSpec(seed=1))
+    assert np.abs(run.truth["q"] - run.log.q_ref).max() < 0.05
+
+
+def test_effects_are_plain_records():
+    one = PlantEffect("coulomb", (1,), (("level", 1.0),))
+    assert one == effect("coulomb", 1, level=1.0)
+    assert hash(PlantSpec((one,))) == hash(PlantSpec((one,)))

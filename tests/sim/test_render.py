@@ -1,0 +1,60 @@
+"""Pictures of an arm, made without a display."""
+
+import io
+
+import numpy as np
+from PIL import Image
+
+from residual.robot import load_robot
+from sim.records import Reference
+from sim.render import animate, gif_of, look
+from tests.sim.arms import SEVEN, arm
+
+ROBOT = load_robot("irb140")
+
+
+def _sweep(robot, n=40):
+    t = np.arange(n) / 10
+    q = np.zeros((n, robot.dof))
+    q[:, 0] = np.linspace(-1, 1, n)
+    return Reference("move_stop_move", t, q, q * 0, q * 0, None)
+
+
+def test_an_animation_is_a_small_gif_that_shows_an_arm_moving(tmp_path):
+    path = tmp_path / "arm.gif"
+    data = animate(ROBOT, _sweep(ROBOT), path, frames=12)
+    assert path.read_bytes() == data
+    picture = Image.open(io.BytesIO(data))
+    assert (picture.format, picture.n_frames) == ("GIF", 12)
+    assert len(data) < 1_000_000
+    frames = []
+    for i in (0, 6):
+        picture.seek(i)
+        frames.append(np.asarray(picture.convert("RGB")).astype(int))
+    orange = [(f[:, :, 0] > 150) & (f[:, :, 2] < 80) for f in frames]
+    assert all(0.01 < o.mean() < 0.3 for o in orange)
+    assert (orange[0] != orange[1]).mean() > 0.005
+
+
+def test_the_same_motion_gives_the_same_bytes():
+    r = _sweep(ROBOT)
+    assert gif_of(ROBOT, r.t, r.q, 4) == gif_of(ROBOT, r.t, r.q, 4)
+
+
+def test_links_without_shapes_are_drawn_as_rods(tmp_path):
+    robot = arm(SEVEN, tmp_path)
+    text = look(robot)
+    assert text.count("<cylinder") == 8
+    picture = Image.open(io.BytesIO(animate(robot, _sweep(robot), frames=2)))
+    pixels = np.asarray(picture.convert("RGB")).astype(int)
+    assert ((pixels[:, :, 0] > 150) & (pixels[:, :, 2] < 80)).mean() > 0.005
+
+
+def test_meshes_and_collision_shapes_are_left_out(tmp_path):
+    mesh = '<visual><geometry><mesh filename="package://x/y.stl"/></geometry></visual>'
+    solid = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+    robot = arm(
+        SEVEN.replace('<link name="l3">', f'<link name="l3">{mesh}{solid}'), tmp_path
+    )
+    assert "mesh" not in look(robot)
+    assert "sphere" not in look(robot)

@@ -1,0 +1,154 @@
+"""Every family on the built-in arm: limits, rest, repeats, sameness."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from residual.dynamics import inverse_dynamics
+from residual.robot import load_robot
+from sim.clearance import MARGIN, body, clearances
+from sim.records import TrajectorySpec
+from sim.synthetic.series import peaks
+from sim.trajectories import KINDS, make_reference
+from sim.trajectories.fourier import arena, draw, draw_any, sampled
+from sim.trajectories.limits import plan_limits
+from sim.trajectories.reference import make_plan, sample
+
+ROBOT = load_robot("irb140")
+LIMITS = plan_limits(ROBOT)
+
+
+@lru_cache
+def plan(kind, duration=20.0, periods=2):
+    return make_plan(ROBOT, TrajectorySpec(kind, duration, periods, seed=1))
+
+
+def reference(kind, rate=1000.0):
+    return sample(plan(kind), rate)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_limits_hold_between_the_samples(kind):
+    # Planned at 1 kHz, looked at where nobody looked before.
+    dense = reference(kind, 3300.0)
+    assert (dense.q >= LIMITS.lower).all()
+    assert (dense.q <= LIMITS.upper).all()
+    assert (np.abs(dense.qd) <= LIMITS.velocity).all()
+    assert (np.abs(dense.qdd) <= LIMITS.acceleration).all()
+    declared = ROBOT.declared
+    torque = inverse_dynamics(ROBOT.model, dense.q, dense.qd, dense.qdd)
+    torque += declared["rotor_inertia"].values["inertia"] * dense.qdd
+    torque += declared["viscous"].values["coefficient"] * dense.qd
+    torque += declared["coulomb"].values["level"] * np.sign(dense.qd)
+    assert (np.abs(torque) <= LIMITS.torque).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_planned_limits_leave_the_controller_some_of_the_arms_own(kind):
+    r = reference(kind)
+    assert (np.abs(r.qd) <= 0.8 * ROBOT.velocity_limit).all()
+    assert (np.abs(r.qdd) <= 0.9 * ROBOT.acceleration_limit).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_arm_stays_clear_of_the_floor_and_itself(kind):
+    r = reference(kind)
+    assert clearances(body(ROBOT.model), r.q[::7]).min() >= MARGIN
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_speed_and_acceleration_are_the_derivatives_of_position(kind):
+    r = reference(kind)
+    h = r.t[1] - r.t[0]
+    qd = (r.q[2:] - r.q[:-2]) / (2 * h)
+    qdd = (r.qd[2:] - r.qd[:-2]) / (2 * h)
+    np.testing.assert_allclose(qd, r.qd[1:-1], atol=1e-3)
+    # The jerk of a quintic move jumps where it begins.
+    assert np.quantile(np.abs(qdd - r.qdd[1:-1]), 0.99) < 2e-2
+    np.testing.assert_allclose(qdd, r.qdd[1:-1], atol=0.3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_motion_is_at_rest_at_both_ends(kind):
+    r = reference(kind)
+    assert r.t[0] == 0
+    assert r.t[-1] == 20.0
+    assert np.abs(r.qd[[0, -1]]).max() < 1e-10
+    assert np.abs(r.qdd[[0, -1]]).max() < 1e-9
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_periods_repeat(kind):
+    r = make_reference(ROBOT, TrajectorySpec(kind, 24.0, 3, 1), 1000.0, False)
+    ramp = 1.0 if kind == "cyclic" else 0.0
+    assert r.period == pytest.approx((24.0 - ramp) / 3)
+    # Shifted by one period, away from where a cyclic motion starts and stops.
+    inner = (r.t > ramp) & (r.t < 24.0 - ramp - r.period)
+    for values in (r.q, r.qd):
+        shifted = [np.interp(r.t[inner] + r.period, r.t, v) for v in values.T]
+        np.testing.assert_allclose(np.transpose(shifted), values[inner], atol=2e-5)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_rate_samples_the_same_motion(kind):
+    spec = TrajectorySpec(kind, seed=1)
+    fast, slow = (make_reference(ROBOT, spec, r, False) for r in (1000.0, 250.0))
+    np.testing.assert_allclose(fast.q[::4], slow.q, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_spec_gives_the_same_bits_and_another_seed_another_motion(kind):
+    spec = TrajectorySpec(kind, seed=1)
+    again = make_reference(ROBOT, spec, 1000.0)
+    for name in ("t", "q", "qd", "qdd"):
+        assert (
+            getattr(again, name).tobytes() == getattr(reference(kind), name).tobytes()
+        )
+    other = make_reference(ROBOT, TrajectorySpec(kind, seed=2), 50.0, optimised=False)
+    assert np.abs(other.q - reference(kind, 50.0).q).max() > 0.05
+
+
+def test_pick_and_place_really_dwells():
+    r = reference("move_stop_move")
+    still = (r.qd == 0).all(axis=1)
+    assert 0.15 < still.mean() < 0.7
+    assert (np.diff(still.astype(int)) == 1).sum() >= 6
+    # Nothing but rest between its ends, to the last bit.
+    dwell = np.flatnonzero(still)[:200]
+    assert np.ptp(r.q[dwell], axis=0).max() == 0
+
+
+def test_fourier_coefficients_are_five_harmonics_of_the_period():
+    r = reference("fourier", 100.0)
+    waves = np.abs(np.fft.rfft(r.q[:-1], axis=0)) / len(r.q[:-1])
+    orders = np.flatnonzero(waves.max(axis=1) > 1e-9)
+    assert set(orders) <= {0, 2, 4, 6, 8, 10}  # two periods
+
+
+def test_bounds_of_a_series_hold_over_the_whole_period():
+    place = arena(ROBOT, 6.0)
+    series = draw(place, np.random.default_rng(3))
+    t = np.random.default_rng(4).uniform(0, 6.0, 20_000)
+    q, qd, qdd = sampled(series, t)
+    position, velocity, acceleration = peaks(series)
+    assert (np.abs(q - series.centre) <= position).all()
+    assert (np.abs(qd) <= velocity).all()
+    assert (np.abs(qdd) <= acceleration).all()
+
+
+def test_each_joint_goes_as_far_as_one_of_its_limits_lets_it():
+    place = arena(ROBOT, 10.0)
+    series = draw_any(place, np.random.default_rng(5), anywhere=True)
+    q, qd, qdd = sampled(series, np.linspace(0, 10, 2000))
+    left = np.minimum(LIMITS.upper - q.max(axis=0), q.min(axis=0) - LIMITS.lower)
+    used = np.max(
+        [
+            1 - left / LIMITS.half,
+            np.abs(qd).max(axis=0) / LIMITS.velocity,
+            np.abs(qdd).max(axis=0) / LIMITS.acceleration,
+        ],
+        axis=0,
+    )
+    assert (used > 0.98).all()
+    assert (used <= 1).all()

@@ -1,0 +1,160 @@
+"""Other arms than the built-in one, and specifications that cannot be met."""
+
+import numpy as np
+import pytest
+
+from residual.errors import InputError
+from residual.robot import load_robot
+from sim.clearance import MARGIN, body, clearances
+from sim.excitation import excitation
+from sim.records import TrajectorySpec
+from sim.trajectories import KINDS, LimitError, make_reference
+from sim.trajectories.limits import check_limits, plan_limits
+from sim.trajectories.plan import check_clearance
+from sim.trajectories.usage import usage
+from tests.sim.arms import FLAT, SEVEN, TWO, arm
+
+ROBOT = load_robot("irb140")
+POSES = ("cyclic", "welding")
+
+
+@pytest.mark.parametrize("text", [SEVEN, FLAT], ids=["seven joints", "flat at zero"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_families_plan_for_other_arms(kind, text, tmp_path):
+    robot = arm(text, tmp_path)
+    r = make_reference(robot, TrajectorySpec(kind), 200.0, optimised=False)
+    limits = plan_limits(robot)
+    assert (r.q >= limits.lower).all()
+    assert (r.q <= limits.upper).all()
+    assert (np.abs(r.qd) <= limits.velocity).all()
+    assert clearances(body(robot.model), r.q).min() >= MARGIN
+    assert np.ptp(r.q, axis=0).min() > 0.01
+
+
+def test_a_closed_path_is_closed_for_an_arm_with_a_spare_joint(tmp_path):
+    r = make_reference(arm(SEVEN, tmp_path), TrajectorySpec("cyclic", 21.0), 100.0)
+    # Steady from 1 s on; the period is 10 s.
+    np.testing.assert_allclose(r.q[200], r.q[1200], atol=1e-8)
+
+
+@pytest.mark.slow
+def test_the_search_improves_an_arm_with_seven_joints(tmp_path):
+    robot = arm(SEVEN, tmp_path)
+    found = [
+        make_reference(robot, TrajectorySpec(), 100.0, optimised)
+        for optimised in (False, True)
+    ]
+    worse, better = (excitation(robot.model, r.q, r.qd, r.qdd) for r in found)
+    assert better.condition < 0.6 * worse.condition
+
+
+def test_two_joints_are_enough_for_joint_motions(tmp_path):
+    robot = arm(TWO, tmp_path)
+    for kind in ("fourier", "move_stop_move"):
+        r = make_reference(robot, TrajectorySpec(kind, 8.0, 1), 200.0)
+        assert r.q.shape == (1601, 2)
+    shares = usage(robot, r)
+    assert np.isnan(shares.acceleration).all()
+    assert (shares.torque < 0.85).all()
+
+
+@pytest.mark.parametrize("kind", POSES)
+def test_poses_in_space_need_six_joints(kind, tmp_path):
+    with pytest.raises(InputError, match=r"needs 6 joints, two has 2.*move_stop_move"):
+        make_reference(arm(TWO, tmp_path), TrajectorySpec(kind), 200.0)
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k != "fourier"])
+def test_a_motion_that_is_too_fast_says_which_joint_when_and_by_how_much(kind):
+    with pytest.raises(LimitError) as caught:
+        make_reference(ROBOT, TrajectorySpec(kind, 2.4, 2), 200.0)
+    error = caught.value
+    assert 1 <= error.joint <= 6
+    assert 0 <= error.time <= 2.4
+    assert error.value > error.limit
+    text = str(error)
+    assert f"joint {error.joint} breaks its" in text
+    assert f"{error.time:.2f} s" in text
+    assert "too much" in text
+    assert "times as long" in text
+
+
+def test_a_short_fourier_motion_is_small_and_keeps_the_limits():
+    r = make_reference(ROBOT, TrajectorySpec("fourier", 1.0, 2), 1000.0, False)
+    assert (np.abs(r.qdd) <= plan_limits(ROBOT).acceleration).all()
+    assert np.ptp(r.q, axis=0).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("spec", "rate", "words"),
+    [
+        (TrajectorySpec("weldin"), 250.0, "did you mean 'welding'"),
+        (TrajectorySpec(duration=0.0), 250.0, "duration must be above 0"),
+        (TrajectorySpec(duration=float("nan")), 250.0, "duration must be above 0"),
+        (TrajectorySpec(periods=0), 250.0, "periods must be 1 or more"),
+        (TrajectorySpec(periods=100), 250.0, "expected 50 s or more"),
+        (TrajectorySpec("cyclic", 1.5, 1), 250.0, "expected 2 s or more"),
+        (TrajectorySpec(seed=-1), 250.0, "seed must be 0 or more"),
+        (TrajectorySpec(), 0.0, "rate must be"),
+    ],
+)
+def test_nonsense_is_refused_with_what_was_expected(spec, rate, words):
+    with pytest.raises(InputError, match=words):
+        make_reference(ROBOT, spec, rate)
+
+
+def _still(n=50):
+    t = np.arange(n) / 100
+    return t, tuple(np.zeros((3, n, 6)))
+
+
+@pytest.mark.parametrize(
+    ("which", "value", "words"),
+    [
+        (0, 3.3, r"joint 4 breaks its range limit at 0.20 s: 3.3 rad, allowed 3.092"),
+        (1, 9.0, r"joint 4 breaks its speed limit at 0.20 s: .* rad/s, allowed 5.027"),
+        (2, -70, r"joint 4 breaks its acceleration limit at 0.20 s"),
+    ],
+)
+def test_a_broken_limit_is_named(which, value, words):
+    t, motion = _still()
+    motion[which][20, 3] = value
+    with pytest.raises(LimitError, match=words):
+        check_limits(ROBOT, "test", t, motion)
+
+
+def test_too_much_torque_is_named(tmp_path):
+    weak = arm(TWO.replace('effort="60"', 'effort="15"'), tmp_path)
+    motion = np.zeros((3, 20, 2))
+    motion[0, :, 0] = np.pi / 2  # held out level
+    with pytest.raises(LimitError, match="joint 1 breaks its torque limit") as caught:
+        check_limits(weak, "test", np.arange(20) / 100, tuple(motion))
+    assert caught.value.limit == pytest.approx(12.0)
+
+
+def test_a_peak_between_two_samples_is_seen():
+    t = np.arange(101) / 100
+    limit = plan_limits(ROBOT).velocity[0]
+    # A wave whose samples miss its peaks.
+    wave = np.cos(2 * np.pi * 10 * t + np.pi / 10)
+    qd = np.zeros((101, 6))
+    qd[:, 0] = wave / wave.max() * 0.999 * limit
+    still = np.zeros((101, 6))
+    with pytest.raises(LimitError, match="joint 1 breaks its speed limit"):
+        check_limits(ROBOT, "test", t, (still, qd, still))
+
+
+def test_an_arm_that_reaches_into_the_floor_is_told():
+    arm_body = body(ROBOT.model)
+    q = np.zeros((20, 6))
+    q[:, 1] = np.linspace(0, 1.9, 20)
+    with pytest.raises(LimitError, match=r"above the floor is -\d+ mm") as caught:
+        check_clearance(arm_body, "test", np.arange(20) / 10, q)
+    assert caught.value.value < MARGIN
+
+
+def test_an_arm_that_folds_onto_itself_is_told():
+    q = np.zeros((5, 6))
+    q[:, 1], q[:, 2] = -1.5, -3.9
+    with pytest.raises(LimitError, match="joint 4"):
+        check_clearance(body(ROBOT.model), "test", np.arange(5) / 10, q)

@@ -1,0 +1,82 @@
+"""Small runs and a verdict to put into a store."""
+
+import numpy as np
+
+from residual.recording import Recording
+from warehouse.commit import commit_run
+from warehouse.seal import Sealed
+
+DOF = 2
+
+
+def recording(seed=0, rows=50, robot="two_link", **channels):
+    """A log of the two-joint arm, another one for every seed."""
+    rng = np.random.default_rng(seed)
+    q, tau = rng.normal(size=(2, rows, DOF))
+    return Recording("", robot, np.arange(rows) / 100, q, tau, **channels)
+
+
+def spec(seed=0, kind="fourier"):
+    """The open half of a simulated run."""
+    return {
+        "robot": "two_link",
+        "seed": seed,
+        "trajectory": {"kind": kind, "duration": 0.5},
+    }
+
+
+def manifest(seed=0, kind="fourier", **more):
+    return {"spec": spec(seed, kind), **more}
+
+
+def sealed(seed=0, rows=50):
+    truth = {"q": np.full((rows, DOF), seed), "temperature": np.arange(float(rows))}
+    return Sealed({"effects": ["stribeck"], "salt": f"s{seed}"}, truth)
+
+
+def commit(store, seed=0, kind="fourier", rows=50, **more):
+    """Commit one simulated run with its seal and twin."""
+    log = recording(seed, rows, q_ref=np.full((rows, DOF), 0.25))
+    twin = {"e_q": log.q / 10, "e_tau": log.tau / 10}
+    told = manifest(seed, kind, **more)
+    return commit_run(store, log, told, sealed(seed, rows), twin)
+
+
+def verdict(logs=(), **more):
+    """A verdict in its documented form, as far as the store looks into it."""
+    per_joint = {"nominal": [21.0, 18.0], "identified": [9.0, 8.0], "plsr": None}
+    per_joint["augmented"] = [6.0, 5.0]
+    overall = {"nominal": 20.0, "identified": 8.6, "augmented": 5.6, "plsr": None}
+    finding = {"probability": 0.97, "equivalent": [], "evidence": {"nats": 310.0}}
+    mass = {"mass": {"value": 2.9, "std": 0.1, "unit": "kg"}}
+    level = {"level": {"value": [1.5, 2.5], "std": [0.1, 0.2], "unit": "N m"}}
+    return {
+        "schema": 1,
+        "robot": "two_link",
+        "declared": ["viscous"],
+        "verdict": "effects",
+        "effects": [
+            {
+                "name": "payload",
+                "joints": [2],
+                "order": 1,
+                "parameters": mass,
+                **finding,
+            },
+            {"name": "coulomb", "joints": [1, 2], "order": 2, "parameters": level}
+            | finding,
+            {"name": "delay", "joints": [], "order": 3, "parameters": {}, **finding},
+        ],
+        "unexplained": {"fraction": 0.04},
+        "error": {
+            "logs": list(logs),
+            "held_out": per_joint,
+            "filtered": per_joint,
+            "moving": per_joint,
+            "overall": overall,
+            "overall_filtered": overall,
+        },
+        "nominal_scale": 0.03,
+        "warnings": [],
+        **more,
+    }

@@ -1,0 +1,290 @@
+"""What a commit leaves on disk, and that it comes back as it went in."""
+
+import json
+import os
+import shutil
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from residual.errors import InputError
+from tests.warehouse import store_samples as made
+from warehouse import ids, schema
+from warehouse.commit import commit_record, commit_run, read_record
+from warehouse.layout import find, find_run
+from warehouse.manifest import read_manifest
+from warehouse.provenance import plant_code_hash
+from warehouse.runs import read_channels, read_run
+from warehouse.seal import Sealed, open_seal, sealed_hash
+
+
+def tree(store):
+    """Every file of a store, without what is only an index."""
+    files = (p.relative_to(store).as_posix() for p in store.rglob("*") if p.is_file())
+    return sorted(f for f in files if not f.startswith("_index"))
+
+
+def test_a_run_lies_where_the_layout_says(tmp_path):
+    id = made.commit(tmp_path)
+    assert tree(tmp_path) == [
+        f"samples/robot=two_link/run_id={id}/_run.parquet",
+        f"samples/robot=two_link/run_id={id}/part-0.parquet",
+        f"sealed/run_id={id}/spec.json",
+        f"sealed/run_id={id}/truth.parquet",
+    ]
+    assert list((tmp_path / "_staging").iterdir()) == []
+
+
+def test_the_id_is_the_rule_of_the_design(tmp_path):
+    id = made.commit(tmp_path, 3)
+    hidden = sealed_hash(made.sealed(3).spec)
+    assert id == ids.run_id(made.spec(3), hidden, plant_code_hash())
+
+
+def test_what_was_logged_comes_back_bit_for_bit(tmp_path):
+    id = made.commit(tmp_path, 3)
+    log = made.recording(3)
+    back = read_run(tmp_path, id)
+    assert (back.id, back.robot, back.qd) == (id, "two_link", None)
+    for name in ("t", "q", "tau"):
+        assert getattr(back, name).tobytes() == getattr(log, name).tobytes()
+    assert (back.q_ref == 0.25).all()
+    assert read_channels(tmp_path, id)["e_tau"].tobytes() == (log.tau / 10).tobytes()
+
+
+def test_samples_are_small_exact_and_have_units(tmp_path):
+    id = made.commit(tmp_path, rows=500)
+    path = find_run(tmp_path, id).folder / "part-0.parquet"
+    row_group = pq.read_metadata(path).row_group(0)
+    names = pq.read_schema(path).names
+    assert names == ["t", *(f"{s}{j}" for s in SIGNALS_HELD for j in (1, 2))]
+    for k in range(row_group.num_columns):
+        column = row_group.column(k)
+        assert column.compression == "ZSTD"
+        assert "BYTE_STREAM_SPLIT" in column.encodings
+        assert not column.has_dictionary_page
+        assert column.physical_type == "DOUBLE"
+    units = {f.name: f.metadata[b"unit"].decode() for f in pq.read_schema(path)}
+    assert [units[c] for c in ("t", "q1", "tau2", "e_q1", "e_tau2")] == [
+        "s",
+        "rad",
+        "N m",
+        "rad",
+        "N m",
+    ]
+
+
+SIGNALS_HELD = ("q", "tau", "q_ref", "e_q", "e_tau")
+
+
+def test_the_manifest_says_how_a_run_came_to_be(tmp_path):
+    more = {"seed_streams": ["encoder"], "timings": {"plant_s": 1.5}, "host": "x"}
+    id = made.commit(tmp_path, 5, **more)
+    told = read_manifest(tmp_path, id)
+    assert told["spec"] == made.spec(5)
+    assert {key: told[key] for key in more} == more
+    assert told["sealed_sha256"] == sealed_hash(made.sealed(5).spec)
+    assert told["truth_hash"] == ids.data_hash(made.sealed(5).truth)
+    assert told["data_hash"] == ids.data_hash(read_channels(tmp_path, id))
+    assert told["units"]["e_tau"] == "N m"
+    known = told["provenance"]
+    assert known["code_hash"] == plant_code_hash()
+    assert len(known["environment_hash"]) == len(known["lock_hash"]) == 64
+    assert {"numpy", "python", "pyarrow"} <= set(known["versions"])
+
+
+def test_the_row_of_a_run_holds_the_open_half_and_the_hash_of_the_other(tmp_path):
+    id = made.commit(tmp_path)
+    row = pq.read_table(find_run(tmp_path, id).row).to_pylist()[0]
+    assert json.loads(row["spec"]) == made.spec()
+    assert row["sealed_sha256"] == sealed_hash(made.sealed().spec)
+    assert "stribeck" not in str(row)
+    age = datetime.now(UTC).replace(tzinfo=None) - row["created"]
+    assert timedelta(0) <= age < timedelta(minutes=1)
+
+
+def test_the_same_run_twice_is_one_run_and_the_first_stays(tmp_path):
+    first = made.commit(tmp_path)
+    folder = find_run(tmp_path, first).folder
+    before = {p.name: p.stat().st_mtime_ns for p in folder.iterdir()}
+    assert made.commit(tmp_path, timings={"plant_s": 9}) == first
+    assert {p.name: p.stat().st_mtime_ns for p in folder.iterdir()} == before
+    assert "timings" not in read_manifest(tmp_path, first)
+
+
+def test_other_halves_are_other_runs(tmp_path):
+    assert made.commit(tmp_path, 1) != made.commit(tmp_path, 2)
+    log, told = made.recording(), made.manifest()
+    plants = [Sealed({"salt": "a"}), Sealed({"salt": "b"}), None]
+    assert len({commit_run(tmp_path, log, told, plant) for plant in plants}) == 3
+
+
+def test_a_measured_run_is_known_by_its_values_and_its_robot(tmp_path):
+    log = made.recording()
+    id = commit_run(tmp_path, log, {"robot_hash": "ab"})
+    hashed = ids.data_hash({"t": log.t, "q": log.q, "tau": log.tau})
+    assert id == ids.imported_id(hashed, "ab")
+    assert id != commit_run(tmp_path, log, {"robot_hash": "cd"})
+    assert read_manifest(tmp_path, id)["sealed_sha256"] is None
+    with pytest.raises(InputError, match=f"Run {id} has no sealed half"):
+        open_seal(tmp_path, id)
+
+
+def test_the_seal_opens_to_what_was_hidden(tmp_path):
+    id = made.commit(tmp_path, 4)
+    back = open_seal(tmp_path, id[:8])
+    assert back.spec == made.sealed(4).spec
+    assert {k: v.shape for k, v in back.truth.items()} == {
+        "q": (50, 2),
+        "temperature": (50,),
+    }
+    assert (back.truth["q"] == 4).all()
+
+
+def test_a_broken_seal_is_told(tmp_path):
+    id = made.commit(tmp_path)
+    path = tmp_path / "sealed" / f"run_id={id}" / "spec.json"
+    path.write_text('{"effects":[]}')
+    with pytest.raises(InputError, match=f"The seal of run {id} is broken"):
+        open_seal(tmp_path, id)
+    path.write_text("{")
+    with pytest.raises(InputError, match=r"spec\.json is damaged"):
+        open_seal(tmp_path, id)
+
+
+def test_a_run_reads_the_same_without_the_sealed_halves(tmp_path):
+    id = made.commit(tmp_path)
+    before = read_run(tmp_path, id)
+    shutil.rmtree(tmp_path / "sealed")
+    assert read_run(tmp_path, id).tau.tobytes() == before.tau.tobytes()
+
+
+def test_samples_that_were_changed_are_not_given_out(tmp_path):
+    id = made.commit(tmp_path)
+    path = find_run(tmp_path, id).folder / "part-0.parquet"
+    whole = pq.read_table(path)
+    pq.write_table(whole.set_column(1, whole.field(1), pa.array(np.zeros(50))), path)
+    with pytest.raises(InputError, match="not those that were committed"):
+        read_run(tmp_path, id)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(InputError, match=r"part-0\.parquet is damaged"):
+        read_run(tmp_path, id)
+
+
+def test_a_torn_run_is_told_when_it_is_committed_again(tmp_path):
+    id = made.commit(tmp_path)
+    find_run(tmp_path, id).row.write_bytes(b"PAR1")
+    with pytest.raises(InputError, match=r"_run\.parquet is damaged.*Take its folder"):
+        made.commit(tmp_path)
+
+
+BAD = {
+    "no spec": ({}, {}, "needs 'spec' in its manifest"),
+    "nan in the spec": ({"spec": {"seed": float("nan")}}, {}, "NaN or infinity"),
+    "an object": ({"spec": {"seed": object()}}, {}, "holds a object"),
+    "a word for a seed": ({"spec": {"seed": "x"}}, {}, "does not fit its view"),
+    "unknown channel": (made.manifest(), {"e_qdd2": 0}, "did you mean 'e_qdd'"),
+    "logged channel": (made.manifest(), {"tau": 0}, "Unknown key"),
+    "wrong shape": (made.manifest(), {"e_q": np.ones((9, 2))}, "has shape"),
+    "parent": (made.manifest(parents=["../x"]), {}, "is not an id"),
+    "parent twice": (made.manifest(parents=["a", "a"]), {}, "given twice"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_runs_are_refused_and_leave_nothing(tmp_path, case):
+    told, extra, words = BAD[case]
+    with pytest.raises(InputError, match=words):
+        commit_run(tmp_path, made.recording(), told, None, extra)
+    assert tree(tmp_path) == []
+
+
+@pytest.mark.parametrize("robot", ["../x", "", "A"])
+def test_a_robot_that_is_no_slug_makes_no_folder(tmp_path, robot):
+    with pytest.raises(InputError, match="is not a robot's name"):
+        commit_run(tmp_path, made.recording(robot=robot), made.manifest())
+    assert tree(tmp_path) == []
+
+
+def test_a_failure_while_writing_leaves_no_run(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("warehouse.files.os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        made.commit(tmp_path)
+    assert tree(tmp_path) == []
+    monkeypatch.undo()
+    assert read_run(tmp_path, made.commit(tmp_path)).dof == 2
+
+
+def test_a_record_is_kept_once_with_its_tables_and_files(tmp_path):
+    run = made.commit(tmp_path)
+    curve = pa.table({"x": [1.0, None, float("nan")], "log": ["a", "b", "c"]})
+    words = (tmp_path, "reports", {"robot": "r", "kind": "demo"}, {"curve": curve})
+    page = {"report.html": b"<html>"}
+    id = commit_record(*words, {"run": [run]}, page)
+    assert id == commit_record(*words, {"run": [run]}, page)
+    folder = tmp_path / "reports" / f"report_id={id}"
+    names = ["_report.parquet", "curve.parquet", "report.html"]
+    assert sorted(os.listdir(folder)) == names
+    assert read_record(tmp_path, id) == {"robot": "r", "kind": "demo"}
+    others = [
+        commit_record(*words, {"run": [run]}),
+        commit_record(*words, (), page),
+        commit_record(*words[:3], {"curve": curve.slice(1)}, {"run": [run]}, page),
+        commit_record(*words[:2], {"robot": "r"}, words[3], {"run": [run]}, page),
+    ]
+    assert len({id, *others}) == 5
+
+
+@pytest.mark.parametrize(
+    ("kind", "record", "more", "words"),
+    [
+        ("run", {}, {}, "did you mean 'runs'"),
+        ("runs", {}, {}, "committed by commit_run"),
+        ("models", {"a": float("inf")}, {}, "NaN or infinity"),
+        ("models", {"robot": 5}, {}, "does not fit its view"),
+        ("models", {}, {"parents": ["x"]}, "is not an id"),
+        ("models", {}, {"files": {"../x": b""}}, "is not a file name"),
+        ("models", {}, {"files": {"_model.parquet": b""}}, "is not a file name"),
+        ("models", {}, {"tables": {"a/b": pa.table({})}}, "is not a file name"),
+    ],
+)
+def test_bad_records_are_refused_and_leave_nothing(tmp_path, kind, record, more, words):
+    with pytest.raises(InputError, match=words):
+        commit_record(tmp_path, kind, record, **more)
+    assert tree(tmp_path) == []
+
+
+def test_the_beginning_of_an_id_is_enough_if_it_is_one(tmp_path):
+    runs = {made.commit(tmp_path, seed) for seed in range(20)}
+    model = commit_record(tmp_path, "models", {"stage": "nominal"})
+    for id in (*runs, model):
+        assert find(tmp_path, id).id == id
+        assert find(tmp_path, id[:12]).folder.name.endswith(id)
+    assert find(tmp_path, model).kind == "models"
+    # Of twenty ids two have the same first digit.
+    first = sorted(id[0] for id in runs)
+    common = next(a for a, b in pairwise(first) if a == b)
+    with pytest.raises(InputError, match="Give more digits"):
+        find(tmp_path, common)
+    with pytest.raises(InputError, match="is in models, expected the id of a run"):
+        read_run(tmp_path, model)
+    with pytest.raises(InputError, match="begins with 'ffffffffff'"):
+        find(tmp_path, "ffffffffff")
+    with pytest.raises(InputError, match="is not an id"):
+        find(tmp_path, "../sealed")
+
+
+def test_every_signal_of_the_schema_can_be_stored(tmp_path):
+    log = made.recording(
+        qd=np.ones((50, 2)), qdd=np.ones((50, 2)), q_ref=np.ones((50, 2))
+    )
+    extra = {n: np.ones((50, 2)) for n in schema.SIGNALS if n.startswith("e_")}
+    id = commit_run(tmp_path, log, made.manifest(), None, extra)
+    assert set(read_channels(tmp_path, id)) == set(schema.SIGNALS)

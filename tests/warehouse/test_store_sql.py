@@ -1,0 +1,429 @@
+"""SQL over the store: what it shows, and what it cannot do."""
+
+import os
+import shutil
+
+import duckdb
+import pyarrow.parquet as pq
+import pytest
+
+import warehouse
+from residual.errors import InputError
+from tests.warehouse import store_samples as made
+from warehouse import schema
+from warehouse.commit import commit_record, commit_run
+from warehouse.layout import find_run
+from warehouse.quarantine import quarantine, tombstone
+from warehouse.queries import NAMED
+
+
+def ask(store, query):
+    with warehouse.open(store) as opened:
+        return opened.sql(query).to_pylist()
+
+
+def listing(folder):
+    """Every file with its size and time."""
+    return {
+        p: (p.stat().st_size, p.stat().st_mtime_ns)
+        for p in folder.rglob("*")
+        if p.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def template(tmp_path_factory):
+    """A store with three runs of two kinds of motion; not to be changed."""
+    folder = tmp_path_factory.mktemp("template") / "the store's"
+    for seed, kind in enumerate(("fourier", "fourier", "welding")):
+        made.commit(folder, seed, kind)
+    return folder
+
+
+@pytest.fixture
+def store(template, tmp_path):
+    """A copy of it."""
+    return shutil.copytree(template, tmp_path / template.name)
+
+
+@pytest.fixture(scope="module")
+def opened(template):
+    """It, opened."""
+    with warehouse.open(template) as store:
+        yield store
+
+
+# The columns that DESIGN promises; the views may have more.
+PROMISED = {
+    "runs": "run_id robot source kind trajectory duration_s rows dof seed created "
+    "code_hash dirty data_hash quarantined",
+    "samples": "robot run_id t q1 qd1 tau1 q_ref1",
+    "channels": "run_id channel unit joint",
+    "models": "model_id",
+    "effects": "diagnosis_id order name joints parameter value std unit probability",
+    "diagnoses": "diagnosis_id robot verdict model_id created",
+    "errors": "source_id run_id trajectory joint stage metric value",
+    "validations": "validation_id",
+    "lineage": "child parent role",
+}
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_every_view_has_the_columns_and_types_of_the_schema(tmp_path, store, full):
+    folder = store if full else tmp_path / "empty"
+    folder.mkdir(exist_ok=True)
+    with warehouse.open(folder) as opened:
+        for view, columns in schema.all_views().items():
+            rows = opened.sql(f"FROM {view}")
+            assert rows.column_names == [c.name for c in columns]
+            assert rows.schema.types == [c.type for c in columns]
+            assert bool(rows.num_rows) == (full and view in HELD)
+            assert set(PROMISED.get(view, "").split()) <= set(rows.column_names)
+    assert set(PROMISED) <= set(schema.all_views())
+
+
+HELD = {"runs", "samples", "channels", "errors"}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_named_query_runs_in_an_empty_store(tmp_path, name):
+    assert ask(tmp_path, NAMED[name][1]) == []
+
+
+def test_runs_are_listed_with_their_columns(store):
+    rows = ask(store, "FROM runs")
+    assert [row["seed"] for row in rows] == [0, 1, 2]
+    last = rows[-1]
+    assert (last["robot"], last["source"], last["kind"], last["trajectory"]) == (
+        "two_link",
+        "simulated",
+        "experiment",
+        "welding",
+    )
+    assert (last["rows"], last["dof"], last["duration_s"]) == (50, 2, 0.49)
+    assert last["quarantined"] is False
+
+
+def test_samples_of_robots_with_other_channels_stand_side_by_side(store):
+    bare = commit_run(store, made.recording(7, robot="bare"), {"robot_hash": "ab"})
+    rows = ask(
+        store,
+        "SELECT robot, count(*) n, count(q_ref1) q_ref, count(q3) q3, sum(q1) q1 "
+        "FROM samples GROUP BY robot ORDER BY robot",
+    )
+    assert [(r["robot"], r["n"], r["q_ref"], r["q3"]) for r in rows] == [
+        ("bare", 50, 0, 0),
+        ("two_link", 150, 150, 0),
+    ]
+    assert rows[0]["q1"] == pytest.approx(made.recording(7).q[:, 0].sum(), rel=1e-12)
+    query = f"SELECT DISTINCT run_id FROM samples WHERE run_id = '{bare}'"
+    assert ask(store, query) == [{"run_id": bare}]
+
+
+def test_an_id_of_digits_alone_stays_a_text(store):
+    folder = find_run(store, ask(store, "FROM runs")[0]["run_id"]).folder
+    for digits in ("00000000000000000012", "1" * 20, "1e10".zfill(20)):
+        shutil.copytree(folder, folder.with_name(f"run_id={digits}"))
+        path = folder.with_name(f"run_id={digits}") / "_run.parquet"
+        row = pq.read_table(path)
+        changed = row.set_column(0, row.field(0), [[digits]])
+        pq.write_table(changed, path)
+    ids = [r["run_id"] for r in ask(store, "SELECT DISTINCT run_id FROM samples")]
+    assert {"00000000000000000012", "1" * 20, "1e10".zfill(20)} < set(ids)
+
+
+def test_channels_have_their_units(store):
+    rows = ask(store, "SELECT DISTINCT channel, unit, joint FROM channels ORDER BY ALL")
+    assert [(r["channel"], r["unit"], r["joint"]) for r in rows] == [
+        ("e_q1", "rad", 1),
+        ("e_q2", "rad", 2),
+        ("e_tau1", "N m", 1),
+        ("e_tau2", "N m", 2),
+        ("q1", "rad", 1),
+        ("q2", "rad", 2),
+        ("q_ref1", "rad", 1),
+        ("q_ref2", "rad", 2),
+        ("t", "s", None),
+        ("tau1", "N m", 1),
+        ("tau2", "N m", 2),
+    ]
+
+
+def test_the_errors_of_the_twin_are_those_of_the_samples(store):
+    stated = ask(
+        store,
+        "SELECT run_id, value FROM errors WHERE stage = 'twin' AND joint = 2 "
+        "AND metric = 'rms_e_tau' ORDER BY run_id",
+    )
+    counted = ask(
+        store,
+        "SELECT run_id, sqrt(avg(e_tau2 ** 2)) AS value FROM samples "
+        "GROUP BY run_id ORDER BY run_id",
+    )
+    assert [r["run_id"] for r in stated] == [r["run_id"] for r in counted]
+    assert [r["value"] for r in stated] == pytest.approx([r["value"] for r in counted])
+
+
+def test_parents_are_in_the_lineage(store):
+    first, second = (r["run_id"] for r in ask(store, "FROM runs LIMIT 2"))
+    model = commit_record(
+        store, "models", {"stage": "identified"}, None, {"fit": [first]}
+    )
+    child = made.commit(store, 9, parents=[(second, "rerun_of")])
+    rows = {tuple(r.values()) for r in ask(store, "FROM lineage")}
+    assert rows == {(model, first, "fit"), (child, second, "rerun_of")}
+
+
+def test_an_opened_store_sees_what_is_committed_and_quarantined_since(store):
+    with warehouse.open(store) as opened:
+        count = "SELECT count(*) n FROM runs WHERE NOT quarantined"
+        assert opened.sql(count).to_pylist() == [{"n": 3}]
+        id = made.commit(store, 8)
+        assert opened.sql(count).to_pylist() == [{"n": 4}]
+        found = opened.sql(f"FROM samples WHERE run_id = '{id}'")
+        assert found.num_rows == 50
+        path = quarantine(store, id[:10], "gripper was loose")
+        assert path == store / "quarantine" / f"run_id={id}.json"
+        assert quarantine(store, id, "another reason") == path
+        assert tombstone(store, id) == "gripper was loose"
+        assert opened.sql(count).to_pylist() == [{"n": 3}]
+        assert opened.sql("FROM runs").num_rows == 4
+    with pytest.raises(InputError, match="needs a reason"):
+        quarantine(store, id, " ")
+
+
+READING = [
+    "SELECT 1",
+    "select 1;",
+    "  /* why */ SELECT count(*) FROM runs -- all of them",
+    "FROM runs SELECT run_id ORDER BY created DESC LIMIT 1",
+    "WITH a AS (FROM runs), b AS MATERIALIZED (FROM a) SELECT count(*) FROM a, b",
+    "WITH RECURSIVE f(n) AS (SELECT 1 UNION SELECT n + 1 FROM f WHERE n < 5) FROM f",
+    "SELECT run_id, t - lag(t) OVER (PARTITION BY run_id ORDER BY t) FROM samples",
+    "VALUES (1), (2)",
+    "DESCRIBE runs",
+    "SUMMARIZE runs",
+    "SHOW TABLES",
+    "EXPLAIN SELECT 1",
+    "EXPLAIN /* é */ ANALYZE SELECT 'é' FROM runs",
+    "EXPLAIN (FORMAT json) SELECT 1",
+    "FROM (PIVOT runs ON trajectory IN ('fourier') USING count(*))",
+    "SELECT unnest([1, 2]), * FROM range(3)",
+    "SELECT a.t FROM samples a ASOF JOIN samples b ON a.t >= b.t",
+    "SELECT list_transform([1, 2], lambda x: x + 1)",
+    "SELECT 'COPY runs TO x; DROP TABLE runs'",
+]
+
+
+@pytest.mark.parametrize("query", READING)
+def test_what_reads_runs(opened, query):
+    assert opened.sql(query).num_rows >= 1
+
+
+# What each is told; STORE stands for the folder.
+REFUSED = {
+    "": "no statements",
+    " ; ": "no statements",
+    "-- nothing": "no statements",
+    "SELEC 1": "syntax error",
+    "SELECT 1; SELECT 2": "got 2 statements",
+    "SELECT 1; DROP TABLE catalogue.runs": "got 2 statements",
+    "CREATE TABLE a (i INTEGER)": "got CREATE",
+    "CREATE TEMP VIEW a AS FROM runs": "got CREATE",
+    "CREATE MACRO a(x) AS x": "got CREATE",
+    "INSERT INTO catalogue.runs (run_id) VALUES ('a')": "got INSERT",
+    "UPDATE catalogue.runs SET seed = 1": "got UPDATE",
+    "DELETE FROM catalogue.runs": "got DELETE",
+    "DROP VIEW runs": "got DROP",
+    "COPY runs TO 'x.csv'": "got COPY",
+    "COPY runs TO 'STORE/samples/x.parquet'": "got COPY",
+    "COPY (SELECT 1) TO 'STORE/_index/runs.parquet'": "got COPY",
+    "EXPORT DATABASE 'STORE/samples'": "got EXPORT",
+    "IMPORT DATABASE 'STORE/samples'": "got",
+    "ATTACH 'x.duckdb'": "got ATTACH",
+    "ATTACH 'STORE/samples/x.duckdb'": "got ATTACH",
+    "DETACH memory": "got DETACH",
+    "INSTALL httpfs": "got LOAD",
+    "LOAD httpfs": "got LOAD",
+    "PRAGMA database_list": "got PRAGMA",
+    "PRAGMA enable_profiling": "got PRAGMA",
+    "SET threads = 1": "got",
+    "SET enable_external_access = true": "got",
+    "RESET lock_configuration": "got",
+    "USE catalogue": "got",
+    "CALL enable_logging()": "got CALL",
+    "CHECKPOINT": "got CALL",
+    "VACUUM": "got VACUUM",
+    "BEGIN": "got TRANSACTION",
+    "PREPARE a AS SELECT 1": "got PREPARE",
+    "EXECUTE a": "got EXECUTE",
+    "CONNECT 'x'": "got something else",
+    "PIVOT runs ON robot USING count(*)": "needs its values",
+    # Types SELECT and EXPLAIN, and yet they write.
+    "WITH x AS (COPY (SELECT 1) TO 'STORE/samples/x.parquet') FROM x": "contains COPY",
+    "WITH x AS (INSERT INTO catalogue.runs (run_id) VALUES ('a') RETURNING *) FROM x": (
+        "contains INSERT"
+    ),
+    "WITH x AS (DELETE FROM catalogue.runs RETURNING *) FROM x": "contains DELETE",
+    "EXPLAIN ANALYZE COPY (SELECT 1) TO 'STORE/samples/x.parquet'": "EXPLAIN of some",
+    "EXPLAIN (ANALYZE) COPY (SELECT 1) TO 'STORE/samples/x.parquet'": "EXPLAIN of some",
+    "EXPLAIN /**/ ANALYZE -- \n COPY runs TO 'STORE/samples/x.csv'": "EXPLAIN of some",
+    "EXPLAIN ANALYZE WITH x AS (COPY runs TO 'STORE/samples/x.csv') FROM x": "COPY",
+    "FROM json_execute_serialized_sql('SERIALISED')": "json_execute_serialized_sql()",
+    "FROM system.main.JSON_execute_serialized_sql('SERIALISED')": "json_execute",
+    "FROM query('SELECT 1')": "not 'query()'",
+    "FROM query('FROM json_exec' || 'ute_serialized_sql(''SERIALISED'')')": "'query()'",
+    "FROM checkpoint()": "not 'checkpoint()'",
+    "FROM enable_logging()": "not 'enable_logging()'",
+    "FROM arrow_scan(1, 2, 3)": "not 'arrow_scan()'",
+    # Reading elsewhere.
+    "FROM read_csv('/etc/passwd')": "not 'read_csv()'",
+    "FROM read_text('/etc/hostname')": "not 'read_text()'",
+    "FROM read_blob('STORE/sealed/*/spec.json')": "not 'read_blob()'",
+    "FROM glob('/etc/*')": "not 'glob()'",
+    "FROM sniff_csv('/etc/passwd')": "not 'sniff_csv()'",
+    "FROM '/etc/passwd'": "does not exist",
+    "FROM 'STORE/sealed/*/spec.json'": "nothing else",
+    "FROM read_parquet('STORE/sealed/*/truth.parquet')": "nothing else",
+    "FROM read_parquet('STORE/samples/../sealed/*/truth.parquet')": "nothing else",
+    "FROM parquet_schema('STORE/sealed/*/truth.parquet')": "nothing else",
+    "FROM 'STORE/**/truth.parquet'": "nothing else",
+    "FROM made": "does not exist",
+    "SELECT getenv('HOME')": "does not exist",
+    "SELECT * FROM runs WHERE seed = 'x'": "Conversion Error",
+}
+
+
+@pytest.mark.parametrize("query", REFUSED)
+def test_what_does_not_is_refused_in_one_line(opened, monkeypatch, query):
+    store, folder = opened.path, str(opened.path).replace("'", "''")
+    monkeypatch.chdir(store.parent)
+    copying = f"WITH x AS (COPY (SELECT 1) TO '{folder}/samples/x.parquet') FROM x"
+    asked = duckdb.execute("SELECT json_serialize_sql(?)", [copying]).fetchall()[0][0]
+    asked = asked.replace("'", "'" * (4 if "query(" in query else 2))
+    before = listing(store.parent)
+    with pytest.raises(InputError) as refused:
+        opened.sql(query.replace("STORE", folder).replace("SERIALISED", asked))
+    assert REFUSED[query] in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert listing(store.parent) == before
+    assert opened.sql("FROM runs").num_rows == 3
+
+
+def test_the_program_around_a_query_is_out_of_its_reach(store):
+    made_up = ask(store, "FROM runs")
+    with pytest.raises(InputError, match="does not exist"):
+        ask(store, "FROM made_up")
+    assert len(made_up) == 3
+
+
+def damage(path, how):
+    data = path.read_bytes()
+    if how == "torn":
+        path.write_bytes(data[: len(data) // 2])
+    elif how == "empty":
+        path.write_bytes(b"")
+    elif how == "gone":
+        path.unlink()
+    elif how == "bits":
+        # Where the first page begins. In the middle of one DuckDB would not see it,
+        # since it checks no sums; read_run does.
+        path.write_bytes(data[:4] + bytes(200) + data[204:])
+
+
+@pytest.mark.parametrize("how", ["torn", "empty", "gone", "bits"])
+@pytest.mark.parametrize("which", [0, 2])
+def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path, how, which):
+    for seed in range(3):
+        made.commit(tmp_path, seed, rows=4000)
+    ids = [r["run_id"] for r in ask(tmp_path, "FROM runs")]
+    path = find_run(tmp_path, sorted(ids)[which]).folder / "part-0.parquet"
+    damage(path, how)
+    with warehouse.open(tmp_path) as opened:
+        rows = opened.sql(
+            "SELECT run_id, sum(COLUMNS(* EXCLUDE (robot, run_id))) FROM samples "
+            "GROUP BY run_id"
+        )
+        assert sorted(rows["run_id"].to_pylist()) == sorted(set(ids) - {ids_of(path)})
+        assert opened.sql("FROM runs").num_rows == 3
+        (line,) = opened.damaged
+        assert str(path) in line
+        assert "is damaged" in line
+
+
+def ids_of(path):
+    return path.parent.name.removeprefix("run_id=")
+
+
+def test_a_damaged_row_is_named_and_the_others_are_listed(store):
+    ids = [r["run_id"] for r in ask(store, "FROM runs")]
+    shutil.rmtree(store / "_index")
+    path = find_run(store, ids[1]).row
+    damage(path, "torn")
+    with warehouse.open(store) as opened:
+        assert opened.sql("FROM runs")["run_id"].to_pylist() == [ids[0], ids[2]]
+        assert opened.sql("FROM samples").num_rows == 100
+        assert [str(path) in line for line in opened.damaged] == [True]
+
+
+def test_a_path_in_a_text_blames_no_file(store):
+    path = (
+        find_run(store, ask(store, "FROM runs")[0]["run_id"]).folder / "part-0.parquet"
+    )
+    told = str(path).replace("'", "''")
+    with warehouse.open(store) as opened:
+        with pytest.raises(InputError, match="Conversion Error"):
+            opened.sql(f"SELECT '{told}'::INTEGER")
+        assert opened.damaged == ()
+
+
+@pytest.mark.parametrize("how", ["deleted", "torn", "of another version"])
+def test_the_index_is_written_again(store, how):
+    before = ask(store, "FROM runs")
+    path = store / "_index" / "runs.parquet"
+    good = path.read_bytes()
+    if how == "deleted":
+        shutil.rmtree(path.parent)
+    elif how == "torn":
+        damage(path, "torn")
+    else:
+        pq.write_table(pq.read_table(path).drop_columns(["dirty"]), path)
+    assert ask(store, "FROM runs") == before
+    assert pq.read_table(path).num_rows == 3
+    assert len(path.read_bytes()) == len(good)
+
+
+def test_the_index_is_not_believed_about_what_is_gone(store):
+    first = ask(store, "FROM runs")[0]["run_id"]
+    shutil.rmtree(find_run(store, first).folder)
+    assert first not in [r["run_id"] for r in ask(store, "FROM runs")]
+    assert ask(store, "SELECT count(*) n FROM samples") == [{"n": 100}]
+
+
+def test_what_is_in_the_index_is_not_read_again(store, monkeypatch):
+    rows = ask(store, "FROM runs")
+    made.commit(store, 5)
+    read = []
+    real = warehouse.catalogue.read_parquet
+    monkeypatch.setattr(
+        "warehouse.catalogue.read_parquet", lambda path: read.append(path) or real(path)
+    )
+    assert len(ask(store, "FROM runs")) == len(rows) + 1
+    assert len([p for p in read if p.name == "_run.parquet"]) == 1
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_store_that_may_only_be_read_is_read(store):
+    store.chmod(0o500)
+    try:
+        assert len(ask(store, "FROM runs")) == 3
+    finally:
+        store.chmod(0o700)
+
+
+def test_a_path_that_is_no_store_is_told(tmp_path):
+    with pytest.raises(InputError, match="There is no store at"):
+        warehouse.open(tmp_path / "nothing")
+    (tmp_path / "a*b").mkdir()
+    with pytest.raises(InputError, match="must not contain"):
+        warehouse.open(tmp_path / "a*b")

@@ -1,0 +1,143 @@
+"""A verdict in the store: rows of effects, errors and lineage."""
+
+import pyarrow as pa
+import pytest
+
+import warehouse
+from residual.errors import InputError
+from tests.warehouse import store_samples as made
+from warehouse.commit import read_record
+from warehouse.queries import NAMED
+from warehouse.verdicts import store_verdict
+
+MODEL = {"theta": [1.0, 2.0], "effects": [{"name": "payload", "joints": [2]}]}
+
+
+@pytest.fixture
+def runs(tmp_path):
+    kinds = ("fourier", "welding", "cyclic", "welding")
+    return [made.commit(tmp_path, seed, kind) for seed, kind in enumerate(kinds)]
+
+
+def ask(store, query):
+    with warehouse.open(store) as opened:
+        return [tuple(row.values()) for row in opened.sql(query).to_pylist()]
+
+
+def test_a_verdict_fills_the_views(tmp_path, runs):
+    verdict = made.verdict([runs[1]])
+    id = store_verdict(tmp_path, verdict, MODEL, runs[:2])
+    ((robot, said, model, scale, left),) = ask(
+        tmp_path,
+        "SELECT robot, verdict, model_id, nominal_scale, unexplained FROM diagnoses",
+    )
+    assert (robot, said, scale, left) == ("two_link", "effects", 0.03, 0.04)
+    assert read_record(tmp_path, id)["document"] == verdict
+    stored = read_record(tmp_path, model)
+    assert stored == {"robot": "two_link", "stage": "augmented", **MODEL}
+    assert ask(tmp_path, "SELECT model_id, stage FROM models") == [(model, "augmented")]
+    assert set(ask(tmp_path, "FROM lineage")) == {
+        (model, runs[0], "fit"),
+        (id, runs[0], "fit"),
+        (id, runs[1], "held_out"),
+        (id, model, "model"),
+    }
+
+
+def test_a_finding_has_a_row_per_parameter_and_per_joint_with_its_own_value(
+    tmp_path, runs
+):
+    id = store_verdict(tmp_path, made.verdict(runs[:1]), MODEL, runs)
+    rows = ask(tmp_path, 'FROM effects ORDER BY "order", joints')
+    assert rows == [
+        (id, 1, "payload", [2], "mass", 2.9, 0.1, "kg", 0.97),
+        (id, 2, "coulomb", [1], "level", 1.5, 0.1, "N m", 0.97),
+        (id, 2, "coulomb", [2], "level", 2.5, 0.2, "N m", 0.97),
+        (id, 3, "delay", [], None, None, None, None, 0.97),
+    ]
+
+
+def test_errors_are_per_joint_and_for_all_joints_together(tmp_path, runs):
+    id = store_verdict(tmp_path, made.verdict([runs[1]]), MODEL, runs)
+    rows = ask(
+        tmp_path,
+        "SELECT run_id, trajectory, joint, stage, metric, value FROM errors "
+        f"WHERE source_id = '{id}'",
+    )
+    assert all(row[:2] == (runs[1], "welding") for row in rows)
+    told = {row[2:5]: row[5] for row in rows}
+    # Three metrics for two joints and three stages, two of them for all joints too.
+    assert len(told) == len(rows) == 3 * 2 * 3 + 2 * 3
+    assert told[1, "nominal", "held_out"] == 21.0
+    assert told[2, "augmented", "moving"] == 5.0
+    assert told[None, "identified", "filtered"] == 8.6
+
+
+@pytest.mark.parametrize(
+    ("held_out", "run", "motion"),
+    [((1, 3), None, "welding"), ((1, 2), None, None), ((), None, None)],
+)
+def test_errors_over_several_runs_name_none_of_them(
+    tmp_path, runs, held_out, run, motion
+):
+    logs = [runs[k] for k in held_out]
+    roles = {"fit": runs[:1], "held_out": logs, "baseline": []}
+    id = store_verdict(tmp_path, made.verdict(logs), MODEL, roles)
+    query = "SELECT DISTINCT run_id, trajectory FROM errors WHERE source_id = "
+    assert ask(tmp_path, f"{query}'{id}'") == [(run, motion)]
+
+
+def test_errors_on_single_runs_and_curves_are_kept_too(tmp_path, runs):
+    row = {"run_id": runs[1], "trajectory": "welding", "joint": 1}
+    row |= {"stage": "augmented", "metric": "held_out", "value": 4.5}
+    tables = {"errors": pa.Table.from_pylist([row]), "curves": pa.table({"x": [1.0]})}
+    more = {"sentences": ["A payload."]}
+    words = (made.verdict(runs[1:]), MODEL, runs, more, tables)
+    id = store_verdict(tmp_path, *words)
+    assert ask(tmp_path, "SELECT value FROM errors WHERE value = 4.5") == [(4.5,)]
+    assert read_record(tmp_path, id)["sentences"] == ["A payload."]
+    folder = tmp_path / "diagnoses" / f"diagnosis_id={id}"
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "_diagnosis.parquet",
+        "curves.parquet",
+    ]
+
+
+def test_the_same_verdict_on_the_same_runs_is_kept_once(tmp_path, runs):
+    verdict = made.verdict(runs[:1])
+    first = store_verdict(tmp_path, verdict, MODEL, runs)
+    assert store_verdict(tmp_path, verdict, MODEL, runs) == first
+    assert store_verdict(tmp_path, verdict, MODEL, runs[:3]) != first
+    assert store_verdict(tmp_path, {**verdict, "warnings": ["x"]}, MODEL, runs) != first
+    assert ask(tmp_path, "SELECT count(*) FROM diagnoses") == [(3,)]
+
+
+def test_a_verdict_of_nothing_is_kept(tmp_path, runs):
+    nothing = made.verdict(runs[:1], verdict="none", effects=[], nominal_scale=None)
+    id = store_verdict(tmp_path, nothing, MODEL, runs)
+    assert ask(tmp_path, "SELECT diagnosis_id, verdict FROM diagnoses") == [
+        (id, "none")
+    ]
+    assert ask(tmp_path, "FROM effects") == []
+
+
+def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):
+    with pytest.raises(InputError, match="begins with 'ffffffffffff'"):
+        store_verdict(tmp_path, made.verdict(), MODEL, [runs[0], "ffffffffffff"])
+    assert ask(tmp_path, "FROM models") == []
+
+
+def test_the_named_queries_answer(tmp_path, runs):
+    id = store_verdict(tmp_path, made.verdict([runs[1]]), MODEL, runs)
+    answers = {name: ask(tmp_path, query) for name, (_, query) in NAMED.items()}
+    assert [row[1:] for row in answers["before_after"]] == [
+        (id, "effects", 20.0, 8.6, 5.6)
+    ]
+    joints = [("two_link", 1, 6.0, 1), ("two_link", 2, 5.0, 1)]
+    assert answers["worst_joints"] == joints
+    assert ("welding", 1, "augmented", "held_out", 6.0, 6.0, 1) in answers[
+        "error_by_trajectory"
+    ]
+    assert answers["findings"][0][2:4] == (1, "payload")
+    assert len(answers["twin_error"]) == 3 * 2
+    assert {row[3] for row in answers["runs_of_models"]} == {runs[0], *runs[2:]}

@@ -1,0 +1,217 @@
+"""Parquet files as the store writes them, and files that survive a kill."""
+
+import json
+import os
+import shutil
+import time
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from residual.errors import InputError
+from warehouse.ids import data_hash, digest
+from warehouse.layout import STAGING
+
+Array = np.ndarray
+
+_WIDTHS = b"modelgap.widths"
+
+
+def write_parquet(path: Path, table: pa.Table) -> None:
+    """Write a table: zstd; floats split by byte and without a dictionary.
+
+    For measured signals that is half the size of the default and faster both ways.
+
+    Args:
+        path: A new file.
+        table: The table.
+    """
+    floats, other = [], []
+    for field in table.schema:
+        if pa.types.is_floating(field.type):
+            floats.append(field.name)
+        elif not pa.types.is_nested(field.type):
+            other.append(field.name)
+    pq.write_table(
+        table,
+        path,
+        compression="zstd",
+        use_dictionary=other,
+        column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
+        write_page_checksum=True,
+    )
+
+
+def read_parquet(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """Read a file of the store, checksums and all.
+
+    Raises:
+        InputError: If it is not there or damaged; the message names it.
+    """
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            return file.read(columns=columns)
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(damaged(path, error)) from error
+
+
+def damaged(path: Path, error: Exception) -> str:
+    """Return one line that names a damaged file."""
+    what = " ".join(str(error).split())
+    return f"{path} is damaged ({what[:120]}). Take its folder out of the store."
+
+
+def to_table(arrays: Mapping[str, Array], units: Mapping[str, str]) -> pa.Table:
+    """Return arrays as a table: name, or name1, name2, ... for several columns.
+
+    Args:
+        arrays: Values by name. Shapes (n,) or (n, k).
+        units: Unit by name; it becomes metadata of the fields.
+
+    Raises:
+        InputError: If an array has another shape or another number of rows.
+    """
+    fields, columns, widths = [], [], {}
+    rows = {name: np.shape(array)[:1] for name, array in arrays.items()}
+    if len(set(rows.values())) > 1:
+        raise InputError(f"Channels differ in their number of samples: {rows}.")
+    for name, array in arrays.items():
+        values = np.asarray(array, dtype=float)
+        if values.ndim not in (1, 2):
+            raise InputError(
+                f"{name} has shape {values.shape}, expected (n,) or (n, k)."
+            )
+        widths[name] = values.shape[1] if values.ndim == 2 else None
+        metadata = {"unit": units.get(name, "")}
+        parts = {name: values} if values.ndim == 1 else _columns(name, values)
+        for column, part in parts.items():
+            fields.append(pa.field(column, pa.float64(), metadata=metadata))
+            columns.append(pa.array(part))
+    schema = pa.schema(fields, metadata={_WIDTHS: json.dumps(widths)})
+    return pa.table(columns, schema=schema)
+
+
+def to_arrays(table: pa.Table) -> dict[str, Array]:
+    """Return the arrays that ``to_table`` made a table of."""
+    widths = json.loads((table.schema.metadata or {}).get(_WIDTHS, b"{}"))
+    arrays = {}
+    for name, width in widths.items():
+        if width is None:
+            arrays[name] = table.column(name).to_numpy()
+        else:
+            names = [f"{name}{k}" for k in range(1, width + 1)]
+            arrays[name] = np.column_stack([table.column(c).to_numpy() for c in names])
+    return arrays
+
+
+def table_hash(table: pa.Table) -> str:
+    """Return the SHA-256 of a table's names and values, 64 hex digits."""
+    parts = []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        values = column.combine_chunks()
+        if pa.types.is_floating(values.type):
+            # Null and NaN are one in numpy, so it is told apart which is which.
+            numbers = values.to_numpy(zero_copy_only=False)
+            nulls = values.is_null().to_numpy(zero_copy_only=False)
+            parts.append([name, data_hash({"values": numbers, "nulls": nulls})])
+        else:
+            parts.append([name, values.to_pylist()])
+    return digest(parts)
+
+
+@contextmanager
+def staged(store: Path, label: str) -> Iterator[Path]:
+    """Give a folder of one's own in ``_staging``; nothing of it stays.
+
+    Args:
+        store: The store; made where there is none.
+        label: Begins its name, for people who look.
+    """
+    name = f"{label}.{os.getpid()}.{uuid.uuid4().hex[:8]}"
+    folder = store / STAGING / name
+    folder.mkdir(parents=True)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def publish(folder: Path, target: Path) -> bool:
+    """Make a staged folder visible at its place, whole or not at all.
+
+    Args:
+        folder: The folder in ``_staging``, all files written.
+        target: Where it goes.
+
+    Returns:
+        Whether it is this one; False if another writer was faster.
+    """
+    for path in folder.iterdir():
+        sync(path)
+    sync(folder)
+    _make_folders(target.parent)
+    try:
+        # Of two writers of one id the second finds a folder that is not empty.
+        os.rename(folder, target)
+    except OSError:
+        if target.is_dir():
+            return False
+        raise
+    sync(target.parent)
+    return True
+
+
+def replace_file(store: Path, target: Path, content: bytes | pa.Table) -> None:
+    """Write a file, or a new version of it, whole or not at all."""
+    with staged(store, target.name) as folder:
+        path = folder / target.name
+        if isinstance(content, pa.Table):
+            write_parquet(path, content)
+        else:
+            path.write_bytes(content)
+        sync(path)
+        _make_folders(target.parent)
+        os.replace(path, target)
+        sync(target.parent)
+
+
+def sweep_staging(store: Path, age: float = 86400.0) -> None:
+    """Remove what killed writers left behind.
+
+    Args:
+        store: The store.
+        age: Only what is older, so that nobody loses what is being written [s].
+    """
+    oldest = time.time() - age
+    for folder in (store / STAGING).glob("*"):
+        # Gone meanwhile is as good.
+        with suppress(OSError):
+            if folder.stat().st_mtime < oldest:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def sync(path: Path) -> None:
+    """Wait until a file or folder is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _make_folders(folder: Path) -> None:
+    """Make a folder and its parents, each known to the one above it."""
+    if folder.is_dir():
+        return
+    _make_folders(folder.parent)
+    folder.mkdir(exist_ok=True)
+    sync(folder.parent)
+
+
+def _columns(name: str, values: Array) -> dict[str, Array]:
+    return {f"{name}{k + 1}": values[:, k] for k in range(values.shape[1])}

@@ -1,0 +1,143 @@
+"""What of SQL may run: one SELECT that reads, or an EXPLAIN of one.
+
+The type of a statement is not enough. In DuckDB 2.0 all of these are SELECT or EXPLAIN
+and write a file wherever files may be read:
+
+    WITH x AS (COPY ... TO 'file') FROM x
+    EXPLAIN ANALYZE COPY ... TO 'file'
+    FROM json_execute_serialized_sql('{... the first one, serialised ...}')
+
+So the parsed tree is searched for its kinds of query and its table functions, and both
+must be on a list.
+"""
+
+import json
+from collections.abc import Iterator
+from itertools import pairwise
+
+import duckdb
+
+from residual.errors import InputError
+
+_QUERIES = {
+    "SELECT_NODE",
+    "SET_OPERATION_NODE",
+    "RECURSIVE_CTE_NODE",
+    "CTE_NODE",
+    "VALUES_NODE",
+}
+_FUNCTIONS = {
+    "duckdb_columns",
+    "duckdb_functions",
+    "duckdb_tables",
+    "duckdb_views",
+    "generate_series",
+    "histogram",
+    "histogram_values",
+    "json_each",
+    "json_tree",
+    "parquet_file_metadata",
+    "parquet_kv_metadata",
+    "parquet_metadata",
+    "parquet_scan",
+    "parquet_schema",
+    "pragma_table_info",
+    "range",
+    "read_parquet",
+    "repeat",
+    "summary",
+    "unnest",
+}
+_ONLY = "Only one SELECT, or EXPLAIN of one, runs here"
+
+
+def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> str:
+    """Return the text of a query if all it can do is read.
+
+    Args:
+        connection: Any connection; nothing is executed but the parser.
+        query: What the user typed.
+
+    Raises:
+        InputError: If it is anything else, or no SQL.
+    """
+    kind, text = _one_statement(connection, query)
+    if kind == "EXPLAIN":
+        inner = _explained(text)
+        if _one_statement(connection, inner)[0] != "SELECT":
+            raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
+        _check_tree(connection, inner)
+    elif kind == "SELECT":
+        _check_tree(connection, text)
+    else:
+        hint = " (a PIVOT needs its values: ON x IN (...))" if kind == "MULTI" else ""
+        raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
+    return text
+
+
+def _one_statement(
+    connection: duckdb.DuckDBPyConnection, query: str
+) -> tuple[str, str]:
+    try:
+        found = connection.extract_statements(query)
+        # A statement newer than the library's own list of types is no number of it.
+        kinds = [statement.type.name for statement in found]
+    except duckdb.Error as error:
+        raise InputError(first_line(error)) from error
+    except (ValueError, UnicodeError) as error:
+        raise InputError(f"{_ONLY}, got something else.") from error
+    if len(found) != 1:
+        raise InputError(f"{_ONLY}, got {len(found) or 'no'} statements.")
+    return kinds[0], found[0].query
+
+
+def _explained(text: str) -> str:
+    """Return what follows EXPLAIN, its ANALYZE and its options."""
+    data = text.encode()
+    tokens = [(at, kind.name) for at, kind in duckdb.tokenize(text)]
+    starts = [at for at, kind in tokens if kind != "comment"]
+    words = [data[a:b].split()[0] for a, b in pairwise([*starts, None])]
+    skip = 1
+    if words[skip : skip + 1] == [b"("]:
+        skip = words.index(b")") + 1
+    elif words[skip : skip + 1] and words[skip].lower() in (b"analyze", b"analyse"):
+        skip += 1
+    return data[starts[skip] :].decode() if skip < len(starts) else ""
+
+
+def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> None:
+    # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
+    asked = connection.execute("SELECT json_serialize_sql(?)", [text])
+    tree = json.loads(asked.fetchall()[0][0])
+    if tree.get("error"):
+        raise InputError(f"{_ONLY}, got something that is neither.")
+    for node in _nodes(tree["statements"]):
+        kind = str(node.get("type", ""))
+        if kind.endswith("_NODE") and kind not in _QUERIES:
+            what = kind.removesuffix("_NODE").removesuffix("_QUERY")
+            raise InputError(f"{_ONLY}, got one that contains {what}.")
+        if kind == "TABLE_FUNCTION":
+            name = str(node.get("function", {}).get("function_name", "")).lower()
+            if name not in _FUNCTIONS:
+                raise InputError(
+                    f"SQL reads the views of the store, not '{name}()'. "
+                    "See modelgap sql --schema."
+                )
+
+
+def _nodes(tree: object) -> Iterator[dict]:
+    """Give every table of a tree of JSON, without a limit to its depth."""
+    todo = [tree]
+    while todo:
+        part = todo.pop()
+        if isinstance(part, dict):
+            yield part
+            todo += part.values()
+        elif isinstance(part, list):
+            todo += part
+
+
+def first_line(error: Exception) -> str:
+    """Return what DuckDB says, in one line and without its picture of the query."""
+    text = str(error).split("\n\nLINE ")[0]
+    return " ".join(text.split()).removesuffix(".") + "."

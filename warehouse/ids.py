@@ -1,0 +1,131 @@
+"""Ids that say what a record is: hashes of its content, and nothing a path minds."""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from residual.errors import InputError
+
+Array = np.ndarray
+
+ID_DIGITS = 20
+_ID = re.compile(rf"[0-9a-f]{{1,{ID_DIGITS}}}")
+_SLUG = re.compile(r"[a-z0-9_-]{1,40}")
+
+
+def canonical(value: object) -> bytes:
+    """Return the one JSON text of a value: keys sorted, no blanks, UTF-8.
+
+    Args:
+        value: Mappings with text keys, sequences, dataclasses, arrays, numbers, texts,
+            truth values and None.
+
+    Raises:
+        InputError: If something else is in it, or a number is not finite.
+    """
+    try:
+        text = json.dumps(
+            plain(value),
+            sort_keys=True,
+            separators=(",", ":"),
+            ensure_ascii=False,
+            allow_nan=False,
+        )
+    except ValueError as error:
+        raise InputError(
+            "A record holds NaN or infinity, expected finite numbers or null."
+        ) from error
+    return text.encode()
+
+
+def plain(value: object) -> Any:
+    """Return a value as the plain types that JSON knows.
+
+    Raises:
+        InputError: If there is no such form.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, Mapping):
+        if not all(isinstance(key, str) for key in value):
+            raise InputError(f"A record has keys {list(value)}, expected texts.")
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    raise InputError(
+        f"A record holds a {type(value).__name__}, expected numbers, texts, lists "
+        "and tables."
+    )
+
+
+def digest(*parts: object) -> str:
+    """Return the SHA-256 of the canonical form of some values, 64 hex digits."""
+    return hashlib.sha256(canonical(list(parts))).hexdigest()
+
+
+def run_id(open_half: object, sealed_sha256: str | None, code_hash: str) -> str:
+    """Return the id of a simulated run, known before it is simulated.
+
+    Args:
+        open_half: The part of the spec that everybody may read.
+        sealed_sha256: Hash of the hidden part (``seal.sealed_hash``), None for none.
+        code_hash: Hash of the plant's code (``provenance.plant_code_hash``).
+    """
+    return digest(open_half, sealed_sha256, code_hash)[:ID_DIGITS]
+
+
+def imported_id(data_sha256: str, robot_sha256: str) -> str:
+    """Return the id of a measured run: of its values and its robot."""
+    return digest("imported", data_sha256, robot_sha256)[:ID_DIGITS]
+
+
+def data_hash(arrays: Mapping[str, Array]) -> str:
+    """Return the SHA-256 of named arrays: names, shapes and values, 64 hex digits.
+
+    A file's bytes would not do: they change with the version of its writer.
+
+    Args:
+        arrays: Numbers by name; taken as float64.
+    """
+    total = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name], dtype="<f8")
+        total.update(canonical([name, list(array.shape)]))
+        total.update(array.tobytes())
+    return total.hexdigest()
+
+
+def check_id(text: str) -> str:
+    """Return an id, or its beginning, if it is safe to use in a path.
+
+    Raises:
+        InputError: If it is anything but hex digits.
+    """
+    if not _ID.fullmatch(str(text)):
+        raise InputError(
+            f"'{text}' is not an id: expected up to {ID_DIGITS} hex digits, as "
+            "'modelgap runs' lists them."
+        )
+    return text
+
+
+def check_slug(text: str) -> str:
+    """Return the name of a robot if it is safe to use in a path.
+
+    Raises:
+        InputError: If it is not 1 to 40 of a-z, 0-9, "_" and "-".
+    """
+    if not _SLUG.fullmatch(str(text)):
+        raise InputError(
+            f"'{text}' is not a robot's name: expected 1 to 40 of a-z, 0-9, _ and -."
+        )
+    return text

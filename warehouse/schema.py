@@ -1,0 +1,184 @@
+"""Every column that SQL shows, with type, unit and meaning: said here and only here."""
+
+from dataclasses import dataclass
+
+import pyarrow as pa
+
+TEXT, NUMBER, WHOLE, FLAG = pa.string(), pa.float64(), pa.int64(), pa.bool_()
+TIME = pa.timestamp("us")
+JOINT = pa.int32()
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of a view.
+
+    Attributes:
+        name: Its name.
+        type: Arrow type.
+        about: What it holds.
+        unit: Unit as text; None where it is no quantity or its row says the unit.
+    """
+
+    name: str
+    type: pa.DataType
+    about: str
+    unit: str | None = None
+
+    @property
+    def field(self) -> pa.Field:
+        """The Arrow field, its unit in the metadata."""
+        metadata = {"unit": self.unit} if self.unit else None
+        return pa.field(self.name, self.type, metadata=metadata)
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """One quantity of the samples.
+
+    Attributes:
+        unit: Unit as text.
+        per_joint: Whether there is one column per joint: q1, q2, ...
+        about: What it is.
+    """
+
+    unit: str
+    per_joint: bool
+    about: str
+
+
+SIGNALS = {
+    "t": Signal("s", False, "time of the sample, increasing"),
+    "q": Signal("rad", True, "joint position, link side"),
+    "qd": Signal("rad/s", True, "joint velocity where logged"),
+    "qdd": Signal("rad/s^2", True, "joint acceleration where logged"),
+    "tau": Signal("N m", True, "measured joint torque, link side"),
+    "q_ref": Signal("rad", True, "reference position where logged"),
+    "e_q": Signal("rad", True, "position minus that of the nominal twin"),
+    "e_qd": Signal("rad/s", True, "velocity minus that of the nominal twin"),
+    "e_qdd": Signal("rad/s^2", True, "acceleration minus that of the nominal twin"),
+    "e_tau": Signal("N m", True, "torque minus that of the nominal twin"),
+}
+# The view samples has columns for at least as many joints, null where there are fewer.
+DEFAULT_DOF = 6
+
+_CREATED = Column("created", TIME, "when it was committed, UTC")
+_CODE = (
+    Column("code_hash", TEXT, "hash of the code that made it"),
+    Column("dirty", FLAG, "whether that code had uncommitted changes"),
+)
+_ROBOT = Column("robot", TEXT, "name of the robot")
+_UNIT = Column("unit", TEXT, "unit of the value")
+
+VIEWS: dict[str, tuple[Column, ...]] = {
+    "runs": (
+        Column("run_id", TEXT, "id of the run"),
+        _ROBOT,
+        Column("source", TEXT, "simulated or imported"),
+        Column("kind", TEXT, "what it was made for, such as experiment"),
+        Column("trajectory", TEXT, "kind of motion, such as fourier"),
+        Column("duration_s", NUMBER, "time from first to last sample", "s"),
+        Column("rows", WHOLE, "number of samples"),
+        Column("dof", JOINT, "number of joints"),
+        Column("seed", WHOLE, "seed of the reference motion"),
+        _CREATED,
+        *_CODE,
+        Column("data_hash", TEXT, "hash of the values of all samples"),
+        Column("quarantined", FLAG, "whether a tombstone says not to use it"),
+    ),
+    "channels": (
+        Column("run_id", TEXT, "the run"),
+        Column("channel", TEXT, "name of the column in samples"),
+        Column("unit", TEXT, "its unit"),
+        Column("joint", JOINT, "joint from 1; null where it is not of a joint"),
+    ),
+    "models": (
+        Column("model_id", TEXT, "id of the model"),
+        _ROBOT,
+        Column("stage", TEXT, "nominal, identified or augmented"),
+        _CREATED,
+        *_CODE,
+    ),
+    "effects": (
+        Column("diagnosis_id", TEXT, "the diagnosis that named it"),
+        Column("order", JOINT, "place among the findings, 1 first"),
+        Column("name", TEXT, "name of the effect"),
+        Column("joints", pa.list_(JOINT), "joints that this value is of; [] for all"),
+        Column("parameter", TEXT, "name of the parameter"),
+        Column("value", NUMBER, "its value"),
+        Column("std", NUMBER, "its standard deviation"),
+        _UNIT,
+        Column("probability", NUMBER, "of this class of effects", "1"),
+    ),
+    "diagnoses": (
+        Column("diagnosis_id", TEXT, "id of the diagnosis"),
+        _ROBOT,
+        Column("verdict", TEXT, "effects, none or unknown"),
+        Column("model_id", TEXT, "the model it ends with"),
+        _CREATED,
+        Column("nominal_scale", NUMBER, "how far off the nominal model was", "1"),
+        Column("unexplained", NUMBER, "share of the torque left unexplained", "1"),
+        *_CODE,
+    ),
+    "errors": (
+        Column("source_id", TEXT, "the diagnosis, validation or run that states it"),
+        Column("run_id", TEXT, "the run it is taken on; null for several together"),
+        Column("trajectory", TEXT, "kind of motion; null for several together"),
+        Column("joint", JOINT, "joint from 1; null for all together"),
+        Column("stage", TEXT, "nominal, identified, augmented, plsr or twin"),
+        Column("metric", TEXT, "held_out, filtered, moving [%]; rms_e_q ... [SI]"),
+        Column("value", NUMBER, "its value"),
+    ),
+    "validations": (
+        Column("validation_id", TEXT, "id of the validation"),
+        _ROBOT,
+        Column("kind", TEXT, "how it was done, such as open_loop"),
+        Column("model_id", TEXT, "the model that was tried"),
+        _CREATED,
+        *_CODE,
+    ),
+    "reports": (
+        Column("report_id", TEXT, "id of the report"),
+        _ROBOT,
+        Column("kind", TEXT, "what it reports"),
+        _CREATED,
+        *_CODE,
+    ),
+    "lineage": (
+        Column("child", TEXT, "id of what was made"),
+        Column("parent", TEXT, "id of what it was made from"),
+        Column("role", TEXT, "what the parent was to it, such as fit or held_out"),
+    ),
+}
+
+
+def sample_columns(dof: int) -> tuple[Column, ...]:
+    """Return the columns of the view ``samples`` for arms of up to ``dof`` joints."""
+    columns = [_ROBOT, Column("run_id", TEXT, "the run")]
+    for name, signal in SIGNALS.items():
+        for channel in channel_names(name, dof):
+            columns.append(Column(channel, NUMBER, signal.about, signal.unit))
+    return tuple(columns)
+
+
+def all_views(dof: int = DEFAULT_DOF) -> dict[str, tuple[Column, ...]]:
+    """Return every view with its columns, ``samples`` second as the most used."""
+    first = {"runs": VIEWS["runs"], "samples": sample_columns(dof)}
+    return {**first, **VIEWS}
+
+
+def channel_names(signal: str, dof: int) -> tuple[str, ...]:
+    """Return the columns of one signal: ("t",), or ("q1", "q2", ...)."""
+    if not SIGNALS[signal].per_joint:
+        return (signal,)
+    return tuple(f"{signal}{joint}" for joint in range(1, dof + 1))
+
+
+def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
+    """Return the Arrow schema of some columns."""
+    return pa.schema([column.field for column in columns])
+
+
+def nested(view: str) -> pa.DataType:
+    """Return the type of a record's own rows of a view: without its own id."""
+    return pa.list_(pa.struct([column.field for column in VIEWS[view][1:]]))
