@@ -10,7 +10,7 @@ from residual.candidates import Candidates, collect
 from residual.design import Design
 from residual.effects import registry
 from residual.effects.base import Span
-from residual.evidence import Fit, fit
+from residual.evidence import Fit, Prior, fit
 from residual.gate import Tested, passed, simplest
 from residual.model import Model, Term
 from residual.nominal import build_nominal
@@ -47,6 +47,7 @@ class Diagnosis:
         logs: The fit logs.
         nominal: Where it started from.
         task: Data, chosen prior and candidates.
+        wide: The widest prior that the logs do not contradict.
         plain: Fit of the nominal structure alone.
         fit: Fit with the named effects.
         tested: The named effects with their evidence.
@@ -57,6 +58,7 @@ class Diagnosis:
     logs: Logs
     nominal: Nominal
     task: Task
+    wide: Prior
     plain: Fit
     fit: Fit
     tested: tuple[Tested, ...]
@@ -115,7 +117,8 @@ def diagnose(
         design = _first_look(logs, nominal, named)
         prior = selection.task.prior
         again = replace(nominal, scale=prior.scale)
-        selection = _search(design, logs, again, (rules, progress))
+        wide = selection.wide
+        selection = replace(_search(design, logs, again, (rules, progress)), wide=wide)
     progress("gate", 0.0)
     task = selection.task
     fitted, tested = passed(task, simplest(task, selection.fit))
@@ -126,7 +129,9 @@ def diagnose(
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
     progress("gate", 1.0)
-    return Diagnosis(logs, nominal, task, plain, fitted, tuple(kept), gone, enough)
+    return Diagnosis(
+        logs, nominal, task, selection.wide, plain, fitted, tuple(kept), gone, enough
+    )
 
 
 def _first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:

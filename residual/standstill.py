@@ -64,7 +64,9 @@ def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
         out = np.sign(qd)
     else:
         out = _bristle(np.ascontiguousarray(q), shape.size)
-    return out if shape.hold == 1.0 else np.where(np.abs(qd) < shape.reach * floor, shape.hold, 1) * out
+    if shape.hold == 1.0:
+        return out
+    return np.where(np.abs(qd) < shape.reach * floor, shape.hold, 1.0) * out
 
 
 @numba.njit(cache=True)

@@ -98,7 +98,7 @@ class Effect:
             rows are the joints it acts on: its own, or all of them.
         scope: Which joints it belongs to.
         values: (theta, shape, robot) -> one value per parameter key.
-        from_values: Values of the parameter keys -> (theta, shape): the way back.
+        from_values: (values, robot) -> (theta, shape): the way back.
         shapes: Values of the nonlinear parameters to start from.
         refine: How the first nonlinear parameter is searched; None where linear.
         is_parameter: It says that a parameter the model has is wrong.
@@ -119,7 +119,10 @@ class Effect:
     columns: Columns
     scope: Scope = "local"
     values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: theta
-    from_values: Callable[[Array], tuple[Array, Shape]] = lambda values: (values, ())
+    from_values: Callable[[Array, Robot], tuple[Array, Shape]] = lambda values, robot: (
+        values,
+        (),
+    )
     shapes: Callable[[Span, int], Sequence[Shape]] = _no_shape
     refine: Refinement | None = None
     is_parameter: bool = False
