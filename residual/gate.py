@@ -58,7 +58,9 @@ def gate(task: Task, fitted: Fit) -> list[Tested]:
 def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     design, rules = task.design, task.rules
     rest = [g for g in fitted.members if g is not group]
-    without = task.fit(rest, fitted, rounds=4)
+    # Settled on its own noise, as a user would refit without the name: held to the
+    # larger model's noise it would bend its parameters beyond belief instead.
+    without = task.settle(task.fit(rest, fitted, rounds=4))
     nats, big, small = gain(design, task.prior, fitted, without)
     left = leave_out(task, without)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)

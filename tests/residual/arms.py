@@ -7,10 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from residual.close import close_the_loop
+from residual.close import close_the_loop, from_baseline, session_clock
+from residual.diagnose import Diagnosis, diagnose, ready, start_nominal
+from residual.findings import Finding, findings
 from residual.outcome import Outcome
 from residual.recording import Recording
 from residual.robot import Robot, load_robot
+from residual.search import Rules
+from residual.signals import Filters
+from residual.vocabulary import DEFAULT_DECLARED
 from sim.synthetic.draw import draw
 from sim.synthetic.logs import CHANGES, Case, LogPlan, make
 from sim.synthetic.plant import Plant
@@ -125,3 +130,19 @@ def smooth_motion(robot: Robot, t):
 def recording(t, q, tau, label="log") -> Recording:
     """A log of some robot."""
     return Recording(label, "any", t, q, tau)
+
+
+def doubts(case: Case, declared=DEFAULT_DECLARED) -> tuple[Diagnosis, list[Finding]]:
+    """Search, gate and findings without the proof, which takes as long again."""
+    clock = session_clock([*case.fit, *case.held_out])
+    logs = ready(case.robot, case.fit, clock, Filters())
+    if case.baseline:
+        nominal = from_baseline(case.robot, case.baseline, declared, logs, quiet)
+    else:
+        nominal = start_nominal(logs, declared)
+    diagnosis = diagnose(logs, nominal, Rules(), quiet)
+    return diagnosis, findings(diagnosis, diagnosis.fit, diagnosis.tested)
+
+
+def quiet(stage, share):
+    """Progress that nobody watches."""

@@ -214,7 +214,6 @@ WITHOUT_SHAPE = {
 }
 
 
-@pytest.mark.xfail(strict=True, reason="what is missing becomes 0: NaN, or order 0")
 @pytest.mark.parametrize("name", sorted(WITHOUT_SHAPE))
 def test_declared_values_without_their_shape_are_refused(name):
     with pytest.raises(InputError, match=r"time_constant|velocity|order|exponent"):

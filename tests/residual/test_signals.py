@@ -86,23 +86,9 @@ def test_filtered_columns_times_theta_are_the_filtered_product(seed):
 
 @pytest.mark.parametrize("rate", RATES)
 def test_features_pass_the_filter_that_torque_passes(rate):
-    """A torque that is exactly one feature must come out equal on both ways.
-
-    Features are built at a lower rate than torque is logged; a motion of an arm has
-    its power below 3 Hz, and there the two filters agree to 1e-3 of its size.
-    """
+    """A torque that is exactly one feature comes out equal on both ways."""
     t = clock(10, rate)
-    x = sines(t, (0.3, 0.8, 1.7, 2.9))
-    track, _ = one(log(t, np.sin(t), x))
-    same = track.filter(x[:: round(rate / track.rate)])[track.inner]
-    np.testing.assert_allclose(same, track.tau[track.inner, 0], atol=1e-3 * x.std())
-
-
-@pytest.mark.xfail(strict=True, reason="two digital filters of one cut-off are not one")
-@pytest.mark.parametrize("rate", [250.0, 500.0, 1000.0])
-def test_features_pass_the_filter_of_torque_up_to_its_cutoff(rate):
-    t = clock(10, rate)
-    x = sines(t, (4.0, 6.0, 7.5))
+    x = sines(t, (0.4, 2.9, 6.0, 7.5))
     track, _ = one(log(t, np.sin(t), x))
     same = track.filter(x[:: round(rate / track.rate)])[track.inner]
     np.testing.assert_allclose(same, track.tau[track.inner, 0], atol=1e-3 * x.std())
