@@ -102,11 +102,13 @@ def _prove(
 ) -> Outcome:
     fit, tell = context
     tell("proof", 0.0)
-    identified = diagnosis.model(diagnosis.plain)
-    proof = witnesses(held_out, identified)
+    proof = witnesses(held_out, diagnosis.nominal.model)
     judged = held_out_verdicts(diagnosis, proof)
     tested = [t for t, _ in judged.kept]
-    augmented = diagnosis.model(judged.fit) if tested else identified
+    augmented = diagnosis.model(judged.fit if tested else diagnosis.plain)
+    identified = (
+        diagnosis.model(diagnosis.plain, like=augmented) if tested else augmented
+    )
     models = {
         "nominal": diagnosis.nominal.model,
         "identified": identified,

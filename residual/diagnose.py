@@ -65,9 +65,19 @@ class Diagnosis:
     withdrawn: tuple[Tested, ...]
     adequacy: Adequacy
 
-    def model(self, fitted: Fit) -> Model:
-        """A fit as a model, with the standstill that suits the fit logs."""
-        rough = with_standstill(as_model(self.nominal, fitted), self.logs.tracks)
+    def model(self, fitted: Fit, like: Model | None = None) -> Model:
+        """A fit as a model, with the standstill that suits the fit logs.
+
+        Args:
+            fitted: A fit of these logs.
+            like: A model whose standstill to take over, so that two models differ by
+                nothing but their effects.
+        """
+        rough = as_model(self.nominal, fitted)
+        if like is None:
+            rough = with_standstill(rough, self.logs.tracks)
+        else:
+            rough = replace(rough, standstill=like.standstill)
         return _refitted(self, fitted, rough)
 
 

@@ -40,7 +40,7 @@ CHOICES = (
     Standstill("smooth", 4.0),
     *(
         Standstill("bristle", d, reach=r)
-        for d in (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+        for d in (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 1e-2)
         for r in (1.0, 4.0)
     ),
 )

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.dynamics import flange_placement
-from residual.effects.base import Effect
+from residual.effects.base import Effect, against_position
 
 
 def _columns(state, joints, shape):
@@ -75,4 +75,5 @@ EFFECT = Effect(
     is_parameter=True,
     prior_sd=_prior_sd,
     reports=_reports,
+    variable=against_position,
 )
