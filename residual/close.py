@@ -12,11 +12,19 @@ import numpy as np
 
 from residual.clouds import clouds
 from residual.compare import compare, witnesses
-from residual.diagnose import Diagnosis, Logs, Progress, diagnose, ready, start_nominal
+from residual.diagnose import (
+    Diagnosis,
+    Logs,
+    Progress,
+    diagnose,
+    ready,
+    start_nominal,
+    without_refuted,
+)
 from residual.effects import registry
 from residual.errors import InputError
 from residual.findings import findings
-from residual.holdout import held_out_verdicts
+from residual.holdout import Verdicts, held_out_verdicts, unproven
 from residual.names import check_name
 from residual.nominal import declared_names
 from residual.outcome import Outcome
@@ -115,10 +123,12 @@ def _prove(
         "augmented": augmented,
     }
     errors, proofs = compare(models, proof, diagnosis.logs.filters)
+    diagnosis = without_refuted(diagnosis, judged.fit)
     found = findings(diagnosis, judged.fit, tested)
     gains = {id(t): g for t, g in judged.kept}
     notes = _notes(diagnosis, fit, augmented)
-    warnings += _warnings(diagnosis, judged.refuted, same_run)
+    warnings += _warnings(diagnosis, judged, same_run)
+    warnings += unproven(diagnosis, errors["augmented"])
     tell("proof", 0.8)
     case = Case(
         diagnosis=diagnosis,
@@ -158,7 +168,7 @@ def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:
     return (*notes, *(s for s in said if s))
 
 
-def _warnings(diagnosis: Diagnosis, refuted, same_run: bool) -> list[str]:
+def _warnings(diagnosis: Diagnosis, judged: Verdicts, same_run: bool) -> list[str]:
     out = []
     if same_run:
         out.append(
@@ -171,13 +181,16 @@ def _warnings(diagnosis: Diagnosis, refuted, same_run: bool) -> list[str]:
             f"the nominal model is off by about {100 * scale:.0f} %: too rough to "
             "blame a payload; give --baseline"
         )
-    for tested, gain in refuted:
+    for tested, gain in judged.refuted:
         why = (
             "refuted by the held-out logs "
             f"(error there {100 * -gain:.1f} % higher with it), withdrawn"
         )
         if tested.group.effect.name == "payload":
             why += "; was the load mounted otherwise there?"
+        out.append(complaint(tested, why))
+    for tested in judged.dropped:
+        why = "withdrawn: it carries too little alone, now that others are refuted"
         out.append(complaint(tested, why))
     for tested in diagnosis.withdrawn:
         joint = tested.joint + 1

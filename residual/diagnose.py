@@ -241,6 +241,20 @@ def _refitted(diagnosis: Diagnosis, fitted: Fit, rough: Model) -> Model:
     return as_model(replace(nominal, model=base), final)
 
 
+def without_refuted(diagnosis: Diagnosis, fitted: Fit) -> Diagnosis:
+    """The diagnosis with fewer names: what remains is measured anew."""
+    if len(fitted.members) == len(diagnosis.fit.members):
+        return diagnosis
+    enough = adequacy(
+        diagnosis.task.design,
+        diagnosis.logs.tracks,
+        diagnosis.plain,
+        fitted,
+        diagnosis.nominal.baseline_unexplained,
+    )
+    return replace(diagnosis, fit=fitted, adequacy=enough)
+
+
 def refit(diagnosis: Diagnosis, tested: Sequence[Tested]) -> Fit:
     """Fit again with some of the names only."""
     task = diagnosis.task

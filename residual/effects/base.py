@@ -108,6 +108,8 @@ class Effect:
             None for the default, 30 % of torque.
         reports: (key, values, stds) -> whether a parameter is worth reporting; None
             for always.
+        far_fetched: Where two effects of one size explain the same, the one with the
+            smaller number is named first.
         family: Effects of one family on one joint exclude each other.
         groupable: It is also tried on all joints at once.
         variable: (state, joint) -> what the report draws it against, with label.
@@ -130,6 +132,7 @@ class Effect:
     uses_model: bool = False
     prior_sd: Callable[[Robot], Array] | None = None
     reports: Callable[[str, Array, Array], bool] | None = None
+    far_fetched: float = 0.0
     family: str = ""
     groupable: bool = False
     variable: Callable[[State, int], tuple[Array, str]] = lambda state, j: (

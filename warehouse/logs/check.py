@@ -84,10 +84,12 @@ def _check_constant(recording: Recording) -> None:
             f"{recording.id}: q is constant on all joints, expected motion. "
             "Give a log in which the arm moves."
         )
-    if np.ptp(recording.tau, axis=0).max() == 0:
+    frozen = [j + 1 for j in np.flatnonzero(np.ptp(recording.tau, axis=0) == 0)]
+    if frozen:
+        joints = "all joints" if len(frozen) == recording.dof else f"joint {frozen[0]}"
         raise RecordingError(
-            f"{recording.id}: tau is constant on all joints. Give a log with measured "
-            "torques or currents."
+            f"{recording.id}: tau is constant on {joints}, expected a signal. Give a "
+            "log with measured torques or currents of every joint."
         )
 
 
