@@ -36,6 +36,7 @@ from residual.search import Rules
 from residual.signals import Filters
 from residual.source import delayed_at_source, filtered_at_source
 from residual.verdict import Case, complaint, write
+from residual.vocabulary import VOCABULARY
 
 BASELINE_MOST = 12  # names that a baseline may need: it shows all that the URDF lacks
 
@@ -65,6 +66,11 @@ def close_the_loop(
     tell = progress or (lambda stage, share: None)
     names = declared_names(robot, declared)
     for name in names:
+        if name in VOCABULARY and name not in registry():
+            raise InputError(
+                f"Effect '{name}' is in the vocabulary but cannot be declared or "
+                f"looked for yet. Known now: {', '.join(registry())}."
+            )
         check_name(name, registry(), "effect")
     _check_joints(robot, [*fit, *baseline, *held_out])
     same_run = not held_out
@@ -73,13 +79,14 @@ def close_the_loop(
     clock = session_clock([*fit, *held_out])
     filters = Filters()
     logs = ready(robot, fit, clock, filters)
-    warnings = []
     if baseline:
         nominal = from_baseline(robot, baseline, names, logs, tell)
     else:
         nominal = start_nominal(logs, names)
     diagnosis = diagnose(logs, nominal, Rules(), tell)
-    return _prove(diagnosis, held_out, same_run, warnings, (fit, tell))
+    outcome = _prove(diagnosis, held_out, same_run, (fit, tell))
+    tell("proof", 1.0)
+    return outcome
 
 
 def from_baseline(
@@ -105,9 +112,7 @@ def from_baseline(
     )
 
 
-def _prove(
-    diagnosis: Diagnosis, held_out, same_run: bool, warnings: list, context
-) -> Outcome:
+def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
     fit, tell = context
     tell("proof", 0.0)
     proof = witnesses(held_out, diagnosis.nominal.model)
@@ -125,30 +130,27 @@ def _prove(
     errors, proofs = compare(models, proof, diagnosis.logs.filters)
     diagnosis = without_refuted(diagnosis, judged.fit)
     found = findings(diagnosis, judged.fit, tested)
-    gains = {id(t): g for t, g in judged.kept}
-    notes = _notes(diagnosis, fit, augmented)
-    warnings += _warnings(diagnosis, judged, same_run)
-    warnings += unproven(diagnosis, errors["augmented"])
-    tell("proof", 0.8)
     case = Case(
         diagnosis=diagnosis,
         found=found,
-        gains=gains,
+        gains={id(t): g for t, g in judged.kept},
         errors=errors,
         held_out=[r.id for r in held_out],
         same_run=same_run,
         minimum=minimum_detectable(diagnosis.task, judged.fit),
-        warnings=warnings,
+        warnings=[
+            *_warnings(diagnosis, judged, same_run),
+            *unproven(diagnosis, errors["augmented"]),
+        ],
     )
-    outcome = Outcome(
+    tell("proof", 0.8)
+    return Outcome(
         verdict=write(case),
         sentences=tuple(f.effect.sentence for f in found),
         proofs=proofs,
         clouds=clouds(diagnosis, judged.fit, found),
-        notes=notes,
+        notes=_notes(diagnosis, fit, augmented),
     )
-    tell("proof", 1.0)
-    return outcome
 
 
 def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:

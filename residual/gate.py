@@ -106,7 +106,8 @@ def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], fl
     without = task.fit(rest, fitted)
     own = task.net_gain(fitted, without, group)
     ranked = best(task, without, instead=group)
-    removed = np.maximum(without.sse - fitted.sse, 0) / without.sse
+    had = np.maximum(without.sse, 1e-30)
+    removed = np.maximum(without.sse - fitted.sse, 0) / had
     joint = int(np.argmax(removed))
 
     def stands_in(value: float, other: Group, big: Fit) -> bool:
@@ -115,7 +116,7 @@ def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], fl
         Of one family it need not do so within 6 nats: which form a static torque has
         rests on the shape alone, and no real one has just the shape of the textbook.
         """
-        fall = (without.sse[joint] - big.sse[joint]) / without.sse[joint]
+        fall = (without.sse[joint] - big.sse[joint]) / had[joint]
         kin = other.effect.family and other.effect.family == group.effect.family
         if kin:
             return fall > KIN * removed[joint]

@@ -123,6 +123,9 @@ def _error(case: Case) -> dict:
         kind: {stage: case.errors[stage].overall(kind) for stage in STAGES}
         for kind in ("raw", "filtered")
     }
+    for table in tables.values():
+        for stage, errors in table.items():
+            table[stage] = None if np.isnan(errors).all() else errors
     for table in (*tables.values(), *overall.values()):
         table["plsr"] = None
     return {

@@ -9,6 +9,7 @@ import numpy as np
 
 from residual.close import close_the_loop, from_baseline, session_clock
 from residual.diagnose import Diagnosis, diagnose, ready, start_nominal
+from residual.dynamics import inverse_dynamics
 from residual.findings import Finding, findings
 from residual.outcome import Outcome
 from residual.recording import Recording
@@ -125,6 +126,32 @@ def smooth_motion(robot: Robot, t):
     angle = t[:, None] * w + phase
     q = 0.6 * np.sin(angle)
     return q, 0.6 * w * np.cos(angle), -0.6 * w**2 * np.sin(angle)
+
+
+def plain_logs(robot: Robot, moving, torque, count=4, seed=0) -> list[Recording]:
+    """Sines on some joints (from 0), the others stand; friction and noise on all.
+
+    Args:
+        robot: The arm.
+        moving: Joints that move.
+        torque: Added to each joint [N m]. Shape (dof,).
+        count: How many logs, of 8 s at 125 Hz.
+        seed: Of noise and phases.
+    """
+    keep, out = np.isin(range(robot.dof), moving), []
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        t = np.arange(1000) / 125
+        w = rng.uniform(1, 3, (2, robot.dof))
+        angle = t[:, None, None] * w + rng.uniform(0, 6, (2, robot.dof))
+        q = keep * (0.5 * np.sin(angle)).sum(axis=1)
+        qd = keep * (0.5 * w * np.cos(angle)).sum(axis=1)
+        qdd = keep * (-0.5 * w**2 * np.sin(angle)).sum(axis=1)
+        tau = inverse_dynamics(robot.model, q, qd, qdd)
+        tau += 3 * np.tanh(qd / 0.01) + 2 * qd + torque
+        tau += 0.1 * rng.normal(size=q.shape)
+        out.append(recording(20.0 * k + t, q + 0.1, tau, f"log{k}"))
+    return out
 
 
 def recording(t, q, tau, label="log") -> Recording:

@@ -180,11 +180,12 @@ def test_torque_of_another_unit_gives_the_same_evidence(rng):
 
 
 def quadratic_gain(problem, base, group):
-    """Log marginal likelihood ratio at the base's own noise, a quarter of the rows."""
+    """Log marginal likelihood ratio at the base's own noise and rows, a quarter at least."""
     scores = []
     for members in ([*base.members, group], base.members):
         x, y, joint = problem.stacked(members)
-        w = 0.25 / base.variance[joint]
+        share = base.counted[joint] / problem.design.rows[joint]
+        w = np.maximum(0.25, share) / base.variance[joint]
         prior = problem.precision(members)
         a = prior + (x.T * w) @ x
         b = (x.T * w) @ y

@@ -66,7 +66,7 @@ def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
 def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing(seed):
     diagnosis, found = doubts(short_case(bare_irb140(), seed=seed, duration=8.0))
     assert found == []
-    assert diagnosis.adequacy.flagged == ()
+    assert diagnosis.adequacy.doubted == ()
     assert diagnosis.task.prior.scale <= 0.1
 
 
@@ -77,7 +77,7 @@ def test_what_has_no_name_is_flagged_on_its_joint_without_one(effect, seed):
     case = short_case(bare_irb140(), effect, seed=seed, duration=8.0)
     diagnosis, found = doubts(case)
     assert found == []
-    assert [j + 1 for j in diagnosis.adequacy.flagged] == list(case.truth.joints)
+    assert [j + 1 for j in diagnosis.adequacy.doubted] == list(case.truth.joints)
 
 
 @pytest.mark.parametrize(

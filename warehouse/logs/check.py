@@ -131,9 +131,9 @@ def _check_speed(recording: Recording, robot: Robot) -> None:
 
 def _odd(recording: Recording) -> tuple[str, ...]:
     odd = []
-    still = np.flatnonzero(np.ptp(recording.tau, axis=0) == 0) + 1
+    still = np.flatnonzero(np.ptp(recording.q, axis=0) == 0) + 1
     if len(still):
-        joints = ", ".join(f"tau{j}" for j in still)
+        joints = ", ".join(f"q{j}" for j in still)
         odd.append(f"{recording.id}: {joints} never changes; is it logged?")
     steps = np.diff(recording.t)
     gap = int(np.argmax(steps))
