@@ -180,7 +180,7 @@ def test_torque_of_another_unit_gives_the_same_evidence(rng):
 
 
 def quadratic_gain(problem, base, group):
-    """Log marginal likelihood ratio at the base's own noise and rows, a quarter at least."""
+    """Log marginal likelihood ratio at the base's noise, a quarter of rows at least."""
     scores = []
     for members in ([*base.members, group], base.members):
         x, y, joint = problem.stacked(members)
