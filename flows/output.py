@@ -29,13 +29,26 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
             raise InputError(
                 f"{option} {path}: there is no folder '{path.parent}'. Make it first."
             )
-        if not os.access(place if place.exists() else place.parent, os.W_OK):
-            raise InputError(f"{option} {path} cannot be written: no permission.")
+        if not _can_write(place):
+            raise InputError(f"{option} {path} cannot be written there.")
         if place in read:
             raise InputError(f"{option} {path} would overwrite an input file.")
         if place in seen:
             raise InputError(f"{seen[place]} and {option} both name {path}.")
         seen[place] = option
+
+
+def _can_write(place: Path) -> bool:
+    """Try it: permission bits say little of /sys, /proc and read-only mounts."""
+    if place.exists() and not os.access(place, os.W_OK):
+        return False
+    if place.exists() and not place.is_file():
+        return True
+    try:
+        with tempfile.TemporaryFile(dir=place.parent):
+            return True
+    except OSError:
+        return False
 
 
 def write_all(contents: Mapping[Path, str | bytes]) -> None:

@@ -9,7 +9,8 @@ from residual.evidence import Fit
 from residual.recording import Array
 from residual.signals import Track
 
-FLAG = 0.05  # structured residual, as a share of torque rms, that is worth a flag
+FLAG = 0.05  # structured residual, as a share of torque rms, that voids names
+DOUBT, NOISES = 0.02, 3.0  # share of torque rms, and of noise, that is not nothing
 REPEAT = 0.02  # two stretches are a repeat if q differs by less than this share
 
 
@@ -22,7 +23,8 @@ class Adequacy:
         before: The same without the names. Shape (dof,).
         noise: Noise level. Shape (dof,).
         kind: Per joint "repeatable" or "time-driven"; None without repeats.
-        flagged: Joints (from 0) that remain unexplained.
+        flagged: Joints (from 0) on which so much remains that names are void.
+        doubted: Joints on which more than noise remains; the flagged ones among them.
     """
 
     structured: Array
@@ -30,6 +32,7 @@ class Adequacy:
     noise: Array
     kind: tuple[str | None, ...]
     flagged: tuple[int, ...]
+    doubted: tuple[int, ...]
 
 
 def adequacy(
@@ -43,7 +46,8 @@ def adequacy(
 
     The noise is measured above the identification filter and taken as white. A joint
     is flagged above 5 % of torque rms, unless the names halved it, and above 10 % in
-    any case; against a baseline, only beyond what the baseline left by itself.
+    any case; against a baseline, only beyond what the baseline left by itself. More
+    than 2 % of torque rms and three times the noise is not nothing, and is said.
     """
     squares = np.mean([t.torque_noise**2 for t in tracks], axis=0)
     noise = np.sqrt(squares) / design.rms
@@ -60,7 +64,12 @@ def adequacy(
     ]
     periods = [repeat(track) for track in tracks]
     kinds = tuple(_kind(design, periods, after, noise, j) for j in range(design.dof))
-    return Adequacy(structured, first, noise, kinds, tuple(flagged))
+    least = np.maximum(DOUBT, NOISES * noise)
+    if baseline is not None:
+        least = np.maximum(least, 1.5 * baseline)
+    doubted = sorted({*flagged, *np.flatnonzero(structured > least).tolist()})
+    kinds = tuple(k if j in doubted else None for j, k in enumerate(kinds))
+    return Adequacy(structured, first, noise, kinds, tuple(flagged), tuple(doubted))
 
 
 def _structured(design: Design, fitted: Fit, noise: Array) -> Array:

@@ -12,11 +12,19 @@ import numpy as np
 
 from residual.clouds import clouds
 from residual.compare import compare, witnesses
-from residual.diagnose import Diagnosis, Logs, Progress, diagnose, ready, start_nominal
+from residual.diagnose import (
+    Diagnosis,
+    Logs,
+    Progress,
+    diagnose,
+    ready,
+    start_nominal,
+    without_refuted,
+)
 from residual.effects import registry
 from residual.errors import InputError
 from residual.findings import findings
-from residual.holdout import held_out_verdicts
+from residual.holdout import Verdicts, held_out_verdicts, unproven
 from residual.names import check_name
 from residual.nominal import declared_names
 from residual.outcome import Outcome
@@ -28,6 +36,7 @@ from residual.search import Rules
 from residual.signals import Filters
 from residual.source import delayed_at_source, filtered_at_source
 from residual.verdict import Case, complaint, write
+from residual.vocabulary import VOCABULARY
 
 BASELINE_MOST = 12  # names that a baseline may need: it shows all that the URDF lacks
 
@@ -57,6 +66,11 @@ def close_the_loop(
     tell = progress or (lambda stage, share: None)
     names = declared_names(robot, declared)
     for name in names:
+        if name in VOCABULARY and name not in registry():
+            raise InputError(
+                f"Effect '{name}' is in the vocabulary but cannot be declared or "
+                f"looked for yet. Known now: {', '.join(registry())}."
+            )
         check_name(name, registry(), "effect")
     _check_joints(robot, [*fit, *baseline, *held_out])
     same_run = not held_out
@@ -65,13 +79,14 @@ def close_the_loop(
     clock = session_clock([*fit, *held_out])
     filters = Filters()
     logs = ready(robot, fit, clock, filters)
-    warnings = []
     if baseline:
         nominal = from_baseline(robot, baseline, names, logs, tell)
     else:
         nominal = start_nominal(logs, names)
     diagnosis = diagnose(logs, nominal, Rules(), tell)
-    return _prove(diagnosis, held_out, same_run, warnings, (fit, tell))
+    outcome = _prove(diagnosis, held_out, same_run, (fit, tell))
+    tell("proof", 1.0)
+    return outcome
 
 
 def from_baseline(
@@ -97,46 +112,45 @@ def from_baseline(
     )
 
 
-def _prove(
-    diagnosis: Diagnosis, held_out, same_run: bool, warnings: list, context
-) -> Outcome:
+def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
     fit, tell = context
     tell("proof", 0.0)
-    identified = diagnosis.model(diagnosis.plain)
-    proof = witnesses(held_out, identified)
+    proof = witnesses(held_out, diagnosis.nominal.model)
     judged = held_out_verdicts(diagnosis, proof)
     tested = [t for t, _ in judged.kept]
-    augmented = diagnosis.model(judged.fit) if tested else identified
+    augmented = diagnosis.model(judged.fit if tested else diagnosis.plain)
+    identified = (
+        diagnosis.model(diagnosis.plain, like=augmented) if tested else augmented
+    )
     models = {
         "nominal": diagnosis.nominal.model,
         "identified": identified,
         "augmented": augmented,
     }
     errors, proofs = compare(models, proof, diagnosis.logs.filters)
+    diagnosis = without_refuted(diagnosis, judged.fit)
     found = findings(diagnosis, judged.fit, tested)
-    gains = {id(t): g for t, g in judged.kept}
-    notes = _notes(diagnosis, fit, augmented)
-    warnings += _warnings(diagnosis, judged.refuted, same_run)
-    tell("proof", 0.8)
     case = Case(
         diagnosis=diagnosis,
         found=found,
-        gains=gains,
+        gains={id(t): g for t, g in judged.kept},
         errors=errors,
         held_out=[r.id for r in held_out],
         same_run=same_run,
         minimum=minimum_detectable(diagnosis.task, judged.fit),
-        warnings=warnings,
+        warnings=[
+            *_warnings(diagnosis, judged, same_run),
+            *unproven(diagnosis, errors["augmented"]),
+        ],
     )
-    outcome = Outcome(
+    tell("proof", 0.8)
+    return Outcome(
         verdict=write(case),
         sentences=tuple(f.effect.sentence for f in found),
         proofs=proofs,
         clouds=clouds(diagnosis, judged.fit, found),
-        notes=notes,
+        notes=_notes(diagnosis, fit, augmented),
     )
-    tell("proof", 1.0)
-    return outcome
 
 
 def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:
@@ -156,7 +170,7 @@ def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:
     return (*notes, *(s for s in said if s))
 
 
-def _warnings(diagnosis: Diagnosis, refuted, same_run: bool) -> list[str]:
+def _warnings(diagnosis: Diagnosis, judged: Verdicts, same_run: bool) -> list[str]:
     out = []
     if same_run:
         out.append(
@@ -169,13 +183,16 @@ def _warnings(diagnosis: Diagnosis, refuted, same_run: bool) -> list[str]:
             f"the nominal model is off by about {100 * scale:.0f} %: too rough to "
             "blame a payload; give --baseline"
         )
-    for tested, gain in refuted:
+    for tested, gain in judged.refuted:
         why = (
             "refuted by the held-out logs "
             f"(error there {100 * -gain:.1f} % higher with it), withdrawn"
         )
         if tested.group.effect.name == "payload":
             why += "; was the load mounted otherwise there?"
+        out.append(complaint(tested, why))
+    for tested in judged.dropped:
+        why = "withdrawn: it carries too little alone, now that others are refuted"
         out.append(complaint(tested, why))
     for tested in diagnosis.withdrawn:
         joint = tested.joint + 1

@@ -54,14 +54,15 @@ class Errors:
     power: Mapping[str, Array]
 
     def per_joint(self, kind: str) -> Array:
-        """Relative error of each joint [%]. Shape (dof,)."""
-        power = np.maximum(self.power[kind], 1e-30)
-        return 100 * np.sqrt(self.miss[kind] / power)
+        """Relative error of each joint [%], NaN where there is no torque. (dof,)."""
+        power = self.power[kind]
+        some = power > 1e-12 * max(float(power.max()), 1e-30)
+        return 100 * np.sqrt(self.miss[kind] / np.where(some, power, np.nan))
 
     def overall(self, kind: str) -> float:
         """Relative error over all joints, Frobenius norm [%]."""
-        power = max(float(self.power[kind].sum()), 1e-30)
-        return float(100 * np.sqrt(self.miss[kind].sum() / power))
+        power = float(self.power[kind].sum())
+        return float(100 * np.sqrt(self.miss[kind].sum() / power)) if power else np.nan
 
 
 def compare(

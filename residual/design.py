@@ -66,7 +66,8 @@ class Design:
         self.dof = model.robot.dof
         self._logs = list(logs)
         self._use = [
-            [track.moving[:, j] for track, _ in self._logs] for j in range(self.dof)
+            [t.moving[:, j] & (np.ptp(t.tau[:, j]) > 0) for t, _ in self._logs]
+            for j in range(self.dof)
         ]
         self._fold = self._assign_folds()
         self.folds = 1 + max(int(f.max(initial=0)) for f in self._fold)

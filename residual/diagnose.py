@@ -10,7 +10,7 @@ from residual.candidates import Candidates, collect
 from residual.design import Design
 from residual.effects import registry
 from residual.effects.base import Span
-from residual.evidence import Fit, fit
+from residual.evidence import Fit, Prior, fit
 from residual.gate import Tested, passed, simplest
 from residual.model import Model, Term
 from residual.nominal import build_nominal
@@ -47,6 +47,7 @@ class Diagnosis:
         logs: The fit logs.
         nominal: Where it started from.
         task: Data, chosen prior and candidates.
+        wide: The widest prior that the logs do not contradict.
         plain: Fit of the nominal structure alone.
         fit: Fit with the named effects.
         tested: The named effects with their evidence.
@@ -57,15 +58,26 @@ class Diagnosis:
     logs: Logs
     nominal: Nominal
     task: Task
+    wide: Prior
     plain: Fit
     fit: Fit
     tested: tuple[Tested, ...]
     withdrawn: tuple[Tested, ...]
     adequacy: Adequacy
 
-    def model(self, fitted: Fit) -> Model:
-        """A fit as a model, with the standstill that suits the fit logs."""
-        rough = with_standstill(as_model(self.nominal, fitted), self.logs.tracks)
+    def model(self, fitted: Fit, like: Model | None = None) -> Model:
+        """A fit as a model, with the standstill that suits the fit logs.
+
+        Args:
+            fitted: A fit of these logs.
+            like: A model whose standstill to take over, so that two models differ by
+                nothing but their effects.
+        """
+        rough = as_model(self.nominal, fitted)
+        if like is None:
+            rough = with_standstill(rough, self.logs.tracks)
+        else:
+            rough = replace(rough, standstill=like.standstill)
         return _refitted(self, fitted, rough)
 
 
@@ -115,7 +127,8 @@ def diagnose(
         design = _first_look(logs, nominal, named)
         prior = selection.task.prior
         again = replace(nominal, scale=prior.scale)
-        selection = _search(design, logs, again, (rules, progress))
+        wide = selection.wide
+        selection = replace(_search(design, logs, again, (rules, progress)), wide=wide)
     progress("gate", 0.0)
     task = selection.task
     fitted, tested = passed(task, simplest(task, selection.fit))
@@ -126,7 +139,9 @@ def diagnose(
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
     progress("gate", 1.0)
-    return Diagnosis(logs, nominal, task, plain, fitted, tuple(kept), gone, enough)
+    return Diagnosis(
+        logs, nominal, task, selection.wide, plain, fitted, tuple(kept), gone, enough
+    )
 
 
 def _first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
@@ -224,6 +239,20 @@ def _refitted(diagnosis: Diagnosis, fitted: Fit, rough: Model) -> Model:
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
     final = fit(design, diagnosis.task.prior, members, fitted.counted, fitted.variance)
     return as_model(replace(nominal, model=base), final)
+
+
+def without_refuted(diagnosis: Diagnosis, fitted: Fit) -> Diagnosis:
+    """The diagnosis with fewer names: what remains is measured anew."""
+    if len(fitted.members) == len(diagnosis.fit.members):
+        return diagnosis
+    enough = adequacy(
+        diagnosis.task.design,
+        diagnosis.logs.tracks,
+        diagnosis.plain,
+        fitted,
+        diagnosis.nominal.baseline_unexplained,
+    )
+    return replace(diagnosis, fit=fitted, adequacy=enough)
 
 
 def refit(diagnosis: Diagnosis, tested: Sequence[Tested]) -> Fit:

@@ -221,10 +221,11 @@ def gain(design: Design, prior: Prior, big: Fit, small: Fit) -> tuple[float, Fit
 def screen(design: Design, prior: Prior, base: Fit, groups: Sequence[Group]) -> Array:
     """Quadratic evidence gain of every group on top of a fit [nats]. Shape (g,).
 
-    Noise is held at the fit's own, rows at a quarter of their number: optimistic, so
-    that nothing worth an exact look is lost. Groups of one shape go as one stack.
+    Noise is held at the fit's own, rows at a quarter of their number or more:
+    optimistic, so that nothing worth an exact look is lost. Groups of one shape go as
+    one stack.
     """
-    weight = 0.25 / base.variance
+    weight = np.maximum(0.25, base.counted / design.rows) / base.variance
     system = System.of(design, prior, base.members)
     theta, lower = system.solve(weight)
     pull = np.zeros(design.size)

@@ -141,7 +141,7 @@ def _standard_deviations(diagnosis: Diagnosis, fitted: Fit) -> dict[int, Array]:
     slopes = [s for s in extra.values() if s is not None]
     full = fit(
         task.design,
-        task.prior,
+        diagnosis.wide,
         (*fitted.members, *slopes),
         fitted.counted,
         fitted.variance,

@@ -1,6 +1,6 @@
 """The gate: a name must lower the error of logs that were left out of the fit."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from residual.recording import Array
 from residual.search import Task, best, least, spares_model
 
 CLASS = 6.0  # nats within which an alternative cannot be told from the name
+KIN = 0.95  # share of what a member explains that makes its family an alternative
 SIMPLER = 3.0  # nats within which the simpler of two names is taken
 MOST_FOLDS = 0.6  # share of left-out folds that must improve
 
@@ -58,7 +59,9 @@ def gate(task: Task, fitted: Fit) -> list[Tested]:
 def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     design, rules = task.design, task.rules
     rest = [g for g in fitted.members if g is not group]
-    without = task.fit(rest, fitted, rounds=4)
+    # Settled on its own noise, as a user would refit without the name: held to the
+    # larger model's noise it would bend its parameters beyond belief instead.
+    without = task.settle(task.fit(rest, fitted, rounds=4))
     nats, big, small = gain(design, task.prior, fitted, without)
     left = leave_out(task, without)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
@@ -103,16 +106,24 @@ def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], fl
     without = task.fit(rest, fitted)
     own = task.net_gain(fitted, without, group)
     ranked = best(task, without, instead=group)
-    removed = np.maximum(without.sse - fitted.sse, 0) / without.sse
+    had = np.maximum(without.sse, 1e-30)
+    removed = np.maximum(without.sse - fitted.sse, 0) / had
     joint = int(np.argmax(removed))
 
-    def stands_in(value: float, big: Fit) -> bool:
-        """It explains what the member explains, and not something else beside it."""
-        fall = (without.sse[joint] - big.sse[joint]) / without.sse[joint]
+    def stands_in(value: float, other: Group, big: Fit) -> bool:
+        """It explains what the member explains, and not something else beside it.
+
+        Of one family it need not do so within 6 nats: which form a static torque has
+        rests on the shape alone, and no real one has just the shape of the textbook.
+        """
+        fall = (without.sse[joint] - big.sse[joint]) / had[joint]
+        kin = other.effect.family and other.effect.family == group.effect.family
+        if kin:
+            return fall > KIN * removed[joint]
         return own - value < CLASS and fall > 0.5 * removed[joint]
 
-    near = [g for value, g, big in ranked if stands_in(value, big)]
-    far = [value for value, g, _ in ranked if own - value >= CLASS]
+    near = [g for value, g, big in ranked if stands_in(value, g, big)]
+    far = [value for value, g, _ in ranked if g not in near]
     inside = np.exp([0.0, *(min(v - own, 50) for v, g, _ in ranked if g in near)]).sum()
     outside = np.exp([min(v - own, 50) for v in [0.0, *far]]).sum()
     return near, float(inside / (inside + outside))
@@ -127,14 +138,17 @@ def simplest(task: Task, fitted: Fit) -> Fit:
     for group in fitted.members:
         rest = [g for g in fitted.members if g is not group]
         without = task.fit(rest, fitted)
-        own = task.net_gain(fitted, without, group)
+        # Priced as if alone: one of several joints has no lead over its alternative.
+        own = task.net_gain(fitted, without, replace(group, fellows=1))
         for value, other, _ in best(task, without, instead=group):
             if own - value < SIMPLER and _size(other) < _size(group):
-                fitted = task.settle(task.fit((*rest, other), without))
+                stand_in = replace(other, fellows=group.fellows)
+                fitted = task.settle(task.fit((*rest, stand_in), without))
                 break
     return fitted
 
 
-def _size(group: Group) -> int:
-    """Number of free numbers of a group."""
-    return len(group.ids) + (group.effect.refine is not None)
+def _size(group: Group) -> float:
+    """Number of free numbers of a group, and how far-fetched it is beside others."""
+    shape = group.effect.refine is not None
+    return len(group.ids) + shape + group.effect.far_fetched

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.compare import Witness, moving_error
+from residual.compare import Errors, Witness, moving_error
 from residual.diagnose import Diagnosis, as_model, refit
 from residual.evidence import Fit
 from residual.gate import Tested
@@ -13,6 +13,8 @@ from residual.recording import Array
 from residual.search import least
 
 CONFIRMED = 0.01  # gain above which a name counts as confirmed
+STANDING = 0.02  # share of moving rows under which a joint counts as standing
+STRANGE, STRANGE_LEAST = 4.0, 0.03  # held-out error beyond that of the fit logs
 ROUND = 3  # gains are compared to 0.1 %
 
 
@@ -24,11 +26,13 @@ class Verdicts:
         fit: Fit with the surviving names.
         kept, refuted: Members with the gain of each: the part of its joint's error on
             held-out moving samples that vanishes with it.
+        dropped: Members that carry too little now that their fellows are refuted.
     """
 
     fit: Fit
     kept: tuple[tuple[Tested, float], ...]
     refuted: tuple[tuple[Tested, float], ...]
+    dropped: tuple[Tested, ...]
 
 
 def held_out_verdicts(diagnosis: Diagnosis, held_out: Sequence[Witness]) -> Verdicts:
@@ -36,19 +40,20 @@ def held_out_verdicts(diagnosis: Diagnosis, held_out: Sequence[Witness]) -> Verd
 
     The worst refuted name goes first, then all are judged again.
     """
-    tested, refuted = list(diagnosis.tested), []
+    tested, refuted, dropped = list(diagnosis.tested), [], []
     fitted = diagnosis.fit
     while True:
         gains = [_gain(diagnosis, fitted, tested, t, held_out) for t in tested]
         if not gains or min(gains) >= 0:
             kept = tuple(zip(tested, gains, strict=True))
-            return Verdicts(fitted, kept, tuple(refuted))
+            return Verdicts(fitted, kept, tuple(refuted), tuple(dropped))
         worst = int(np.argmin(gains))
         refuted.append((tested.pop(worst), gains[worst]))
         fitted = refit(diagnosis, tested)
         alone = [t for t in tested if not _stands(diagnosis, fitted, t)]
         if alone:
             tested = [t for t in tested if t not in alone]
+            dropped += alone
             fitted = refit(diagnosis, tested)
 
 
@@ -62,6 +67,28 @@ def word(gain: float) -> str:
     if gain < 0:
         return "refuted"
     return "confirmed" if gain >= CONFIRMED else "neutral"
+
+
+def unproven(diagnosis: Diagnosis, augmented: Errors) -> list[str]:
+    """Sentences on joints of which the logs prove nothing, or less than it seems."""
+    out = []
+    design, tracks = diagnosis.task.design, diagnosis.logs.tracks
+    every = sum(int(t.inner.sum()) for t in tracks)
+    fit = np.sqrt(diagnosis.fit.sse / design.rows) / design.rms
+    held = augmented.per_joint("moving") / 100
+    for j in range(design.dof):
+        if design.rows[j] < STANDING * every:
+            out.append(
+                f"joint {j + 1} hardly moves in the fit logs: nothing can be said of it"
+            )
+        elif held[j] > max(STRANGE * fit[j], STRANGE_LEAST):
+            out.append(
+                f"joint {j + 1}: the error on held-out moving samples "
+                f"({100 * held[j]:.1f} %) is {held[j] / max(fit[j], 1e-6):.0f} times "
+                "that of the fit logs; the held-out motion holds something that the "
+                "fit motion does not determine"
+            )
+    return out
 
 
 def _gain(

@@ -98,7 +98,8 @@ class Model:
 
     def torque(self, state: State, with_gain: bool = True) -> Array:
         """Torque at the samples of a state made by ``observe`` [N m]. (n, dof)."""
-        out = state.regressor @ self.inertial
+        rigid = state.regressor @ self.inertial if with_gain else state.rigid
+        out = rigid.copy()
         for term in self.terms:
             if with_gain or term.effect.name != "torque_gain":
                 out = out + term.torque(state)

@@ -38,11 +38,11 @@ def build_nominal(
         given = robot.declared.get(name)
         for joints in effect.candidates(robot.dof):
             if given is None or not given.values:
-                own = _free(effect, joints, span)
+                own = _free(effect, joints, span, robot)
                 terms += own
                 widths += [None] * len(own)
             else:
-                terms.append(_given(effect, joints, given.values))
+                terms.append(_given(effect, joints, given.values, robot))
                 widths.append(ASSUMED if given.assumed else GIVEN)
     model = Model(
         robot, inertial_parameters(robot.model), tuple(terms), speed_floor, (), None
@@ -50,17 +50,23 @@ def build_nominal(
     return Nominal(model, tuple(widths), scale=robot.prior_scale)
 
 
-def _given(effect: Effect, joints: Joints, values) -> Term:
+def _given(effect: Effect, joints: Joints, values, robot: Robot) -> Term:
+    missing = [k for k in effect.parameters if k not in values]
+    if missing and effect.name != "payload":
+        raise InputError(
+            f"[declared.{effect.name}] lacks {', '.join(missing)}. "
+            f"Give all of {', '.join(effect.parameters)}, or no values at all."
+        )
     anchor = joints[0] if joints else 0
     numbers = [
-        float(np.asarray(values.get(k, np.zeros(64)))[anchor])
+        float(np.asarray(values[k])[anchor]) if k in values else 0.0
         for k in effect.parameters
     ]
-    theta, shape = effect.from_values(np.array(numbers))
+    theta, shape = effect.from_values(np.array(numbers), robot)
     return Term(effect, joints, shape, np.asarray(theta, dtype=float))
 
 
-def _free(effect: Effect, joints: Joints, span: Span) -> list[Term]:
+def _free(effect: Effect, joints: Joints, span: Span, robot: Robot) -> list[Term]:
     """A declared effect of unknown size; its shapes, if few, are all carried along."""
     anchor = joints[0] if joints else 0
     shapes = list(effect.shapes(span, anchor))
@@ -69,12 +75,10 @@ def _free(effect: Effect, joints: Joints, span: Span) -> list[Term]:
             f"{effect.name} is declared without values, and its shape cannot be "
             f"fitted blindly. Give {', '.join(effect.parameters)} in robot.toml."
         )
-    return [Term(effect, joints, s, np.zeros(_width(effect))) for s in shapes]
+    return [Term(effect, joints, s, np.zeros(_width(effect, robot))) for s in shapes]
 
 
-def _width(effect: Effect) -> int:
+def _width(effect: Effect, robot: Robot) -> int:
     """Number of linear coefficients of an effect."""
-    if effect.name == "payload":
-        return 10
-    theta, _ = effect.from_values(np.ones(len(effect.parameters)))
+    theta, _ = effect.from_values(np.ones(len(effect.parameters)), robot)
     return len(theta)

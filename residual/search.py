@@ -10,6 +10,8 @@ from residual.design import Design, Group
 from residual.evidence import Fit, Prior, effective_rows, fit, gain, screen
 from residual.recording import Array
 
+HARMONIC = 1.5  # ratio of orders from which two ripples are two
+
 
 @dataclass(frozen=True, slots=True)
 class Rules:
@@ -136,6 +138,7 @@ def _shortlist(task: Task, base: Fit, instead: Group | None) -> list[Group]:
             break
         place = g.joints if len(g.joints) == 1 else ()
         barred = g.key in taken or g.key in chosen or _overlaps(g, taken)
+        barred = barred or any(_neighbours(g, other) for other in base.members)
         if barred or (g.effect.family, g.joints) in families:
             continue
         if per_joint.get(place, 0) >= max(1, limit // 3):
@@ -143,6 +146,14 @@ def _shortlist(task: Task, base: Fit, instead: Group | None) -> list[Group]:
         chosen[g.key] = g
         per_joint[place] = per_joint.get(place, 0) + 1
     return list(chosen.values())
+
+
+def _neighbours(one: Group, other: Group) -> bool:
+    """Two ripples of near order on one joint are a pair that cancels, not two."""
+    if one.effect is not other.effect or one.joints != other.joints or not one.shape:
+        return False
+    ratio = one.shape[0] / other.shape[0]
+    return 1 / HARMONIC < ratio < HARMONIC
 
 
 def _overlaps(group: Group, taken: set) -> bool:

@@ -38,10 +38,11 @@ def _held(
     dof = model.robot.dof
     own, mixed, power = np.zeros(dof), np.zeros(dof), np.zeros(dof)
     for track, regressor in zip(tracks, regressors, strict=True):
-        none, full = (
-            _filtered(replace(model, standstill=(s,) * dof), track, regressor)
+        sides = [
+            _torque(replace(model, standstill=(s,) * dof), track, regressor)
             for s in (replace(shape, hold=0.0), shape)
-        )
+        ]
+        none, full = np.split(track.filter(np.concatenate(sides, axis=1)), 2, axis=1)
         gap, step = (track.tau - none)[track.inner], (full - none)[track.inner]
         own += (gap**2).sum(axis=0)
         mixed += (gap * step).sum(axis=0)
@@ -51,5 +52,5 @@ def _held(
     return own - 2 * share * mixed + share**2 * power, share
 
 
-def _filtered(model: Model, track: Track, regressor: Array) -> Array:
-    return track.filter(model.torque(model.observe(track, regressor)))
+def _torque(model: Model, track: Track, regressor: Array) -> Array:
+    return model.torque(model.observe(track, regressor))

@@ -206,11 +206,21 @@ def _track(label, u: _Uniform, motion, filters: Filters, options) -> Track:
         qdd=qdd,
         cutoff=cutoff,
         step=step,
-        tau=low_pass(u.tau, cutoff, u.rate)[rows],
+        tau=low_pass(_thinned(u, first), cutoff, rate)[::step],
         inner=inner,
         moving=~still[::step] & inner[:, None],
         torque_noise=_white_noise(u.tau, u.rate, cutoff),
     )
+
+
+def _thinned(u: _Uniform, first: int) -> Array:
+    """Torque at the feature rate, so that it passes the very filter of the features.
+
+    What would alias is taken out before, far above the identification cut-off.
+    """
+    if first == 1:
+        return u.tau
+    return low_pass(u.tau, 0.4 * u.rate / first, u.rate)[::first]
 
 
 def _white_noise(tau: Array, rate: float, cutoff: float) -> Array:

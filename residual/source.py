@@ -35,6 +35,8 @@ def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
         )
         rates.append(rate)
     share = np.median(np.array(shares), axis=0)
+    dead = np.all([np.ptp(r.tau, axis=0) == 0 for r in recordings], axis=0)
+    share[dead] = 1.0
     quiet = [j + 1 for j in np.flatnonzero(share < QUIET)]
     if len(quiet) <= len(share) / 2:
         return None
@@ -59,7 +61,10 @@ def delayed_at_source(model: Model, logs: Logs) -> str | None:
             moved = [np.interp(rows - shift, track.t, column) for column in torque.T]
             gap = (track.tau - np.column_stack(moved)) * track.moving
             miss[i] += (gap**2).sum(axis=0)
-    shifts = [_vertex(SHIFTS, column) for column in miss.T]
+    # A joint that stands has no say: its sums are zero at every shift.
+    shifts = [_vertex(SHIFTS, column) for column in miss.T if column.max() > 0]
+    if not shifts:
+        return None
     delay = float(np.median(shifts))
     agree = np.mean(np.abs(np.array(shifts) - delay) < max(abs(delay) / 3, 1e-3))
     if abs(delay) < LEAST_DELAY or agree < 0.5:

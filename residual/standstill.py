@@ -40,7 +40,7 @@ CHOICES = (
     Standstill("smooth", 4.0),
     *(
         Standstill("bristle", d, reach=r)
-        for d in (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+        for d in (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 1e-2)
         for r in (1.0, 4.0)
     ),
 )
@@ -64,7 +64,9 @@ def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
         out = np.sign(qd)
     else:
         out = _bristle(np.ascontiguousarray(q), shape.size)
-    return out if shape.hold == 1.0 else np.where(np.abs(qd) < shape.reach * floor, shape.hold, 1) * out
+    if shape.hold == 1.0:
+        return out
+    return np.where(np.abs(qd) < shape.reach * floor, shape.hold, 1.0) * out
 
 
 @numba.njit(cache=True)

@@ -44,7 +44,7 @@ class Case:
 def write(case: Case) -> dict:
     """The verdict as a dictionary that JSON can hold (docs/verdict.md)."""
     diagnosis = case.diagnosis
-    flagged = [j + 1 for j in diagnosis.adequacy.flagged]
+    flagged = [j + 1 for j in diagnosis.adequacy.doubted]
     nothing = "unknown" if flagged else "none"
     return _plain(
         {
@@ -100,10 +100,10 @@ def _unexplained(diagnosis: Diagnosis) -> dict:
     a, design = diagnosis.adequacy, diagnosis.task.design
     power = design.rows * design.rms**2
     weight = power / power.sum()
-    kinds = [k for j, k in enumerate(a.kind) if k and (j in a.flagged or not a.flagged)]
+    kinds = [k for k in a.kind if k]
     kind = max(sorted(set(kinds)), key=kinds.count) if kinds else None
     return {
-        "joints": [j + 1 for j in a.flagged],
+        "joints": [j + 1 for j in a.doubted],
         "fraction": float(np.sqrt(weight @ a.structured**2)),
         "noise_floor": float(np.sqrt(weight @ a.noise**2)),
         "depends_on": [],
@@ -123,6 +123,9 @@ def _error(case: Case) -> dict:
         kind: {stage: case.errors[stage].overall(kind) for stage in STAGES}
         for kind in ("raw", "filtered")
     }
+    for table in tables.values():
+        for stage, errors in table.items():
+            table[stage] = None if np.isnan(errors).all() else errors
     for table in (*tables.values(), *overall.values()):
         table["plsr"] = None
     return {

@@ -16,8 +16,8 @@ Array = np.ndarray
 
 # Singular values of the normalised columns below this share are not identified.
 _RANK = 1e-6
-# The bar is on the ordinary fit, which is what "plain least squares" means. One round of
-# weighting by each joint's residual makes a stronger peer on the logs of KR300: its
+# The bar is on the ordinary fit, which is what "plain least squares" means. One round
+# of weighting by each joint's residual makes a stronger peer on the logs of KR300: its
 # ratio is reported beside the bar, and so is that of six separate fits.
 VARIANTS = ("ordinary", "weighted", "per joint")
 

@@ -48,7 +48,7 @@ def sentences(verdict: Mapping) -> list[str]:
     elif kind == "unknown":
         parts = [_unknown(verdict), _level(verdict)]
     elif kind == "none":
-        parts = ["These data show nothing that the model lacks.", _level(verdict)]
+        parts = ["No effect that the model lacks shows in these data.", _level(verdict)]
     else:
         parts = ["No verdict was reached."]
     return [part for part in parts if part]

@@ -98,7 +98,7 @@ class Effect:
             rows are the joints it acts on: its own, or all of them.
         scope: Which joints it belongs to.
         values: (theta, shape, robot) -> one value per parameter key.
-        from_values: Values of the parameter keys -> (theta, shape): the way back.
+        from_values: (values, robot) -> (theta, shape): the way back.
         shapes: Values of the nonlinear parameters to start from.
         refine: How the first nonlinear parameter is searched; None where linear.
         is_parameter: It says that a parameter the model has is wrong.
@@ -108,6 +108,8 @@ class Effect:
             None for the default, 30 % of torque.
         reports: (key, values, stds) -> whether a parameter is worth reporting; None
             for always.
+        far_fetched: Where two effects of one size explain the same, the one with the
+            smaller number is named first.
         family: Effects of one family on one joint exclude each other.
         groupable: It is also tried on all joints at once.
         variable: (state, joint) -> what the report draws it against, with label.
@@ -119,7 +121,10 @@ class Effect:
     columns: Columns
     scope: Scope = "local"
     values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: theta
-    from_values: Callable[[Array], tuple[Array, Shape]] = lambda values: (values, ())
+    from_values: Callable[[Array, Robot], tuple[Array, Shape]] = lambda values, robot: (
+        values,
+        (),
+    )
     shapes: Callable[[Span, int], Sequence[Shape]] = _no_shape
     refine: Refinement | None = None
     is_parameter: bool = False
@@ -127,6 +132,7 @@ class Effect:
     uses_model: bool = False
     prior_sd: Callable[[Robot], Array] | None = None
     reports: Callable[[str, Array, Array], bool] | None = None
+    far_fetched: float = 0.0
     family: str = ""
     groupable: bool = False
     variable: Callable[[State, int], tuple[Array, str]] = lambda state, j: (

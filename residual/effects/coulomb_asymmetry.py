@@ -14,6 +14,7 @@ EFFECT = Effect(
     sentence="dry friction that is stronger in one direction than in the other",
     parameters={"level": "N m"},
     columns=local(_feature),
+    far_fetched=0.5,
     family="static",
     groupable=True,
 )

@@ -11,15 +11,24 @@ from residual.effects.base import Effect
 
 def _columns(state, joints, shape):
     a, b = joints
-    (sign,) = shape
+    sign, width = shape
     speed = state.qd[:, a] + sign * state.qd[:, b]
     acceleration = state.qdd[:, a] + sign * state.qdd[:, b]
-    # Smooth within a twentieth of the usual speed: the shared gear has no encoder,
-    # so its own standstill cannot be masked as that of a joint is.
-    scale = 0.05 * np.quantile(np.abs(speed), 0.95) + 1e-9
-    drag = np.stack([np.tanh(speed / scale), speed, acceleration], axis=1)
+    drag = np.stack([np.tanh(speed / width), speed, acceleration], axis=1)
     return np.stack([drag, sign * drag], axis=1)
 
+
+def _shapes(span, j):
+    """Both senses, smooth within a twentieth of the usual speed.
+
+    The shared gear has no encoder, so its own standstill cannot be masked as that of a
+    joint is.
+    """
+    width = 0.05 * max(float(span.speed[j]), 1e-3)
+    return ((1.0, width), (-1.0, width))
+
+
+WIDTH = 0.02  # rad/s, where values are declared without a log at hand
 
 EFFECT = Effect(
     name="coupled_friction",
@@ -28,11 +37,11 @@ EFFECT = Effect(
         "level": "N m",
         "coefficient": "N m s/rad",
         "inertia": "kg m^2",
-        "sign": "-",
+        "sign": "1",
     },
     columns=_columns,
     scope="pair",
     values=lambda theta, shape, robot: np.array([*theta, shape[0]]),
-    from_values=lambda values: (values[:3], tuple(values[3:])),
-    shapes=lambda span, j: ((1.0,), (-1.0,)),
+    from_values=lambda values, robot: (values[:3], (float(values[3]), WIDTH)),
+    shapes=_shapes,
 )

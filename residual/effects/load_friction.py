@@ -16,7 +16,7 @@ def _feature(state, j, shape):
 EFFECT = Effect(
     name="load_friction",
     sentence="friction that grows with the torque that the gear carries",
-    parameters={"coefficient": "-"},
+    parameters={"coefficient": "1"},
     columns=local(_feature),
     uses_model=True,
     variable=_over_load,

@@ -1,8 +1,10 @@
 """A load on the flange that the model does not have, or has wrong."""
 
 import numpy as np
+import pinocchio as pin
 
-from residual.effects.base import Effect
+from residual.dynamics import flange_placement
+from residual.effects.base import Effect, against_position
 
 
 def _columns(state, joints, shape):
@@ -17,7 +19,7 @@ def _values(theta, shape, robot):
     in Pinocchio's order: xx, xy, yy, xz, yz, zz.
     """
     mass = theta[0] if abs(theta[0]) > 1e-9 else 1e-9
-    placement = robot.model.frames[robot.model.nframes - 1].placement
+    placement = flange_placement(robot.model)
     centre = theta[1:4] / mass
     xx, xy, yy, xz, yz, zz = theta[4:]
     about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -26,6 +28,15 @@ def _values(theta, shape, robot):
     inertia = rotation.T @ (about_origin - mass * shift) @ rotation
     com = rotation.T @ (centre - placement.translation)
     return np.array([theta[0], *com, *inertia[np.triu_indices(3)]])
+
+
+def _from_values(values, robot):
+    """The way back: a body given in the flange frame, as theta; no shape."""
+    placement = flange_placement(robot.model)
+    xx, xy, xz, yy, yz, zz = values[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    body = placement.act(pin.Inertia(values[0], values[1:4], inertia))
+    return body.toDynamicParameters(), ()
 
 
 def _prior_sd(robot):
@@ -60,7 +71,9 @@ EFFECT = Effect(
     columns=_columns,
     scope="flange",
     values=_values,
+    from_values=_from_values,
     is_parameter=True,
     prior_sd=_prior_sd,
     reports=_reports,
+    variable=against_position,
 )

@@ -14,10 +14,10 @@ def _feature(state, j, shape):
 EFFECT = Effect(
     name="power_viscous",
     sentence="viscous friction that grows less than linearly with speed",
-    parameters={"coefficient": "N m (s/rad)^p", "exponent": "-"},
+    parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
     columns=local(_feature),
     values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),
-    from_values=lambda values: (values[:1], tuple(values[1:])),
+    from_values=lambda values, robot: (values[:1], tuple(values[1:])),
     shapes=lambda span, j: ((0.25,), (0.5,), (0.75,)),
     refine=Refinement("ratio", 0.4, lower=0.05, upper=0.95),
     groupable=True,

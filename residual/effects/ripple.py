@@ -29,7 +29,7 @@ def _values(theta, shape, robot):
     return np.array([np.hypot(a, b), shape[0], np.arctan2(-b, a)])
 
 
-def _from_values(values):
+def _from_values(values, robot):
     amplitude, order, phase = values
     return amplitude * np.array([np.cos(phase), -np.sin(phase)]), (float(order),)
 
@@ -37,7 +37,7 @@ def _from_values(values):
 EFFECT = Effect(
     name="ripple",
     sentence="a torque periodic in the joint's position (cogging or gear mesh)",
-    parameters={"amplitude": "N m", "order": "-", "phase": "rad"},
+    parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
     columns=local(_feature),
     values=_values,
     from_values=_from_values,

@@ -21,7 +21,7 @@ EFFECT = Effect(
     parameters={"stiffness": "N m/rad", "rest": "rad"},
     columns=local(_feature),
     values=_values,
-    from_values=lambda values: (values[0] * np.array([1.0, -values[1]]), ()),
+    from_values=lambda values, robot: (values[0] * np.array([1.0, -values[1]]), ()),
     family="static",
     variable=against_position,
 )

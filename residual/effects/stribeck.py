@@ -15,17 +15,17 @@ def _feature(state, j, shape):
 
 
 def _shapes(span, j):
-    velocities = np.array([0.03, 0.06, 0.12, 0.24]) * span.speed[j]
+    velocities = np.array([0.03, 0.06, 0.12, 0.24]) * max(span.speed[j], 1e-3)
     return tuple((float(v), e) for v in velocities for e in (1.0, 2.0))
 
 
 EFFECT = Effect(
     name="stribeck",
     sentence="extra friction at low speed that fades as the joint speeds up",
-    parameters={"level": "N m", "velocity": "rad/s", "exponent": "-"},
+    parameters={"level": "N m", "velocity": "rad/s", "exponent": "1"},
     columns=local(_feature),
     values=lambda theta, shape, robot: np.array([theta[0], *shape]),
-    from_values=lambda values: (values[:1], tuple(values[1:])),
+    from_values=lambda values, robot: (values[:1], tuple(values[1:])),
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
 )

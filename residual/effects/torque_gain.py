@@ -16,7 +16,7 @@ def _over_torque(state, j):
 EFFECT = Effect(
     name="torque_gain",
     sentence="measured torque scaled by a wrong torque constant",
-    parameters={"gain": "-"},
+    parameters={"gain": "1"},
     columns=local(_feature),
     uses_model=True,
     # A torque constant is wrong by some per cent; a free gain would imitate any

@@ -129,7 +129,7 @@ def test_headline_admits_what_stays_unexplained() -> None:
 
 def test_headline_of_nothing_and_of_unknown() -> None:
     level = "Its held-out error is 12.4 % over all joints."
-    nothing = f"These data show nothing that the model lacks. {level}"
+    nothing = f"No effect that the model lacks shows in these data. {level}"
     assert headline(made.nothing().verdict) == nothing
     unknown = "The model lacks something on joints 1 and 4 that no known effect"
     assert headline(made.unknown().verdict) == f"{unknown} explains. {level}"

@@ -84,10 +84,12 @@ def _check_constant(recording: Recording) -> None:
             f"{recording.id}: q is constant on all joints, expected motion. "
             "Give a log in which the arm moves."
         )
-    if np.ptp(recording.tau, axis=0).max() == 0:
+    frozen = [j + 1 for j in np.flatnonzero(np.ptp(recording.tau, axis=0) == 0)]
+    if frozen:
+        joints = "all joints" if len(frozen) == recording.dof else f"joint {frozen[0]}"
         raise RecordingError(
-            f"{recording.id}: tau is constant on all joints. Give a log with measured "
-            "torques or currents."
+            f"{recording.id}: tau is constant on {joints}, expected a signal. Give a "
+            "log with measured torques or currents of every joint."
         )
 
 
@@ -129,9 +131,9 @@ def _check_speed(recording: Recording, robot: Robot) -> None:
 
 def _odd(recording: Recording) -> tuple[str, ...]:
     odd = []
-    still = np.flatnonzero(np.ptp(recording.tau, axis=0) == 0) + 1
+    still = np.flatnonzero(np.ptp(recording.q, axis=0) == 0) + 1
     if len(still):
-        joints = ", ".join(f"tau{j}" for j in still)
+        joints = ", ".join(f"q{j}" for j in still)
         odd.append(f"{recording.id}: {joints} never changes; is it logged?")
     steps = np.diff(recording.t)
     gap = int(np.argmax(steps))

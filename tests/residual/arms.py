@@ -1,0 +1,175 @@
+"""Small arms, and short logs of them, for the tests of the core."""
+
+import tempfile
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from residual.close import close_the_loop, from_baseline, session_clock
+from residual.diagnose import Diagnosis, diagnose, ready, start_nominal
+from residual.dynamics import inverse_dynamics
+from residual.findings import Finding, findings
+from residual.outcome import Outcome
+from residual.recording import Recording
+from residual.robot import Robot, load_robot
+from residual.search import Rules
+from residual.signals import Filters
+from residual.vocabulary import DEFAULT_DECLARED
+from sim.synthetic.draw import draw
+from sim.synthetic.logs import CHANGES, Case, LogPlan, make
+from sim.synthetic.plant import Plant
+from sim.synthetic.seeds import stream
+from sim.synthetic.state import Hidden
+
+Y, Z = "0 1 0", "0 0 1"
+TWO = (Y, Y)
+SEVEN = (Z, Y, Z, Y, Z, Y, Z)
+LENGTH = 0.35
+# Its own orientation and place, so that a mix-up of frames shows.
+FLANGE = """<link name="flange"/><joint name="to_flange" type="fixed">
+  <parent link="l{last}"/><child link="flange"/>
+  <origin xyz="0.3 0.02 0.1" rpy="0.4 0.8 -0.3"/></joint>"""
+
+
+def urdf_text(axes=TWO, extra=""):
+    """URDF of a chain of slender links along x, with a flange of its own frame."""
+    parts = ['<robot name="small arm"><link name="l0"/>']
+    for i, axis in enumerate(axes, start=1):
+        mass = 6.0 / i
+        across = mass * LENGTH**2 / 12
+        parts.append(
+            f"""<link name="l{i}"><inertial>
+            <origin xyz="{LENGTH / 2} 0.01 0.02"/><mass value="{mass}"/>
+            <inertia ixx="0.02" iyy="{across}" izz="{across}" ixy="0" ixz="0" iyz="0"/>
+            </inertial></link>
+            <joint name="j{i}" type="revolute">
+            <parent link="l{i - 1}"/><child link="l{i}"/>
+            <origin xyz="{LENGTH if i > 1 else 0} 0 0"/><axis xyz="{axis}"/>
+            <limit lower="-2.5" upper="2.5" velocity="3" effort="200"/></joint>"""
+        )
+    return "".join([*parts, FLANGE.format(last=len(axes)), extra, "</robot>"])
+
+
+@cache
+def arm(axes=TWO, toml="", extra="") -> Robot:
+    """A robot of that many joints, read as a user's folder is."""
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "arm.urdf").write_text(urdf_text(axes, extra))
+        (Path(folder) / "robot.toml").write_text(toml)
+        return load_robot(folder)
+
+
+@cache
+def bare_irb140() -> Robot:
+    """The built-in arm without the values that it declares."""
+    return replace(load_robot("irb140"), declared={})
+
+
+FAMILIES = ("fourier", "cyclic", "slow_cyclic", "move_stop_move")
+
+
+def short_case(robot: Robot, *hidden, seed: int, baseline=None, **options) -> Case:
+    """Four short fit logs and one held out, with effects named or given as Hidden.
+
+    Options: ``duration`` and ``rate`` of each log, ``joint`` for drawn effects.
+    """
+    joint = options.pop("joint", None)
+    options = {"duration": 10.0, "rate": 125.0, **options}
+    effects = tuple(
+        h if isinstance(h, Hidden) else draw(robot, h, stream(seed, f"draw/{h}"), joint)
+        for h in hidden
+    )
+    if baseline is None:
+        baseline = any(h.name in CHANGES for h in effects)
+    parts = ["baseline", "fit"] if baseline else ["fit"]
+    plan = [LogPlan(f"{p}_{f}", p, f, **options) for p in parts for f in FAMILIES]
+    plan.append(LogPlan("held_out", "held_out", "fourier", **options))
+    made = make(Plant(robot, effects, seed), tuple(plan), seed)
+
+    def of(part):
+        return tuple(r for r, p in zip(made, plan, strict=True) if p.part == part)
+
+    truth = effects[0] if effects else None
+    return Case(robot, of("fit"), of("held_out"), of("baseline"), None, truth)
+
+
+def diagnose_case(case: Case, declared=None, **changes) -> Outcome:
+    """The whole method on a case, some of its inputs replaced."""
+    inputs = {
+        "robot": case.robot,
+        "fit": case.fit,
+        "baseline": case.baseline,
+        "held_out": case.held_out,
+        "declared": declared,
+        **changes,
+    }
+    return close_the_loop(**inputs)
+
+
+def names(verdict) -> list[tuple[str, tuple[int, ...]]]:
+    """The findings as (name, joints), most important first."""
+    return [(e["name"], tuple(e["joints"])) for e in verdict["effects"]]
+
+
+def classes(effect) -> set[tuple[str, tuple[int, ...]]]:
+    """A finding together with all that it says cannot be told from it."""
+    every = [effect, *effect["equivalent"]]
+    return {(e["name"], tuple(e["joints"])) for e in every}
+
+
+def smooth_motion(robot: Robot, t):
+    """Slow sines with exact derivatives, different for every joint."""
+    w = 2 * np.pi * (0.2 + 0.07 * np.arange(robot.dof))
+    phase = np.arange(robot.dof)
+    angle = t[:, None] * w + phase
+    q = 0.6 * np.sin(angle)
+    return q, 0.6 * w * np.cos(angle), -0.6 * w**2 * np.sin(angle)
+
+
+def plain_logs(robot: Robot, moving, torque, count=4, seed=0) -> list[Recording]:
+    """Sines on some joints (from 0), the others stand; friction and noise on all.
+
+    Args:
+        robot: The arm.
+        moving: Joints that move.
+        torque: Added to each joint [N m]. Shape (dof,).
+        count: How many logs, of 8 s at 125 Hz.
+        seed: Of noise and phases.
+    """
+    keep, out = np.isin(range(robot.dof), moving), []
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        t = np.arange(1000) / 125
+        w = rng.uniform(1, 3, (2, robot.dof))
+        angle = t[:, None, None] * w + rng.uniform(0, 6, (2, robot.dof))
+        q = keep * (0.5 * np.sin(angle)).sum(axis=1)
+        qd = keep * (0.5 * w * np.cos(angle)).sum(axis=1)
+        qdd = keep * (-0.5 * w**2 * np.sin(angle)).sum(axis=1)
+        tau = inverse_dynamics(robot.model, q, qd, qdd)
+        tau += 3 * np.tanh(qd / 0.01) + 2 * qd + torque
+        tau += 0.1 * rng.normal(size=q.shape)
+        out.append(recording(20.0 * k + t, q + 0.1, tau, f"log{k}"))
+    return out
+
+
+def recording(t, q, tau, label="log") -> Recording:
+    """A log of some robot."""
+    return Recording(label, "any", t, q, tau)
+
+
+def doubts(case: Case, declared=DEFAULT_DECLARED) -> tuple[Diagnosis, list[Finding]]:
+    """Search, gate and findings without the proof, which takes as long again."""
+    clock = session_clock([*case.fit, *case.held_out])
+    logs = ready(case.robot, case.fit, clock, Filters())
+    if case.baseline:
+        nominal = from_baseline(case.robot, case.baseline, declared, logs, quiet)
+    else:
+        nominal = start_nominal(logs, declared)
+    diagnosis = diagnose(logs, nominal, Rules(), quiet)
+    return diagnosis, findings(diagnosis, diagnosis.fit, diagnosis.tested)
+
+
+def quiet(stage, share):
+    """Progress that nobody watches."""

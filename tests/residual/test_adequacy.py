@@ -1,0 +1,208 @@
+"""Is what remains noise, and was the torque channel touched before it was logged?"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.adequacy import adequacy, repeat
+from residual.close import session_clock
+from residual.diagnose import ready
+from residual.dynamics import inertial_parameters, inverse_dynamics
+from residual.evidence import fit
+from residual.model import Model
+from residual.signals import Filters, low_pass, prepare
+from residual.source import delayed_at_source, filtered_at_source
+from tests.residual.arms import SEVEN, arm, recording, smooth_motion
+from tests.residual.linear import DOF, LINE, Problem, build
+
+NOISE = 1.0
+
+
+def problem(rng, shape=None, size=0.0, rows=400, noise=NOISE):
+    """Noise of 1 N m, known as such, and a torque of some shape on joint 2."""
+    made = Problem.draw(rng, rows=rows, noise=noise, logs=3)
+    logs = []
+    for own, state in made.logs:
+        tau = own.tau.copy()
+        if shape is not None:
+            tau[:, 1] += size * shape(state)
+        logs.append((replace(own, tau=tau, torque_noise=np.full(DOF, noise)), state))
+    return Problem(logs, build(logs), made.prior)
+
+
+def judge(found, members=(), baseline=None):
+    d = found.design
+    before, after = (
+        fit(d, found.prior, m, d.rows, None, 5) for m in ((), tuple(members))
+    )
+    tracks = tuple(own for own, _ in found.logs)
+    return adequacy(d, tracks, before, after, baseline)
+
+
+def slow(state):
+    return np.sqrt(2) * np.sin(state.t / 25)
+
+
+def test_noise_is_not_flagged(rng):
+    found = problem(rng)
+    told = judge(found)
+    assert told.flagged == ()
+    np.testing.assert_allclose(told.noise, NOISE / found.design.rms)
+    assert (told.structured < 0.05).all()
+
+
+def test_what_is_left_is_measured_and_flagged_on_its_joint(rng):
+    found = problem(rng, slow, 2.0)
+    told = judge(found)
+    assert told.flagged == (1,)
+    assert told.structured[1] == pytest.approx(2.0 / found.design.rms[1], rel=0.15)
+    np.testing.assert_array_equal(told.before, told.structured)
+
+
+@pytest.mark.parametrize(
+    ("share", "doubted", "flagged"),
+    [(0.01, (), ()), (0.03, (1,), ()), (0.08, (1,), (1,))],
+)
+def test_a_little_more_than_noise_is_said_and_voids_no_name(share, doubted, flagged):
+    """A part of torque on joint 2, where noise is half a per cent of it."""
+    rms = problem(np.random.default_rng(1), noise=0.01).design.rms[1]
+    found = problem(np.random.default_rng(1), slow, share * rms, noise=0.01)
+    told = judge(found)
+    assert (told.doubted, told.flagged) == (doubted, flagged)
+
+
+def test_a_name_that_halved_it_clears_a_joint_unless_much_is_left(rng):
+    """1 N m of 6 is left after a name took 4 off; 2 N m are left after it took 4."""
+
+    def two(rest):
+        return lambda s: rest * slow(s) + 4 * s.q[:, 1]
+
+    for rest, flagged in ((0.4, ()), (2.5, (1,))):
+        found = problem(rng, two(rest), 1.0)
+        told = judge(found, found.design.add([(LINE, (1,), ())]))
+        assert told.before[1] > 2 * told.structured[1] or flagged
+        assert told.flagged == flagged
+
+
+def test_what_the_baseline_left_already_is_no_news(rng):
+    found = problem(rng, slow, 1.0)
+    assert judge(found).flagged == (1,)
+    left = judge(found).structured
+    assert judge(found, baseline=left).flagged == ()
+    assert judge(found, baseline=left / 3).flagged == (1,)
+
+
+# -- repeats -----------------------------------------------------------------------
+
+
+def periodic(period=4.0, duration=13.0, noise=0.0, seed=0):
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(duration * 125)) / 125
+    w = 2 * np.pi / period
+    q = np.column_stack([np.sin(w * t) + 0.3 * np.sin(3 * w * t), np.cos(2 * w * t)])
+    q += 1e-5 * rng.normal(size=q.shape)
+    return recording(t, q, noise * rng.normal(size=q.shape))
+
+
+@pytest.mark.parametrize("period", [3.2, 4.0, 5.6])
+def test_the_period_of_a_program_is_found_from_the_motion_itself(period):
+    (track,), _ = prepare([periodic(period)], Filters())
+    rows = repeat(track)
+    assert rows * track.step / track.rate == pytest.approx(period, abs=0.04)
+
+
+def test_a_motion_that_never_repeats_has_no_period():
+    t = np.arange(1600) / 125
+    q = np.column_stack([np.sin(t) + 0.3 * np.sin(np.e * t), np.sin(np.sqrt(2) * t)])
+    (track,), _ = prepare([recording(t, q, q)], Filters())
+    assert repeat(track) is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "left"),
+    [
+        ("repeatable", lambda rows, period, rng: np.sin(2 * np.pi * 3 * rows / period)),
+        ("time-driven", lambda rows, period, rng: np.sin(2 * np.pi * rows / 11.3)),
+    ],
+)
+def test_what_comes_back_with_the_motion_is_told_from_what_follows_time(
+    rng, kind, left
+):
+    """The rows of a log that repeats every 40 of them, with noise of 0.1 N m."""
+    found, period = problem(rng, rows=400), 40
+    logs = []
+    for own, state in found.logs:
+        rows = np.arange(len(own.tau))
+        angle = 2 * np.pi * np.outer(rows, [1, 2]) / period
+        tau = 0.1 * rng.normal(size=own.tau.shape)
+        tau[:, 1] += left(rows, period, rng)
+        noise = np.full(DOF, 0.1)
+        made = replace(own, tau=tau, q=np.sin(angle), torque_noise=noise)
+        logs.append((made, state))
+    found = Problem(logs, build(logs), found.prior)
+    assert judge(found).kind[1] == kind
+
+
+def test_without_a_repeat_no_kind_is_claimed(rng):
+    found = problem(rng, slow, 2.0)
+    logs = [(replace(own, q=state.q), state) for own, state in found.logs]
+    assert judge(Problem(logs, found.design, found.prior)).kind == (None, None)
+
+
+# -- the torque channel ------------------------------------------------------------
+
+
+def arm_logs(robot, late=0.0, noise=0.3, cut=None, moving=None, seed=0):
+    """Two logs of rigid-body torque, shifted in time, filtered or not."""
+    made = []
+    for k in range(2):
+        rng = np.random.default_rng(seed + k)
+        t = 30.0 * k + np.arange(2500) / 250
+        keep = (
+            np.ones(robot.dof) if moving is None else np.isin(range(robot.dof), moving)
+        )
+        q, _, _ = (keep * x for x in smooth_motion(robot, t))
+        back = (keep * x for x in smooth_motion(robot, t - late))
+        tau = inverse_dynamics(robot.model, *back) + noise * rng.normal(size=q.shape)
+        tau = tau if cut is None else low_pass(tau, cut, 250)
+        made.append(recording(t, q, tau, f"log{k}"))
+    return made
+
+
+def test_torque_with_noise_up_to_the_nyquist_frequency_was_not_filtered():
+    assert filtered_at_source(arm_logs(arm())) is None
+
+
+def test_torque_that_was_filtered_before_it_was_logged_is_noticed():
+    said = filtered_at_source(arm_logs(arm(), cut=30))
+    assert "filtered at the source on joints 1, 2" in said
+
+
+def test_dead_torque_channels_were_not_filtered():
+    logs = [replace(r, tau=0 * r.tau) for r in arm_logs(arm())]
+    assert filtered_at_source(logs) is None
+
+
+def delay_said(robot, recordings):
+    logs = ready(robot, recordings, session_clock(recordings), Filters())
+    model = Model(robot, inertial_parameters(robot.model), (), logs.speed_floor)
+    return delayed_at_source(model, logs)
+
+
+def test_torque_on_time_is_not_called_late():
+    assert delay_said(arm(SEVEN), arm_logs(arm(SEVEN))) is None
+
+
+@pytest.mark.parametrize(("late", "word"), [(0.015, "late"), (-0.012, "early")])
+def test_torque_that_comes_late_or_early_is_noticed(late, word):
+    said = delay_said(arm(SEVEN), arm_logs(arm(SEVEN), late=late))
+    assert f"torque seems {word}" in said
+    assert float(said.split(" by ")[1].split(" ms")[0]) == pytest.approx(
+        1000 * abs(late), abs=2
+    )
+
+
+def test_joints_that_stand_have_no_say_in_the_delay():
+    robot = arm(SEVEN)
+    assert delay_said(robot, arm_logs(robot, moving=[0, 1])) is None

@@ -1,0 +1,137 @@
+"""The figures of the proof, by hand; what is held out, and the clock of a session."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.close import hold_out_end, session_clock
+from residual.compare import Errors, compare, moving_error, witnesses
+from residual.dynamics import inertial_parameters, inverse_dynamics
+from residual.model import Model
+from residual.signals import Filters
+from tests.residual.arms import arm, recording, smooth_motion
+
+
+def log(start, end, label="log", rate=100):
+    t = start + np.arange(round((end - start) * rate) + 1) / rate
+    q = 0.3 * np.sin(np.outer(t - start, (1.0, 1.3)))
+    return recording(t, q, 0 * q, label)
+
+
+# -- errors ------------------------------------------------------------------------
+
+
+def test_errors_are_relative_norms_per_joint_and_over_all():
+    miss = {"raw": np.array([9.0, 16.0])}
+    power = {"raw": np.array([100.0, 400.0])}
+    errors = Errors(miss, power)
+    np.testing.assert_allclose(errors.per_joint("raw"), [30.0, 20.0])
+    assert errors.overall("raw") == pytest.approx(100 * np.sqrt(25 / 500))
+
+
+@pytest.fixture
+def proof():
+    """Two logs whose measured torque is the model's, 10 % larger on joint 2."""
+    robot = arm()
+    model = Model(robot, inertial_parameters(robot.model), (), np.full(2, 0.01))
+    logs = []
+    for k in range(2):
+        t = 50.0 * k + np.arange(1000) / 250
+        q, qd, qdd = smooth_motion(robot, t)
+        tau = inverse_dynamics(robot.model, q, qd, qdd) * [1.0, 1.1]
+        logs.append(recording(t, q, tau, f"log{k}"))
+    return model, logs
+
+
+def errors_of(model, logs):
+    return compare({"it": model}, witnesses(logs, model), Filters())[0]["it"]
+
+
+def test_a_scaled_torque_has_the_error_of_its_scale(proof):
+    model, logs = proof
+    for kind in ("raw", "filtered", "moving"):
+        found = errors_of(model, logs).per_joint(kind)
+        np.testing.assert_allclose(found, [0, 100 * 0.1 / 1.1], atol=0.3)
+    silent = replace(model, inertial=0 * model.inertial)
+    np.testing.assert_allclose(errors_of(silent, logs).per_joint("raw"), 100.0)
+
+
+def test_what_happens_within_half_a_second_of_the_ends_does_not_count(proof):
+    model, logs = proof
+    loud = []
+    for r in logs:
+        tau = r.tau.copy()
+        tau[:120] += 1e3
+        tau[-120:] -= 1e3
+        loud.append(replace(r, tau=tau))
+    one, two = (errors_of(model, x).per_joint("raw") for x in (logs, loud))
+    np.testing.assert_allclose(one, two)
+
+
+def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
+    model, logs = proof
+    hum = [replace(r, tau=r.tau + 8 * np.sin(377 * r.t)[:, None]) for r in logs]
+    found = errors_of(model, hum)
+    assert found.per_joint("raw")[0] > 10
+    for kind in ("filtered", "moving"):
+        np.testing.assert_allclose(
+            found.per_joint(kind), [0, 100 * 0.1 / 1.1], atol=0.5
+        )
+
+
+def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
+    model, logs = proof
+    seen = witnesses(logs, model)
+    found, curves = compare({"it": model}, seen, Filters())
+    miss = sum(((c.tau - c.tau_hat["it"]) ** 2).sum(axis=0) for c in curves)
+    np.testing.assert_allclose(miss, found["it"].miss["filtered"])
+    moving = sum(
+        (((c.tau - c.tau_hat["it"]) * c.moving) ** 2).sum(axis=0) for c in curves
+    )
+    np.testing.assert_allclose(moving, found["it"].miss["moving"])
+    np.testing.assert_allclose(moving_error(model, seen), moving)
+    assert [c.id for c in curves] == ["log0", "log1"]
+    for c in curves:
+        assert c.t.shape == (len(c.tau),)
+        assert 0.4 < c.t[0] < 0.6
+
+
+# -- holding out -------------------------------------------------------------------
+
+
+def test_the_last_quarter_of_the_longest_log_is_held_out():
+    short, long = log(0, 6, "A"), log(10, 30, "B")
+    fit, held_out = hold_out_end([short, long])
+    (tail,) = held_out
+    assert fit[0] is short
+    assert fit[1].id == "B"
+    assert tail.id == "B (last quarter)"
+    assert len(fit[1].t) + len(tail.t) == len(long.t)
+    assert fit[1].t[-1] < tail.t[0] == pytest.approx(25.0)
+    np.testing.assert_array_equal(np.concatenate([fit[1].q, tail.q]), long.q)
+
+
+def test_what_else_was_logged_is_cut_with_it():
+    whole = log(0, 8)
+    whole = replace(whole, qd=np.ones_like(whole.q), q_ref=2 * np.ones_like(whole.q))
+    (head,), (tail,) = hold_out_end([whole])
+    assert head.qd.shape == head.q.shape
+    assert tail.q_ref.shape == tail.q.shape
+    assert tail.qdd is None
+
+
+@pytest.mark.parametrize(
+    ("spans", "clock"),
+    [
+        ([(0, 5)], 0.0),
+        ([(100, 105), (110, 115)], 100.0),
+        ([(110, 115), (100, 105)], 100.0),
+        ([(0, 5), (0, 5)], None),
+        ([(0, 5), (4, 9)], None),
+        ([(3, 8), (0, 2), (2.5, 2.9)], 0.0),
+    ],
+)
+def test_a_session_has_a_clock_where_the_times_show_the_order_of_its_logs(spans, clock):
+    logs = [log(a, b, str(i)) for i, (a, b) in enumerate(spans)]
+    assert session_clock(logs) == clock

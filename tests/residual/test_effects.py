@@ -1,0 +1,556 @@
+"""Laws of the effects: what each one does, to which rows, by which parameters."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from residual import dynamics, effects
+from residual.effects import registry
+from residual.effects.base import Span, State
+from residual.model import Term
+from residual.vocabulary import VOCABULARY
+from tests.residual.arms import SEVEN, arm, bare_irb140
+
+NAMES = sorted(registry())
+
+
+DECLARED_IN_THE_ISSUE = {
+    "viscous",
+    "coulomb",
+    "rotor_inertia",
+    "payload",
+    "offset",
+    "coulomb_asymmetry",
+    "viscous_asymmetry",
+    "quadratic_viscous",
+    "power_viscous",
+    "stribeck",
+    "load_friction",
+    "position_friction",
+    "coupled_friction",
+    "spring",
+    "balancer",
+    "ripple",
+    "torque_gain",
+    "warmup",
+}
+ROUNDING = 1e-9
+
+
+def state(robot, seed=0, n=60):
+    """Any motion: nothing here depends on its being smooth."""
+    rng = np.random.default_rng(seed)
+    q, qd, qdd = rng.normal(size=(3, n, robot.dof))
+    regressor = dynamics.regressor(robot.model, q, qd, qdd)
+    rigid = regressor @ dynamics.inertial_parameters(robot.model)
+    return State(
+        robot=robot,
+        rate=100.0,
+        t=np.arange(n) / 100,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        sign=np.sign(qd),
+        regressor=regressor,
+        rigid=rigid,
+        tau_model=rigid + 3 * np.sign(qd),
+    )
+
+
+def span(dof):
+    return Span(np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0)
+
+
+def terms(name, robot, theta=None):
+    """The effect on every joint it may sit on, in every shape it may start from."""
+    effect = registry()[name]
+    seen = state(robot, n=2)
+    for joints in effect.candidates(robot.dof):
+        for shape in effect.shapes(span(robot.dof), joints[0] if joints else 0):
+            k = effect.columns(seen, joints, shape).shape[2]
+            own = np.ones(k) if theta is None else theta(k)
+            yield Term(effect, joints, shape, own)
+
+
+# -- the registry ------------------------------------------------------------------
+
+
+def test_the_registry_is_the_folder():
+    folder = Path(effects.__file__).parent
+    files = {p.stem for p in folder.glob("*.py")} - {"__init__", "base"}
+    assert files == set(registry())
+    assert all(name == effect.name for name, effect in registry().items())
+
+
+def test_the_effects_of_the_issue_are_there():
+    assert set(registry()) >= DECLARED_IN_THE_ISSUE
+
+
+def test_one_new_file_adds_an_effect(tmp_path, monkeypatch):
+    (tmp_path / "creaking.py").write_text(
+        "from residual.effects.base import Effect, local\n"
+        "EFFECT = Effect('creaking', 'it creaks', {'level': 'N m'},\n"
+        "                local(lambda state, j, shape: [state.q[:, j] ** 3]))\n"
+    )
+    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    monkeypatch.delitem(sys.modules, "residual.effects.creaking", raising=False)
+    found = registry.__wrapped__()
+    sys.modules.pop("residual.effects.creaking", None)
+    assert set(found) == {*registry(), "creaking"}
+    robot = arm()
+    seen = state(robot)
+    torque = Term(found["creaking"], (1,), (), np.array([2.0])).torque(seen)
+    np.testing.assert_allclose(torque[:, 1], 2 * seen.q[:, 1] ** 3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_parameters_and_units_are_those_of_the_vocabulary(name):
+    assert dict(registry()[name].parameters) == VOCABULARY[name]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_effect_is_told_in_words_that_fit_into_a_sentence(name):
+    sentence = registry()[name].sentence
+    assert sentence
+    assert sentence[0].islower()
+    assert not sentence.endswith(".")
+
+
+# -- rows and linearity ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("dof", [1, 2, 6, 7])
+def test_it_sits_on_joints_that_are_there(name, dof):
+    effect = registry()[name]
+    found = effect.candidates(dof)
+    assert len(set(found)) == len(found)
+    for joints in found:
+        assert all(0 <= j < dof for j in joints)
+        assert set(effect.rows(joints, dof)) <= set(range(dof))
+    if effect.scope == "local":
+        assert found == tuple((j,) for j in range(dof))
+    if effect.scope == "flange":
+        assert found == ((dof - 1,),)
+
+
+@pytest.mark.parametrize(
+    ("dof", "pairs"),
+    [
+        (1, []),
+        (2, [(0, 1)]),
+        (3, [(0, 1), (1, 2), (0, 2)]),
+        (6, [(3, 4), (4, 5), (3, 5)]),
+    ],
+)
+def test_pairs_are_those_of_the_wrist(dof, pairs):
+    assert list(registry()["coupled_friction"].candidates(dof)) == pairs
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_columns_act_on_the_rows_of_the_effect_and_on_no_other(name):
+    robot = arm(SEVEN)
+    seen = state(robot)
+    for term in terms(name, robot):
+        rows = term.effect.rows(term.joints, robot.dof)
+        columns = term.effect.columns(seen, term.joints, term.shape)
+        assert columns.shape == (len(seen.t), len(rows), len(term.theta))
+        assert np.isfinite(columns).all()
+        others = np.delete(term.torque(seen), list(rows), axis=1)
+        np.testing.assert_array_equal(others, 0)
+        assert np.abs(term.torque(seen)[:, list(rows)]).max() > 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_torque_is_linear_in_the_coefficients(name):
+    robot, rng = arm(), np.random.default_rng(3)
+    seen = state(robot)
+    for term in terms(name, robot):
+        a, b = rng.normal(size=(2, len(term.theta)))
+        one, two = (replace(term, theta=x).torque(seen) for x in (a, b))
+        both = replace(term, theta=2 * a - 0.5 * b).torque(seen)
+        np.testing.assert_allclose(both, 2 * one - 0.5 * two, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_columns_look_at_nothing_but_the_same_sample(name):
+    """Held-out motion is predicted as it was fitted, whatever else its log holds."""
+    robot = arm()
+    seen = state(robot)
+    fields = ("t", "q", "qd", "qdd", "sign", "regressor", "rigid", "tau_model")
+    part = replace(seen, **{f: getattr(seen, f)[10:20] for f in fields})
+    for term in terms(name, robot):
+        np.testing.assert_allclose(
+            term.torque(part), term.torque(seen)[10:20], atol=ROUNDING
+        )
+
+
+# -- what the parameters mean ------------------------------------------------------
+
+# Each formula is written down from docs/effects.md, not from the code.
+MEANING = {
+    "viscous": ({"coefficient": 2.0}, lambda s, j, p: p["coefficient"] * s.qd[:, j]),
+    "coulomb": ({"level": 3.0}, lambda s, j, p: p["level"] * s.sign[:, j]),
+    "rotor_inertia": ({"inertia": 0.7}, lambda s, j, p: p["inertia"] * s.qdd[:, j]),
+    "offset": ({"torque": -1.5}, lambda s, j, p: p["torque"] + 0 * s.t),
+    "coulomb_asymmetry": (
+        {"level": 0.4},
+        lambda s, j, p: p["level"] * np.abs(s.sign[:, j]),
+    ),
+    "viscous_asymmetry": (
+        {"coefficient": 0.4},
+        lambda s, j, p: p["coefficient"] * np.abs(s.qd[:, j]),
+    ),
+    "quadratic_viscous": (
+        {"coefficient": 1.1},
+        lambda s, j, p: p["coefficient"] * s.qd[:, j] * np.abs(s.qd[:, j]),
+    ),
+    "power_viscous": (
+        {"coefficient": 1.1, "exponent": 0.4},
+        lambda s, j, p: (
+            p["coefficient"] * np.sign(s.qd[:, j]) * np.abs(s.qd[:, j]) ** p["exponent"]
+        ),
+    ),
+    "stribeck": (
+        {"level": 2.0, "velocity": 0.3, "exponent": 2.0},
+        lambda s, j, p: (
+            p["level"]
+            * s.sign[:, j]
+            * np.exp(-(np.abs(s.qd[:, j] / p["velocity"]) ** p["exponent"]))
+        ),
+    ),
+    "load_friction": (
+        {"coefficient": 0.07},
+        lambda s, j, p: p["coefficient"] * np.abs(s.rigid[:, j]) * s.sign[:, j],
+    ),
+    "position_friction": (
+        {"cos": 0.5, "sin": -0.8},
+        lambda s, j, p: (
+            s.sign[:, j] * (p["cos"] * np.cos(s.q[:, j]) + p["sin"] * np.sin(s.q[:, j]))
+        ),
+    ),
+    "warmup": (
+        {"level": 2.0, "time_constant": 40.0},
+        lambda s, j, p: p["level"] * s.sign[:, j] * np.exp(-s.t / p["time_constant"]),
+    ),
+    "spring": (
+        {"stiffness": 12.0, "rest": 0.3},
+        lambda s, j, p: p["stiffness"] * (s.q[:, j] - p["rest"]),
+    ),
+    "balancer": (
+        {"sin": 20.0, "cos": -4.0},
+        lambda s, j, p: p["sin"] * np.sin(s.q[:, j]) + p["cos"] * np.cos(s.q[:, j]),
+    ),
+    "ripple": (
+        {"amplitude": 0.6, "order": 17.5, "phase": -1.2},
+        lambda s, j, p: p["amplitude"] * np.cos(p["order"] * s.q[:, j] + p["phase"]),
+    ),
+    "torque_gain": ({"gain": 0.1}, lambda s, j, p: p["gain"] * s.tau_model[:, j]),
+}
+LOCAL = sorted(MEANING)
+
+
+def from_parameters(name, joints, parameters):
+    effect = registry()[name]
+    numbers = np.array([parameters[key] for key in effect.parameters])
+    theta, shape = effect.from_values(numbers, arm())
+    return Term(effect, joints, shape, np.asarray(theta))
+
+
+def test_every_local_effect_has_its_formula_here():
+    local = {n for n in NAMES if registry()[n].scope == "local"}
+    assert local == set(MEANING)
+
+
+@pytest.mark.parametrize("name", LOCAL)
+def test_parameters_mean_what_the_vocabulary_says(name):
+    parameters, formula = MEANING[name]
+    seen = state(arm())
+    torque = from_parameters(name, (1,), parameters).torque(seen)
+    np.testing.assert_allclose(torque[:, 1], formula(seen, 1, parameters), atol=1e-9)
+
+
+COUPLED = {"level": 1.2, "coefficient": 0.4, "inertia": 0.05, "sign": -1.0}
+
+
+def test_coupled_friction_loads_both_joints_of_the_shared_gear():
+    """By the principle of virtual work: the torques of u = qd_i ± qd_j are (f, ±f)."""
+    seen = state(arm(SEVEN))
+    for sign in (1.0, -1.0):
+        term = from_parameters("coupled_friction", (4, 6), {**COUPLED, "sign": sign})
+        torque = term.torque(seen)
+        u, du = (x[:, 4] + sign * x[:, 6] for x in (seen.qd, seen.qdd))
+        np.testing.assert_allclose(torque[:, 6], sign * torque[:, 4])
+        smooth = torque[:, 4] - COUPLED["coefficient"] * u - COUPLED["inertia"] * du
+        fast = np.abs(u) > 1.0
+        np.testing.assert_allclose(
+            smooth[fast], COUPLED["level"] * np.sign(u[fast]), rtol=1e-3
+        )
+
+
+# Payload has its own test below.
+@pytest.mark.parametrize("name", [*LOCAL, "coupled_friction"])
+def test_values_come_back_from_the_coefficients(name):
+    parameters = COUPLED if name == "coupled_friction" else MEANING[name][0]
+    joints = (0, 1) if name == "coupled_friction" else (1,)
+    term = from_parameters(name, joints, parameters)
+    back = term.effect.values(term.theta, term.shape, arm())
+    np.testing.assert_allclose(back, list(parameters_in_order(name, parameters)))
+
+
+def parameters_in_order(name, parameters):
+    return (parameters[key] for key in registry()[name].parameters)
+
+
+# Of coupled friction the width of its step at standstill is no parameter.
+@pytest.mark.parametrize(
+    "name", [n for n in NAMES if n not in ("payload", "coupled_friction")]
+)
+def test_coefficients_come_back_from_the_values(name):
+    """For any coefficients, the reported values describe the same torque."""
+    robot, rng = arm(), np.random.default_rng(5)
+    seen = state(robot)
+    for term in terms(name, robot, lambda k: rng.normal(size=k)):
+        values = term.effect.values(term.theta, term.shape, robot)
+        assert len(values) == len(term.effect.parameters)
+        theta, shape = term.effect.from_values(np.asarray(values), robot)
+        back = replace(term, theta=np.asarray(theta), shape=tuple(shape))
+        np.testing.assert_allclose(
+            back.torque(seen), term.torque(seen), atol=1e-9, rtol=1e-9
+        )
+
+
+def test_a_spring_without_stiffness_has_no_rest_angle_to_divide_by():
+    assert np.isfinite(
+        registry()["spring"].values(np.array([0.0, 1.0]), (), arm())
+    ).all()
+
+
+# -- friction ----------------------------------------------------------------------
+
+LOSSES = {
+    "viscous": {"coefficient": 2.0},
+    "coulomb": {"level": 3.0},
+    "quadratic_viscous": {"coefficient": 1.0},
+    "power_viscous": {"coefficient": 1.0, "exponent": 0.3},
+    "stribeck": {"level": 2.0, "velocity": 0.2, "exponent": 1.0},
+    "load_friction": {"coefficient": 0.05},
+    "warmup": {"level": 2.0, "time_constant": 30.0},
+    "coupled_friction": {"level": 1.0, "coefficient": 0.3, "inertia": 0, "sign": -1},
+}
+
+
+@pytest.mark.parametrize("name", sorted(LOSSES))
+@given(seed=st.integers(0, 10_000))
+def test_friction_takes_power_and_never_gives_any(name, seed):
+    joints = (0, 1) if name == "coupled_friction" else (1,)
+    seen = state(arm(), seed)
+    torque = from_parameters(name, joints, LOSSES[name]).torque(seen)
+    power = (torque * seen.qd).sum(axis=1)
+    assert power.min() >= -1e-12
+    assert power.max() > 0
+
+
+def backwards(seen):
+    """The same places run through the other way."""
+    return replace(seen, qd=-seen.qd, sign=-seen.sign)
+
+
+ODD = sorted({*LOSSES, "position_friction"})
+EVEN = [
+    "coulomb_asymmetry",
+    "viscous_asymmetry",
+    "offset",
+    "spring",
+    "balancer",
+    "ripple",
+]
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_friction_turns_round_with_the_motion(name):
+    seen = state(arm())
+    for term in terms(name, arm()):
+        if name == "coupled_friction":
+            term = replace(term, theta=np.array([1.0, 1.0, 0.0]))
+        np.testing.assert_allclose(
+            term.torque(backwards(seen)), -term.torque(seen), atol=ROUNDING
+        )
+
+
+@pytest.mark.parametrize("name", EVEN)
+def test_what_depends_on_place_or_differs_by_direction_does_not_turn_round(name):
+    seen = state(arm())
+    for term in terms(name, arm()):
+        np.testing.assert_allclose(
+            term.torque(backwards(seen)), term.torque(seen), atol=ROUNDING
+        )
+
+
+@pytest.mark.parametrize("name", [n for n in ODD if n != "coupled_friction"])
+def test_a_joint_that_stands_has_no_friction(name):
+    seen = state(arm())
+    still = replace(seen, qd=0 * seen.qd, sign=0 * seen.sign)
+    for term in terms(name, arm()):
+        np.testing.assert_array_equal(term.torque(still), 0)
+
+
+def test_offset_and_coulomb_asymmetry_are_one_column_on_moving_samples():
+    """Hence only their class can ever be named."""
+    seen = state(arm())
+    columns = [
+        registry()[n].columns(seen, (0,), ()) for n in ("offset", "coulomb_asymmetry")
+    ]
+    np.testing.assert_array_equal(*columns)
+
+
+# -- payload -----------------------------------------------------------------------
+
+
+def load():
+    """A body of 2.5 kg off every axis, in the frame of the last joint."""
+    inertia = np.array(
+        [[0.03, 0.004, -0.002], [0.004, 0.05, 0.001], [-0.002, 0.001, 0.04]]
+    )
+    return pin.Inertia(2.5, np.array([0.4, -0.05, 0.12]), inertia)
+
+
+def arms():
+    return {"two": arm(), "seven": arm(SEVEN), "irb140": bare_irb140()}
+
+
+@pytest.mark.parametrize("which", sorted(arms()))
+def test_payload_is_the_body_merged_into_the_last_link(which):
+    robot = arms()[which]
+    seen = state(robot)
+    term = Term(
+        registry()["payload"], (robot.dof - 1,), (), load().toDynamicParameters()
+    )
+    loaded = pin.Model(robot.model)
+    loaded.inertias[robot.dof] = loaded.inertias[robot.dof] + load()
+    with_it, without = (
+        dynamics.inverse_dynamics(m, seen.q, seen.qd, seen.qdd)
+        for m in (loaded, robot.model)
+    )
+    np.testing.assert_allclose(term.torque(seen), with_it - without, atol=1e-8)
+
+
+def in_flange(robot, body):
+    """Mass, centre and inertia about it as a caliper at the flange would measure."""
+    placement = dynamics.flange_placement(robot.model)
+    centre = placement.actInv(body.lever)
+    inertia = placement.rotation.T @ body.inertia @ placement.rotation
+    xx, xy, xz, yy, yz, zz = inertia[np.triu_indices(3)]
+    names = (
+        "mass",
+        "com_x",
+        "com_y",
+        "com_z",
+        "ixx",
+        "ixy",
+        "ixz",
+        "iyy",
+        "iyz",
+        "izz",
+    )
+    return dict(zip(names, (body.mass, *centre, xx, xy, xz, yy, yz, zz), strict=True))
+
+
+CAMERA = """<link name="zz_camera"/><joint name="zz_mount" type="fixed">
+  <parent link="l0"/><child link="zz_camera"/><origin xyz="0 0 3"/></joint>"""
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(arm(), id="two"),
+        pytest.param(arm(SEVEN), id="seven"),
+        pytest.param(bare_irb140(), id="irb140"),
+        pytest.param(arm(extra=CAMERA), id="camera on the base"),
+    ],
+)
+def test_payload_is_reported_in_the_flange_frame(robot):
+    effect = registry()["payload"]
+    values = effect.values(load().toDynamicParameters(), (), robot)
+    told = dict(zip(effect.parameters, values, strict=True))
+    assert told == pytest.approx(in_flange(robot, load()), abs=1e-9)
+
+
+def test_a_declared_payload_is_the_body_that_its_values_describe():
+    robot = arm()
+    theta, _ = registry()["payload"].from_values(
+        np.array(list(in_flange(robot, load()).values())), robot
+    )
+    np.testing.assert_allclose(theta, load().toDynamicParameters(), atol=1e-9)
+
+
+def test_a_payload_without_mass_is_finite():
+    values = registry()["payload"].values(np.zeros(10), (), arm())
+    assert np.isfinite(values).all()
+
+
+def test_payload_inertia_is_reported_only_where_it_is_known_and_positive():
+    effect = registry()["payload"]
+    values = np.array([2.0, 0, 0, 0, 0.1, 0, 0, 0.1, 0, 0.1])
+    sure, unsure = np.full(10, 0.01), np.full(10, 0.05)
+    assert effect.reports("ixx", values, sure)
+    assert not effect.reports("ixx", values, unsure)
+    assert effect.reports("mass", values, unsure)
+    assert not effect.reports("ixx", -values, sure)
+
+
+# -- shapes and priors -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(
+    speed=st.floats(1e-3, 5),
+    travel=st.floats(1e-3, 6),
+    duration=st.floats(0, 4000),
+)
+def test_shapes_are_usable_however_the_arm_moved(name, speed, travel, duration):
+    effect, robot = registry()[name], arm()
+    moved = Span(np.full(2, speed), np.full(2, travel), duration, 8.0)
+    seen = state(robot, n=5)
+    for shape in list(effect.shapes(moved, 0))[:3]:
+        assert np.isfinite(effect.columns(seen, effect.candidates(2)[0], shape)).all()
+        if effect.refine is not None:
+            assert effect.refine.lower <= shape[0] <= effect.refine.upper
+
+
+def test_columns_of_a_joint_that_never_moves_are_finite():
+    robot, effect = arm(), registry()["stribeck"]
+    seen = state(robot)
+    still = replace(seen, qd=0 * seen.qd, sign=0 * seen.sign)
+    for shape in effect.shapes(replace(span(2), speed=np.zeros(2)), 0):
+        assert np.isfinite(effect.columns(still, (0,), shape)).all()
+
+
+def test_no_warmup_is_tried_where_the_session_clock_is_unknown():
+    unknown = replace(span(2), duration=0.0)
+    assert list(registry()["warmup"].shapes(unknown, 0)) == []
+    assert registry()["warmup"].needs_clock
+
+
+def test_ripple_orders_are_dense_enough_for_the_travel():
+    orders = np.array(registry()["ripple"].shapes(span(2), 0))[:, 0]
+    assert np.diff(orders).max() * 2.0 <= 1.5 + 1e-9
+    assert orders.min() >= 4
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_prior_of_its_own_has_one_positive_width_per_column(name):
+    effect = registry()[name]
+    if effect.prior_sd is None:
+        assert effect.candidates(2)
+        return
+    for term in terms(name, arm()):
+        sd = effect.prior_sd(arm())
+        assert sd.shape == term.theta.shape
+        assert (sd > 0).all()

@@ -1,0 +1,358 @@
+"""Fit and evidence against regressions written out with numpy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from residual.design import Design
+from residual.evidence import NOISE_FLOOR, System, effective_rows, fit, gain, screen
+from tests.residual.linear import (
+    DOF,
+    GEAR,
+    LINE,
+    LOAD,
+    NOMINAL,
+    OTHER,
+    PLANE,
+    Problem,
+    build,
+    every_group,
+)
+
+SIGMA2 = np.array([1.7, 0.4])  # noise variance of each joint, given
+SETS = {
+    "nominal alone": [],
+    "one local": [(LINE, (1,), ())],
+    "pair": [(GEAR, (0, 1), ())],
+    "all rows": [(LOAD, (1,), ())],
+    "several": [
+        (LINE, (0,), ()),
+        (PLANE, (1,), ()),
+        (GEAR, (0, 1), ()),
+        (LOAD, (1,), ()),
+    ],
+}
+# The core adds 1e-12 of the diagonal, so that a singular set does not stop it.
+EXACT = {"rtol": 1e-7, "atol": 1e-9}
+
+
+@pytest.fixture
+def problem(rng):
+    return Problem.draw(rng, [(LINE, (0,), [0.5])], masked=0.2)
+
+
+def posterior(problem, members, sigma2):
+    """Bayesian linear regression in closed form: mean and covariance."""
+    x, y, joint = problem.stacked(members)
+    noise = sigma2[joint]
+    information = problem.precision(members) + (x.T / noise) @ x
+    covariance = np.linalg.inv(information)
+    return covariance @ ((x.T / noise) @ y), covariance
+
+
+def marginal(problem, members, sigma2):
+    """Log marginal likelihood: y is Gaussian with covariance X P^-1 X' + noise."""
+    x, y, joint = problem.stacked(members)
+    covariance = x @ np.linalg.solve(problem.precision(members), x.T)
+    covariance += np.diag(sigma2[joint])
+    return multivariate_normal.logpdf(y, np.zeros(len(y)), covariance)
+
+
+def every_row_counts(problem, members, sigma2=None, rounds=1):
+    d = problem.design
+    return fit(d, problem.prior, members, d.rows, sigma2, rounds)
+
+
+# -- the fit -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("which", SETS)
+def test_mean_and_covariance_are_those_of_bayesian_regression(problem, which):
+    members = problem.design.add(SETS[which])
+    fitted = every_row_counts(problem, members, SIGMA2)
+    mean, covariance = posterior(problem, members, SIGMA2)
+    np.testing.assert_allclose(fitted.theta, mean, **EXACT)
+    np.testing.assert_allclose(fitted.covariance(), covariance, **EXACT)
+
+
+@pytest.mark.parametrize("which", SETS)
+def test_squared_error_is_that_of_the_residuals(problem, which):
+    members = problem.design.add(SETS[which])
+    fitted = every_row_counts(problem, members, SIGMA2)
+    x, y, joint = problem.stacked(members)
+    left = y - x @ fitted.theta
+    for j in range(DOF):
+        np.testing.assert_allclose(fitted.sse[j], (left[joint == j] ** 2).sum())
+        own = problem.design.residual(j, fitted.ids, fitted.theta)
+        np.testing.assert_allclose(own, left[joint == j], atol=1e-9)
+
+
+@pytest.mark.parametrize("which", [k for k in SETS if k != "nominal alone"])
+def test_evidence_is_the_difference_of_log_marginal_likelihoods(which, rng):
+    """Each set at its own profiled variance, all rows independent.
+
+    The score leaves out what is equal for all sets: constants, and SSE / sigma^2, which
+    is the number of rows at the profiled variance but for the noise floor (1e-5).
+    """
+    problem = Problem.draw(rng, [(LINE, (0,), [0.5])], rows=50, masked=0.2)
+    members = problem.design.add(SETS[which])
+    big, small = (every_row_counts(problem, m, rounds=60) for m in (members, []))
+    expected = marginal(problem, members, big.variance)
+    expected -= marginal(problem, [], small.variance)
+    assert big.score - small.score == pytest.approx(expected, abs=0.02)
+
+
+def test_profiled_variance_is_what_is_left_per_row_and_a_floor(problem):
+    fitted = every_row_counts(problem, [], rounds=30)
+    floor = (NOISE_FLOOR * problem.design.rms) ** 2
+    left = fitted.sse / problem.design.rows
+    np.testing.assert_allclose(fitted.variance, left + floor, rtol=1e-9)
+
+
+def test_fewer_counted_rows_mean_less_certainty_by_that_much(problem):
+    """With a weak prior a quarter of the rows doubles every standard deviation."""
+    weak = replace(problem.prior, precision=1e-9 * np.eye(NOMINAL))
+    d = problem.design
+    all_rows, quarter = (
+        fit(d, weak, (), share * d.rows, SIGMA2, 1).covariance() for share in (1, 0.25)
+    )
+    np.testing.assert_allclose(quarter, 4 * all_rows, rtol=1e-6)
+
+
+def test_members_find_their_own_coefficients(problem):
+    members = problem.design.add(SETS["several"])
+    fitted = every_row_counts(problem, members, SIGMA2)
+    parts = np.concatenate([fitted.of(g) for g in members])
+    np.testing.assert_array_equal(parts, fitted.theta[NOMINAL:])
+    with pytest.raises(KeyError):
+        fitted.slots(problem.design.add([(LINE, (0,), ())])[0])
+
+
+def test_the_order_of_members_does_not_matter(problem):
+    members = problem.design.add(SETS["several"])
+    one = every_row_counts(problem, members, rounds=5)
+    two = every_row_counts(problem, members[::-1], rounds=5)
+    assert one.score == pytest.approx(two.score, abs=1e-6)
+    for g in members:
+        np.testing.assert_allclose(one.of(g), two.of(g), **EXACT)
+
+
+def test_a_column_that_the_set_has_already_earns_nothing(problem):
+    """It only shares the coefficient, and pays for the wider prior."""
+    first, again = problem.design.add([(LINE, (0,), ()), (LINE, (0,), ())])
+    one = every_row_counts(problem, [first], rounds=5)
+    both = every_row_counts(problem, [first, again], rounds=5)
+    assert both.score < one.score + 0.5
+
+
+def test_units_of_a_column_do_not_matter_to_its_evidence(problem):
+    """Zellner's g-prior: an angle may be in radians or in degrees."""
+    thin = replace(LINE, columns=lambda s, j, x: 1e-4 * LINE.columns(s, j, x))
+    one, two = (
+        every_row_counts(problem, problem.design.add([(e, (0,), ())]), rounds=5)
+        for e in (LINE, thin)
+    )
+    assert one.score == pytest.approx(two.score, abs=1e-6)
+    np.testing.assert_allclose(two.theta[-1], 1e4 * one.theta[-1], rtol=1e-6)
+
+
+def test_torque_of_another_unit_gives_the_same_evidence(rng):
+    """N m or kN m: prior, noise floor and score scale with torque."""
+    problem = Problem.draw(rng, [(LINE, (0,), [0.5])])
+    scores = []
+    for unit in (1.0, 1e-3):
+        logs = [(replace(t, tau=unit * t.tau), s) for t, s in problem.logs]
+        design = build(logs)
+        (group,) = design.add([(LINE, (0,), ())])
+        prior = replace(problem.prior, precision=problem.prior.precision / unit**2)
+        big, small = (
+            fit(design, prior, m, design.rows, None, 9) for m in ([group], [])
+        )
+        scores.append(big.score - small.score)
+    assert scores[0] == pytest.approx(scores[1], abs=1e-6)
+
+
+# -- the screen --------------------------------------------------------------------
+
+
+def quadratic_gain(problem, base, group):
+    """Log marginal likelihood ratio at the base's noise, a quarter of rows at least."""
+    scores = []
+    for members in ([*base.members, group], base.members):
+        x, y, joint = problem.stacked(members)
+        share = base.counted[joint] / problem.design.rows[joint]
+        w = np.maximum(0.25, share) / base.variance[joint]
+        prior = problem.precision(members)
+        a = prior + (x.T * w) @ x
+        b = (x.T * w) @ y
+        log_dets = np.linalg.slogdet(prior)[1] - np.linalg.slogdet(a)[1]
+        scores.append(0.5 * b @ np.linalg.solve(a, b) + 0.5 * log_dets)
+    return scores[0] - scores[1]
+
+
+@pytest.mark.parametrize("named", [[], [(OTHER, (0,), ())], [(GEAR, (0, 1), ())]])
+def test_the_screen_is_exact_for_every_kind_of_candidate(rng, named):
+    truth = [(LINE, (0,), [2.0]), (LOAD, (1,), [1.0, 0.0, -0.5])]
+    problem = Problem.draw(rng, truth, masked=0.2)
+    base = every_row_counts(problem, problem.design.add(named), rounds=5)
+    groups = every_group(problem.design)
+    values = screen(problem.design, problem.prior, base, groups)
+    expected = [exact_gain(problem, base, g) for g in groups]
+    np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-6)
+    assert values.max() > 5
+
+
+def exact_gain(problem, base, group):
+    if not group.parts:
+        return quadratic_gain(problem, base, group)
+    # A union has no columns of its own to ask for: its parts, one after the other.
+    out, members = 0.0, list(base.members)
+    for part in group.parts:
+        out += quadratic_gain(problem, replace(base, members=tuple(members)), part)
+        members.append(part)
+    return out
+
+
+def test_a_screen_of_nothing_is_empty(problem):
+    base = every_row_counts(problem, [])
+    assert screen(problem.design, problem.prior, base, []).shape == (0,)
+
+
+# -- the design --------------------------------------------------------------------
+
+
+def test_folds_sum_to_the_whole(problem):
+    members = problem.design.add(SETS["several"])
+    d = problem.design
+    whole = System.of(d, problem.prior, members)
+    parts = [
+        System.of(d, problem.prior, members, np.array([f])) for f in range(d.folds)
+    ]
+    assert d.folds == len(problem.logs)
+    for name in ("gram", "cross", "power"):
+        total = sum(getattr(p, name) for p in parts)
+        np.testing.assert_allclose(total, getattr(whole, name), atol=1e-8)
+        two = getattr(System.of(d, problem.prior, members, np.array([0, 2])), name)
+        np.testing.assert_allclose(
+            two, getattr(parts[0], name) + getattr(parts[2], name), atol=1e-8
+        )
+
+
+@pytest.mark.parametrize(("logs", "folds"), [(1, 6), (2, 6), (3, 9), (4, 4), (6, 6)])
+def test_few_logs_are_left_out_in_blocks_and_many_as_they_are(rng, logs, folds):
+    assert Problem.draw(rng, logs=logs).design.folds == folds
+
+
+def test_a_union_is_its_parts(problem):
+    parts = problem.design.add([(LINE, (0,), ()), (LINE, (1,), ())])
+    union = Design.union(parts)
+    assert union.joints == (0, 1)
+    assert [p.fellows for p in union.parts] == [2, 2]
+    one = every_row_counts(problem, [union], rounds=5)
+    two = every_row_counts(problem, parts, rounds=5)
+    assert one.score == pytest.approx(two.score, abs=1e-9)
+    np.testing.assert_allclose(one.theta, two.theta)
+
+
+def test_columns_added_later_change_nothing_for_those_before(problem):
+    (first,) = problem.design.add([(LINE, (0,), ())])
+    before = every_row_counts(problem, [first], rounds=5)
+    problem.design.add(SETS["several"])
+    after = every_row_counts(problem, [first], rounds=5)
+    np.testing.assert_array_equal(before.theta, after.theta)
+    assert before.score == after.score
+
+
+def test_candidates_added_together_are_those_added_one_by_one(problem):
+    wanted = SETS["several"]
+    together = problem.design.add(wanted)
+    alone = [problem.design.add([w])[0] for w in wanted]
+    for a, b in zip(together, alone, strict=True):
+        np.testing.assert_allclose(a.precision, b.precision)
+        fits = [every_row_counts(problem, [g], SIGMA2) for g in (a, b)]
+        np.testing.assert_allclose(fits[0].theta, fits[1].theta)
+
+
+def test_a_series_puts_rows_back_on_the_time_line_of_each_log(problem):
+    d = problem.design
+    for j in range(DOF):
+        lines = d.series(j, d.tau[j])
+        for line, (track, _) in zip(lines, problem.logs, strict=True):
+            np.testing.assert_array_equal(line, track.tau[:, j] * track.moving[:, j])
+
+
+# -- counting rows -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("a", [0.0, 0.5, 0.8, 0.9])
+def test_rows_of_an_autoregression_count_as_theory_says(rng, a):
+    """n (1 - a) / (1 + a) for AR(1), n for white noise, within 25 %."""
+    problem = Problem.draw(rng, rows=3000, logs=2, colour=a, bend=0.0)
+    fitted = every_row_counts(problem, [], rounds=3)
+    counted = effective_rows(problem.design, fitted, range(DOF))
+    expected = problem.design.rows * (1 - a) / (1 + a)
+    np.testing.assert_allclose(counted, expected, rtol=0.25)
+
+
+def test_rows_are_counted_anew_only_for_the_joints_asked(rng):
+    problem = Problem.draw(rng, rows=1000, logs=2, colour=0.8)
+    fitted = every_row_counts(problem, [])
+    counted = effective_rows(problem.design, fitted, [1])
+    assert counted[0] == fitted.counted[0]
+    assert counted[1] < 0.5 * fitted.counted[1]
+
+
+@given(st.floats(0, 0.99), st.integers(0, 100))
+@settings(max_examples=10)
+def test_rows_count_for_at_least_five_and_at_most_themselves(a, seed):
+    problem = Problem.draw(np.random.default_rng(seed), rows=40, logs=2, colour=a)
+    fitted = every_row_counts(problem, [])
+    counted = effective_rows(problem.design, fitted, range(DOF))
+    assert (counted >= 5).all()
+    assert (counted <= problem.design.rows).all()
+
+
+def test_a_gain_counts_rows_by_what_the_larger_set_leaves(rng):
+    """What the smaller one leaves is slow because it lacks the effect."""
+    slow = replace(
+        LINE,
+        columns=lambda s, j, x: np.sin(s.t / 40)[:, None, None] * np.ones((1, 1, 1)),
+    )
+    problem = Problem.draw(rng, [(slow, (0,), [3.0])], rows=400, logs=2)
+    (group,) = problem.design.add([(slow, (0,), ())])
+    big, small = (every_row_counts(problem, m, rounds=5) for m in ([group], []))
+    poor = effective_rows(problem.design, small, range(DOF))
+    small, big = replace(small, counted=poor), replace(big, counted=poor)
+    value, first, second = gain(problem.design, problem.prior, big, small)
+    np.testing.assert_array_equal(first.counted, second.counted)
+    assert poor[0] < 100
+    assert first.counted[0] > 300
+    assert value > 100
+
+
+# -- are the error bars true? ------------------------------------------------------
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8])
+def test_two_standard_deviations_hold_the_truth_as_often_as_they_should(colour):
+    """100 draws each; columns as slow as the noise, or its colour would not matter."""
+    inside, uncounted, truth = [], [], [0.7, -0.4]
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        problem = Problem.draw(
+            rng, [(PLANE, (0,), truth)], rows=200, logs=2, colour=colour, slow=colour
+        )
+        members = problem.design.add([(PLANE, (0,), ())])
+        white = every_row_counts(problem, members, rounds=3)
+        counted = effective_rows(problem.design, white, range(DOF))
+        fitted = fit(problem.design, problem.prior, members, counted, white.variance)
+        for f, out in ((fitted, inside), (white, uncounted)):
+            sd = np.sqrt(np.diag(f.covariance()))[-2:]
+            out += list(np.abs(f.theta[-2:] - truth) < 2 * sd)
+    assert 0.85 <= np.mean(inside) <= 1.0
+    # So that the test would notice if rows were taken as independent.
+    assert colour == 0 or np.mean(uncounted) < 0.85

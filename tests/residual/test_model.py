@@ -1,0 +1,268 @@
+"""The one model type, and the nominal that the user gives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.close import close_the_loop
+from residual.dynamics import inertial_parameters, inverse_dynamics
+from residual.effects import registry
+from residual.effects.base import Span
+from residual.errors import InputError, UnknownNameError
+from residual.model import Model, Term
+from residual.nominal import build_nominal, declared_names
+from residual.prior import ASSUMED, GIVEN
+from residual.robot import load_robot
+from residual.signals import Filters
+from residual.vocabulary import DEFAULT_DECLARED
+from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, recording, smooth_motion
+
+FLOOR = 0.01
+
+
+def span(dof):
+    return Span(np.full(dof, 1.0), np.full(dof, 2.0), 0.0, 8.0)
+
+
+def nominal(robot, names):
+    return build_nominal(robot, names, span(robot.dof), floor(robot), Filters())
+
+
+def floor(robot):
+    return np.full(robot.dof, FLOOR)
+
+
+def log_of(robot, t):
+    q, qd, qdd = smooth_motion(robot, t)
+    tau = inverse_dynamics(robot.model, q, qd, qdd)
+    return recording(t, q, tau), qd
+
+
+def rms_error(a, b, inside):
+    return np.sqrt(np.mean((a - b)[inside] ** 2)) / np.sqrt(np.mean(b[inside] ** 2))
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(arm(TWO), id="two"),
+        pytest.param(arm(SEVEN), id="seven"),
+        pytest.param(bare_irb140(), id="irb140"),
+    ],
+)
+def test_without_effects_it_is_the_rigid_body(robot):
+    t = np.arange(1500) / 250
+    log, _ = log_of(robot, t)
+    model = nominal(robot, ()).model
+    assert model.terms == ()
+    inside = (t > 0.5) & (t < 5.5)
+    assert rms_error(model.predict(log), log.tau, inside) < 1e-3
+
+
+def test_nominal_irb140_is_rnea_plus_the_friction_that_it_declares():
+    robot = load_robot("irb140")
+    t = np.arange(1500) / 250
+    log, qd = log_of(robot, t)
+    declared = {n: robot.declared[n].values for n in DEFAULT_DECLARED}
+    _, _, qdd = smooth_motion(robot, t)
+    expected = (
+        log.tau
+        + declared["viscous"]["coefficient"] * qd
+        + declared["coulomb"]["level"] * np.sign(qd)
+        + declared["rotor_inertia"]["inertia"] * qdd
+    )
+    torque = nominal(robot, DEFAULT_DECLARED).model.predict(log)
+    inside = (t > 0.5) & (t < 5.5)
+    moving = inside[:, None] & (np.abs(qd) > 5 * FLOOR)
+    gap = (torque - expected)[moving]
+    assert np.sqrt(np.mean(gap**2)) < 2e-3 * np.sqrt(np.mean(expected[moving] ** 2))
+
+
+def test_a_prediction_stands_at_the_samples_of_the_log_however_they_are_spaced():
+    robot = arm()
+    even = np.arange(1500) / 250
+    rng = np.random.default_rng(1)
+    t = 100 + np.sort(even + rng.uniform(-0.0015, 0.0015, len(even)))
+    t = np.delete(t, rng.choice(np.arange(1, 1499), 100, replace=False))
+    log, _ = log_of(robot, t)
+    torque = nominal(robot, ()).model.predict(log)
+    assert torque.shape == log.tau.shape
+    inside = (t > t[0] + 0.5) & (t < t[-1] - 0.5)
+    assert rms_error(torque, log.tau, inside) < 5e-3
+
+
+def test_prediction_depends_on_motion_only():
+    robot = arm()
+    log, _ = log_of(robot, np.arange(750) / 250)
+    model = nominal(robot, DEFAULT_DECLARED).model
+    other = replace(log, tau=np.random.default_rng(0).normal(size=log.tau.shape))
+    np.testing.assert_array_equal(model.predict(log), model.predict(other))
+
+
+def some_model(robot, seed=0):
+    rng = np.random.default_rng(seed)
+    places = [
+        ("coulomb", (0,), ()),
+        ("stribeck", (1,), (0.1, 2.0)),
+        ("spring", (0,), ()),
+    ]
+    widths = (1, 1, 2)
+    terms = tuple(
+        Term(registry()[n], joints, shape, rng.normal(size=k))
+        for (n, joints, shape), k in zip(places, widths, strict=True)
+    )
+    inertial = inertial_parameters(robot.model)
+    return Model(robot, inertial, terms, floor(robot))
+
+
+def test_coefficients_go_out_and_come_back():
+    model = some_model(arm())
+    values = model.coefficients()
+    assert values.shape == (20 + 4,)
+    again = model.with_coefficients(values)
+    np.testing.assert_array_equal(again.coefficients(), values)
+    shuffled = model.with_coefficients(values[::-1].copy())
+    np.testing.assert_array_equal(shuffled.coefficients(), values[::-1])
+    assert [t.shape for t in shuffled.terms] == [t.shape for t in model.terms]
+
+
+def test_torque_is_the_sum_of_the_rigid_body_and_each_term():
+    robot = arm()
+    model = some_model(robot)
+    log, _ = log_of(robot, np.arange(750) / 250)
+    rigid = replace(model, terms=())
+    alone = [
+        replace(model, inertial=0 * model.inertial, terms=(t,)) for t in model.terms
+    ]
+    parts = [m.predict(log) for m in (rigid, *alone)]
+    np.testing.assert_allclose(model.predict(log), sum(parts), atol=1e-9)
+
+
+def test_a_torque_gain_scales_everything_but_itself():
+    robot = arm()
+    model = some_model(robot)
+    gain = Term(registry()["torque_gain"], (1,), (), np.array([0.1]))
+    log, _ = log_of(robot, np.arange(750) / 250)
+    for terms in ((*model.terms, gain), (gain, *model.terms)):
+        scaled = replace(model, terms=terms).predict(log)
+        np.testing.assert_allclose(
+            scaled, model.predict(log) * [1.0, 1.1], rtol=1e-9, atol=1e-9
+        )
+
+
+def test_warmup_follows_the_clock_of_the_session():
+    robot = arm()
+    hot = Term(registry()["warmup"], (0,), (50.0,), np.array([2.0]))
+    base = Model(robot, 0 * inertial_parameters(robot.model), (hot,), floor(robot))
+    t = np.arange(1000) / 250
+    q = np.column_stack([0.5 * t, 0 * t])
+    log = recording(130.0 + t, q, 0 * q)
+    middle = slice(250, 750)
+    own = base.predict(log)[middle, 0]
+    np.testing.assert_allclose(own, 2 * np.exp(-t[middle] / 50), rtol=1e-6)
+    session = replace(base, clock=100.0).predict(log)[middle, 0]
+    np.testing.assert_allclose(session, 2 * np.exp(-(30 + t[middle]) / 50), rtol=1e-6)
+
+
+# -- the nominal -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("toml", "names", "expected"),
+    [
+        ("", None, DEFAULT_DECLARED),
+        ("", (), ()),
+        ("", ["coulomb", "viscous", "coulomb"], ("coulomb", "viscous")),
+        ("[declared.viscous]\n[declared.spring]", None, ("viscous", "spring")),
+        ("[declared.viscous]", ["offset"], ("offset",)),
+    ],
+)
+def test_the_user_decides_what_is_declared_then_the_robot_then_the_usual(
+    toml, names, expected
+):
+    assert declared_names(arm(toml=toml), names) == expected
+
+
+def test_a_declared_effect_without_value_starts_at_zero_on_every_joint():
+    found = nominal(arm(), DEFAULT_DECLARED)
+    assert len(found.model.terms) == 6
+    assert not any(t.theta.any() for t in found.model.terms)
+    assert found.given == (None,) * 6
+    assert found.names == DEFAULT_DECLARED
+
+
+def test_declared_values_become_coefficients_of_their_joint():
+    toml = (
+        "[declared.coulomb]\nlevel = [3, 4]\n"
+        "[declared.spring]\nstiffness = [10, 0]\nrest = [0.5, 0]\n"
+        "[declared.viscous]\ncoefficient = [1, 2]\nassumed = true\nsource = 'x'\n"
+        "[declared.ripple]\namplitude = [2, 1]\norder = [8, 9]\nphase = [0, 1.5]\n"
+    )
+    found = nominal(arm(toml=toml), ("coulomb", "spring", "viscous", "ripple"))
+    theta = [t.theta.tolist() for t in found.model.terms[:6]]
+    assert theta == [[3], [4], [10, -5], [0, 0], [1], [2]]
+    assert found.given == (GIVEN,) * 4 + (ASSUMED,) * 2 + (GIVEN,) * 2
+    assert [t.shape for t in found.model.terms[6:]] == [(8.0,), (9.0,)]
+
+
+WITHOUT_SHAPE = {
+    "warmup": "[declared.warmup]\nlevel = [2, 2]\n",
+    "stribeck": "[declared.stribeck]\nlevel = [2, 2]\n",
+    "ripple": "[declared.ripple]\namplitude = [1, 1]\n",
+    "power_viscous": "[declared.power_viscous]\ncoefficient = [1, 1]\n",
+}
+
+
+@pytest.mark.parametrize("name", sorted(WITHOUT_SHAPE))
+def test_declared_values_without_their_shape_are_refused(name):
+    with pytest.raises(InputError, match=r"time_constant|velocity|order|exponent"):
+        nominal(arm(toml=WITHOUT_SHAPE[name]), (name,))
+
+
+def test_a_declared_ripple_without_values_is_refused_with_what_to_give():
+    with pytest.raises(
+        InputError, match=r"Give amplitude, order, phase in robot\.toml"
+    ):
+        nominal(arm(), ("ripple",))
+
+
+def test_declared_shapes_are_all_carried_along_where_they_are_few():
+    found = nominal(arm(), ("power_viscous",))
+    assert [t.shape for t in found.model.terms] == 2 * [(0.25,), (0.5,), (0.75,)]
+    assert found.names == ("power_viscous",)
+
+
+def test_a_declared_payload_without_values_is_ten_free_coefficients():
+    (term,) = nominal(arm(), ("payload",)).model.terms
+    assert (term.joints, term.theta.shape) == ((1,), (10,))
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("coulom", "did you mean 'coulomb'"),
+        ("Viscous", "did you mean 'viscous'"),
+        ("sprng", "did you mean 'spring'"),
+        ("xyzzy", "Valid: balancer, coulomb"),
+    ],
+)
+def test_an_unknown_effect_is_answered_with_the_nearest(name, hint):
+    log, _ = log_of(arm(), np.arange(750) / 250)
+    with pytest.raises(UnknownNameError, match=hint):
+        close_the_loop(arm(), [log], declared=[name])
+
+
+@pytest.mark.parametrize("where", ["fit", "baseline", "held_out"])
+def test_a_log_of_another_robot_is_refused_wherever_it_is_given(where):
+    t = np.arange(750) / 250
+    good, _ = log_of(arm(), t)
+    bad, _ = log_of(arm(SEVEN), t)
+    logs = {
+        "fit": [good],
+        "baseline": [],
+        "held_out": [],
+        where: [replace(bad, id="b")],
+    }
+    with pytest.raises(InputError, match="b has 7 joints, small_arm has 2"):
+        close_the_loop(arm(), **logs)

@@ -1,0 +1,177 @@
+"""How firmly the nominal model is held, and what it may be blamed for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.design import Design
+from residual.dynamics import inertial_parameters
+from residual.effects import registry
+from residual.evidence import fit
+from residual.model import Model, Term
+from residual.prior import (
+    ASSUMED,
+    GIVEN,
+    POSTERIOR_FLOOR,
+    SCALES,
+    Nominal,
+    forbidden,
+    inertial_sd,
+    posterior_of,
+    priors,
+    relative_prior,
+)
+from tests.residual.arms import SEVEN, arm, bare_irb140
+from tests.residual.linear import NOMINAL, Problem, random_state, track
+
+FLAGS = {e.name: e.is_parameter for e in registry().values()}
+
+
+def term(name, joint, theta):
+    return Term(registry()[name], (joint,), (), np.array(theta, dtype=float))
+
+
+def nominal(terms=(), given=(), **options):
+    robot = arm()
+    model = Model(robot, inertial_parameters(robot.model), tuple(terms), np.ones(2))
+    return Nominal(model, tuple(given), **options)
+
+
+def design_of(found, rng):
+    made = []
+    for k in range(3):
+        state = random_state(rng, 100)
+        made.append(
+            (track(rng.normal(size=(100, 2)), np.ones((100, 2), bool), k), state)
+        )
+    return Design(made, found.model)
+
+
+@pytest.mark.parametrize("scale", [0.01, 0.3])
+def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
+    """Half of the doubt is each one's own, half the link's as a whole."""
+    found = nominal()
+    prior = relative_prior(design_of(found, rng), found, scale)
+    expected = np.zeros((NOMINAL, NOMINAL))
+    sizes = inertial_sd(arm()).reshape(2, 10)
+    parameters = inertial_parameters(arm().model).reshape(2, 10)
+    for i in range(2):
+        own = slice(10 * i, 10 * i + 10)
+        shared = np.outer(parameters[i], parameters[i])
+        expected[own, own] = 0.5 * scale**2 * (shared + np.diag(sizes[i] ** 2))
+    np.testing.assert_allclose(np.linalg.inv(prior.precision), expected, atol=1e-12)
+    assert prior.scale == scale
+    assert prior.log_det == pytest.approx(np.linalg.slogdet(prior.precision)[1])
+
+
+def test_a_link_that_is_too_heavy_as_a_whole_is_doubted_once_not_ten_times(rng):
+    """10 % more of everything on one link costs less than one parameter's 2 sigma."""
+    found = nominal()
+    prior = relative_prior(design_of(found, rng), found, 0.1)
+    heavier = 0.1 * inertial_parameters(arm().model) * (np.arange(NOMINAL) < 10)
+    assert 0.5 * heavier @ prior.precision @ heavier < 2
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(arm(), id="two"),
+        pytest.param(arm(SEVEN), id="seven"),
+        pytest.param(bare_irb140(), id="irb140"),
+    ],
+)
+def test_a_zero_in_a_urdf_is_not_taken_as_exact(robot):
+    sd = inertial_sd(robot).reshape(-1, 10)
+    masses = [body.mass for body in list(robot.model.inertias)[1:]]
+    np.testing.assert_allclose(sd[:, 0], masses)
+    assert (sd[:, 1:4] >= 0.05 * sd[:, :1] - 1e-12).all()
+    assert (sd[:, 4:] >= 0.01 * sd[:, :1] - 1e-12).all()
+
+
+@pytest.mark.parametrize(("given", "share"), [(GIVEN, 0.1), (ASSUMED, 1.0)])
+def test_a_declared_value_is_held_within_its_share(rng, given, share):
+    found = nominal(
+        [term("viscous", 0, [8.0]), term("coulomb", 1, [4.0])], [given, given]
+    )
+    prior = relative_prior(design_of(found, rng), found, 0.03)
+    sd = 1 / np.sqrt(np.diag(prior.precision))[NOMINAL:]
+    # One thousandth of torque rms is added, so that a declared 0 is not exact.
+    assert (sd > share * np.array([8.0, 4.0])).all()
+    np.testing.assert_allclose(sd, share * np.array([8.0, 4.0]), rtol=0.02)
+
+
+def test_a_declared_effect_without_value_may_have_all_of_the_torque(rng):
+    """Its prior is as wide as the torque that it would explain."""
+    found = nominal([term("viscous", 0, [0.0])], [None])
+    design = design_of(found, rng)
+    prior = relative_prior(design, found, 0.03)
+    sd = 1 / np.sqrt(prior.precision[-1, -1])
+    speed = np.concatenate([s.qd[:, 0] for s in design.states])
+    assert sd * np.sqrt(np.mean(speed**2)) == pytest.approx(design.rms[0], rel=1e-3)
+
+
+def test_every_scale_is_tried_unless_one_is_given_or_a_baseline_settles_it(rng):
+    free, fixed = nominal(), nominal(scale=0.05)
+    known = nominal(covariance=1e-4 * np.eye(NOMINAL))
+    design = design_of(free, rng)
+    assert [p.scale for p in priors(design, free)] == list(SCALES)
+    assert [p.scale for p in priors(design, fixed)] == [0.05]
+    assert [p.scale for p in priors(design, known)] == [None]
+
+
+def test_no_baseline_is_believed_better_than_one_per_cent(rng):
+    found = nominal(
+        [term("coulomb", 0, [5.0])], [None], covariance=1e-12 * np.eye(NOMINAL + 1)
+    )
+    (prior,) = priors(design_of(found, rng), found)
+    sd = np.sqrt(np.diag(np.linalg.inv(prior.precision)))
+    np.testing.assert_allclose(sd[:-1], POSTERIOR_FLOOR * inertial_sd(arm()), rtol=1e-3)
+    assert sd[-1] == pytest.approx(POSTERIOR_FLOOR * 5.0, rel=1e-3)
+
+
+def test_the_posterior_of_a_baseline_is_the_covariance_of_its_fit(rng):
+    problem = Problem.draw(rng)
+    d = problem.design
+    fitted = fit(d, problem.prior, (), d.rows)
+    np.testing.assert_array_equal(posterior_of(fitted, 5), fitted.covariance()[:5, :5])
+
+
+# -- may "a parameter is wrong" be said? (DESIGN section 7) ------------------------
+
+FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "scale", "baseline", "barred"),
+    [
+        # Declared without a value: it is free already, there is nothing to blame.
+        ("coulomb", FREE, FINE_SCALE, False, {"coulomb"}),
+        ("coulomb", ASSUMED, FINE_SCALE, False, {"coulomb"}),
+        # Declared with a value: the value may be wrong.
+        ("coulomb", GIVEN, FINE_SCALE, False, set()),
+        # A rough rigid body cannot blame a load.
+        ("coulomb", GIVEN, ROUGH_SCALE, False, {"payload", "link_inertia"}),
+        # Against a baseline: a change.
+        ("coulomb", FREE, None, True, set()),
+        ("payload", FREE, None, True, set()),
+        # What the model has and is no parameter of a model is not named twice.
+        ("offset", GIVEN, FINE_SCALE, False, {"offset"}),
+        ("offset", FREE, None, True, {"offset"}),
+    ],
+)
+def test_what_may_not_be_blamed(rng, name, given, scale, baseline, barred):
+    theta = np.zeros(10) if name == "payload" else [1.0]
+    own = term(name, 1, theta)
+    covariance = np.eye(NOMINAL + len(own.theta)) if baseline else None
+    found = nominal([own], [given], covariance=covariance)
+    prior = replace(Problem.draw(rng, rows=20).prior, scale=scale)
+    assert forbidden(prior, found, FLAGS) == barred
+
+
+def test_names_of_the_declared_effects_come_once_each():
+    found = nominal(
+        [term("coulomb", 0, [1]), term("coulomb", 1, [1]), term("viscous", 0, [1])],
+        [None] * 3,
+    )
+    assert found.names == ("coulomb", "viscous")

@@ -1,0 +1,151 @@
+"""What a synthetic arm hides is found, on its joint, by its size.
+
+The arm's formulas are others than those of the library, its inertia is 2 % off its
+URDF, its friction is anything. One clear case per effect, of short logs: how often it
+goes right over many draws is the matter of benchmarks/logs.py.
+"""
+
+import numpy as np
+import pytest
+
+from sim.synthetic.state import Hidden
+from tests.residual.arms import (
+    arm,
+    bare_irb140,
+    classes,
+    diagnose_case,
+    doubts,
+    names,
+    short_case,
+)
+
+# Seed of the draw, and how near each parameter must come (relative to the truth).
+# None where the arm's formula has no such parameter, or two of them trade off.
+CASES = {
+    "balancer": (33, {"sin": 0.2}),
+    "coulomb": (31, {"level": 0.05}),
+    "coulomb_asymmetry": (35, None),
+    "coupled_friction": (32, {"level": 0.15, "coefficient": 0.25, "sign": 0}),
+    "load_friction": (33, {"coefficient": 0.15}),
+    "offset": (33, None),
+    "payload": (33, {"mass": 0.1, "com_x": 0.15}),
+    "position_friction": (34, None),
+    "power_viscous": (31, None),
+    "quadratic_viscous": (32, {"coefficient": 0.1}),
+    "ripple": (33, {"amplitude": 0.15, "order": 0.02}),
+    "rotor_inertia": (32, {"inertia": 0.1}),
+    "spring": (35, {"stiffness": 0.1}),
+    "stribeck": (38, {"level": 0.6, "velocity": 0.5}),
+    "torque_gain": (33, {"gain": 0.25}),
+    "viscous": (32, {"coefficient": 0.05}),
+    "viscous_asymmetry": (33, {"coefficient": 0.1}),
+    "warmup": (38, {"time_constant": 0.6}),
+}
+
+
+@pytest.mark.parametrize("effect", sorted(CASES))
+def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
+    seed, tolerances = CASES[effect]
+    case = short_case(bare_irb140(), effect, seed=seed, duration=8.0)
+    _, found = doubts(case)
+    assert len(found) == 1
+    (finding,) = found
+    same = {(finding.effect.name, finding.joints), *finding.equivalent}
+    assert (case.truth.name, case.truth.joints) in same
+    if tolerances is None:
+        return
+    assert finding.effect.name == effect
+    for key, share in tolerances.items():
+        (value,), (sd,), _ = finding.parameters[key]
+        truth = case.truth.parameters[key]
+        assert value == pytest.approx(truth, rel=share)
+        assert 0 <= sd < abs(truth)
+
+
+@pytest.mark.parametrize("seed", [36, 41])
+def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing(seed):
+    diagnosis, found = doubts(short_case(bare_irb140(), seed=seed, duration=8.0))
+    assert found == []
+    assert diagnosis.adequacy.doubted == ()
+    assert diagnosis.task.prior.scale <= 0.1
+
+
+@pytest.mark.parametrize(
+    ("effect", "seed"), [("x_square_wave", 36), ("x_friction_jump", 38)]
+)
+def test_what_has_no_name_is_flagged_on_its_joint_without_one(effect, seed):
+    case = short_case(bare_irb140(), effect, seed=seed, duration=8.0)
+    diagnosis, found = doubts(case)
+    assert found == []
+    assert [j + 1 for j in diagnosis.adequacy.doubted] == list(case.truth.joints)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "seed"),
+    [("offset", "ripple", 36), ("payload", "quadratic_viscous", 37)],
+)
+def test_two_effects_at_once_are_both_found(first, second, seed):
+    """The second pair even sits on one joint."""
+    case = short_case(bare_irb140(), first, second, seed=seed, duration=8.0)
+    _, found = doubts(case)
+    assert len(found) == 2
+    named = {f.effect.name: f for f in found}
+    offset_class = {"offset", "coulomb_asymmetry"}
+    first_names = offset_class if first == "offset" else {first}
+    assert first_names & set(named)
+    assert second in named
+
+
+def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
+    """ "Coulomb friction on all six joints", not six findings."""
+    case = short_case(bare_irb140(), seed=40, duration=8.0)
+    _, found = doubts(case, ("viscous", "rotor_inertia"))
+    assert [(f.effect.name, f.joints) for f in found] == [
+        ("coulomb", (1, 2, 3, 4, 5, 6))
+    ]
+    levels, sds, unit = found[0].parameters["level"]
+    assert unit == "N m"
+    assert levels.shape == sds.shape == (6,)
+    np.testing.assert_allclose(levels, [12, 14, 9, 4, 3.5, 2.5], rtol=0.35)
+
+
+def test_a_model_without_any_friction_is_told_of_all_of_it():
+    case = short_case(bare_irb140(), seed=42, duration=8.0)
+    _, found = doubts(case, ())
+    every = {f.effect.name: f.joints for f in found}
+    assert every["coulomb"] == every["viscous"] == (1, 2, 3, 4, 5, 6)
+    assert len(every["rotor_inertia"]) >= 3
+
+
+# -- the whole way, on a small arm -------------------------------------------------
+
+
+def test_a_change_against_a_baseline_is_found_and_proved():
+    """Coulomb friction that was there already grew by a known amount on joint 2."""
+    grown = Hidden("coulomb", (2,), {"level": 3.0})
+    case = short_case(arm(), grown, seed=43)
+    verdict = diagnose_case(case).verdict
+    assert names(verdict) == [("coulomb", (2,))]
+    (effect,) = verdict["effects"]
+    level = effect["parameters"]["level"]
+    assert level["value"] == pytest.approx(3.0, abs=4 * level["std"] + 0.1)
+    assert effect["evidence"]["held_out"] == "confirmed"
+    moving = verdict["error"]["moving"]
+    assert moving["augmented"][1] < 0.6 * moving["identified"][1]
+    assert moving["identified"][1] < moving["nominal"][1] + 1
+
+
+def test_without_a_baseline_the_same_change_is_no_news():
+    """Its level is free: a refit takes it over, as it should."""
+    grown = Hidden("coulomb", (2,), {"level": 3.0})
+    case = short_case(arm(), grown, seed=43, baseline=False)
+    assert diagnose_case(case).verdict["verdict"] == "none"
+
+
+def test_a_name_is_worth_its_error_on_motion_that_was_not_fitted():
+    spring = Hidden("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
+    verdict = diagnose_case(short_case(arm(), spring, seed=44)).verdict
+    assert ("spring", (1,)) in classes(verdict["effects"][0])
+    moving = verdict["error"]["moving"]
+    assert moving["augmented"][0] < 0.6 * moving["identified"][0]
+    assert moving["augmented"][1] < 1.05 * moving["identified"][1]

@@ -1,0 +1,265 @@
+"""The signal path: nothing moves in time, and torque and regressor pass alike."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from residual.recording import Recording
+from residual.signals import Filters, low_pass, prepare, sample_rate
+
+FILTERS = Filters()
+RATES = (100.0, 125.0, 250.0, 500.0, 1000.0)
+
+
+def sines(t, frequencies, seed=0):
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * np.outer(t, frequencies) + rng.uniform(0, 6, len(frequencies))
+    return np.sin(angle).sum(axis=1)
+
+
+def log(t, q, tau=None, label="log"):
+    q = np.reshape(q, (len(t), -1))
+    tau = np.zeros_like(q) if tau is None else np.reshape(tau, q.shape)
+    return Recording(label, "any", t, q, tau)
+
+
+def one(recording, **options):
+    (track,), floor = prepare([recording], FILTERS, **options)
+    return track, floor
+
+
+def clock(duration, rate):
+    return np.arange(round(duration * rate)) / rate
+
+
+# -- the filter --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", RATES)
+@given(share=st.floats(0.02, 0.5), phase=st.floats(0, 6.28))
+def test_a_sine_below_the_cutoff_keeps_its_phase_and_its_size(rate, share, phase):
+    cutoff = 8.0
+    t = clock(8, rate)
+    angle = 2 * np.pi * share * cutoff * t + phase
+    inside = slice(len(t) // 4, -len(t) // 4)
+    out = low_pass(np.sin(angle), cutoff, rate)[inside]
+    basis = np.column_stack([np.sin(angle), np.cos(angle)])[inside]
+    along, across = np.linalg.lstsq(basis, out, rcond=None)[0]
+    # Twice a Butterworth of order 4: gain 1 / (1 + (f/fc)^8).
+    assert along == pytest.approx(1 / (1 + share**8), abs=2e-3)
+    assert across == pytest.approx(0, abs=1e-3)
+
+
+def test_a_sine_far_above_the_cutoff_is_gone():
+    t = clock(8, 250)
+    out = low_pass(np.sin(2 * np.pi * 40 * t), 8, 250)
+    assert np.abs(out[250:-250]).max() < 1e-4
+
+
+def test_a_constant_passes_unchanged_to_the_very_ends():
+    np.testing.assert_allclose(low_pass(np.full((500, 2), 3.7), 8, 250), 3.7)
+
+
+def test_filtering_backwards_in_time_is_filtering():
+    x = np.random.default_rng(1).normal(size=800)
+    forward, backward = low_pass(x, 8, 250), low_pass(x[::-1], 8, 250)[::-1]
+    np.testing.assert_allclose(forward[250:-250], backward[250:-250], atol=1e-6)
+
+
+def test_a_log_too_slow_for_the_cutoff_is_left_alone():
+    x = np.random.default_rng(1).normal(size=50)
+    np.testing.assert_array_equal(low_pass(x, 8, 16), x)
+
+
+@given(st.integers(0, 1000))
+def test_filtered_columns_times_theta_are_the_filtered_product(seed):
+    """Parallel filtering (Gautier 1997): the filter cannot be taken for dynamics."""
+    rng = np.random.default_rng(seed)
+    t = clock(4, 250)
+    track, _ = one(log(t, np.sin(t)))
+    columns, theta = rng.normal(size=(len(track.t), 2, 5)), rng.normal(size=5)
+    np.testing.assert_allclose(
+        track.filter(columns) @ theta, track.filter(columns @ theta), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_features_pass_the_filter_that_torque_passes(rate):
+    """A torque that is exactly one feature comes out equal on both ways."""
+    t = clock(10, rate)
+    x = sines(t, (0.4, 2.9, 6.0, 7.5))
+    track, _ = one(log(t, np.sin(t), x))
+    same = track.filter(x[:: round(rate / track.rate)])[track.inner]
+    np.testing.assert_allclose(same, track.tau[track.inner, 0], atol=1e-3 * x.std())
+
+
+@pytest.mark.parametrize(
+    ("rate", "cutoff"), [(50, 4.0), (100, 8.0), (250, 8.0), (1000, 8.0)]
+)
+def test_the_cutoff_follows_the_rate_of_slow_logs(rate, cutoff):
+    assert FILTERS.cutoff(rate) == pytest.approx(cutoff)
+
+
+# -- kinematics --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_velocity_and_acceleration_are_those_of_the_motion(rate):
+    t = clock(8, rate)
+    w = 2 * np.pi * 0.5
+    track, _ = one(log(t, np.sin(w * t)), full_rate=True)
+    inner = (track.t > 1) & (track.t < 7)
+    np.testing.assert_allclose(
+        track.qd[inner, 0], w * np.cos(w * track.t[inner]), atol=2e-3 * w
+    )
+    np.testing.assert_allclose(
+        track.qdd[inner, 0], -(w**2) * np.sin(w * track.t[inner]), atol=4e-3 * w**2
+    )
+
+
+@pytest.mark.parametrize(
+    ("dt", "rate"),
+    [(0.004, 250.0), (0.008, 125.0), (1 / 249.96, 250.0), (0.03, 1 / 0.03)],
+)
+def test_the_rate_is_the_median_and_whole_where_nearly_so(dt, rate):
+    t = np.cumsum(np.full(200, dt))
+    t[100:] += 3.0
+    assert sample_rate(t) == pytest.approx(rate, rel=1e-12)
+
+
+def test_a_jittered_clock_is_put_on_an_even_one():
+    """3 ms of jitter at 100 Hz change neither q nor tau by more than 1 %."""
+    rng = np.random.default_rng(2)
+    even = clock(10, 100)
+    t = np.sort(even + rng.uniform(-0.003, 0.003, len(even)))
+    x, y = (lambda s: np.sin(2 * np.pi * 0.7 * s)), (lambda s: np.cos(3 * s))
+    track, _ = one(log(t, x(t), y(t)))
+    assert np.ptp(np.diff(track.t)) < 1e-9
+    inner = slice(50, -50)
+    np.testing.assert_allclose(track.q[inner, 0], x(track.t[inner]), atol=0.01)
+    rows = track.t[:: track.step][track.inner]
+    np.testing.assert_allclose(track.tau[track.inner, 0], y(rows), atol=0.01)
+    np.testing.assert_allclose(
+        track.qd[inner, 0],
+        1.4 * np.pi * np.cos(1.4 * np.pi * track.t[inner]),
+        atol=0.05,
+    )
+
+
+def test_the_log_keeps_its_own_clock():
+    t = 5000.0 + clock(4, 250)
+    track, _ = one(log(t, np.sin(t)))
+    assert track.t[0] == t[0]
+    assert track.t[-1] <= t[-1] + 1e-9
+
+
+# -- which rows count --------------------------------------------------------------
+
+
+def stop_and_go(t):
+    """Moves for 2 s, stands for 1 s, and so on; reverses at 4.5 s within a move."""
+    speed = np.where(t % 3 < 2, 1.0, 0.0) * np.where(t < 4.5, 1.0, -1.0)
+    return np.cumsum(speed) * (t[1] - t[0])
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_dwells_and_reversals_are_masked_with_a_margin(rate):
+    t = clock(12, rate)
+    track, _ = one(log(t, stop_and_go(t)))
+    rows, moving = track.t[:: track.step], track.moving[:, 0]
+    margin = FILTERS.margin / track.cutoff
+    for start in (2, 5, 8):
+        stands = (rows > start - 0.8 * margin) & (rows < start + 1 + 0.8 * margin)
+        assert not moving[stands].any()
+    assert not moving[np.abs(rows - 4.5) < 0.8 * margin].any()
+    for middle in (1.0, 3.7, 7.0, 10.0):
+        assert moving[np.abs(rows - middle) < 0.1].all()
+
+
+def test_each_joint_is_masked_by_its_own_motion():
+    t = clock(12, 250)
+    track, _ = one(log(t, np.column_stack([stop_and_go(t), 0.8 * t, 0 * t])))
+    share = track.moving[track.inner].mean(axis=0)
+    assert 0.3 < share[0] < 0.7
+    assert share[1] == 1.0
+    assert share[2] == 0.0
+
+
+def test_both_ends_are_dropped_for_all_joints():
+    t = clock(6, 250)
+    track, _ = one(log(t, 0.5 * t))
+    rows = track.t[:: track.step]
+    assert not track.inner[rows < 0.49].any()
+    assert not track.inner[rows > 6 - 0.49].any()
+    assert track.inner[(rows > 0.6) & (rows < 5.4)].all()
+    assert not track.moving[~track.inner].any()
+
+
+def test_a_gap_in_the_log_is_masked_and_nothing_else():
+    t = clock(10, 250)
+    t = t[(t < 4.0) | (t > 5.0)]
+    track, _ = one(log(t, 0.3 * t))
+    rows = track.t[:: track.step]
+    assert not track.inner[(rows > 3.95) & (rows < 5.05)].any()
+    assert track.inner[(rows > 0.6) & (rows < 3.8)].all()
+    assert track.inner[(rows > 5.2) & (rows < 9.4)].all()
+    assert not track.moving[(rows > 3.95) & (rows < 5.05)].any()
+
+
+def test_a_missed_sample_or_two_is_no_gap():
+    t = np.delete(clock(10, 250), [700, 701, 702])
+    track, _ = one(log(t, 0.3 * t))
+    rows = track.t[:: track.step]
+    assert track.inner[(rows > 0.6) & (rows < 9.4)].all()
+
+
+def test_thresholds_are_common_to_all_logs_and_may_come_from_others():
+    t = clock(6, 250)
+    fast, slow = log(t, np.sin(3 * t)), log(t, 0.001 * np.sin(3 * t))
+    tracks, floor = prepare([fast, slow], FILTERS)
+    assert tracks[0].moving.mean() > 0.3
+    assert tracks[1].moving.mean() == 0
+    _, again = one(slow, speed_floor=floor)
+    np.testing.assert_array_equal(again, floor)
+    assert one(slow)[1] < floor
+
+
+def test_the_threshold_rises_with_the_noise_of_the_encoder():
+    t = clock(8, 250)
+    noise = np.random.default_rng(4).normal(size=len(t))
+    quiet, noisy = (one(log(t, 0.1 * np.sin(t) + s * noise))[1] for s in (0, 1e-3))
+    assert noisy > 3 * quiet
+
+
+def test_shapes_of_a_track_agree():
+    t = clock(5.123, 250)
+    for full_rate in (False, True):
+        track, _ = one(log(t, np.sin(np.outer(t, (1, 2)))), full_rate=full_rate)
+        rows = len(track.t[:: track.step])
+        assert track.tau.shape == track.moving.shape == (rows, 2)
+        assert track.inner.shape == (rows,)
+        assert track.filter(track.q).shape == (rows, 2)
+        assert track.q.shape == track.qd.shape == track.qdd.shape == (len(track.t), 2)
+    assert len(track.t) == len(t)
+
+
+# -- noise of the torque channel ---------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [125.0, 250.0, 500.0])
+def test_white_noise_is_measured_as_what_passes_the_filter(rate):
+    rng = np.random.default_rng(5)
+    t = clock(40, rate)
+    signal = 20 * sines(t, (0.3, 1.1, 2.0))
+    noise = rng.normal(size=len(t))
+    track, _ = one(log(t, np.sin(t), signal + noise))
+    passed = low_pass(noise, track.cutoff, rate)[int(rate) : -int(rate)].std()
+    assert track.torque_noise[0] == pytest.approx(passed, rel=0.15)
+
+
+def test_a_log_of_two_seconds_is_enough_for_the_signal_path():
+    t = clock(2, 100)
+    track, _ = one(log(t, 0.5 * t))
+    assert np.isfinite(track.tau).all()
+    assert track.moving.any()

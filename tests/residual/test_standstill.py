@@ -1,0 +1,166 @@
+"""What the direction of motion does while a joint stands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from residual.dynamics import inertial_parameters
+from residual.effects import registry
+from residual.model import Model, Term
+from residual.settle import with_standstill
+from residual.signals import prepare
+from residual.standstill import CHOICES, SMOOTH, Standstill, direction, directions
+from tests.residual.arms import arm, recording
+
+FLOOR = 0.02
+
+
+def motion(seed=0, n=400):
+    """A wandering joint with stops; velocity at 100 Hz."""
+    rng = np.random.default_rng(seed)
+    steps = rng.normal(size=n) * 1e-3 * (rng.uniform(size=n) > 0.3)
+    q = np.cumsum(np.convolve(steps, np.ones(9) / 9, "same"))
+    return q, np.gradient(q, 0.01)
+
+
+@pytest.mark.parametrize("shape", CHOICES, ids=str)
+@given(seed=st.integers(0, 2000))
+def test_direction_stays_between_minus_one_and_one(shape, seed):
+    q, qd = motion(seed)
+    out = direction(q, qd, FLOOR, shape)
+    assert out.shape == q.shape
+    assert np.abs(out).max() <= 1
+
+
+@pytest.mark.parametrize("shape", CHOICES, ids=str)
+def test_direction_turns_round_with_the_motion(shape):
+    q, qd = motion()
+    np.testing.assert_allclose(
+        direction(-q, -qd, FLOOR, shape), -direction(q, qd, FLOOR, shape), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("shape", CHOICES, ids=str)
+def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
+    t = np.arange(300) / 100
+    out = direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
+    np.testing.assert_allclose(out[100:], -1, atol=1e-3)
+
+
+def test_a_joint_that_stands_has_no_smooth_direction():
+    still = np.zeros(50)
+    assert not direction(still, still, FLOOR, SMOOTH).any()
+
+
+@pytest.mark.parametrize("shape", CHOICES, ids=str)
+@pytest.mark.parametrize("hold", [0.0, 0.4, 1.0])
+def test_the_share_held_counts_only_while_the_joint_stands(shape, hold):
+    q, qd = motion()
+    whole = direction(q, qd, FLOOR, replace(shape, hold=1.0))
+    held = direction(q, qd, FLOOR, replace(shape, hold=hold))
+    stands = np.abs(qd) < shape.reach * FLOOR
+    assert stands.any()
+    assert not stands.all()
+    np.testing.assert_allclose(held[stands], hold * whole[stands])
+    np.testing.assert_array_equal(held[~stands], whole[~stands])
+
+
+def test_smooth_rises_with_speed():
+    qd = np.linspace(-0.2, 0.2, 101)
+    assert (np.diff(direction(qd, qd, FLOOR, SMOOTH)) >= 0).all()
+
+
+def test_a_bristle_holds_its_torque_while_the_joint_stands():
+    q = np.concatenate([np.linspace(0, 0.1, 50), np.full(50, 0.1)])
+    out = direction(q, np.gradient(q), FLOOR, Standstill("bristle", 1e-3))
+    np.testing.assert_allclose(out[50:], out[49], atol=1e-12)
+    assert out[49] == pytest.approx(1, abs=1e-6)
+
+
+def test_a_bristle_starts_at_rest_and_yields_over_its_displacement():
+    """Dahl: after a travel of one displacement it has 1 - 1/e of its torque."""
+    q = np.linspace(0, 0.003, 301)
+    out = direction(q, np.ones(301), FLOOR, Standstill("bristle", 1e-3))
+    assert out[0] == 0
+    assert out[100] == pytest.approx(1 - np.exp(-1), rel=1e-6)
+    assert (np.diff(out) > 0).all()
+
+
+def test_a_bristle_turns_over_twice_its_displacement_after_a_reversal():
+    """From +1, going back by x: 2 exp(-x/d) - 1."""
+    back = np.linspace(0.05, 0.049, 101)
+    q = np.concatenate([np.linspace(0, 0.05, 200), back[1:]])
+    out = direction(q, np.gradient(q), FLOOR, Standstill("bristle", 1e-3))
+    assert out[-1] == pytest.approx(2 * np.exp(-1) - 1, abs=1e-6)
+
+
+@given(st.integers(0, 500))
+def test_a_bristle_does_not_depend_on_how_finely_a_monotone_path_is_sampled(seed):
+    """The step is the exact solution, so that any log rate gives the same torque."""
+    q = np.cumsum(np.random.default_rng(seed).uniform(0, 1e-3, 201))
+    shape = Standstill("bristle", 1e-3)
+    fine = direction(q, np.ones(201), FLOOR, shape)[::10]
+    coarse = direction(q[::10].copy(), np.ones(21), FLOOR, shape)
+    np.testing.assert_allclose(fine, coarse, atol=1e-12)
+
+
+def test_a_bristle_of_no_displacement_is_the_sign_of_velocity():
+    q, qd = motion()
+    np.testing.assert_array_equal(
+        direction(q, qd, FLOOR, Standstill("bristle", 0.0)), np.sign(qd)
+    )
+
+
+def test_a_short_bristle_comes_near_the_sign_of_the_step():
+    q = np.cumsum(np.random.default_rng(1).choice([-1e-2, 1e-2], 100))
+    out = direction(q, np.gradient(q), FLOOR, Standstill("bristle", 1e-4))
+    np.testing.assert_allclose(out[1:], np.sign(np.diff(q)), atol=1e-12)
+
+
+def test_every_joint_has_its_own_floor_and_shape():
+    q, qd = (np.column_stack([x, x]) for x in motion())
+    shapes = (Standstill("smooth", 1.0), Standstill("bristle", 1e-3, hold=0.5))
+    out = directions(q, qd, np.array([0.01, 0.5]), shapes)
+    np.testing.assert_array_equal(
+        out[:, 0], direction(q[:, 0], qd[:, 0], 0.01, shapes[0])
+    )
+    np.testing.assert_array_equal(
+        out[:, 1], direction(q[:, 1], qd[:, 1], 0.5, shapes[1])
+    )
+
+
+# -- the choice on fit logs --------------------------------------------------------
+
+
+def stop_and_go(dof=2):
+    """Each joint moves for 1.5 s and stands for 1 s, in turn."""
+    t = np.arange(2500) / 250
+    speed = np.stack([np.where((t + j) % 2.5 < 1.5, 0.6, 0.0) for j in range(dof)], 1)
+    speed *= np.where(t < 5, 1.0, -1.0)[:, None]
+    return t, np.cumsum(speed, axis=0) / 250
+
+
+@pytest.mark.parametrize("hold", [0.0, 0.3, 0.8])
+def test_the_share_that_friction_holds_at_standstill_is_read_from_the_fit_logs(hold):
+    """Joint 1 has friction that holds that share; joint 2 has none, so stays as is."""
+    robot = arm()
+    t, q = stop_and_go()
+    friction = Term(registry()["coulomb"], (0,), (), np.array([5.0]))
+    model = Model(
+        robot, inertial_parameters(robot.model), (friction,), np.full(2, FLOOR)
+    )
+    truth = replace(model, standstill=2 * (Standstill("bristle", 1e-3, hold=hold),))
+    log = recording(t, q, truth.predict(recording(t, q, 0 * q)))
+    tracks, _ = prepare([log], model.filters, model.speed_floor)
+    settled = with_standstill(model, tracks)
+    assert settled.standstill[0].hold == pytest.approx(hold, abs=0.06)
+    assert settled.standstill[1] == SMOOTH
+    gap = {m: whole_error(x, log) for m, x in (("raw", model), ("set", settled))}
+    assert gap["set"] <= gap["raw"] + 1e-12
+
+
+def whole_error(model, log):
+    return np.sqrt(np.mean((model.predict(log) - log.tau)[200:-200] ** 2))

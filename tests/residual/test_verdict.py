@@ -1,0 +1,440 @@
+"""The verdict's form: every key in every kind of verdict, and plain numbers."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.close import close_the_loop
+from residual.effects import registry
+from residual.errors import InputError
+from residual.vocabulary import VOCABULARY
+from sim.synthetic.state import Hidden
+from tests.residual.arms import (
+    SEVEN,
+    arm,
+    diagnose_case,
+    names,
+    plain_logs,
+    short_case,
+)
+
+OFFSET = Hidden("offset", (1,), {"torque": 4.0})
+CHURN = Hidden("quadratic_viscous", (2,), {"coefficient": 1.5})
+KNOCK = Hidden("x_square_wave", (2,), {"amplitude": 1.5, "frequency": 0.4})
+GROWN = Hidden("coulomb", (2,), {"level": 3.0})
+LOAD = Hidden("payload", (2,), {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05})
+# On two links a load can be imitated by the last one: it takes a robot that is known.
+SURE = "[prior]\nscale = 0.03\n"
+DEAD = "joint 2 stands"
+MUTE = "joint 2 logs no torque"
+
+
+def half_dead(moving, silent=()):
+    """Logs of an arm one joint of which stands, or logs no torque; 2 N m on joint 1."""
+    logs = plain_logs(arm(), moving, [2.0, 0.0], count=5)
+    for j in silent:
+        logs = [replace(r, tau=r.tau * (np.arange(2) != j)) for r in logs]
+    return close_the_loop(arm(), logs[:4], held_out=logs[4:])
+
+
+MAKE = {
+    "none": lambda: diagnose_case(short_case(arm(), seed=50)),
+    "effects": lambda: diagnose_case(short_case(arm(), OFFSET, CHURN, seed=51)),
+    "several joints": lambda: diagnose_case(short_case(arm(), seed=52), ["viscous"]),
+    "unknown": lambda: diagnose_case(short_case(arm(), KNOCK, seed=53)),
+    "baseline": lambda: diagnose_case(short_case(arm(), GROWN, seed=54)),
+    "payload": lambda: diagnose_case(short_case(arm(toml=SURE), LOAD, seed=55)),
+    "same run": lambda: diagnose_case(short_case(arm(), OFFSET, seed=51), held_out=()),
+    "seven joints": lambda: diagnose_case(short_case(arm(SEVEN), seed=56)),
+    DEAD: lambda: half_dead(moving=[0]),
+    MUTE: lambda: half_dead(moving=[0, 1], silent=[1]),
+}
+KINDS = sorted(MAKE)
+DONE = {}
+
+
+@pytest.fixture
+def outcome_of():
+    """Each kind of case is diagnosed once for all tests."""
+
+    def get(kind):
+        if kind not in DONE:
+            DONE[kind] = MAKE[kind]()
+        return DONE[kind]
+
+    return get
+
+
+# The form of DESIGN section 7, written down once more on purpose.
+TABLE = {"nominal", "identified", "augmented", "plsr"}
+FORM = {
+    "": {
+        "schema",
+        "robot",
+        "declared",
+        "verdict",
+        "effects",
+        "minimum_detectable",
+        "unexplained",
+        "error",
+        "nominal_scale",
+        "next_experiment",
+        "warnings",
+    },
+    "unexplained": {
+        "joints",
+        "fraction",
+        "noise_floor",
+        "depends_on",
+        "kind",
+        "per_joint",
+        "noise_model",
+    },
+    "error": {
+        "metric",
+        "filter",
+        "logs",
+        "same_run",
+        "held_out",
+        "filtered",
+        "moving",
+        "overall",
+        "overall_filtered",
+    },
+}
+EFFECT = {
+    "name",
+    "joints",
+    "probability",
+    "order",
+    "equivalent",
+    "parameters",
+    "evidence",
+}
+EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value"}
+EXPECTED = {
+    "none": "none",
+    "effects": "effects",
+    "several joints": "effects",
+    "unknown": "unknown",
+    "baseline": "effects",
+    "payload": "effects",
+    "same run": "effects",
+    "seven joints": "none",
+    DEAD: "effects",
+}
+
+
+@pytest.mark.parametrize("kind", EXPECTED)
+def test_each_kind_of_case_gets_its_verdict(outcome_of, kind):
+    assert outcome_of(kind).verdict["verdict"] == EXPECTED[kind]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_key_is_there_and_no_other(outcome_of, kind):
+    verdict = outcome_of(kind).verdict
+    assert set(verdict) == FORM[""]
+    assert set(verdict["unexplained"]) == FORM["unexplained"]
+    error = verdict["error"]
+    assert set(error) == FORM["error"]
+    assert set(error["filter"]) == {"cutoff_hz"}
+    for table in ("held_out", "filtered", "moving", "overall", "overall_filtered"):
+        assert set(error[table]) == TABLE
+    for effect in verdict["effects"]:
+        assert set(effect) == EFFECT
+        assert set(effect["evidence"]) == EVIDENCE
+        assert all(set(e) == {"name", "joints"} for e in effect["equivalent"])
+        for parameter in effect["parameters"].values():
+            assert set(parameter) == {"value", "std", "unit"}
+    for entry in verdict["minimum_detectable"]:
+        assert set(entry) == {"name", "joints", "value", "unit"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_goes_through_json_unchanged_and_holds_no_nan(outcome_of, kind):
+    verdict = outcome_of(kind).verdict
+    assert json.loads(json.dumps(verdict, allow_nan=False)) == verdict
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_arrays_have_an_entry_per_joint(outcome_of, kind):
+    verdict = outcome_of(kind).verdict
+    dof = 7 if kind == "seven joints" else 2
+    for table in ("held_out", "filtered", "moving"):
+        for stage in ("nominal", "identified", "augmented"):
+            assert len(verdict["error"][table][stage]) == dof
+        assert verdict["error"][table]["plsr"] is None
+    assert len(verdict["unexplained"]["per_joint"]) == dof
+    for effect in verdict["effects"]:
+        for p in effect["parameters"].values():
+            if isinstance(p["value"], list):
+                assert len(p["value"]) == len(p["std"]) == len(effect["joints"])
+            else:
+                assert not isinstance(p["std"], list)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_joints_are_numbered_from_one(outcome_of, kind):
+    verdict = outcome_of(kind).verdict
+    dof = 7 if kind == "seven joints" else 2
+    found = [e["joints"] for e in verdict["effects"]]
+    found += [q["joints"] for e in verdict["effects"] for q in e["equivalent"]]
+    found += [m["joints"] for m in verdict["minimum_detectable"]]
+    found.append(verdict["unexplained"]["joints"])
+    for joints in found:
+        assert all(1 <= j <= dof for j in joints)
+    local = {n for n, e in registry().items() if e.scope == "local"}
+    last = {m["joints"][0] for m in verdict["minimum_detectable"] if m["name"] in local}
+    assert max(last) == (dof if kind not in (DEAD, MUTE) else max(last))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_finding_says_who_it_is_how_sure_and_how_large(outcome_of, kind):
+    for i, effect in enumerate(outcome_of(kind).verdict["effects"], start=1):
+        assert effect["order"] == i
+        assert 0.5 < effect["probability"] <= 1
+        assert {"name": effect["name"], "joints": effect["joints"]} not in effect[
+            "equivalent"
+        ]
+        for key, parameter in effect["parameters"].items():
+            assert VOCABULARY[effect["name"]][key] == parameter["unit"]
+            assert np.all(np.asarray(parameter["std"]) >= 0)
+        evidence = effect["evidence"]
+        assert evidence["by"] in ("fit", "plausibility")
+        assert evidence["held_out"] in ("confirmed", "neutral")
+        assert evidence["held_out_gain"] >= 0
+        assert evidence["p_value"] is None
+        assert evidence["nats"] > 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_sizes_that_would_have_shown_are_positive_and_of_others(outcome_of, kind):
+    verdict = outcome_of(kind).verdict
+    sizes = verdict["minimum_detectable"]
+    assert sizes
+    assert all(entry["value"] > 0 for entry in sizes)
+    found = {(n, js) for n, js in names(verdict) if n != "ripple"}
+    assert not found & {(e["name"], tuple(e["joints"])) for e in sizes}
+
+
+@pytest.mark.parametrize("kind", [k for k in EXPECTED if EXPECTED[k] != "effects"])
+def test_augmented_is_identified_where_nothing_was_found(outcome_of, kind):
+    outcome = outcome_of(kind)
+    assert outcome.verdict["effects"] == []
+    assert outcome.sentences == outcome.clouds == ()
+    error = outcome.verdict["error"]
+    for table in ("held_out", "filtered", "moving", "overall", "overall_filtered"):
+        assert error[table]["augmented"] == error[table]["identified"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_curves_and_sentences_stand_beside_the_verdict(outcome_of, kind):
+    outcome = outcome_of(kind)
+    effects = outcome.verdict["effects"]
+    assert len(outcome.sentences) == len(effects)
+    assert [p.id for p in outcome.proofs] == outcome.verdict["error"]["logs"]
+    for proof in outcome.proofs:
+        assert set(proof.tau_hat) == {"nominal", "identified", "augmented"}
+        for curve in (*proof.tau_hat.values(), proof.moving):
+            assert curve.shape == proof.tau.shape
+    named = {e["name"] for e in effects}
+    assert {c.name for c in outcome.clouds} == named
+    for cloud in outcome.clouds:
+        shapes = {x.shape for x in (cloud.x, cloud.residual, cloud.fitted, cloud.log)}
+        assert len(shapes) == 1
+        assert np.isfinite(cloud.x).all()
+        assert not set(cloud.log) & set(outcome.verdict["error"]["logs"])
+
+
+# -- what the kinds say ------------------------------------------------------------
+
+
+def test_what_was_hidden_is_what_is_named(outcome_of):
+    found = dict(names(outcome_of("effects").verdict))
+    assert found.pop("quadratic_viscous") == (2,)
+    ((name, joints),) = found.items()
+    assert name in ("offset", "coulomb_asymmetry")
+    assert joints == (1,)
+
+
+def test_offset_and_asymmetry_are_never_told_apart(outcome_of):
+    for kind in ("effects", "same run"):
+        for effect in outcome_of(kind).verdict["effects"]:
+            if effect["name"] in ("offset", "coulomb_asymmetry"):
+                every = {effect["name"], *(q["name"] for q in effect["equivalent"])}
+                assert every >= {"offset", "coulomb_asymmetry"}
+
+
+def test_nor_where_another_joint_stands(outcome_of):
+    (effect,) = outcome_of(DEAD).verdict["effects"]
+    every = {effect["name"], *(q["name"] for q in effect["equivalent"])}
+    assert every >= {"offset", "coulomb_asymmetry"}
+
+
+def test_a_finding_on_several_joints_lists_them_with_a_value_each(outcome_of):
+    every = {e["name"]: e for e in outcome_of("several joints").verdict["effects"]}
+    assert every["coulomb"]["joints"] == [1, 2]
+    assert len(every["coulomb"]["parameters"]["level"]["value"]) == 2
+
+
+def test_a_payload_sits_on_the_last_joint_with_its_centre(outcome_of):
+    effect = outcome_of("payload").verdict["effects"][0]
+    assert (effect["name"], effect["joints"]) == ("payload", [2])
+    mass = effect["parameters"]["mass"]
+    assert mass["unit"] == "kg"
+    assert mass["value"] == pytest.approx(1.5, abs=3 * mass["std"] + 0.05)
+
+
+def test_what_has_no_name_is_unknown_on_its_joint(outcome_of):
+    verdict = outcome_of("unknown").verdict
+    assert verdict["unexplained"]["joints"] == [2]
+    assert verdict["unexplained"]["per_joint"][1] > 0.05
+
+
+def test_a_nominal_of_its_own_scale_says_so_and_a_baseline_has_none(outcome_of):
+    assert outcome_of("none").verdict["nominal_scale"] in (0.01, 0.03, 0.1, 0.3)
+    assert outcome_of("baseline").verdict["nominal_scale"] is None
+
+
+def test_without_a_hold_out_the_same_run_is_cut_and_a_warning_says_so(outcome_of):
+    own, other = outcome_of("same run").verdict, outcome_of("effects").verdict
+    assert own["error"]["same_run"] is True
+    assert other["error"]["same_run"] is False
+    (label,) = own["error"]["logs"]
+    assert label.endswith(" (last quarter)")
+    assert other["error"]["logs"] == ["held_out"]
+    assert any("same run" in w for w in own["warnings"])
+    assert not any("same run" in w for w in other["warnings"])
+
+
+def test_declared_names_are_told_as_given_or_as_usual(outcome_of):
+    assert outcome_of("several joints").verdict["declared"] == ["viscous"]
+    usual = ["viscous", "coulomb", "rotor_inertia"]
+    assert outcome_of("none").verdict["declared"] == usual
+
+
+def test_a_joint_that_stands_is_said_to_be_unproven(outcome_of):
+    said = outcome_of(DEAD).verdict["warnings"]
+    assert any("joint 2 hardly moves" in w for w in said)
+    assert not any("hardly moves" in w for w in outcome_of("none").verdict["warnings"])
+
+
+@pytest.mark.parametrize("table", ["held_out", "filtered", "moving"])
+def test_no_relative_error_is_given_for_a_torque_that_is_zero(outcome_of, table):
+    value = outcome_of(MUTE).verdict["error"][table]["nominal"][1]
+    assert value is None or value < 1e4
+
+
+def test_no_moving_error_is_given_for_a_joint_that_never_moves(outcome_of):
+    assert outcome_of(DEAD).verdict["error"]["moving"]["nominal"][1] is None
+
+
+def test_a_joint_that_logs_no_torque_does_not_spoil_what_the_others_say(outcome_of):
+    """Joint 1 has 2 N m too much in either case."""
+    mute, dead = (outcome_of(kind).verdict for kind in (MUTE, DEAD))
+    assert 1 not in mute["unexplained"]["joints"]
+    assert {js for _, js in names(mute)} == {js for _, js in names(dead)} == {(1,)}
+
+
+# -- the session clock -------------------------------------------------------------
+
+
+def tried(verdict):
+    return {entry["name"] for entry in verdict["minimum_detectable"]}
+
+
+def test_warmup_is_no_candidate_where_the_order_of_the_logs_is_unknown(outcome_of):
+    """Every log starts at 0, as most controllers write them."""
+    case = short_case(arm(), seed=50)
+    reset = [replace(r, t=r.t - r.t[0]) for r in (*case.fit, *case.held_out)]
+    outcome = diagnose_case(case, fit=reset[:-1], held_out=reset[-1:])
+    assert "warmup" not in tried(outcome.verdict)
+    assert any("order of the logs in time is not known" in n for n in outcome.notes)
+    assert "warmup" in tried(outcome_of("none").verdict)
+    assert not any("order of the logs" in n for n in outcome_of("none").notes)
+
+
+# -- repeatability and the held-out log --------------------------------------------
+
+
+def test_the_same_input_gives_the_same_verdict(outcome_of):
+    again = MAKE["effects"]().verdict
+    assert json.dumps(again) == json.dumps(outcome_of("effects").verdict)
+
+
+def test_the_order_of_the_logs_does_not_change_what_is_found(outcome_of):
+    case = short_case(arm(), OFFSET, CHURN, seed=51)
+    other = diagnose_case(case, fit=case.fit[::-1]).verdict
+    first = outcome_of("effects").verdict
+    assert {n for n, _ in names(other)} == {n for n, _ in names(first)}
+    np.testing.assert_allclose(
+        other["unexplained"]["per_joint"], first["unexplained"]["per_joint"], atol=1e-4
+    )
+
+
+def test_the_held_out_log_never_changes_what_is_fitted(outcome_of):
+    """Another torque there changes the errors, and nothing that the fit logs say."""
+    case = short_case(arm(), OFFSET, CHURN, seed=51)
+    rng = np.random.default_rng(0)
+    (held_out,) = case.held_out
+    noise = rng.normal(size=held_out.tau.shape)
+    tau = 1.01 * held_out.tau + 0.1 * held_out.tau.std(axis=0) * noise
+    changed = diagnose_case(case, held_out=[replace(held_out, tau=tau)])
+    one, two = outcome_of("effects"), changed
+    assert names(one.verdict) == names(two.verdict)
+    for a, b in zip(one.verdict["effects"], two.verdict["effects"], strict=True):
+        assert a["parameters"] == b["parameters"]
+        assert a["evidence"]["nats"] == b["evidence"]["nats"]
+        assert a["equivalent"] == b["equivalent"]
+    for key in ("minimum_detectable", "unexplained", "nominal_scale"):
+        assert one.verdict[key] == two.verdict[key]
+    for proofs in zip(one.proofs, two.proofs, strict=True):
+        for stage in ("nominal", "identified", "augmented"):
+            np.testing.assert_array_equal(*(p.tau_hat[stage] for p in proofs))
+    errors = [o.verdict["error"]["held_out"]["identified"] for o in (one, two)]
+    assert np.abs(np.subtract(*errors)).min() > 0.1
+
+
+def test_progress_runs_from_the_features_to_the_proof():
+    told = []
+    case = short_case(arm(), seed=57, duration=6.0)
+    close_the_loop(
+        case.robot, case.fit, held_out=case.held_out, progress=lambda *x: told.append(x)
+    )
+    stages = list(dict.fromkeys(stage for stage, _ in told))
+    assert stages == ["features", "search", "gate", "proof"]
+    assert all(0 <= share <= 1 for _, share in told)
+    assert told[-1] == ("proof", 1.0)
+
+
+# -- logs at the edge of use -------------------------------------------------------
+
+
+@pytest.mark.parametrize("duration", [2.2, 3.0])
+def test_a_log_too_short_to_hold_out_a_part_is_no_perfect_proof(duration):
+    case = short_case(arm(), seed=58, duration=duration)
+    try:
+        error = diagnose_case(case, fit=case.fit[:1], held_out=()).verdict["error"]
+    except InputError:
+        return
+    assert error["held_out"]["nominal"] is None or error["held_out"]["nominal"][0] > 0
+
+
+def test_one_log_is_enough():
+    large = Hidden("offset", (1,), {"torque": 8.0})
+    case = short_case(arm(), large, seed=51, duration=20.0)
+    verdict = diagnose_case(case, fit=case.fit[:1]).verdict
+    assert {n for n, _ in names(verdict)} & {"offset", "coulomb_asymmetry"}
+
+
+def test_white_noise_in_place_of_torque_has_no_name():
+    rng = np.random.default_rng(3)
+    case = short_case(arm(), seed=59)
+    noise = [
+        replace(r, tau=20 * rng.normal(size=r.tau.shape))
+        for r in (*case.fit, *case.held_out)
+    ]
+    verdict = diagnose_case(case, fit=noise[:-1], held_out=noise[-1:]).verdict
+    assert verdict["effects"] == []
