@@ -78,8 +78,8 @@ def base_columns(model: pin.Model) -> Array:
     rows = regressor(model, *states).reshape(_STATES * model.nv, -1)
     size = np.linalg.norm(rows, axis=0)
     rows = rows / np.where(size > _TOLERANCE * size.max(), size, np.inf)
-    triangle, order = qr(rows, mode="r", pivoting=True)
-    pivots = np.abs(np.diag(triangle))
+    factors = qr(rows, mode="r", pivoting=True)
+    pivots, order = np.abs(np.diag(np.asarray(factors[0]))), np.asarray(factors[-1])
     return np.sort(order[: int((pivots > _TOLERANCE * pivots[0]).sum())])
 
 

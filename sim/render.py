@@ -82,7 +82,11 @@ def look(robot: Robot) -> str:
     Meshes are files beside the URDF, which nobody can count on.
     """
     root = ET.fromstring(robot.urdf)
-    joints = {j.find("parent").get("link"): j for j in root.findall("joint")}
+    joints = {
+        parent.get("link"): joint
+        for joint in root.findall("joint")
+        for parent in joint.findall("parent")
+    }
     radius = _STICK * body(robot.model).radius
     for link in root.findall("link"):
         for shape in [*link.findall("collision"), *link.findall("visual")]:

@@ -32,7 +32,7 @@ def motion_png(robot: Robot, reference: Reference) -> bytes:
         ("angle [deg]", np.degrees(q), None),
         ("speed", qd, robot.velocity_limit),
         ("acceleration", qdd, robot.acceleration_limit),
-        ("nominal torque, size", torque, robot.torque_limit),
+        ("torque (nominal)", torque, robot.torque_limit),
     )
     with look():
         figure = blank(9.0, 8.4)
@@ -44,7 +44,7 @@ def motion_png(robot: Robot, reference: Reference) -> bytes:
             ncols=robot.dof, loc="lower right", bbox_to_anchor=(1, 1), fontsize=8
         )
         panels[-1].set_xlabel("time [s]")
-        figure.subplots_adjust(0.09, 0.06, 0.98, 0.95, hspace=0.16)
+        figure.subplots_adjust(0.115, 0.06, 0.98, 0.95, hspace=0.16)
         figure.align_ylabels(panels)
         out = io.BytesIO()
         figure.savefig(out, format="png", dpi=110, metadata={"Software": None})

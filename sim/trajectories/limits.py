@@ -104,11 +104,9 @@ def declared_friction(robot: Robot) -> Friction:
 
     def values(name: str, key: str) -> Array:
         known = robot.declared.get(name)
-        return (
-            np.zeros(robot.dof)
-            if known is None or not known.values
-            else (np.asarray(known.values[key], dtype=float))
-        )
+        if known is None or not known.values:
+            return np.zeros(robot.dof)
+        return np.asarray(known.values[key], dtype=float)
 
     return Friction(
         values("coulomb", "level"),
@@ -172,22 +170,23 @@ def check_limits(robot: Robot, kind: str, t: Array, motion: tuple) -> None:
     share = shares[name]
     if share.max() <= 1 + 1e-9:
         return
-    row, joint = np.unravel_index(int(share.argmax()), share.shape)
+    row, joint = divmod(int(share.argmax()), share.shape[1])
     used, limit = checks[name][0][row, joint], checks[name][1][joint]
-    if abs(used) <= limit:  # it is between samples that it goes too far
-        used = np.copysign(limit * share.max(), used)
-    excess, shift = abs(used) - limit, 0.0
+    # Where no sample is beyond the limit, it is between samples that it is broken.
+    size = abs(used) if abs(used) > limit else limit * share.max()
+    excess, shift, side = size - limit, 0.0, 1.0
     if name == "range":
-        shift, limit = bounds.middle[joint], np.copysign(limit, used)
+        shift, side = bounds.middle[joint], np.sign(used)
+    needed, allowed = float(shift + side * size), float(shift + side * limit)
     raise LimitError(
         f"{kind}: joint {joint + 1} breaks its {name} limit at {t[row]:.2f} s: "
-        f"{used + shift:.4g} {_UNITS[name]}, allowed {limit + shift:.4g}, "
-        f"{excess:.2g} too much.{_what_else(shares, joint)} "
+        f"{needed:.4g} {_UNITS[name]}, allowed {allowed:.4g}, "
+        f"{excess:.3g} too much.{_what_else(shares, joint)} "
         f"{_advice(name, float(share.max()))}",
-        int(joint) + 1,
+        joint + 1,
         float(t[row]),
-        float(used + shift),
-        float(limit + shift),
+        needed,
+        allowed,
     )
 
 

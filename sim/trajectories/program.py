@@ -113,15 +113,11 @@ def repeated(stages: list[Stage]) -> Callable[[Array], Motion]:
     def motion(t: Array) -> Motion:
         own = np.mod(t, ends[-1])
         which = np.minimum(np.searchsorted(ends, own, side="right"), len(stages) - 1)
-        parts = None
+        parts = np.zeros((3, len(t), stages[0].motion(np.zeros(1))[0].shape[1]))
         for i, stage in enumerate(stages):
             rows = np.flatnonzero(which == i)
-            start = ends[i] - stage.time
-            inside = np.clip(own[rows] - start, 0.0, stage.time)
-            values = stage.motion(inside)
-            if parts is None:
-                parts = np.zeros((3, len(t), values[0].shape[1]))
-            parts[:, rows] = values
+            inside = own[rows] - (ends[i] - stage.time)
+            parts[:, rows] = stage.motion(np.clip(inside, 0.0, stage.time))
         q, qd, qdd = parts
         return q, qd, qdd
 

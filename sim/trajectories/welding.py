@@ -78,8 +78,10 @@ def plan_welding(
     too_fast: list[LimitError] = []
     for _ in range(_PIECES):
         piece = draw_piece(space, rng)
-        seams = [_draw_seam(piece, rng) for _ in range(_MOST)] if piece else []
-        if not seams or _routes(space, piece, seams) is None:
+        if piece is None:
+            continue
+        seams = [_draw_seam(piece, rng) for _ in range(_MOST)]
+        if _routes(space, piece, seams) is None:
             continue
         found = _most_seams(space, piece, seams, (duration, duration / periods))
         if isinstance(found, Plan):
@@ -142,7 +144,7 @@ def _torch(piece: Piece, points: tuple, height: float, x: float) -> pin.SE3:
     start, end = points
     place = start.place + x * (end.place - start.place)
     lean = start.lean + x * (end.lean - start.lean)
-    return piece.pose(*place, lean, height * 16 * x**2 * (1 - x) ** 2)
+    return piece.pose(place[0], place[1], lean, height * 16 * x**2 * (1 - x) ** 2)
 
 
 def _timed(

@@ -3,13 +3,15 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 import yaml
 
 from flows import demo as steps
-from flows import settings, watch
+from flows import server as server_of
+from flows import watch
 from flows.around import Around, surrounded
 
 ROOT = Path(__file__).parents[2]
@@ -139,30 +141,55 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
         assert file.is_file()
 
 
+def _bare() -> dict[str, str]:
+    """Return the environment without a word about Prefect."""
+    return {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
+
+
 def test_prefect_is_prepared_to_be_quiet_and_at_home_in_the_store(tmp_path):
     code = (
         "import sys; from pathlib import Path; from flows.settings import "
         f"prepare_prefect; prepare_prefect(Path({str(tmp_path)!r})); "
         "assert 'prefect' not in sys.modules; import prefect.settings as s; "
         "c = s.get_current_settings(); print(c.home, c.api.url, "
-        "c.server.analytics_enabled, c.results.default_serializer, "
-        "c.server.ephemeral.enabled, c.server.ephemeral.startup_timeout_seconds)"
+        "c.server.analytics_enabled, c.results.default_serializer)"
     )
-    plain = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
-    # A server that is gone must not be waited for.
-    plain["PREFECT_API_URL"] = "http://127.0.0.1:9/api"
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=ROOT,
-        env=plain,
+        env=_bare(),
         capture_output=True,
         text=True,
     )
     assert done.stderr == ""
-    home = f"{tmp_path / '_prefect'}"
-    assert done.stdout.split() == [home, "None", "False", "json", "True", "120"]
+    assert done.stdout.split() == [str(tmp_path), "None", "False", "json"]
+
+
+@pytest.mark.slow
+def test_our_server_answers_and_ends_when_its_owner_is_killed(tmp_path):
+    code = (
+        "import time; from pathlib import Path; from flows.settings import "
+        f"prepare_prefect; from flows.server import start_server; home = "
+        f"Path({str(tmp_path)!r}); prepare_prefect(home); own = start_server(home); "
+        "own.wait(); print(own.url, own.process.pid, flush=True); time.sleep(600)"
+    )
+    owner = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=_bare(),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    url, process = owner.stdout.readline().split()
+    assert server_of.answers(url)
+    owner.kill()
+    owner.wait()
+    until = time.monotonic() + 30
+    while Path(f"/proc/{process}/cmdline").exists() and server_of.answers(url):
+        assert time.monotonic() < until, "the server is still there"
+        time.sleep(0.1)
 
 
 def test_an_address_that_is_none_is_no_server():
-    assert not settings.answers(None)
-    assert not settings.answers("nonsense")
+    assert not server_of.answers(None)
+    assert not server_of.answers("nonsense")
