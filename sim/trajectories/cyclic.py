@@ -23,7 +23,7 @@ _TURN = 0.07  # share of the third harmonic; 1/9 would be a sharp triangle
 _SWING = 0.2  # rad
 _NODES = 64  # of a stroke, and of four strokes at least
 _SMALLEST = 1e-9  # rad; higher harmonics are left out
-_PANELS = 60  # drawn at most
+_PANELS = 150  # drawn at most
 _TOO_FAST = 4  # panels on which one stroke was too fast, before giving up
 
 

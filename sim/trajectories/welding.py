@@ -29,7 +29,7 @@ from sim.trajectories.workpiece import Cell, Piece, cell, draw_piece, no_room
 Array = np.ndarray
 
 _MOST, _LEAST = 8, 2  # seams per period
-_PIECES = 60  # work pieces drawn at most
+_PIECES = 150  # work pieces drawn at most
 _TOO_FAST = 3  # pieces on which two seams were too fast, before giving up
 _NODES = 33  # of a path
 _DWELL = 0.2  # s, for the arc to start and the crater to fill
