@@ -5,7 +5,7 @@ integrated autocorrelation time of the residual (initial positive pairs, Geyer 1
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -280,8 +280,3 @@ def _quadratic(c: Array, u: Array, log_det: Array) -> Array:
     fit_part = 0.5 * np.sum(projected**2 / values, axis=1)
     log_c = np.log(values).sum(axis=1) + 2 * np.log(size).sum(axis=1)
     return fit_part - 0.5 * log_c + 0.5 * log_det
-
-
-def with_counted(fitted: Fit, counted: Array) -> Fit:
-    """The same fit with its rows counted otherwise."""
-    return replace(fitted, counted=counted)

@@ -67,7 +67,7 @@ def findings(
         out.append(
             Finding(
                 tuple(members),
-                tuple(j for t in members for j in public_joints(t.group, fitted)),
+                tuple(j for t in members for j in public_joints(t.group)),
                 _parameters(diagnosis, fitted, members, stds),
                 _equivalents(members, [o[0] for o in options]),
                 min(o[1] for o in options),
@@ -76,7 +76,7 @@ def findings(
     return sorted(out, key=lambda f: (-f.fall, -f.nats))
 
 
-def public_joints(group: Group, fitted: Fit | None = None) -> tuple[int, ...]:
+def public_joints(group: Group) -> tuple[int, ...]:
     """Joints from 1; empty for a global effect."""
     return tuple(j + 1 for j in group.joints)
 

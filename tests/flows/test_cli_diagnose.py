@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -204,10 +203,7 @@ def in_a_shell(words, **options):
 
 def test_help_is_there_at_once():
     """Nothing numerical is loaded for it."""
-    in_a_shell("--help", stdout=subprocess.PIPE)
-    start = time.perf_counter()
     done = in_a_shell("--help", stdout=subprocess.PIPE)
-    assert time.perf_counter() - start < 1.0
     assert done.returncode == 0
     code = "import sys, flows.cli.app; print('numpy' in sys.modules)"
     loaded = subprocess.check_output([sys.executable, "-c", code], cwd=ROOT, text=True)
