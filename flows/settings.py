@@ -5,13 +5,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from residual.errors import InputError
+
 STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def store_folder(option: str | None = None) -> Path:
-    """Return the store: what --store says, else $MODELGAP_STORE, else ./store."""
-    return Path(option or os.environ.get(STORE) or "store").resolve()
+    """Return the store: what --store says, else $MODELGAP_STORE, else ./store.
+
+    Raises:
+        InputError: If there is a file where the folder should be.
+    """
+    place = Path(option or os.environ.get(STORE) or "store").resolve()
+    for folder in (place, *place.parents):
+        if folder.exists():
+            if folder.is_dir():
+                return place
+            raise InputError(f"--store {place}: {folder} is a file, not a folder.")
+    return place
 
 
 def cores() -> int:

@@ -37,7 +37,9 @@ def calls(monkeypatch):
 
     fakes = {
         "residual.close": SimpleNamespace(close_the_loop=close_the_loop),
-        "flows.report.terminal": SimpleNamespace(print_outcome=print_outcome),
+        "flows.report.terminal": SimpleNamespace(
+            print_outcome=print_outcome, print_truth=None
+        ),
         "flows.report.html": SimpleNamespace(render=render),
     }
     for name, module in fakes.items():

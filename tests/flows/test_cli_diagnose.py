@@ -128,7 +128,7 @@ BAD_WORDS = {
     "demo --effect stribek": "did you mean 'stribeck'",
     "demo --seed x": "seed",
     "demo --seed -1": "expected 0 or more",
-    "demo --folder A.csv": "Cannot write to --folder A.csv",
+    "demo --store A.csv": "is a file, not a folder",
 }
 
 
