@@ -126,7 +126,7 @@ def diagnose(
         named = _without_structure(as_model(nominal, selection.fit))
         design = _first_look(logs, nominal, named)
         prior = selection.task.prior
-        again = replace(nominal, scale=prior.scale)
+        again = replace(nominal, scale=prior.scale, assumed=prior.assumed)
         wide = selection.wide
         selection = replace(_search(design, logs, again, (rules, progress)), wide=wide)
     progress("gate", 0.0)

@@ -27,11 +27,13 @@ class Prior:
         precision: Shape (p, p).
         log_det: Its log determinant.
         scale: Relative scale of the rigid part; None where it is a posterior.
+        assumed: Relative sd of values that are assumed; None where it is a posterior.
     """
 
     precision: Array
     log_det: float
     scale: float | None
+    assumed: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -15,6 +15,7 @@ from residual.search import least
 CONFIRMED = 0.01  # gain above which a name counts as confirmed
 STANDING = 0.02  # share of moving rows under which a joint counts as standing
 STRANGE, STRANGE_LEAST = 4.0, 0.03  # held-out error beyond that of the fit logs
+SURE = 2.0  # standard errors
 ROUND = 3  # gains are compared to 0.1 %
 
 
@@ -107,9 +108,16 @@ def _gain(
 
 
 def _fall(one: Tested, with_it: Array, without: Array, rms: Array) -> float:
-    """1 - error with over error without, on the joints that the effect acts on."""
+    """1 - error with over error without, where the effect acts and where it shows.
+
+    A name that only spares the model's parameters predicts as they do, so there a
+    difference within its own scatter over the seconds of the logs is none.
+    """
     effect, dof = one.group.effect, len(rms)
-    joints = list(effect.rows(one.group.joints, dof))
-    a = float((with_it / rms**2)[joints].sum())
-    b = float((without / rms**2)[joints].sum())
-    return 1 - np.sqrt(a / b) if b > 0 else 0.0
+    joints = sorted({*effect.rows(one.group.joints, dof), one.seen})
+    a, b = ((e / rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
+    change = b - a
+    scatter = np.sqrt(((change - change.mean()) ** 2).sum())
+    if one.by == "plausibility" and abs(change.sum()) < SURE * scatter:
+        return 0.0
+    return 1 - np.sqrt(a.sum() / b.sum()) if b.sum() > 0 else 0.0

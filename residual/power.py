@@ -57,8 +57,9 @@ def _smallest(task: Task, fitted: Fit, solved, group: Group) -> float:
     by_evidence = np.sqrt(2 * needed / information[0, 0])
     fall = np.maximum(free, 1e-30)  # squared error that size 1 adds, per joint
     tolerance = design.rows * (rules.tolerance * design.rms) ** 2
-    share = fitted.sse * rules.share / (1 - rules.share)
-    by_error = np.sqrt(np.maximum(tolerance, share) / fall).min()
+    usual, clear = (fitted.sse * s / (1 - s) for s in (rules.share, rules.clear))
+    lower = np.minimum(np.maximum(tolerance, usual), np.maximum(tolerance / 4, clear))
+    by_error = np.sqrt(lower / fall).min()
     return float(max(by_evidence, by_error))
 
 

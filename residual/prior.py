@@ -1,7 +1,7 @@
 """How much the nominal model is believed, before the logs speak."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from residual.robot import Robot
 SCALES = (0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
 ROUGH = 0.1  # a nominal worse than this is too rough to blame a payload
 GIVEN, ASSUMED = 0.1, 1.0  # relative sd of a declared value, and of an assumed one
+# An assumed value may be as good as a given one; the logs of all joints tell.
+ASSUMPTIONS = (0.03, GIVEN, ASSUMED)
 POSTERIOR_FLOOR = 0.01  # no baseline is believed better than this
 TINY = 1e-9
 
@@ -28,6 +30,7 @@ class Nominal:
         covariance: Posterior covariance of a baseline, inertial parameters first.
             Shape (p, p); None where there was no baseline.
         scale: Fixed relative scale of the rigid part, None to estimate it.
+        assumed: Fixed relative sd of assumed values, None to estimate it.
         baseline_unexplained: Structured residual of the baseline, as a share of torque
             rms. Shape (dof,), or None.
     """
@@ -36,6 +39,7 @@ class Nominal:
     given: tuple[float | None, ...]
     covariance: Array | None = None
     scale: float | None = None
+    assumed: float | None = None
     baseline_unexplained: Array | None = None
 
     @property
@@ -79,15 +83,35 @@ def inertial_precision(robot: Robot) -> Array:
 
 
 def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
-    """The priors to compare: one per scale, or one where the scale is settled."""
+    """The priors to compare: one per scale, or one where the scale is settled.
+
+    The more so where values are assumed: if all joints of an arm bear most of them out,
+    the one that is far off is a finding, else none of them can be one.
+    """
     if nominal.covariance is not None:
         return (_posterior(nominal),)
     scales = SCALES if nominal.scale is None else (nominal.scale,)
-    return tuple(relative_prior(design, nominal, scale) for scale in scales)
+    assumptions: tuple[float, ...] = (ASSUMED,)
+    if ASSUMED in nominal.given:
+        assumptions = ASSUMPTIONS if nominal.assumed is None else (nominal.assumed,)
+    return tuple(
+        relative_prior(design, nominal, scale, assumed)
+        for assumed in assumptions
+        for scale in scales
+    )
 
 
-def relative_prior(design: Design, nominal: Nominal, scale: float) -> Prior:
-    """Inertial parameters within a relative scale, declared effects as given."""
+def relative_prior(
+    design: Design, nominal: Nominal, scale: float, assumed: float = ASSUMED
+) -> Prior:
+    """Inertial parameters within a relative scale, declared effects as given.
+
+    Args:
+        design: Columns.
+        nominal: The nominal model.
+        scale: Relative sd of the inertial parameters.
+        assumed: Relative sd of declared values that are assumed.
+    """
     precision = np.zeros((len(design.nominal), len(design.nominal)))
     size = len(nominal.model.inertial)
     precision[:size, :size] = inertial_precision(nominal.model.robot) / scale**2
@@ -101,10 +125,11 @@ def relative_prior(design: Design, nominal: Nominal, scale: float) -> Prior:
         if given is None:
             precision[own, own] = flat
         else:
-            sd = given * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
+            width = assumed if given == ASSUMED else given
+            sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
         start = own.stop
-    return _prior(precision, scale)
+    return replace(_prior(precision, scale), assumed=assumed)
 
 
 def _posterior(nominal: Nominal) -> Prior:
@@ -128,14 +153,15 @@ def _prior(precision: Array, scale: float | None) -> Prior:
 def forbidden(prior: Prior, nominal: Nominal, is_parameter: Mapping[str, bool]) -> set:
     """Effects that may not be blamed under this prior.
 
-    A declared effect is no candidate unless its value is known; a payload is none
-    where the rigid part is too rough. Named by an exact duplicate of a column that is
+    A declared effect is no candidate unless its value is known, or assumed and borne
+    out by the logs; a payload is none where the rigid part is too rough. Named by an exact duplicate of a column that is
     free already, both would be empty words.
     """
     known = nominal.covariance is not None
     out = set()
     for term, given in zip(nominal.model.terms, nominal.given, strict=True):
-        settled = known or (given is not None and given < ASSUMED)
+        width = prior.assumed if given == ASSUMED else given
+        settled = known or (width is not None and width < ASSUMED)
         if not (settled and is_parameter[term.effect.name]):
             out.add(term.effect.name)
     if not known and prior.scale is not None and prior.scale > ROUGH:

@@ -22,6 +22,7 @@ class Rules:
         plausible: The same where only implausible parameters speak for it [nats].
         tolerance: Least fall of a joint's error, as a share of torque rms.
         share: Least share of what was left unexplained.
+        clear: The share from which half of the tolerance is enough.
         size: Least torque of a name won by plausibility, as a share of rms.
         bent: Least part of such a win that the nominal parameters' prior saves.
         most: Most effects to add.
@@ -32,10 +33,16 @@ class Rules:
     plausible: float = 30.0
     tolerance: float = 0.005
     share: float = 0.08
+    clear: float = 0.15
     size: float = 0.02
     bent: float = 0.2
     most: int = 6
     shortlist: int = 15
+
+    def lower(self, fall: Array, share: Array) -> Array:
+        """Where an error falls by enough: of torque rms, and of what was left."""
+        usual = (fall >= self.tolerance) & (share >= self.share)
+        return usual | ((fall >= self.tolerance / 2) & (share >= self.clear))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -169,11 +176,11 @@ def admissible(task: Task, group: Group, value: float, big: Fit, small: Fit) -> 
 
 def lowers_error(task: Task, big: Fit, small: Fit) -> bool:
     """The error of some joint falls by enough, of torque and of what was left."""
-    design, rules = task.design, task.rules
+    design = task.design
     fall = np.maximum(small.sse - big.sse, 0)
     relative = np.sqrt(fall / design.rows) / design.rms
     share = fall / np.maximum(small.sse, 1e-300)
-    return bool(np.any((relative >= rules.tolerance) & (share >= rules.share)))
+    return bool(np.any(task.rules.lower(relative, share)))
 
 
 def spares_model(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:

@@ -63,8 +63,10 @@ def _widest(priors: Sequence[Prior], run: Selection, counted) -> Prior:
     """The widest prior within 6 nats, and none under 10 % where the scale is open.
 
     How wrong a URDF is can be estimated only as far as the wrong values can be seen;
-    what trades off against a load cannot.
+    what trades off against a load cannot. Assumed values are held as they were when
+    the effects were named: one that may be off at will leaves nothing to be named.
     """
+    priors = [p for p in priors if p.assumed == run.task.prior.assumed]
     if len(priors) == 1:
         return priors[0]
     members, design = run.fit.members, run.task.design

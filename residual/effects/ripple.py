@@ -19,7 +19,7 @@ def _shapes(span, j):
     """
     travel = max(span.travel[j], 1e-3)
     lowest = max(4.0, 3 * np.pi / travel)
-    highest = min(60.0, 2 * np.pi * span.cutoff / max(0.5 * span.speed[j], 1e-3))
+    highest = min(60.0, 2 * np.pi * span.cutoff / max(0.25 * span.speed[j], 1e-3))
     step = min(1.0, 1.5 / travel)
     return tuple((float(n),) for n in np.arange(lowest, highest, step))
 
