@@ -1,6 +1,6 @@
 """One experiment, step by step: spec -> reference -> plant -> store, id to id."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -8,7 +8,9 @@ from pathlib import Path
 from time import perf_counter
 
 from flows.spec import ExperimentSpec
+from residual.errors import InputError
 from residual.robot import Robot, load_robot
+from sim.records import Noise, PlantEffect, PlantSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +120,41 @@ def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
 def sealed_half(spec: ExperimentSpec) -> dict:
     """Return what the diagnosis must find out by itself."""
     return asdict(spec.plant_spec())
+
+
+def plant_of(sealed: Mapping) -> PlantSpec:
+    """Return the plant of a sealed half that was read back: `sealed_half` undone.
+
+    Args:
+        sealed: The hidden half as its JSON has it (``warehouse.seal.open_seal``).
+
+    Raises:
+        InputError: If it is not a sealed half as this version writes it.
+    """
+    from warehouse.ids import plain
+
+    try:
+        effects = tuple(
+            PlantEffect(
+                effect["name"],
+                tuple(effect["joints"]),
+                tuple((key, value) for key, value in effect["parameters"]),
+                effect["onset"],
+            )
+            for effect in sealed["effects"]
+        )
+        noise = Noise(**sealed["noise"])
+        plant = PlantSpec(**{**sealed, "effects": effects, "noise": noise})
+    except (KeyError, TypeError, ValueError):
+        plant = None
+    # A key too many or too few would be another arm, and nobody would see it. What is
+    # hidden stays hidden: the message has no values, and no error that has some.
+    if plant is None or plain(plant) != plain(sealed):
+        raise InputError(
+            "The sealed half of the run has another form than expected: effects, "
+            "scatter, noise, seed and salt. Run its experiment again."
+        )
+    return plant
 
 
 def checked_robot(spec: ExperimentSpec) -> Robot:

@@ -1,11 +1,13 @@
 """The curves of a diagnosis as tables: its report can be made from the store."""
 
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 import pyarrow as pa
 
 from residual.outcome import Cloud, LogProof, Outcome
+from warehouse.schema import VIEWS, arrow_schema
 
 PROOFS, CLOUDS = "proofs", "clouds"
 
@@ -49,6 +51,33 @@ def from_record(record: Mapping, tables: Mapping[str, pa.Table]) -> Outcome:
         ),
         notes=tuple(record["notes"]),
     )
+
+
+def errors_by_run(outcome: Outcome) -> pa.Table:
+    """Return the errors on every held-out log by itself, as rows of the view errors.
+
+    Filtered and moving errors [%], in the words of docs/method.md section 6.
+    """
+    rows = []
+    for proof in outcome.proofs:
+        samples = {"filtered": np.ones_like(proof.moving), "moving": proof.moving}
+        for (stage, tau_hat), (metric, taken) in product(
+            proof.tau_hat.items(), samples.items()
+        ):
+            miss = np.where(taken, proof.tau - tau_hat, 0.0)
+            power = np.where(taken, proof.tau, 0.0)
+            same = {"run_id": proof.id, "stage": stage, "metric": metric}
+            for joint in range(proof.tau.shape[1]):
+                value = _relative(miss[:, joint], power[:, joint])
+                rows.append({**same, "joint": joint + 1, "value": value})
+            rows.append({**same, "joint": None, "value": _relative(miss, power)})
+    rows = [row for row in rows if row["value"] is not None]
+    return pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
+
+
+def _relative(miss: np.ndarray, power: np.ndarray) -> float | None:
+    whole = float(np.linalg.norm(power))
+    return 100 * float(np.linalg.norm(miss)) / whole if whole > 0 else None
 
 
 def _proof_columns(proof: LogProof) -> dict[str, np.ndarray]:

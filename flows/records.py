@@ -3,7 +3,13 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from flows.outcome_tables import CLOUDS, PROOFS, from_record, to_record
+from flows.outcome_tables import (
+    CLOUDS,
+    PROOFS,
+    errors_by_run,
+    from_record,
+    to_record,
+)
 from residual.outcome import Outcome
 from warehouse.commit import commit_record, read_record
 from warehouse.files import read_parquet
@@ -31,7 +37,8 @@ def store_outcome(
         "declared": verdict["declared"],
         "effects": [{k: effect[k] for k in _OF_MODEL} for effect in verdict["effects"]],
     }
-    diagnosis_id = store_verdict(store, verdict, model, runs)
+    each = {"errors": errors_by_run(outcome)} if runs.get("held_out") else None
+    diagnosis_id = store_verdict(store, verdict, model, runs, tables=each)
     told, curves = to_record(outcome)
     record = told | {"robot": verdict["robot"], "kind": "held_out"}
     parents = {

@@ -13,6 +13,7 @@ from residual.signals import Filters, Track, prepare
 
 BLOCK = 1.0  # s: longer than noise remembers
 
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Witness:
     """One held-out log, ready to be predicted.

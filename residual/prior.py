@@ -154,8 +154,8 @@ def forbidden(prior: Prior, nominal: Nominal, is_parameter: Mapping[str, bool]) 
     """Effects that may not be blamed under this prior.
 
     A declared effect is no candidate unless its value is known, or assumed and borne
-    out by the logs; a payload is none where the rigid part is too rough. Named by an exact duplicate of a column that is
-    free already, both would be empty words.
+    out by the logs; a payload is none where the rigid part is too rough. Named by an
+    exact duplicate of a column that is free already, both would be empty words.
     """
     known = nominal.covariance is not None
     out = set()

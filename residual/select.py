@@ -4,7 +4,7 @@ The scale is chosen after the search: chosen before it, the prior widens until t
 inertial parameters swallow the effect.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,23 +40,51 @@ def select(
     rules: Rules,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Selection:
-    """Search under every prior and keep the pair with the most evidence.
+    """Search under the priors and keep the pair with the most evidence.
+
+    Every scale of the rigid part is tried under the loosest assumption, then every
+    assumption at the best scale, then that scale's neighbours.
 
     Args:
         design: Columns and Gram.
-        choices: Priors, each with the candidates it allows.
+        choices: Priors, each with the candidates it allows; by assumption, then scale.
         rules: Thresholds.
         progress: Told the share done.
     """
-    runs = []
-    for i, (prior, candidates) in enumerate(choices):
-        task = Task(design, prior, candidates, rules)
-        runs.append(Selection(task, search(task), prior))
-        progress((i + 1) / len(choices))
-    counted = np.max([r.fit.counted for r in runs], axis=0)
-    winner = max(runs, key=lambda r: _worth(r, counted))
-    wide = _widest([p for p, _ in choices], winner, counted)
+    priors, runs = [p for p, _ in choices], {}
+    turns = (_loosest, _at_its_scale, _beside_it)
+    for turn, wanted in enumerate(turns):
+        for i in wanted(priors, _winner(runs)):
+            if i not in runs:
+                task = Task(design, *choices[i], rules)
+                runs[i] = Selection(task, search(task), priors[i])
+            progress((turn + (i + 1) / len(choices)) / len(turns))
+    winner = _winner(runs)
+    wide = _widest(priors, winner, _counted(runs))
     return replace(winner, fit=winner.task.settle(winner.fit), wide=wide)
+
+
+def _loosest(priors: Sequence[Prior], best: Selection | None) -> list[int]:
+    return [i for i, p in enumerate(priors) if p.assumed == priors[-1].assumed]
+
+
+def _at_its_scale(priors: Sequence[Prior], best: Selection) -> list[int]:
+    return [i for i, p in enumerate(priors) if p.scale == best.wide.scale]
+
+
+def _beside_it(priors: Sequence[Prior], best: Selection) -> list[int]:
+    alike = [i for i, p in enumerate(priors) if p.assumed == best.wide.assumed]
+    at = next(k for k, i in enumerate(alike) if priors[i] is best.wide)
+    return alike[max(at - 1, 0) : at + 2]
+
+
+def _winner(runs: Mapping[int, Selection]) -> Selection | None:
+    counted = _counted(runs)
+    return max(runs.values(), key=lambda r: _worth(r, counted), default=None)
+
+
+def _counted(runs: Mapping[int, Selection]):
+    return np.max([r.fit.counted for r in runs.values()], axis=0) if runs else None
 
 
 def _widest(priors: Sequence[Prior], run: Selection, counted) -> Prior:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.cli.demo import demo
-from flows.cli.diagnose import diagnose
+from flows.cli.app import app
 from residual.robot_toml import parse_robot_toml
 from residual.vocabulary import DEFAULT_DECLARED, VOCABULARY
 from warehouse.logs.columns import load_columns
@@ -92,15 +91,15 @@ def test_the_default_list_of_declared_effects_is_the_one_in_the_text():
 
 
 def test_every_option_that_a_page_shows_exists():
-    commands = {"diagnose": diagnose, "demo": demo}
     shown = [
         (command, option)
         for page in PAGES
         for command, rest in re.findall(
             r"modelgap (\w+)([^`\n#]*)", page.read_text(encoding="utf-8")
         )
-        for option in re.findall(r"--(\w+)", rest)
+        for option in re.findall(r"--([\w-]+)", rest)
     ]
     assert shown
     for command, option in shown:
-        assert option in inspect.signature(commands[command]).parameters
+        known = inspect.signature(app[command].default_command).parameters
+        assert option.replace("-", "_") in known, (command, option)

@@ -17,13 +17,15 @@ _TYPES = {"string": "VARCHAR", "double": "DOUBLE", "int32": "INTEGER"}
 
 NAMED = {
     "error_by_trajectory": (
-        "error of every stage by motion and joint, over all diagnoses",
+        "held-out error [%] by motion and joint (none: all together), all diagnoses",
         """
-        SELECT trajectory, joint, stage, metric,
-               round(avg(value), 2) AS mean, round(max(value), 2) AS worst,
-               count(*) AS figures
-        FROM errors WHERE stage <> 'twin'
-        GROUP BY ALL ORDER BY trajectory, metric, joint, stage
+        SELECT trajectory, joint, metric, count(DISTINCT run_id) AS runs,
+               round(avg(value) FILTER (stage = 'nominal'), 2) AS nominal,
+               round(avg(value) FILTER (stage = 'identified'), 2) AS identified,
+               round(avg(value) FILTER (stage = 'augmented'), 2) AS augmented
+        FROM errors
+        WHERE run_id IS NOT NULL AND metric IN ('held_out', 'filtered', 'moving')
+        GROUP BY ALL ORDER BY trajectory, metric, joint
         """,
     ),
     "before_after": (

@@ -39,7 +39,8 @@ def store_verdict(
             plain list those are held out that the verdict's proof names, the rest fit.
         more: What else to keep in the record, beside the verdict under "document".
         tables: Other tables of it, such as curves; rows of ``errors`` (on single runs,
-            say) are added to those of the verdict, which are over all held-out runs.
+            say, whose motion is filled in) are added to those of the verdict, which
+            are over all held-out runs.
 
     Returns:
         The id of the diagnosis; the same verdict on the same runs has the same.
@@ -64,7 +65,10 @@ def store_verdict(
     }
     tables = dict(tables or {})
     if "errors" in tables:
-        errors += tables["errors"].to_pylist()
+        errors += [
+            {**row, "trajectory": row["trajectory"] or motions.get(row["run_id"])}
+            for row in tables["errors"].to_pylist()
+        ]
     tables["errors"] = _table("errors", errors)
     tables["effects"] = _table("effects", list(_effect_rows(verdict["effects"])))
     parents = {**roles, "model": [model_id]}

@@ -11,6 +11,7 @@ from flows.cli.diagnose import diagnose
 from flows.cli.experiment import campaign, experiment
 from flows.cli.store import runs, show, sql
 from flows.cli.trajectory import trajectory
+from flows.cli.validate import validate
 
 _HELP = """Find what a robot's dynamic model is missing.
 
@@ -49,6 +50,7 @@ app.command(demo)
 app.command(experiment)
 app.command(campaign)
 app.command(trajectory)
+app.command(validate)
 app.command(runs)
 app.command(sql)
 app.command(show)

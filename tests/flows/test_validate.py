@@ -1,0 +1,216 @@
+"""The nominal model by itself on a run: open loop, feed-forward, and their record."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flows import experiment, validate
+from flows.cli import main
+from flows.cli.validate import meaning
+from flows.spec import experiment_of
+from residual.errors import InputError
+from residual.recording import Recording
+from residual.robot import load_robot
+from sim.plant.stepping import DivergedError
+from sim.records import Noise, PlantEffect, PlantSpec
+from warehouse.commit import commit_run, read_record
+from warehouse.ids import canonical
+from warehouse.manifest import read_manifest
+from warehouse.runs import read_run
+from warehouse.store import open_store
+
+LOAD = {"name": "payload", "joints": [6], "mass": 4.0, "com_x": 0.1}
+ROBOT = load_robot("irb140")
+
+
+def run(store, plant=None, **more):
+    content = {"seed": 7, "trajectory": {"kind": "cyclic", "duration": 4.0}, **more}
+    content["plant"] = plant or {}
+    return experiment.run(experiment_of(content, "SPEC.toml"), store)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A store with two runs, of a loaded arm and of one that is as described."""
+    store = tmp_path_factory.mktemp("store")
+    quiet = {"scatter": 0.0, "noise": {"torque": 0.0, "encoder": 0.0}}
+    return store, run(store, {"effect": [LOAD]}, start=30.0), run(store, quiet)
+
+
+@pytest.fixture(scope="module")
+def loaded(made):
+    return validate.validate(made[1], 0.25, made[0])
+
+
+def rows(store, id):
+    with open_store(store) as opened:
+        asked = f"FROM errors WHERE source_id = '{id}' ORDER BY metric, stage, joint"
+        return opened.sql(asked).to_pylist()
+
+
+def without_hidden_half(made, tmp_path):
+    store = tmp_path / "store"
+    shutil.copytree(made[0], store)
+    shutil.rmtree(store / "sealed")
+    return store
+
+
+def test_a_plant_comes_back_from_its_sealed_half():
+    effects = (
+        PlantEffect("payload", (6,), (("com_x", 0.1), ("mass", 1 / 3)), 2.5),
+        PlantEffect("coupled_friction", (5, 6), (("level", 1.0),)),
+        PlantEffect("delay", (), (("delay", 0.01),)),
+    )
+    for plant in (PlantSpec(), PlantSpec(effects, 0.1, Noise(0, 1e-5), 2**62, "ü")):
+        sealed = json.loads(canonical(plant))
+        again = experiment.plant_of(sealed)
+        assert again == plant
+        assert canonical(again) == canonical(plant)
+        hash(again)  # tuples all through, no list left
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"salt": None}, {"wind": 1.0}, {"effects": [{"name": "secret"}]}, {"noise": 3}],
+)
+def test_a_sealed_half_of_another_form_is_refused_and_not_told(change):
+    sealed = json.loads(canonical(PlantSpec())) | change
+    if sealed["salt"] is None:
+        del sealed["salt"]
+    with pytest.raises(InputError, match="another form") as caught:
+        experiment.plant_of(sealed)
+    assert "secret" not in str(caught.value)
+
+
+def test_a_load_that_the_model_lacks_shows_in_both_validations(made, loaded):
+    _, found = loaded
+    _, good = validate.validate(made[2], 0.25, made[0])
+    assert found.kind == good.kind == "open_loop,feed_forward"
+    # The filter of the motion and the sampling of the torque leave under a mrad.
+    assert good.open_loop.max() < 1e-3
+    np.testing.assert_allclose(good.nominal, good.arm, rtol=1e-6)
+    assert good.nominal.max() < 1e-3
+    assert (found.open_loop[1:5] > 10 * good.open_loop[1:5]).all()
+    assert (found.nominal[1:5] > 3 * found.arm[1:5]).all()
+    assert good.notes == ()
+    assert found.notes == (
+        "The run began 30 s into its session, feed-forward begins at 0: what was warm "
+        "is cold.",
+    )
+
+
+def test_the_record_has_every_figure_in_rad_and_is_kept_once(made, loaded):
+    store, run_id, _ = made
+    id, found = loaded
+    assert validate.validate(run_id, 0.25, store)[0] == id
+    assert validate.validate(run_id, 0.2, store)[0] != id
+    record = read_record(store, id)
+    assert (record["robot"], record["kind"]) == ("irb140", found.kind)
+    assert (record["unit"], record["window_s"]) == ("rad", 0.25)
+    told = rows(store, id)
+    assert {(row["run_id"], row["trajectory"]) for row in told} == {(run_id, "cyclic")}
+    assert [(r["metric"], r["stage"], r["joint"]) for r in told] == [
+        (metric, stage, joint)
+        for metric, stage in (
+            ("rms_feed_forward_q", "arm"),
+            ("rms_feed_forward_q", "nominal"),
+            ("rms_open_loop_q", "nominal"),
+        )
+        for joint in range(1, 7)
+    ]
+    figures = [*found.arm, *found.nominal, *found.open_loop]
+    assert [row["value"] for row in told] == figures
+    with open_store(store) as opened:
+        parents = opened.sql(f"SELECT parent, role FROM lineage WHERE child = '{id}'")
+    assert parents.to_pylist() == [{"parent": run_id, "role": "run"}]
+
+
+def test_without_its_sealed_half_a_run_has_the_open_loop(made, loaded, tmp_path):
+    store = without_hidden_half(made, tmp_path)
+    id, found = validate.validate(made[1], 0.25, store)
+    assert found.kind == "open_loop"
+    np.testing.assert_array_equal(found.open_loop, loaded[1].open_loop)
+    assert "none is sealed" in found.notes[0]
+    assert len(rows(store, id)) == 6
+
+
+def test_a_broken_seal_is_not_passed_over(made, tmp_path):
+    store = tmp_path / "store"
+    shutil.copytree(made[0], store)
+    path = store / "sealed" / f"run_id={made[1]}" / "spec.json"
+    path.write_bytes(path.read_bytes().replace(b"4.0", b"4.5"))
+    with pytest.raises(InputError, match="broken"):
+        validate.validate(made[1], 0.25, store)
+
+
+def test_a_measured_run_has_the_open_loop_at_its_own_rate_and_clock(made, tmp_path):
+    store, _, good = made
+    log = read_run(store, good)
+    rare = Recording("", "irb140", 1e3 + log.t[::2], log.q[::2], log.tau[::2])
+    id = commit_run(tmp_path, rare, {"robot_hash": ROBOT.content_hash})
+    _, found = validate.validate(id[:6], 0.25, tmp_path)
+    assert found.kind == "open_loop"
+    assert found.open_loop.max() < 2e-3
+
+
+def test_a_run_of_another_description_is_refused(made, tmp_path):
+    log = replace(read_run(*made[:2]), id="")
+    id = commit_run(tmp_path, log, {"robot_hash": "0" * 64})
+    with pytest.raises(InputError, match="another description of irb140"):
+        validate.validate(id, 0.25, tmp_path)
+
+
+def test_changed_code_of_the_plant_is_told(made, monkeypatch):
+    manifest = read_manifest(*made[:2])
+    monkeypatch.setattr("warehouse.provenance.plant_code_hash", lambda: "other")
+    assert "has changed since" in validate._notes(manifest, True)[0]
+
+
+@pytest.mark.parametrize("window", [0.0, -1.0, 4.5, float("nan"), float("inf")])
+def test_a_window_that_cannot_be_is_refused(made, window):
+    with pytest.raises(InputError, match="to the length of the run, 4 s"):
+        validate.validate(made[1], window, made[0])
+
+
+def test_windows_in_which_the_model_runs_away_are_halved(made):
+    log = read_run(*made[:2])
+    push = np.array([0, 0, 0, 0, 0, 3.0])
+    rms, used = validate.open_loop_error(ROBOT, replace(log, tau=log.tau + push), 1.0)
+    assert used in (0.5, 0.25, 0.125, 0.0625)
+    assert np.isfinite(rms).all()
+
+
+def test_a_model_that_runs_away_in_any_window_is_told(made, monkeypatch):
+    tried = []
+
+    def diverge(robot, motion, torque, window):
+        tried.append(window)
+        raise DivergedError(0.0, np.zeros(6), np.full(6, 900.0), 3)
+
+    monkeypatch.setattr("sim.twin.open_loop", diverge)
+    with pytest.raises(InputError, match=r"0\.015625 s\. Check units and signs"):
+        validate.open_loop_error(ROBOT, read_run(*made[:2]), 0.25)
+    assert tried == [0.25, 0.125, 0.0625, 0.03125, 0.015625]
+
+
+def test_the_command_prints_a_table_and_what_it_means(made, loaded, capsys):
+    words = ["validate", made[1][:8], "--store", str(made[0])]
+    assert main(words) == 0
+    shown = capsys.readouterr().out
+    assert f"{1e3 * loaded[1].nominal[2]:.2f}" in shown
+    assert "arm's own [mrad]" in shown
+    assert "a better model can gain" in shown
+    assert f"modelgap show {loaded[0]}" in shown
+    assert main([*words, "--window", "0"]) == 2
+    assert "--window 0" in capsys.readouterr().err
+
+
+def test_one_sentence_says_what_it_means(loaded):
+    _, found = loaded
+    alone = meaning(replace(found, nominal=None, arm=None))
+    assert alone.endswith("the worst.")
+    assert "feed-forward" not in alone
+    assert "about as good" in meaning(replace(found, nominal=found.arm))

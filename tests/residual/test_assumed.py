@@ -1,0 +1,58 @@
+"""Declared values that are only assumed: trusted as far as the logs bear them out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.close import close_the_loop
+from residual.robot import load_robot
+from sim.experiment import run_experiment
+from sim.records import PlantSpec, TrajectorySpec
+from sim.trajectories import make_reference
+
+ROBOT = load_robot("irb140")
+FAMILIES = ("fourier", "cyclic", "move_stop_move")
+KEYS = {"viscous": "coefficient", "coulomb": "level", "rotor_inertia": "inertia"}
+
+
+@pytest.fixture(scope="module")
+def logs():
+    """Logs of an arm that is as described, but for 2 % scatter."""
+    made = []
+    for i, kind in enumerate(FAMILIES):
+        spec = TrajectorySpec(kind, 15.0, 1, seed=60 + i)
+        reference = make_reference(ROBOT, spec, 1000.0, optimised=False)
+        run = run_experiment(ROBOT, reference, PlantSpec(seed=9), start=25.0 * i)
+        made.append(replace(run.log, id=kind))
+    return made
+
+
+def believed(factors):
+    """Return the robot as somebody believes it to be: declared values times factors."""
+    declared = dict(ROBOT.declared)
+    for name, of in factors.items():
+        given = declared[name]
+        values = tuple(np.multiply(given.values[KEYS[name]], of))
+        declared[name] = replace(given, values={KEYS[name]: values})
+    return replace(ROBOT, declared=declared)
+
+
+@pytest.mark.parametrize(
+    ("name", "joint"), [("viscous", 3), ("coulomb", 5), ("rotor_inertia", 1)]
+)
+def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
+    factors = np.ones(6)
+    factors[joint - 1] = 0.5
+    verdict = close_the_loop(believed({name: factors}), logs).verdict
+    (found,) = verdict["effects"]
+    assert (found["name"], found["joints"]) == (name, [joint])
+    missing = 0.5 * ROBOT.declared[name].values[KEYS[name]][joint - 1]
+    assert found["parameters"][KEYS[name]]["value"] == pytest.approx(missing, rel=0.2)
+
+
+def test_where_all_values_are_guesses_none_of_them_is_blamed(logs):
+    rng = np.random.default_rng(4)
+    factors = {name: np.exp(rng.normal(0, 0.5, 6)) for name in KEYS}
+    verdict = close_the_loop(believed(factors), logs).verdict
+    assert verdict["effects"] == []
