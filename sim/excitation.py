@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import eigh, qr
+from scipy.linalg import eigh
 
+from residual.base import base_columns
 from residual.dynamics import regressor
 
 Array = np.ndarray
 
-_STATES = 200  # random states that decide which columns are independent
-_TOLERANCE = 1e-8  # of the largest pivot; the last true one of an arm is near 0.1
 _SHARP = 12  # power of the mean that stands for the extreme eigenvalues
 _AMOUNT = 0.1  # weight of log det per parameter beside log condition
 _FLOOR = 1e-13  # least eigenvalue that is told from zero
@@ -59,28 +58,6 @@ def excitation(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Excitation:
         return Excitation(float("inf"), float("-inf"), count)
     amount = 2 * np.log(values * size).sum() - count * np.log(len(q))
     return Excitation(float(values[0] / values[-1]), float(amount), count)
-
-
-def base_columns(model: pin.Model) -> Array:
-    """Return the columns of the regressor that no other columns add up to.
-
-    QR with column pivoting over random states, columns at length one; what the other
-    columns would have told goes to these.
-
-    Args:
-        model: Pinocchio model.
-
-    Returns:
-        Indices into the 10 * dof inertial parameters, increasing. Shape (b,).
-    """
-    # Which columns depend on which is a property of the arm: any states tell it.
-    states = np.random.default_rng(0).uniform(-3, 3, (3, _STATES, model.nv))
-    rows = regressor(model, *states).reshape(_STATES * model.nv, -1)
-    size = np.linalg.norm(rows, axis=0)
-    rows = rows / np.where(size > _TOLERANCE * size.max(), size, np.inf)
-    factors = qr(rows, mode="r", pivoting=True)
-    pivots, order = np.abs(np.diag(np.asarray(factors[0]))), np.asarray(factors[-1])
-    return np.sort(order[: int((pivots > _TOLERANCE * pivots[0]).sum())])
 
 
 def cost(stacked: Array) -> tuple[float, Array]:

@@ -1,6 +1,7 @@
 """One experiment: an arm with something to hide follows a reference and is logged."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -53,6 +54,7 @@ def run_experiment(
     arm = build_arm(robot, plant)
     controller = ComputedTorque(robot, reference)
     trace = simulate(arm, reference, controller, label, start, plant.seed)
+    reference = _as_far(reference, len(trace.t))
     noise = (plant.noise, plant.seed, label, start)
     log = log_of(robot, trace, reference, plant.effects, noise, rates)
     errors = twin_errors(log, trace, twin_of(robot, reference), every)
@@ -87,6 +89,14 @@ def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:
     for i, channel in enumerate(trace.channels):
         truth[f"tau_{channel}"] = rows[:, at.CHANNELS + i].copy()
     return truth
+
+
+def _as_far(reference: Reference, steps: int) -> Reference:
+    """Return what was asked for until the arm was stopped; usually all of it."""
+    if steps == len(reference.t):
+        return reference
+    names = ("t", "q", "qd", "qdd")
+    return replace(reference, **{n: getattr(reference, n)[:steps] for n in names})
 
 
 def _check(reference: Reference, rates: Rates, dof: int) -> None:

@@ -5,6 +5,7 @@ import numpy as np
 from residual.recording import Recording
 from residual.robot import Robot
 from sim.plant import tables as at
+from sim.plant.sensor_faults import hold_frozen
 from sim.plant.signal_faults import reported
 from sim.plant.stepping import Trace
 from sim.records import Noise, PlantEffect, Rates, Reference
@@ -43,6 +44,7 @@ def log_of(
     q = trace.rows[::every, at.READING]
     if sizes_.encoder > 0:
         q = encoder(q, stream(seed, f"encoder/{label}"), sizes_.encoder)
+    q = hold_frozen(q, t, effects)
     tau = reported(trace.rows[:, at.DRIVE], trace.t, effects)[::every]
     span = sizes(robot).torque * (sizes_.torque / WHITE_TORQUE)
     rng = stream(seed, f"torque/{label}")

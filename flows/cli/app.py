@@ -9,6 +9,7 @@ from cyclopts import App
 from flows.cli.demo import demo
 from flows.cli.diagnose import diagnose
 from flows.cli.experiment import campaign, experiment
+from flows.cli.identify import identify
 from flows.cli.store import runs, show, sql
 from flows.cli.trajectory import trajectory
 from flows.cli.validate import validate
@@ -46,6 +47,7 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 app.command(diagnose, usage="Usage: modelgap diagnose LOG... --robot ROBOT [OPTIONS]")
+app.command(identify, usage="Usage: modelgap identify LOG... --robot ROBOT [OPTIONS]")
 app.command(demo)
 app.command(experiment)
 app.command(campaign)

@@ -12,6 +12,7 @@ from sim.plant.bodies import scattered, with_effects
 from sim.plant.controller import Maker, maker_of
 from sim.plant.perturbations import check_effect, parameters
 from sim.plant.rows import contacts_of, friction_rows, torque_rows
+from sim.plant.sensor_faults import EncoderFaults, encoder_faults
 from sim.plant.signal_faults import encoder_errors, torque_constants
 from sim.plant.tables import Constants, State
 from sim.plant.thermal import SLOW, warmth_at
@@ -53,6 +54,7 @@ class Phase:
         constants: Everything else, as the compiled step reads it.
         force: Force on the flange in the base frame [N]. Shape (3,), or None.
         errors: Constant, cosine, sine of the encoder errors [rad]. Shape (3, dof).
+        faults: Encoders that are broken, None if none is.
     """
 
     first: int
@@ -61,6 +63,7 @@ class Phase:
     constants: Constants
     force: Array | None
     errors: Array
+    faults: EncoderFaults | None = None
 
 
 def build_arm(robot: Robot, plant: PlantSpec) -> Arm:
@@ -159,7 +162,8 @@ def _phase(
         series=series,
     )
     model = with_effects(arm.model, effects)
-    return Phase(*span, model, constants, _force(effects), errors)
+    faults = encoder_faults(effects, dt)
+    return Phase(*span, model, constants, _force(effects), errors, faults)
 
 
 def _added(effects: Sequence[PlantEffect], name: str, key: str, dof: int) -> Array:

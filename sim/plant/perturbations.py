@@ -40,6 +40,7 @@ _TILT = dict.fromkeys(("tilt_x", "tilt_y"), 0.0)
 _FORCE = dict.fromkeys(("x", "y", "z"), 0.0)
 _PAIR = {"coefficient": 0.0, "inertia": 0.0, "sign": 1.0}
 _WAVE = ("amplitude", "frequency")
+_SPIKES = {"interval": 0.5, "width": 0.004}  # s: a spike is one sample of 250 Hz
 
 KINDS: Mapping[str, Kind] = {
     "viscous": Kind(("coefficient",)),
@@ -77,6 +78,11 @@ KINDS: Mapping[str, Kind] = {
     "x_wall": Kind(("angle", "stiffness"), {"side": 1.0}, positive=("stiffness",)),
     "x_random_walk": Kind(("amplitude",)),
     "x_friction_jump": Kind(("level",), {"share": 0.5}),
+    "x_fault_frozen": Kind(()),
+    "x_fault_drift": Kind(("rate",)),
+    "x_fault_torque_bias": Kind(("torque",)),
+    "x_fault_torque_gain": Kind(("gain",)),
+    "x_fault_torque_spikes": Kind(("size",), _SPIKES, positive=("interval", "width")),
 }
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from sim.plant import tables as at
 from sim.plant.compiled import compiled
 from sim.plant.perturbations import parameters
+from sim.plant.sensor_faults import torque_faults
 from sim.records import PlantEffect
 
 Array = np.ndarray
@@ -108,4 +109,5 @@ def reported(drive: Array, t: Array, effects: tuple[PlantEffect, ...]) -> Array:
             for row in range(out.shape[1]):
                 late = np.interp(t - lag, t, out[:, row])
                 out[acts, row] = late[acts]
+    torque_faults(out, t, effects)
     return out

@@ -1,6 +1,6 @@
 """The loop: read encoders, control, friction and transmission, Bullet, next."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -85,6 +85,9 @@ def simulate(
 ) -> Trace:
     """Drive an arm along a reference.
 
+    An arm that runs away because its encoder is broken is stopped by its guard, as a
+    real one: the trace ends there.
+
     Args:
         arm: The arm.
         reference: The motion, at the rate of the controller.
@@ -110,7 +113,15 @@ def simulate(
         for i, phase in enumerate(parts):
             if i > 0:
                 _join_springs(phase, parts[i - 1], state, (q, qd))
-            q, qd = _run(phase, run, q, qd)
+            try:
+                q, qd = _run(phase, run, q, qd)
+            except DivergedError as trip:
+                if phase.faults is None:
+                    raise
+                parts[i:] = [replace(phase, last=round(trip.time / dt))]
+                q, qd = trip.q, trip.qd
+                break
+    t, rows = t[: parts[-1].last], rows[: parts[-1].last]
     if not np.isfinite(qd).all():
         raise DivergedError(t[-1], q, qd, int(np.isfinite(qd).argmin()) + 1)
     speeds = np.vstack([rows[:, at.QD], qd])
@@ -140,6 +151,8 @@ def _run(phase: Phase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
             astray = read(k, arm.joints, state.motors, run.goal[k], rows)
             if astray:
                 raise DivergedError(k * arm.dt, q, qd, astray)
+            if phase.faults is not None:
+                phase.faults.read(k, arm.dt, rows)
             now[at.DRIVE] = run.controller.torque(
                 k, now[at.READING], now[at.READING_RATE]
             )

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.base import base_columns
 from residual.dynamics import inertial_parameters, regressor
 from sim.clearance import MARGIN, clearances
-from sim.excitation import base_columns, cost
+from sim.excitation import cost
 from sim.synthetic.series import Series
 from sim.trajectories.fourier import FREE, Arena, harmonics, sampled
 from sim.trajectories.limits import Friction, declared_friction

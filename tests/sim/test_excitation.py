@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from residual.base import base_columns
 from residual.dynamics import inertial_parameters, inverse_dynamics, regressor
 from residual.robot import load_robot
-from sim.excitation import base_columns, cost, excitation
+from sim.excitation import cost, excitation
 from sim.trajectories.fourier import arena, draw
 from sim.trajectories.problem import problem
 from tests.sim.arms import TWO, arm

@@ -1,0 +1,96 @@
+"""Group 4: time of the normal equations and of a robust fit, against a named peer."""
+
+from collections.abc import Callable
+from time import process_time
+
+import numpy as np
+import pinocchio as pin
+from sklearn.linear_model import HuberRegressor
+
+from benchmarks.figures import Figures, figure
+from benchmarks.identification_parts.plant_logs import ROBOT, plant_logs
+from residual import solve
+from residual.base import base_columns
+from residual.dynamics import inverse_dynamics
+from residual.estimate import Options, estimated
+from residual.identify import identify
+from residual.normal import normal_equations
+from residual.solve import Start
+from residual.structure import rows_of
+
+SAMPLES = 60_000
+
+
+def speed_figures(rounds: int) -> Figures:
+    """Time the sums of 60 000 samples, and a Huber fit, in turn with their peers.
+
+    Args:
+        rounds: How often; the median counts.
+    """
+    motion = tuple(np.random.default_rng(1).uniform(-2, 2, (3, SAMPLES, ROBOT.dof)))
+    tau = inverse_dynamics(ROBOT.model, *motion)
+    ours, loop = _both(
+        rounds,
+        lambda: normal_equations(ROBOT.model, motion, tau),
+        lambda: _pinocchio_loop(motion, tau),
+    )
+    return {
+        "normal_equations_seconds": figure(ours, 1.5, rounds, samples=SAMPLES),
+        "normal_equations_over_pinocchio_loop": figure(
+            ours / loop,
+            None,
+            rounds,
+            peer="a loop of Pinocchio into one stacked matrix",
+        ),
+        **_robust(rounds),
+    }
+
+
+def _robust(rounds: int) -> Figures:
+    fit, _ = plant_logs(1)
+    whole = process_time()
+    found = identify(ROBOT, fit, options=Options("irls"))
+    whole = process_time() - whole
+    rows = rows_of(found.nominal, found.logs.tracks, found.base)
+    blocks = solve.compress(rows)
+    start = Start(found.nominal_theta, np.ones(len(found.base)), found.preflight.free)
+    # The peer knows one noise for all rows: it is given rows in units of it.
+    weight = 1 / found.estimate.noise
+    x = np.concatenate([w * x for w, x in zip(weight, rows.x, strict=True)])
+    y = np.concatenate([w * y for w, y in zip(weight, rows.y, strict=True)])
+    peer = HuberRegressor(epsilon=1.345, alpha=0.0, fit_intercept=False, max_iter=1000)
+    ours, theirs = _both(
+        rounds,
+        lambda: estimated(rows, blocks, start, Options("irls")),
+        lambda: peer.fit(x / np.linalg.norm(x, axis=0), y),
+    )
+    return {
+        "identify_seconds": figure(whole, None, 1, what="three logs of 15 s at 250 Hz"),
+        "irls_over_sklearn_huber": figure(
+            ours / theirs, None, rounds, rows=len(y), columns=x.shape[1]
+        ),
+    }
+
+
+def _pinocchio_loop(motion: tuple, tau: np.ndarray) -> tuple:
+    """The usual way: every regressor into one tall matrix, then its products."""
+    model, data = ROBOT.model, ROBOT.model.createData()
+    columns, dof = base_columns(model), model.nv
+    tall = np.empty((dof * len(tau), 10 * dof))
+    for i, (q, qd, qdd) in enumerate(zip(*motion, strict=True)):
+        own = pin.computeJointTorqueRegressor(model, data, q, qd, qdd)
+        tall[dof * i : dof * i + dof] = own
+    base = tall[:, columns]
+    return base.T @ base, base.T @ tau.ravel()
+
+
+def _both(rounds: int, ours: Callable, peer: Callable) -> tuple[float, float]:
+    """Median processor time of both, in turn: other processes do not count [s]."""
+    times = np.array([[_cpu(ours), _cpu(peer)] for _ in range(rounds)])
+    return tuple(float(t) for t in np.median(times, axis=0))
+
+
+def _cpu(job: Callable) -> float:
+    start = process_time()
+    job()
+    return process_time() - start

@@ -1,0 +1,266 @@
+"""The paper's chapter on a set of runs: every model under every scheme.
+
+Which states the robot was in, what its model leaves there, and how well that is
+predicted: on rows of a motion that was seen, and on motions that were not. (Sections
+2.4 to 2.6 of the paper; docs/calibration.md.)
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from residual.calibrate_models import (
+    DEFAULT,
+    EFFECTS,
+    NONE,
+    Training,
+    choice_groups,
+    fit_paper,
+    methods,
+)
+from residual.calibrate_nominal import (
+    Prepared,
+    identified_without,
+    named_effects,
+    prepare_runs,
+)
+from residual.calibrate_rows import (
+    PAPER,
+    Rows,
+    Run,
+    cut_single,
+    measured_rows,
+    paper_rows,
+)
+from residual.calibrate_schemes import RUN, UNSEEN, Response, Scheme, make_schemes
+from residual.calibrate_scores import Score, judge_responses, score
+from residual.calibrate_views import (
+    SWEEP,
+    Components,
+    Oddities,
+    Sweep,
+    Terms,
+    components_of,
+    oddities_of,
+    sweep_levels,
+    terms_of,
+)
+from residual.effect_choice import EffectModel, fit_effect_tables
+from residual.effect_tables import EffectForm
+from residual.lookup import Lookup
+from residual.lookup_build import nominal_lookup
+from residual.model import Model
+from residual.nominal_pls import NominalForm
+from residual.recording import Array
+from residual.robot import Robot
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How a calibration is done.
+
+    Attributes:
+        paper: The paper's regressors and twin error, in place of measured motion.
+        declared: Effects that the nominal model has; None for the robot's own list.
+        form: Levels and components of the paper's form.
+        pairs: Whether the default form may take all pair tables.
+        views: Whether to compute what only figures need.
+        levels: Numbers of levels of the sweep.
+        seed: Of random blocks and surrogates.
+    """
+
+    paper: bool = False
+    declared: tuple[str, ...] | None = None
+    form: NominalForm = NominalForm()
+    pairs: bool = True
+    views: bool = True
+    levels: tuple[int, ...] = SWEEP
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Calibration:
+    """What was found.
+
+    Attributes:
+        robot: Name of the robot.
+        rows: The rows.
+        schemes: The schemes that these rows allow.
+        scores: The table.
+        default: The default form on all rows; its tables are what is exported.
+        paper: The paper's form on all rows, as tables.
+        nominal: Nominal model identified from all runs; None in paper mode.
+        declared: Effects that the nominal model has.
+        components, sweep, terms, oddities: For the figures; None where not wanted.
+        notes: What to know about it, a line each.
+    """
+
+    robot: str
+    rows: Rows
+    schemes: tuple[Scheme, ...]
+    scores: tuple[Score, ...]
+    default: EffectModel
+    paper: Lookup
+    nominal: Model | None
+    declared: tuple[str, ...]
+    components: tuple[Components, ...] = ()
+    sweep: Sweep | None = None
+    terms: Terms | None = None
+    oddities: Oddities | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def lookup(self) -> Lookup:
+        """The tables of this mode: the paper's form, or ours."""
+        return self.paper if self.rows.mode == PAPER else self.default.lookup
+
+
+def calibrate(
+    robot: Robot,
+    runs: Sequence[Run],
+    settings: Settings | None = None,
+    effects: Sequence[Mapping] = (),
+    progress: Progress | None = None,
+) -> Calibration:
+    """Fit and validate every model under every scheme.
+
+    Args:
+        robot: The arm as described.
+        runs: Its logs; a single one is cut into parts.
+        settings: How.
+        effects: Findings of a diagnosis, for the model with named effects.
+        progress: Told the stage and the share done.
+
+    Raises:
+        InputError: If a log does not suit the mode, a column is constant, or there
+            are too few rows.
+    """
+    settings, tell = settings or Settings(), progress or (lambda stage, share: None)
+    notes = []
+    if len(runs) == 1:
+        notes.append(
+            "one log only: it was cut into parts, so unseen parts are of the same run"
+        )
+    runs = cut_single(runs)
+    tell("nominal model", 0.0)
+    source = _Source(robot, runs, settings, effects)
+    rows = source.rows
+    schemes, more = make_schemes(rows, np.random.default_rng(settings.seed))
+    training = Training(rows.X, rows.Y, rows.run, rows.tau)
+    form = _form(rows, settings)
+    tell("default form", 0.05)
+    groups = choice_groups(rows.run)
+    default = fit_effect_tables(rows.X, rows.Y, groups, rows.tau, form)
+    scores = _table((schemes, training, source), (form, settings, default), tell)
+    made = Calibration(
+        robot.name,
+        rows,
+        schemes,
+        scores,
+        default,
+        nominal_lookup(fit_paper(training, settings.form)),
+        source.nominal,
+        source.declared,
+        notes=(*notes, *more, *source.notes),
+    )
+    if not settings.views:
+        return made
+    return _with_views(made, (runs, training, form), settings, tell)
+
+
+class _Source:
+    """Rows, and what nominal models leave on them; each is identified once."""
+
+    def __init__(self, robot, runs, settings: Settings, effects) -> None:
+        self._prepared: Prepared | None = None
+        self._known: dict[tuple, Array] = {}
+        self.nominal: Model | None = None
+        self.declared: tuple[str, ...] = tuple(robot.declared)
+        self.notes: tuple[str, ...] = ()
+        self.named: tuple = ()
+        if settings.paper:
+            self.rows = paper_rows(runs)
+            if settings.declared is not None:
+                self.notes = (
+                    "--declared says nothing with --paper: the twin has what its "
+                    "robot declares",
+                )
+            return
+        self._prepared = prepare_runs(robot, runs, settings.declared)
+        self.declared = self._prepared.names
+        self.nominal = identified_without(self._prepared)
+        left = self._prepared.residuals(self.nominal)
+        self.rows = measured_rows(runs, self._prepared.tracks, left)
+        self._known[frozenset(), ()] = self.rows.Y
+        self.named = named_effects(effects, robot)
+
+    def plain(self, left_out: Collection[int]) -> Array:
+        """What the nominal model leaves. Shape (n, j)."""
+        return self._left(left_out, ())
+
+    def with_effects(self, left_out: Collection[int]) -> Array:
+        """What the model with named effects leaves. Shape (n, j)."""
+        return self._left(left_out, self.named)
+
+    def _left(self, left_out: Collection[int], named: tuple) -> Array:
+        if self._prepared is None:
+            return self.rows.Y
+        key = (frozenset(left_out), tuple((e.name, j, s) for e, j, s in named))
+        if key not in self._known:
+            model = identified_without(self._prepared, left_out, named)
+            left = self._prepared.residuals(model)
+            self._known[key] = measured_rows(
+                self._prepared.runs, self._prepared.tracks, left
+            ).Y
+        return self._known[key]
+
+
+def _form(rows: Rows, settings: Settings) -> EffectForm:
+    form = EffectForm(velocities=rows.velocities, names=rows.names)
+    return form if settings.pairs else replace(form, pairs=None)
+
+
+def _table(data: tuple, how: tuple, tell: Progress) -> tuple[Score, ...]:
+    schemes, training, source = data
+    form, settings, default = how
+    nested = methods(form, settings.form)
+    # Rows of every motion are fitted here anyway, so the choice is made only once.
+    once = methods(form, settings.form, default.chosen)
+    jobs = [(s, name) for s in schemes for name in nested]
+    out = []
+    for number, (scheme, name) in enumerate(jobs):
+        tell(f"{scheme.name}: {name}", 0.1 + 0.6 * number / len(jobs))
+        method = (nested if scheme.name in UNSEEN else once)[name]
+        response: Response = source.plain
+        out.append(score(scheme, name, method, training, response))
+    if source.named:
+        out += [
+            judge_responses(s, EFFECTS, training, source.with_effects) for s in schemes
+        ]
+    return tuple(out)
+
+
+def _with_views(
+    made: Calibration, data: tuple, settings: Settings, tell: Progress
+) -> Calibration:
+    runs, training, form = data
+    rng = np.random.default_rng(settings.seed)
+    tell("principal components", 0.72)
+    components = components_of(made.rows, runs, rng)
+    tell("levels", 0.78)
+    count = settings.form.components
+    sweep = sweep_levels(training, made.schemes, count, settings.levels)
+    tell("importance", 0.9)
+    terms = terms_of(training, form, made.default.chosen, made.rows.run)
+    tell("outliers", 0.97)
+    oddities = oddities_of(training, made.rows.labels, settings.form)
+    tell("outliers", 1.0)
+    parts = (components, sweep, terms, oddities)
+    names = ("components", "sweep", "terms", "oddities")
+    return replace(made, **dict(zip(names, parts, strict=True)))
+
+
+__all__ = ["DEFAULT", "NONE", "RUN", "Calibration", "Settings", "calibrate"]

@@ -1,0 +1,167 @@
+"""The models of the paper's table 1, and ours: fitted to rows, they predict others."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.cells import merge_rows
+from residual.effect_build import build_lookup
+from residual.effect_choice import fit_effect_tables
+from residual.effect_tables import (
+    NAMED,
+    PAIRS,
+    EffectForm,
+    Option,
+    Rest,
+    fit_base,
+    fit_linear,
+    fit_rest,
+)
+from residual.lookup import Lookup
+from residual.named_pairs import pair_levels
+from residual.nominal_pls import NominalForm, NominalPls, component_bound, fit_cells
+from residual.pls import fit_pls
+from residual.recording import Array
+
+NONE, LS, PLSR, PAPER_FORM, DEFAULT = "none", "ls", "plsr", "paper", "default"
+EFFECTS = "effects"
+WORDS = {
+    NONE: "no compensation",
+    LS: "LS",
+    PLSR: "PLSR",
+    PAPER_FORM: "paper form",
+    DEFAULT: "default form",
+    EFFECTS: "named effects",
+}
+BLOCKS_OF_ONE_RUN = 4  # to choose by, where a single run is left to fit
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Training:
+    """Rows to fit.
+
+    Attributes:
+        X: States. Shape (n, d).
+        Y: What the nominal model leaves [N m]. Shape (n, j).
+        run: Run of each row. Shape (n,).
+        tau: Measured torque [N m]. Shape (n, j).
+    """
+
+    X: Array
+    Y: Array
+    run: Array
+    tau: Array
+
+    def rows(self, chosen: Array) -> "Training":
+        """Return some of the rows."""
+        parts = (self.X, self.Y, self.run, self.tau)
+        return Training(*(part[chosen] for part in parts))
+
+
+# Corrections of rows by every choice, such as component counts. (m, d) to (c, m, j).
+Forecast = Callable[[Array], Array]
+Method = Callable[[Training], Forecast]
+
+
+def methods(
+    form: EffectForm, paper: NominalForm, fixed: Sequence[Option] | None = None
+) -> Mapping[str, Method]:
+    """Return every model by name.
+
+    Args:
+        form: What the default form may be chosen from.
+        paper: Levels and components of the paper's form.
+        fixed: Options of the default form; None to choose within the training rows.
+    """
+
+    def default(training: Training) -> Forecast:
+        if fixed is None:
+            lookup = chosen_lookup(training, form)
+        else:
+            lookup = fixed_lookup(training, form, fixed)
+        return lambda X: lookup.predict(X)[None]
+
+    return {
+        NONE: _nothing,
+        LS: _least_squares,
+        PLSR: _plsr,
+        PAPER_FORM: lambda training: _nominal(training, paper),
+        DEFAULT: default,
+    }
+
+
+def chosen_lookup(training: Training, form: EffectForm) -> Lookup:
+    """The default form, its options chosen on runs left out of these rows."""
+    model = fit_effect_tables(
+        training.X, training.Y, choice_groups(training.run), training.tau, form
+    )
+    return model.lookup
+
+
+def choice_groups(run: Array) -> Array:
+    """Runs to choose by; blocks of the run where it is the only one. Shape (n,)."""
+    if (run != run[0]).any():
+        return run
+    return np.arange(len(run)) * BLOCKS_OF_ONE_RUN // len(run)
+
+
+def fixed_lookup(
+    training: Training, form: EffectForm, options: Sequence[Option]
+) -> Lookup:
+    """The default form with its options given: nothing is chosen on these rows."""
+    base = fit_base(training.X, training.Y, form)
+    kinds = {option.kind for option in options}
+    # Pair tables are most of the work: only where somebody takes them.
+    lean = form if PAIRS in kinds else replace(form, pairs=None)
+    if not kinds & {NAMED, PAIRS}:
+        empty = tuple(() for _ in options)
+        levels = pair_levels(training.X, form.names, form.velocities)
+        return build_lookup(base, Rest(levels, empty, None), options, form)
+    ridges = [o.ridge if o.ridge else form.ridges[-1] for o in options]
+    main = base.predict(training.X)[2:]
+    taken = [main[form.ridges.index(r), :, j] for j, r in enumerate(ridges)]
+    left = training.Y - np.stack(taken, axis=1)
+    rest = fit_rest(training.X, left, choice_groups(training.run), lean)
+    return build_lookup(base, rest, options, form)
+
+
+def fit_paper(training: Training, form: NominalForm) -> NominalPls:
+    """The paper's form, with fewer components where the rows bear no more."""
+    levels = form.make_levels(training.X)
+    cells = merge_rows(levels.encode(training.X))
+    count = min(form.components, component_bound(cells))
+    return fit_cells(cells, training.Y, levels, replace(form, components=count))
+
+
+def _nothing(training: Training) -> Forecast:
+    return lambda X: np.zeros((1, len(X), training.Y.shape[1]))
+
+
+def _least_squares(training: Training) -> Forecast:
+    model = fit_linear(training.X, training.Y)
+    return lambda X: model.predict(X)[None]
+
+
+def _plsr(training: Training) -> Forecast:
+    model = fit_pls(training.X, training.Y)
+    Q = model.Q * model.y_scale[:, None]
+    most = training.X.shape[1]
+    return lambda X: _by_count(model.transform(X), Q.T, model.y_mean, most)
+
+
+def _nominal(training: Training, form: NominalForm) -> Forecast:
+    model = fit_paper(training, form)
+    Q = model.Q * model.y_scale
+    return lambda X: _by_count(model.transform(X), Q, model.y_mean, form.components)
+
+
+def _by_count(T: Array, Q: Array, mean: Array, most: int) -> Array:
+    """Predictions of 0 to `most` components; where there are fewer, the last again."""
+    out = np.empty((most + 1, len(T), len(mean)))
+    out[0] = mean
+    for a in range(most):
+        out[a + 1] = out[a]
+        if a < T.shape[1]:
+            out[a + 1] += np.outer(T[:, a], Q[a])
+    return out

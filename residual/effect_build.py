@@ -1,0 +1,100 @@
+"""The chosen options of all joints put together into one set of look-up tables."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual.blocks import as_names, frozen
+from residual.effect_tables import (
+    LEAST_SQUARES,
+    MAIN,
+    NAMED,
+    PAIRS,
+    Base,
+    EffectForm,
+    Option,
+    Rest,
+)
+from residual.levels import Levels
+from residual.lookup import Axis, Lookup, Table, live_tables
+from residual.recording import Array
+
+
+def build_lookup(
+    base: Base, rest: Rest, chosen: Sequence[Option], form: EffectForm
+) -> Lookup:
+    """Return the tables of all joints; a joint without a table has zeros in it.
+
+    Args:
+        base: Least squares and main effects.
+        rest: Pair tables.
+        chosen: Option of each joint.
+        form: What the options were chosen from.
+    """
+    levels, joints = base.main[0].levels, len(chosen)
+    offset, slope = np.zeros(joints), np.zeros((len(levels.names), joints))
+    main = [np.zeros((size, joints)) for size in levels.sizes]
+    for j, option in enumerate(chosen):
+        if option.kind == LEAST_SQUARES:
+            offset[j] = base.linear.offset[j]
+            slope[:, j] = base.linear.slope[:, j]
+        if option.kind in (MAIN, NAMED, PAIRS):
+            fit = base.main[form.ridges.index(option.ridge)]
+            offset[j] = fit.offset[j]
+            for table, own in zip(main, fit.tables, strict=True):
+                table[:, j] = own[:, j]
+    axes = [*_axes(levels)]
+    tables = [Table((i,), frozen(t)) for i, t in enumerate(main)]
+    for found in (_named(rest, chosen), _all_pairs(rest, chosen, offset)):
+        if found:
+            start = len(axes)
+            axes += _axes(found[0])
+            tables += [Table((start + a, start + b), t) for (a, b), t in found[1]]
+    return Lookup(
+        levels.names,
+        as_names(None, joints, "joint "),
+        tuple(axes),
+        live_tables(tables),
+        frozen(offset),
+        frozen(slope),
+        levels.low,
+        levels.high,
+    )
+
+
+_Found = tuple[Levels, list[tuple[tuple[int, int], Array]]]
+
+
+def _named(rest: Rest, chosen: Sequence[Option]) -> _Found | None:
+    tables: dict[tuple[int, int], Array] = {}
+    for j, option in enumerate(chosen):
+        used = rest.named[j][: option.count] if option.kind == NAMED else ()
+        for pair in used:
+            empty = np.zeros((*pair.table.shape, len(chosen)))
+            table = tables.setdefault(pair.variables, empty)
+            table[..., j] += pair.table
+    return (rest.levels, list(tables.items())) if tables else None
+
+
+def _all_pairs(rest: Rest, chosen: Sequence[Option], offset: Array) -> _Found | None:
+    """Tables of the joints that take all pairs; their offsets are added in place."""
+    model = rest.pairs
+    takers = [j for j, option in enumerate(chosen) if option.kind == PAIRS]
+    if model is None or not takers:
+        return None
+    tables = [np.zeros((*shape, len(chosen))) for shape in _shapes(model)]
+    for j in takers:
+        count = min(chosen[j].count, model.components)
+        offset[j] += model.offset(count)[j]
+        for table, own in zip(tables, model.tables(count), strict=True):
+            table[..., j] = own[..., j]
+    return model.levels, list(zip(model.pairs, tables, strict=True))
+
+
+def _shapes(model) -> list[tuple[int, int]]:
+    sizes = model.levels.sizes
+    return [(sizes[a], sizes[b]) for a, b in model.pairs]
+
+
+def _axes(levels: Levels) -> list[Axis]:
+    return [Axis(i, edges) for i, edges in enumerate(levels.edges)]

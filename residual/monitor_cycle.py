@@ -1,0 +1,58 @@
+"""Programs that repeat: how long a cycle is, and what was a cycle ago."""
+
+import numpy as np
+
+from residual.monitor_track import Rows
+from residual.recording import Array
+
+SAME = 2e-3  # rad: how near to its own past a wanted position is in the next cycle
+_SHORTEST = 0.5  # s
+_SHARE = 0.3  # of the rows must repeat
+_SETTLED = 1.0  # s in which the first cycle is unlike the others
+
+
+def period_of(rows: Rows) -> float | None:
+    """Return the length of a cycle of the wanted motion [s], None if none repeats.
+
+    A program is known before it runs, so this looks at the whole log.
+    """
+    if rows.goal is None:
+        return None
+    goal, low = np.ascontiguousarray(rows.goal.T), round(_SHORTEST * rows.rate)
+    step = np.abs(np.diff(goal, axis=1, prepend=goal[:, :1])).max(axis=0)
+    for lag in range(low, goal.shape[1] - low):
+        # Between two rows the best lag may lie: as near as the motion of a row.
+        near = _gap(goal, lag) < SAME + step[lag:]
+        if np.mean(near & (step[lag:] > 0)) > _SHARE:
+            return _refined(goal, lag) / rows.rate
+    return None
+
+
+def before(values: Array, rows: Rows, period: float) -> Array:
+    """Return values of a cycle ago; those of the first cycle are its first row."""
+    t = rows.t - period
+    return np.column_stack([np.interp(t, rows.t, column) for column in values.T])
+
+
+def repeats(rows: Rows, period: float) -> Array:
+    """Return where the wanted motion is that of a cycle ago. Shape (m,), bool."""
+    then = before(rows.goal, rows, period)
+    known = rows.t - rows.t[0] >= period + _SETTLED
+    whole = np.interp(rows.t - period, rows.t, rows.whole.astype(float)) == 1.0
+    same = np.abs(rows.goal - then).max(axis=1) < SAME
+    return known & whole & same & rows.whole
+
+
+def _gap(goal: Array, lag: int) -> Array:
+    return np.abs(goal[:, lag:] - goal[:, :-lag]).max(axis=0)
+
+
+def _refined(goal: Array, lag: int) -> float:
+    """Return the best lag near one, by a parabola through three misfits [rows]."""
+    lags = np.arange(max(1, lag - 2), min(lag + 4, goal.shape[1]))
+    misfit = [np.median(_gap(goal, k) ** 2) for k in lags]
+    best = int(np.clip(np.argmin(misfit), 1, len(misfit) - 2))
+    left, middle, right = misfit[best - 1 : best + 2]
+    bend = left - 2 * middle + right
+    shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    return float(lags[best] + np.clip(shift, -1, 1))

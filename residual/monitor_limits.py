@@ -1,0 +1,68 @@
+"""Limits for scores: from the largest values of blocks, so that few alarms are false.
+
+Neighbouring values of a score are nearly the same, so values cannot be counted as if
+they were independent. Blocks of some seconds nearly are. Over a high threshold u the
+maxima of blocks decay about exponentially (peaks over threshold: Davison & Smith 1990):
+
+P(M > u + x) = share exp(-x / beta),   limit = u + beta log(share / wanted)
+
+beta is taken at the upper end of its confidence, and no limit is below 1.2 times the
+largest value that good runs showed.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual.monitor_scores import Scores
+from residual.recording import Array
+
+BLOCK = 2.0  # s
+_SHARE = 0.2  # of the blocks are over the threshold
+_SURE = 1.645  # one-sided 95 % of a normal variable
+_MARGIN = 1.2
+
+
+def limits_of(runs: Sequence[Scores], per_hour: float) -> Array:
+    """Return limits of one kind of scores, from logs that did not set its scale.
+
+    Columns are brought to one size first, by the level that a twentieth of their
+    blocks exceeds; the tail is that of the largest of all columns, since they are
+    anything but independent.
+
+    Args:
+        runs: Scores of good runs, of one kind.
+        per_hour: False alarms of this kind that are wanted at most, per hour.
+
+    Returns:
+        Limit of each column. Shape (c,).
+    """
+    peaks = np.vstack([block_maxima(run) for run in runs])
+    level = np.quantile(peaks, 0.95, axis=0)
+    usual = np.maximum(level, 1e-6 * max(level.max(), 1e-9))
+    wanted = per_hour * BLOCK / 3600.0
+    return usual * tail_limit((peaks / usual).max(axis=1), wanted)
+
+
+def tail_limit(peaks: Array, wanted: float) -> float:
+    """Return the value that a block exceeds with the wanted probability at most.
+
+    Args:
+        peaks: Maxima of blocks. Shape (b,).
+        wanted: Probability.
+    """
+    threshold = float(np.quantile(peaks, 1.0 - _SHARE))
+    above = peaks[peaks > threshold] - threshold
+    if len(above) == 0:
+        return _MARGIN * float(peaks.max())
+    beta = float(above.mean()) * (1.0 + _SURE / np.sqrt(len(above)))
+    share = len(above) / len(peaks)
+    reach = threshold + beta * max(0.0, float(np.log(share / wanted)))
+    return max(reach, _MARGIN * float(peaks.max()))
+
+
+def block_maxima(scores: Scores) -> Array:
+    """Return the largest value of each block of time. Shape (blocks, c)."""
+    block = ((scores.t - scores.t[0]) // BLOCK).astype(int)
+    first = np.flatnonzero(np.diff(block, prepend=-1))
+    return np.maximum.reduceat(scores.values, first, axis=0)

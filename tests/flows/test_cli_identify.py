@@ -1,0 +1,125 @@
+"""modelgap identify: words in; tables, files and messages out."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows.cli import main
+from residual.robot import load_robot
+from tests.residual.arms import urdf_text
+from tests.residual.identified import AXES, logs
+
+NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
+KEYS = (
+    "schema robot declared method prior logs held_out same_run condition noise rows "
+    "independent_rows outliers parameters essential error acceleration_error "
+    "least_mass_matrix consistent warnings"
+)
+
+
+def run(words):
+    return main(words.split())
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
+    for name, log in zip("ABC", logs(3, noise=0.5, duration=8.0), strict=True):
+        table = np.column_stack([log.t, log.q, log.tau])
+        np.savetxt(
+            f"{name}.csv", table, delimiter=",", header=",".join(NAMES), comments=""
+        )
+    return tmp_path
+
+
+def test_parameters_and_errors_are_shown_and_written(place, capsys):
+    words = "identify A.csv B.csv --robot arm.urdf --holdout C.csv --json o.json"
+    assert run(f"{words} --export new") == 0
+    shown = capsys.readouterr().out
+    assert "fit: A B | baseline: – | held out: C" in shown
+    assert "J1: inertia Izz of link 1" in shown
+    assert "viscous coefficient of joint 2" in shown
+    assert "wls on " in shown
+    assert "least eigenvalue of M(q)" in shown
+    made = json.loads(Path("o.json").read_text())
+    assert " ".join(made) == KEYS
+    errors = made["error"]["filtered"]
+    assert errors["identified"]["overall"] < 0.3 * errors["nominal"]["overall"]
+    by_name = {p["name"]: p for p in made["parameters"]}
+    friction = by_name["coulomb level of joint 1"]
+    assert abs(friction["value"] - 4.0) < 4 * friction["sd"] + 0.1
+    assert (friction["unit"], friction["status"]) == ("N m", "fitted")
+    assert made["consistent"] is None
+    assert load_robot("new").name == "small_arm"
+    assert "wrote new" in shown
+
+
+def test_json_alone_on_standard_output(place, capsys):
+    words = "identify A.csv --robot arm.urdf --method irls --essential --json -"
+    assert run(words) == 0
+    shown = capsys.readouterr()
+    made = json.loads(shown.out)
+    assert (made["method"], made["same_run"]) == ("irls", True)
+    assert made["essential"]["f"] <= made["essential"]["f_limit"]
+    assert "no --holdout given" in made["warnings"][0]
+    assert "fit: A | baseline" in shown.err
+
+
+def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
+    pytest.importorskip("cvxpy")
+    words = "identify A.csv --robot arm.urdf --holdout C.csv --consistent --json o.json"
+    assert run(f"{words} --prior 0.5") == 0
+    made = json.loads(Path("o.json").read_text())
+    assert min(made["consistent"]["masses"]) > 0
+    assert min(made["consistent"]["least_eigenvalue"]) > 0
+    assert made["least_mass_matrix"]["consistent"] > 0
+    assert made["error"]["filtered"].keys() == {"nominal", "identified", "consistent"}
+    assert "where the free fit reaches" in capsys.readouterr().out
+
+
+def test_a_run_of_the_store_is_a_log(place, capsys):
+    from tests.warehouse.store_samples import manifest, sealed
+    from warehouse.commit import commit_run
+
+    (log,) = logs(1, noise=0.5, seed=5)
+    log = replace(log, id="", robot="small_arm")
+    id = commit_run(place / "store", log, manifest(), sealed())
+    assert run(f"identify {id[:10]} --robot arm.urdf --holdout C.csv") == 0
+    assert f"{id}: run of small_arm" in capsys.readouterr().out
+
+
+BAD = {
+    "identify": "--robot requires an argument",
+    "identify --robot arm.urdf": "No log to identify from",
+    "identify A.csv --robot arm.urd": "No file or folder 'arm.urd'",
+    "identify A.csv --robot arm.urdf --method wsl": "did you mean 'wls'",
+    "identify A.csv --robot arm.urdf --declared coulom": "did you mean 'coulomb'",
+    "identify A.csv --robot arm.urdf --prior -1": "expected a positive number",
+    "identify A.csv --robot arm.urdf --prior x": "prior",
+    "identify A.csv --robot arm.urdf --prior 1 --essential": "exclude each other",
+    "identify A.csv --robot arm.urdf --holdout A.csv": "hold the same samples",
+    "identify A.csv --robot arm.urdf --export A.csv": "is a file, expected a folder",
+    "identify A.csv --robot arm.urdf --export .": "is not empty",
+    "identify A.csv --robot arm.urdf --export no/new": "no folder 'no'",
+    "identify A.csv --robot arm.urdf --json A.csv": "overwrite an input",
+    "identify D.csv --robot arm.urdf": "No log file 'D.csv'",
+    "identify abc123 --robot arm.urdf": "abc123",
+    "identify A.csv@0:1.6 --robot arm.urdf": "expected at least 2 s",
+}
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_bad_words_end_with_two_and_leave_nothing_behind(place, capsys, words):
+    before = sorted(os.listdir(place))
+    assert run(words) == 2
+    shown = capsys.readouterr().err
+    assert BAD[words] in shown
+    assert shown.startswith("modelgap: ")
+    assert 1 <= shown.count("\n") <= 2
+    assert sorted(os.listdir(place)) == before

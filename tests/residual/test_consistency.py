@@ -1,0 +1,157 @@
+"""Consistent bodies, and the way from a model to a URDF and back."""
+
+import builtins
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from residual import dynamics
+from residual.consistency import (
+    consistent,
+    least_eigenvalues,
+    least_mass_matrix,
+    pseudo_inertias,
+)
+from residual.diagnose import ready, start_nominal
+from residual.errors import InputError
+from residual.export import robot_files
+from residual.identify import identify
+from residual.robot import load_robot
+from residual.signals import Filters
+from tests.residual.identified import logs, truth
+
+EFFECTS = ("viscous", "coulomb", "rotor_inertia")
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A noisy fit, whose free parameters are no possible bodies."""
+    return identify(truth().robot, logs(count=1, noise=3.0, duration=8.0))
+
+
+@pytest.fixture(scope="module")
+def bodies(found):
+    pytest.importorskip("cvxpy")
+    return consistent(found)
+
+
+def test_free_parameters_are_impossible_bodies_and_consistent_ones_are_not(
+    found, bodies
+):
+    assert least_eigenvalues(found.model).min() < 0
+    assert bodies.least_eigenvalue.min() > 0
+    assert np.all(bodies.model.inertial[::10] > 0)
+    for body in bodies.model.inertial.reshape(-1, 10):
+        tensor = pin.Inertia.FromDynamicParameters(body).inertia
+        first, second, third = np.linalg.eigvalsh(tensor)
+        assert first > 0
+        assert first + second > third
+
+
+def test_mass_matrix_is_positive_everywhere(bodies):
+    assert bodies.poses == 10_000
+    assert bodies.least_mass_matrix > 0
+
+
+def test_no_consistent_fit_is_better_than_the_free_one(found, bodies):
+    free, own = found.estimate.weight * found.estimate.counts @ bodies.misfit.T**2
+    assert free <= own * (1 + 1e-9)
+    assert np.all(bodies.misfit[1] < 1.1 * bodies.misfit[0])
+
+
+def test_friction_does_not_push(bodies):
+    for term in bodies.model.terms:
+        assert np.all(term.theta >= -1e-9)
+
+
+def test_consistent_logs_need_no_price():
+    """Without noise the truth is consistent, so the two fits agree."""
+    pytest.importorskip("cvxpy")
+    clean = identify(truth().robot, logs())
+    made = consistent(clean)
+    np.testing.assert_allclose(made.misfit[1], made.misfit[0], rtol=0.05, atol=1e-3)
+
+
+def test_a_scale_that_is_no_number_is_refused(found):
+    pytest.importorskip("cvxpy")
+    with pytest.raises(InputError, match="expected a positive number"):
+        consistent(found, 0.0)
+
+
+def test_without_the_solver_the_extra_is_named(found, monkeypatch):
+    real = builtins.__import__
+
+    def fake(name, *rest):
+        if name == "cvxpy":
+            raise ImportError("gone", name="cvxpy")
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", fake)
+    with pytest.raises(InputError, match=r"need cvxpy.*modelgap\[sdp\]"):
+        consistent(found)
+
+
+def test_pseudo_inertia_of_points_is_the_sum_over_them(rng):
+    """J = sum m [p; 1] [p; 1]', whatever the points."""
+    points, masses = rng.normal(size=(6, 3)), rng.uniform(0.1, 1, 6)
+    body = pin.Inertia.Zero()
+    for p, m in zip(points, masses, strict=True):
+        body += pin.Inertia(m, p, np.zeros((3, 3)))
+    homogeneous = np.column_stack([points, np.ones(6)])
+    wanted = (homogeneous * masses[:, None]).T @ homogeneous
+    made = pseudo_inertias(np.array(body.toDynamicParameters()))[0]
+    np.testing.assert_allclose(made, wanted, atol=1e-12)
+
+
+def test_a_negative_mass_is_seen_in_the_mass_matrix(found):
+    wrong = found.model.inertial.copy()
+    wrong[20] = -5.0
+    assert least_mass_matrix(replace(found.model, inertial=wrong), poses=200) < 0
+
+
+@pytest.mark.parametrize("which", ["free", "consistent"])
+def test_a_written_model_reloads_to_the_same_torque(found, bodies, tmp_path, which):
+    model = found.model if which == "free" else bodies.model
+    mass = model.inertial.reshape(-1, 10)[:, 0]
+    if mass.min() <= 0:
+        pytest.skip("this free fit has a negative mass")
+    for name, content in robot_files(model, "a test").items():
+        (tmp_path / name).write_bytes(content)
+    robot = load_robot(tmp_path)
+    again = start_nominal(ready(robot, logs(1), None, Filters()), EFFECTS).model
+    again = replace(again, speed_floor=model.speed_floor, standstill=model.standstill)
+    new = logs(1, seed=9)[0]
+    np.testing.assert_allclose(
+        again.predict(new), model.predict(new), rtol=0, atol=1e-9
+    )
+
+
+def test_parts_that_are_fixed_to_a_link_are_counted_once(tmp_path):
+    """The written link has the whole body; its fixed parts keep no inertia."""
+    robot = load_robot("irb140")
+    model = start_nominal(
+        ready(robot, _six_joint_logs(robot), None, Filters()), EFFECTS
+    ).model
+    for name, content in robot_files(model).items():
+        (tmp_path / name).write_bytes(content)
+    again = load_robot(tmp_path)
+    np.testing.assert_allclose(
+        dynamics.inertial_parameters(again.model), model.inertial, atol=1e-12
+    )
+    assert again.name == "irb140"
+    assert dict(again.declared).keys() == set(EFFECTS)
+
+
+def _six_joint_logs(robot):
+    log = logs(1)[0]
+    twice = np.column_stack([log.q, log.q])
+    return [replace(log, q=twice, tau=twice)]
+
+
+def test_a_body_without_mass_is_not_written(found):
+    wrong = found.model.inertial.copy()
+    wrong[10] = -0.1
+    with pytest.raises(InputError, match=r"Link 2 was identified with mass -0\.1 kg"):
+        robot_files(replace(found.model, inertial=wrong))

@@ -1,0 +1,176 @@
+import numpy as np
+import pytest
+
+from residual.crossval import leave_one_out
+from residual.effect_choice import fit_effect_tables, list_options, nested_errors
+from residual.effect_tables import (
+    LEAST_SQUARES,
+    MAIN,
+    NAMED,
+    NONE,
+    PAIRS,
+    EffectForm,
+    fit_base,
+    fit_linear,
+)
+from residual.errors import InputError
+from residual.importance import split_pair, table_importance
+from residual.lookup import Table
+from residual.main_effects import ROWS, fit_main_effects, make_pyramid
+from residual.named_pairs import add_pairs, pair_levels, read_pairs
+from residual.nominal_folds import strict_errors
+from residual.nominal_pls import NominalForm
+from tests.residual.motion_blocks import NAMES, motion
+
+FORM = EffectForm((3, 4, 5), NAMES, pairs=NominalForm(8, 4, "quantile", (3, 4, 5)))
+
+
+def test_main_effects_solve_the_ridge_equations_of_all_widths(rng):
+    X, Y = rng.normal(size=(300, 2)), rng.normal(size=(300, 2))
+    X[:80, 1] = 0.0  # a dwell makes ties
+    widths = (3, 5, 8)
+    pyramid = make_pyramid(X, widths)
+    fit = fit_main_effects(X, Y, pyramid, (7.0,))[0]
+    columns = []
+    for k in widths:
+        codes = make_pyramid(X, (k,)).levels.encode(X)
+        columns += [
+            np.eye(s)[c] for s, c in zip(codes.sizes, codes.values.T, strict=True)
+        ]
+    Z = np.hstack(columns)
+    Z -= Z.mean(0)
+    ridge = 7.0 * len(X) / ROWS * np.eye(Z.shape[1])
+    beta = np.linalg.solve(Z.T @ Z + ridge, Z.T @ (Y - Y.mean(0)))
+    np.testing.assert_allclose(fit.predict(X), Y.mean(0) + Z @ beta, atol=1e-9)
+    codes = pyramid.levels.encode(X)
+    for column, table in zip(codes.values.T, fit.tables, strict=True):
+        np.testing.assert_allclose(table[column].mean(0), 0, atol=1e-10)
+
+
+def test_levels_of_a_pyramid_are_nested_and_part_at_standstill(rng):
+    X = rng.normal(size=(2000, 2))
+    pyramid = make_pyramid(X, velocities=(1,))
+    assert pyramid.levels.sizes == (40, 41)
+    assert np.abs(pyramid.levels.edges[1]).min() == pytest.approx(1e-3)
+
+
+def test_least_squares_is_that_of_the_nine_columns_and_a_constant(rng):
+    X, Y, _, _ = motion(rng, runs=1, rows=100)
+    one = np.c_[np.ones(len(X)), X]
+    expected = one @ np.linalg.lstsq(one, Y, rcond=None)[0]
+    np.testing.assert_allclose(fit_linear(X, Y).predict(X), expected, atol=1e-8)
+
+
+def test_friction_is_learnt_for_unseen_runs_where_the_paper_form_fails(rng):
+    X, Y, torque, run = motion(rng, runs=4, rows=1000)
+    folds = leave_one_out(run)
+    none, ours = nested_errors(X, Y, folds, run, torque, FORM).pooled()
+    assert (ours < 0.4 * none).all()
+    paper = strict_errors(X, Y, folds, torque, NominalForm(22, 8)).pooled()[8]
+    assert (ours < 0.5 * paper).all()
+    model = fit_effect_tables(X, Y, run, torque, FORM)
+    assert model.proven
+    assert {o.kind for o in model.chosen} <= {MAIN, NAMED, PAIRS}
+    name, _ = table_importance(model.lookup, X).ranked(1)[0]
+    assert name == "qd2"
+
+
+def test_where_nothing_is_left_nothing_is_chosen(rng):
+    X, Y, torque, run = motion(rng, runs=4, rows=600, friction=0.0)
+    model = fit_effect_tables(X, Y, run, torque, FORM)
+    assert [o.kind for o in model.chosen] == [NONE] * 3
+    assert not model.lookup.predict(X).any()
+    assert model.lookup.tables == ()
+
+
+def test_a_straight_line_is_left_to_least_squares(rng):
+    X, _, torque, run = motion(rng, runs=4, rows=600)
+    Y = np.c_[3 + 2 * X[:, 0] + X[:, 4] + 0.1 * rng.normal(size=len(X))]
+    model = fit_effect_tables(X, Y, run, torque[:, :1], FORM)
+    assert model.chosen[0].kind == LEAST_SQUARES
+    assert np.abs(model.lookup.predict(X) - Y).max() < 0.6
+
+
+def test_the_tables_equal_the_fits_that_they_are_made_of(rng):
+    X, Y, torque, run = motion(rng, runs=3, rows=500)
+    model = fit_effect_tables(X, Y, run, torque, FORM)
+    base = fit_base(X, Y, FORM).predict(X)
+    for j, option in enumerate(model.chosen):
+        assert option.kind in (MAIN, NAMED, PAIRS)
+        expected = base[2 + FORM.ridges.index(option.ridge), :, j]
+        if option.kind != MAIN:
+            first = 0 if option.kind == NAMED else FORM.named
+            more = model.rest.predict(X, FORM)[first + option.count - 1, :, j]
+            expected = expected + more
+        np.testing.assert_allclose(model.lookup.predict(X)[:, j], expected, atol=1e-10)
+
+
+def test_a_table_of_two_variables_is_found_and_named(rng):
+    X, _, _, run = motion(rng, runs=4, rows=1500)
+    pair = 6 * np.sign(X[:, 0]) * np.sign(X[:, 4])
+    rest = pair + 0.5 * rng.normal(size=len(X))
+    codes = pair_levels(X, NAMES, (3, 4, 5)).encode(X)
+    found = add_pairs(codes, rest, run)
+    assert found[0].variables == (0, 4)
+    assert found[0].gain > 0.5
+    assert np.std(rest - read_pairs(found, codes)[-1]) < 0.5 * np.std(rest)
+    assert add_pairs(codes, rng.normal(size=len(X)), run) == ()
+
+
+def test_options_go_from_simple_to_involved():
+    kinds = [o.kind for o in list_options(FORM)]
+    assert kinds == [NONE, LEAST_SQUARES, MAIN, *[NAMED] * 3, *[PAIRS] * 4]
+    bare = EffectForm(named=0, pairs=None)
+    assert [o.kind for o in list_options(bare)] == [NONE, LEAST_SQUARES, MAIN]
+
+
+def test_two_runs_prove_nothing_and_allow_only_what_helps_both(rng):
+    X, Y, torque, run = motion(rng, runs=2, rows=800)
+    model = fit_effect_tables(X, Y, run, torque, FORM)
+    assert not model.proven
+    assert {o.kind for o in model.chosen} <= {NONE, MAIN}
+
+
+def test_a_pair_table_splits_into_main_effects_and_what_only_both_say(rng):
+    first, second = rng.integers(0, 4, 500), rng.integers(0, 3, 500)
+    r, c = rng.normal(size=(4, 1)), rng.normal(size=(3, 1))
+    additive = Table((0, 1), r[:, None] + c[None])
+    assert np.abs(split_pair(additive, first, second)[2]).max() < 1e-9
+    table = Table((0, 1), rng.normal(size=(4, 3, 2)))
+    a, b, both = split_pair(table, first, second)
+    np.testing.assert_allclose(a[:, None] + b[None] + both, table.values, atol=1e-9)
+    rows = both[first, second]
+    for level in range(4):
+        np.testing.assert_allclose(rows[first == level].sum(0), 0, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"run": np.zeros(600)}, "different runs must be 2 to 600, got 1"),
+        ({"form": EffectForm(pyramid=())}, "at least one number of levels"),
+        ({"form": EffectForm(pyramid=(1, 5))}, "levels must be 2 to .*, got 1"),
+        ({"form": EffectForm(ridges=(0.0,))}, "ridges must be above 0"),
+        ({"form": EffectForm(names=("q1",))}, "1 names for 9 columns"),
+        ({"torque": np.ones((5, 3))}, "folds are of 600 rows, the data of 5"),
+    ],
+)
+def test_bad_input_is_refused(rng, change, message):
+    X, Y, torque, run = motion(rng, runs=3, rows=200)
+    given = {"X": X, "Y": Y, "run": run, "torque": torque, "form": FORM}
+    with pytest.raises(InputError, match=message):
+        fit_effect_tables(**given | change)
+
+
+def test_a_joint_that_moves_in_one_run_only_is_refused_by_name(rng):
+    X, Y, torque, run = motion(rng, runs=3, rows=200)
+    X[run != 1, 4] = 0
+    with pytest.raises(InputError, match=r"all but run 1, 400 rows: qd2 = 0"):
+        fit_effect_tables(X, Y, run, torque, FORM)
+
+
+def test_a_joint_that_stands_still_in_a_whole_log_is_refused_by_name(rng):
+    X, Y, torque, run = motion(rng, runs=3, rows=200)
+    X[:, 4] = 0
+    with pytest.raises(InputError, match="qd2 = 0"):
+        fit_effect_tables(X, Y, run, torque, FORM)

@@ -1,0 +1,211 @@
+"""Identification: recovery of known parameters, and the laws of its estimators."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual import solve
+from residual.errors import InputError
+from residual.estimate import Options
+from residual.identify import identify
+from residual.recording import Recording
+from residual.solve import Start
+from residual.structure import Rows, rows_of
+from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
+
+FRICTION = [*VISCOUS, *COULOMB, *ROTOR]
+
+
+def true_theta(found):
+    known = truth()
+    return found.base.mapping @ np.concatenate([known.parameters, FRICTION])
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return identify(truth().robot, logs())
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return identify(truth().robot, logs(noise=1.0))
+
+
+def test_without_noise_the_truth_is_found(clean):
+    size = np.sqrt(np.diag(clean.base.mapping @ clean.spread @ clean.base.mapping.T))
+    miss = (clean.estimate.theta - true_theta(clean)) / size
+    assert np.abs(miss).max() < 2e-3
+    assert set(clean.status) == {"fitted"}
+
+
+def test_the_model_has_the_base_parameters_that_were_fitted(clean):
+    made = clean.base.mapping @ clean.model.coefficients()
+    np.testing.assert_allclose(made, clean.estimate.theta, atol=1e-9)
+
+
+def test_a_rotor_about_a_links_own_axis_is_one_parameter_with_it(clean):
+    words = [clean.base.words(i) for i in range(len(clean.base))]
+    assert words[0].endswith("+ rotor inertia of joint 1")
+    assert clean.base.standard[clean.base.columns[0]].unit == "kg m^2"
+
+
+def test_errors_are_as_large_as_their_standard_deviation_says(noisy):
+    z = (noisy.estimate.theta - true_theta(noisy)) / noisy.estimate.sd
+    assert 0.5 < np.sqrt(np.mean(z**2)) < 2.0
+
+
+def stacked(found):
+    rows = rows_of(found.nominal, found.logs.tracks, found.base)
+    return rows, np.concatenate(rows.x), np.concatenate(rows.y)
+
+
+def test_ols_is_ordinary_least_squares():
+    found = identify(truth().robot, logs(noise=1.0), options=Options("ols"))
+    _, x, y = stacked(found)
+    theta = np.linalg.lstsq(x, y, rcond=None)[0]
+    np.testing.assert_allclose(found.estimate.theta, theta, rtol=1e-7, atol=1e-8)
+
+
+def test_wls_is_least_squares_with_each_joints_weight(noisy):
+    rows, x, y = stacked(noisy)
+    weight = np.repeat(np.sqrt(noisy.estimate.weight), rows.counts)
+    theta = np.linalg.lstsq(x * weight[:, None], y * weight, rcond=None)[0]
+    np.testing.assert_allclose(noisy.estimate.theta, theta, rtol=1e-6, atol=1e-7)
+    information = (x * weight[:, None]).T @ (x * weight[:, None])
+    np.testing.assert_allclose(
+        noisy.estimate.sd, np.sqrt(np.diag(np.linalg.inv(information))), rtol=0.05
+    )
+
+
+@pytest.mark.parametrize("loss", ["huber", "bisquare"])
+def test_outliers_move_least_squares_more_than_the_robust_fit(loss):
+    """Bursts of a quarter of a second, that no filter takes away."""
+    made = []
+    for log in logs(noise=0.5):
+        tau = log.tau.copy()
+        for start in range(400, len(tau), 700):
+            tau[start : start + 60] += 40.0
+        made.append(replace(log, tau=tau))
+    plain = identify(truth().robot, made)
+    robust = identify(truth().robot, made, options=Options("irls", loss))
+    size = np.sqrt(np.diag(plain.base.mapping @ plain.spread @ plain.base.mapping.T))
+    miss = [
+        np.linalg.norm((f.estimate.theta - true_theta(f)) / size)
+        for f in (plain, robust)
+    ]
+    assert miss[1] < 0.5 * miss[0]
+    assert robust.estimate.outliers.min() > 0.02
+
+
+def test_a_joint_that_stands_is_said_and_its_parameters_stay_nominal():
+    found = identify(truth().robot, logs(noise=0.5, joints=(0, 1)))
+    assert found.preflight.standing == (3,)
+    held = [one.index for one in found.preflight.held]
+    names = [found.base.leading[i].name for i in held]
+    assert "viscous coefficient of joint 3" in names
+    np.testing.assert_array_equal(found.estimate.theta[held], found.nominal_theta[held])
+    assert np.all(found.estimate.sd[held] == 0)
+    lines = " ".join(found.preflight.lines(found.base))
+    assert "joint 3 never moves" in lines
+    assert "viscous coefficient of joint 3 cannot be told" in lines
+    assert "it needs motion of joint 3" in lines
+
+
+def test_a_firm_prior_keeps_the_nominal_and_a_loose_one_the_free_fit(noisy):
+    firm, loose = (
+        identify(truth().robot, logs(noise=1.0), options=Options(prior=scale))
+        for scale in (1e-5, 1e3)
+    )
+    # Effects without a nominal value stay free, and so does what they are part of.
+    rigid = ~np.any(noisy.base.mapping[:, 30:], axis=1)
+    theta = firm.estimate.theta[rigid]
+    np.testing.assert_allclose(theta, firm.nominal_theta[rigid], rtol=1e-2, atol=1e-2)
+    gap = (loose.estimate.theta - noisy.estimate.theta) / noisy.estimate.sd
+    assert np.abs(gap).max() < 0.2
+    assert np.all(firm.estimate.sd[rigid] <= noisy.estimate.sd[rigid] * 1.001)
+
+
+def test_what_is_not_needed_is_dropped_and_the_fit_stays_as_good(noisy):
+    small = identify(truth().robot, logs(noise=1.0), options=Options(essential=True))
+    gone = list(small.essential.dropped)
+    assert gone
+    assert np.all(small.estimate.theta[gone] == 0)
+    assert small.essential.f_value <= small.essential.f_limit
+    assert small.estimate.noise == pytest.approx(noisy.estimate.noise, rel=0.03)
+    worst = np.argmax(noisy.estimate.relative_sd)
+    assert small.status[worst] == "dropped"
+
+
+def random_rows(rng, count=80):
+    x = tuple(rng.normal(size=(count, 5)) for _ in range(2))
+    y = tuple(rng.normal(size=count) for _ in range(2))
+    place = np.column_stack([np.zeros(count, dtype=int), np.arange(count)])
+    return Rows(x, y, (place, place))
+
+
+def test_compressed_rows_are_the_same_least_squares_with_a_prior(rng):
+    rows, weight = random_rows(rng), np.array([2.0, 0.5])
+    mix = rng.normal(size=(5, 5))
+    start = Start(rng.normal(size=5), np.full(5, 3.0), np.arange(5), mix @ mix.T)
+    made = solve.solve(solve.compress(rows), weight, start)
+    gram = sum(w * x.T @ x for w, x in zip(weight, rows.x, strict=True))
+    pull = sum(w * x.T @ y for w, x, y in zip(weight, rows.x, rows.y, strict=True))
+    wanted = np.linalg.solve(
+        gram + start.precision, pull + start.precision @ start.value
+    )
+    np.testing.assert_allclose(made, wanted, atol=1e-10)
+
+
+def test_autocorrelation_of_ar1_noise_is_that_of_its_formula(rng):
+    a, values = 0.7, rng.normal(size=40_000)
+    for i in range(1, len(values)):
+        values[i] = a * values[i - 1] + np.sqrt(1 - a**2) * values[i]
+    place = np.column_stack([np.zeros(len(values), int), np.arange(len(values))])
+    rows = Rows((values[:, None],), (values,), (place,))
+    made = solve.autocorrelation(rows, (values,))
+    assert made[0] == pytest.approx((1 + a) / (1 - a), rel=0.1)
+
+
+def still(seconds=12.0):
+    t = np.arange(round(250 * seconds)) / 250
+    return [Recording("still", "any", t, np.ones((len(t), 3)), np.ones((len(t), 3)))]
+
+
+BAD = {
+    "no log": (lambda: identify(truth().robot, []), "No log to identify from"),
+    "another arm": (
+        lambda: identify(truth().robot, [replace_dof(logs(1)[0])]),
+        "has 2 joints, small_arm has 3",
+    ),
+    "nothing moves": (
+        lambda: identify(truth().robot, still()),
+        "No joint moves in these logs",
+    ),
+    "too few rows": (
+        lambda: identify(truth().robot, logs(1, duration=1.6)),
+        r"Too few rows: \d+ moving rows for 22 parameters, expected 66 or more",
+    ),
+    "unknown effect": (
+        lambda: identify(truth().robot, logs(1), ["coulom"]),
+        "did you mean 'coulomb'",
+    ),
+    "unknown method": (lambda: Options("wsl"), "did you mean 'wls'"),
+    "unknown loss": (lambda: Options("irls", "hubert"), "did you mean 'huber'"),
+    "prior of 0": (lambda: Options(prior=0.0), "expected a positive number"),
+    "prior and drop": (
+        lambda: Options(prior=0.1, essential=True),
+        "exclude each other",
+    ),
+}
+
+
+def replace_dof(log):
+    return Recording("two", "any", log.t, log.q[:, :2], log.tau[:, :2])
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_input_is_told_with_bound_value_and_remedy(what):
+    call, message = BAD[what]
+    with pytest.raises(InputError, match=message):
+        call()

@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from residual.cells import merge_rows
+from residual.errors import InputError
+from residual.levels import equal_levels, quantile_levels, shift_ahead
+
+COLUMNS = arrays(
+    float, st.integers(3, 40), elements=st.floats(-5, 5, width=16), fill=st.nothing()
+).filter(lambda x: np.ptp(x) > 0.1)
+
+
+@given(COLUMNS, st.integers(2, 30), st.sampled_from([equal_levels, quantile_levels]))
+@settings(max_examples=60, deadline=None)
+def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, make):
+    levels = make(x, k)
+    codes = levels.encode(x)
+    assert codes.values.dtype == np.uint8
+    assert codes.values.max() < levels.sizes[0] <= k
+    order = np.argsort(x, kind="stable")
+    assert (np.diff(codes.values[order, 0].astype(int)) >= 0).all()
+    assert codes.outside_rows == 0
+
+
+def test_equal_levels_are_equally_wide_and_an_edge_belongs_above():
+    levels = equal_levels(np.array([0.0, 10.0]), 5)
+    np.testing.assert_allclose(levels.edges[0], [2, 4, 6, 8])
+    values = np.array([0, 1.9, 2, 5, 9.9, 10])
+    assert levels.encode(values).values[:, 0].tolist() == [0, 0, 1, 2, 4, 4]
+
+
+def test_quantile_levels_hold_equally_many_rows(rng):
+    codes = quantile_levels(x := rng.normal(size=1000), 10).encode(x)
+    assert np.ptp(np.bincount(codes.values[:, 0])) <= 1
+
+
+def test_many_equal_values_merge_levels():
+    x = np.array([0.0] * 50 + [1.0, 2.0, 3.0])
+    levels = quantile_levels(x, 10)
+    assert 2 <= levels.sizes[0] < 10
+    assert np.unique(levels.encode(x).values).size > 1
+
+
+def test_velocities_get_a_level_of_standing_still(rng):
+    qd = np.concatenate([rng.normal(size=500), np.zeros(300)])
+    levels = quantile_levels(qd, 10, velocities=(0,))
+    low, still, high = levels.encode(np.array([-0.002, 0.0, 0.002])).values[:, 0]
+    assert low < still < high
+    assert levels.sizes == (11,)
+    one_way = quantile_levels(np.abs(qd) + 1, 10, velocities=(0,))
+    assert 0.001 not in one_way.edges[0]
+
+
+def test_values_outside_are_put_in_the_nearest_level_flagged_and_counted():
+    levels = equal_levels(np.array([[0.0, 0], [1, 1]]), 4, ("q1", "qd1"))
+    codes = levels.encode(np.array([[-1, 0.5], [0.5, 2], [0.5, 0.5], [-1, 9]]))
+    assert codes.values.tolist() == [[0, 2], [2, 3], [2, 2], [0, 3]]
+    assert codes.outside_counts == {"q1": 2, "qd1": 2}
+    assert codes.outside_rows == 3
+
+
+def test_beyond_256_levels_a_code_takes_two_bytes():
+    x = np.linspace(0, 1, 600)
+    codes = equal_levels(x, 300).encode(x)
+    assert codes.values.dtype == np.uint16
+    assert codes.values.max() == 299
+
+
+@pytest.mark.parametrize("levels", [3, 300])  # 64-bit keys, and wider ones
+def test_merged_rows_keep_every_sum(rng, levels):
+    X = rng.integers(0, 2, size=(200, 9)) + 0.1 * rng.integers(0, 2, size=(200, 9))
+    Y = rng.normal(size=(200, 2))
+    codes = equal_levels(X, levels).encode(X)
+    cells = merge_rows(codes)
+    assert cells.count.sum() == 200
+    assert len(cells.count) == len(np.unique(codes.values, axis=0))
+    np.testing.assert_array_equal(cells.codes[cells.of_row], codes.values)
+    np.testing.assert_allclose(cells.sums(Y).sum(0), Y.sum(0))
+
+
+def test_one_step_ahead_stays_within_a_run():
+    X, Y = np.arange(5.0)[:, None], 10 * np.arange(5.0)[:, None]
+    x, y, rows = shift_ahead(X, Y, np.array([0, 0, 0, 1, 1]))
+    assert x[:, 0].tolist() == [0, 1, 3]
+    assert y[:, 0].tolist() == [10, 20, 40]
+    assert rows.tolist() == [0, 1, 3]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: equal_levels(np.arange(5.0), 1), "levels must be 2 to .*, got 1"),
+        (lambda: quantile_levels(np.arange(5.0), 0), "levels must be 2 to .*, got 0"),
+        (lambda: equal_levels(np.arange(5.0), 2.5), "levels must be .* got 2.5"),
+        (lambda: equal_levels(np.ones(5), 3), "constant over all 5 rows: x1 = 1"),
+        (
+            lambda: equal_levels(np.array([1, np.nan]), 3),
+            "X is NaN or infinite in row 1",
+        ),
+        (
+            lambda: equal_levels(np.arange(5.0), 3).encode(np.ones((2, 2))),
+            "X has 2 columns, the levels are of 1",
+        ),
+        (
+            lambda: shift_ahead(np.ones(2), np.ones(2), np.array([0, 1])),
+            "No run has two rows",
+        ),
+        (lambda: shift_ahead(np.ones(2), np.ones(2), np.ones(3)), "run has shape"),
+    ],
+)
+def test_bad_input_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()

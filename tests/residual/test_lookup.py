@@ -1,0 +1,182 @@
+import csv
+import io
+import json
+import subprocess
+import sys
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from residual.effect_choice import fit_effect_tables
+from residual.effect_tables import EffectForm
+from residual.errors import InputError
+from residual.lookup import Axis, Lookup, Table, no_slope
+from residual.lookup_build import main_lookup, nominal_lookup
+from residual.lookup_export import export_lookup
+from residual.lookup_pack import find_triples
+from residual.main_effects import fit_main_effects, make_pyramid
+from residual.nominal_pls import NominalForm, fit_nominal_pls
+from tests.residual.motion_blocks import NAMES, motion
+
+EXACT = {"rtol": 0, "atol": 1e-12}
+
+
+@pytest.fixture(scope="module")
+def block():
+    return motion(np.random.default_rng(5), runs=3, rows=400)
+
+
+@pytest.fixture(scope="module")
+def model(block):
+    return fit_nominal_pls(block[0], block[1], NominalForm(9, 5))
+
+
+@pytest.mark.parametrize("components", [1, 5, None])
+def test_tables_equal_the_paper_form(block, model, components):
+    lookup = nominal_lookup(model, components)
+    expected = model.predict(block[0], components)
+    np.testing.assert_allclose(lookup.predict(block[0]), expected, **EXACT)
+
+
+def test_tables_equal_main_effects(block):
+    X, Y = block[:2]
+    main = fit_main_effects(X, Y, make_pyramid(X, velocities=(3, 4, 5)))[1]
+    np.testing.assert_allclose(main_lookup(main).predict(X), main.predict(X), **EXACT)
+
+
+@pytest.mark.parametrize("joints", [1, 3, 4, 6])
+def test_any_number_of_joints_and_kinds_of_table_add_up(rng, joints):
+    edges = np.array([-0.5, 0.0, 0.001, 0.7])
+    one, two = rng.normal(size=(5, joints)), rng.normal(size=(5, 2, joints))
+    slope, offset = rng.normal(size=(3, joints)), rng.normal(size=joints)
+    lookup = Lookup(
+        ("a", "b", "c"),
+        tuple(f"joint {j}" for j in range(joints)),
+        (Axis(2, edges), Axis(0, np.array([0.25]))),
+        (Table((0,), one), Table((0, 1), two)),
+        offset,
+        slope,
+        np.array([-1.0, -1, -1]),
+        np.array([1.0, 1, 1]),
+    )
+    X = rng.normal(size=(200, 3))
+    X[:5, 2] = [*edges.tolist(), np.nextafter(0.7, 0)]
+    i, j = np.searchsorted(edges, X[:, 2], "right"), (X[:, 0] >= 0.25).astype(int)
+    expected = offset + X @ slope + one[i] + two[i, j]
+    np.testing.assert_allclose(lookup.predict(X), expected, **EXACT)
+    out = np.empty(joints)
+    lookup.predict_row(X[3], out)
+    np.testing.assert_allclose(out, expected[3], **EXACT)
+    np.testing.assert_array_equal(lookup.outside(X), np.abs(X) > 1)
+
+
+def test_twelve_triples_hold_all_pairs_of_nine_axes_once():
+    pairs = list(combinations(range(9), 2))
+    triples = find_triples(pairs, [22] * 9)
+    assert len(triples) == 12
+    held = [pair for triple in triples for pair in combinations(triple, 2)]
+    assert sorted(held) == pairs
+    assert find_triples(pairs, [40] * 9) == []
+    assert find_triples([(0, 1), (1, 2)], [2] * 3) == []
+    assert len(find_triples(list(combinations(range(18), 2)), [9] * 18)) > 30
+
+
+def test_known_levels_give_the_same_as_values(block, model):
+    levels = model.levels.encode(block[0]).values
+    found = nominal_lookup(model).predict_levels(levels)
+    np.testing.assert_allclose(found, model.predict(block[0]), **EXACT)
+
+
+def test_tables_of_the_same_axes_are_added(rng):
+    axes = Axis(0, np.array([0.0])), Axis(1, np.array([-0.5, 0.5]))
+    tables = tuple(Table((0, 1), rng.normal(size=(2, 3, 1))) for _ in range(2))
+    low, high, none = -np.ones(2), np.ones(2), no_slope(2, 1)
+    lookup = Lookup(("a", "b"), ("j",), axes, tables, np.zeros(1), none, low, high)
+    y = lookup.predict(np.array([[0.5, 0.0]]))[0, 0]
+    assert y == pytest.approx(sum(t.values[1, 1, 0] for t in tables))
+
+
+def test_far_outside_and_at_edges_the_level_is_that_of_a_search(rng, model):
+    lookup = nominal_lookup(model)
+    edges = np.stack([axis.edges for axis in lookup.axes], axis=1)
+    X = np.vstack([edges, np.nextafter(edges, -9), np.full((1, 9), 1e9)])
+    X = np.vstack([X, -X])
+    np.testing.assert_allclose(lookup.predict(X), model.predict(X), **EXACT)
+
+
+def _evaluated(files, tmp_path, X):
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    np.savetxt(tmp_path / "rows.csv", X, "%.17g", delimiter=",")
+    # -I: neither this folder nor PYTHONPATH, so that our package cannot be found.
+    words = [sys.executable, "-I", "evaluate.py", "model.npz", "rows.csv"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+    assert done.stderr == ""
+    return np.loadtxt(io.StringIO(done.stdout), delimiter=",", ndmin=2)
+
+
+def test_the_export_evaluates_on_its_own(block, model, tmp_path):
+    X, Y, torque, run = block
+    files = export_lookup(nominal_lookup(model))
+    assert set(files) == {"model.npz", "tables.csv", "model.json", "evaluate.py"}
+    text = files["evaluate.py"].decode()
+    assert "residual" not in text
+    found = _evaluated(files, tmp_path, X[::20])
+    np.testing.assert_allclose(found, model.predict(X[::20]), **EXACT)
+    form = EffectForm((3, 4, 5), NAMES, pairs=None)
+    chosen = fit_effect_tables(X, Y, run, torque, form)
+    found = _evaluated(export_lookup(chosen.lookup), tmp_path, X[::20])
+    np.testing.assert_allclose(found, chosen.lookup.predict(X[::20]), **EXACT)
+
+
+def test_the_evaluator_is_short_and_flags_what_lies_outside(model):
+    files = export_lookup(nominal_lookup(model))
+    code = files["evaluate.py"].decode().split('"""', 2)[2]
+    assert len([line for line in code.splitlines() if line.strip()]) <= 30
+    space = {"__name__": "evaluate"}
+    exec(files["evaluate.py"], space)
+    loaded = np.load(io.BytesIO(files["model.npz"]), allow_pickle=False)
+    assert space["outside"](loaded, np.full((2, 9), 1e6)).all()
+
+
+def test_the_csv_holds_every_cell_with_its_intervals(block, model):
+    X = block[0][:7]
+    lookup = nominal_lookup(model)
+    rows = list(csv.reader(io.StringIO(export_lookup(lookup)["tables.csv"].decode())))
+    assert rows[0][:3] == ["table", "variable_1", "from_1"]
+    place = {name: i for i, name in enumerate(lookup.names)}
+    for x, expected in zip(X, model.predict(X), strict=True):
+        y = np.zeros(3)
+        for row in rows[1:]:
+            sides = [row[1:4], row[4:7]]
+            if all(
+                not name or float(low) <= x[place[name]] < float(high)
+                for name, low, high in sides
+            ):
+                y += np.array(row[7:], float)
+        np.testing.assert_allclose(y, expected, **EXACT)
+
+
+def test_the_json_says_what_each_table_is_of(model):
+    told = json.loads(export_lookup(nominal_lookup(model))["model.json"])
+    assert len(told["tables"]) == 36
+    assert told["tables"][0]["variables"] == ["x1", "x2"]
+    assert told["tables"][0]["levels"] == [9, 9]
+    assert [len(axis["edges"]) for axis in told["axes"]] == [8] * 9
+
+
+def test_the_same_tables_give_the_same_bytes(model):
+    first = export_lookup(nominal_lookup(model))
+    assert first == export_lookup(nominal_lookup(model))
+
+
+def test_bad_rows_are_refused(model):
+    lookup = nominal_lookup(model)
+    with pytest.raises(InputError, match="X has 2 columns, the tables are of 9"):
+        lookup.predict(np.ones((3, 2)))
+    with pytest.raises(InputError, match="NaN or infinite in row 0"):
+        lookup.predict(np.full((1, 9), np.nan))
+    with pytest.raises(InputError, match="components must be 0 to 5, got 6"):
+        nominal_lookup(model, 6)
+    assert no_slope(9, 3).shape == (9, 3)

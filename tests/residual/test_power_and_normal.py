@@ -1,0 +1,49 @@
+"""Oracles that share no code with the regressor, and sums that must agree with it."""
+
+import numpy as np
+import pytest
+
+from residual import dynamics
+from residual.energy import energy, power, power_miss
+from residual.errors import InputError
+from residual.normal import normal_equations
+from residual.robot import load_robot
+
+MODEL = load_robot("irb140").model
+MOTION = tuple(np.random.default_rng(3).uniform(-2, 2, (3, 600, 6)))
+
+
+def test_torque_of_the_regressor_balances_the_books_of_power():
+    tau = dynamics.regressor(MODEL, *MOTION) @ dynamics.inertial_parameters(MODEL)
+    assert power_miss(MODEL, MOTION, tau) < 1e-6
+
+
+def test_a_wrong_torque_does_not_balance():
+    tau = dynamics.inverse_dynamics(MODEL, *MOTION)
+    tau[:, 3] *= 1.01
+    assert power_miss(MODEL, MOTION, tau) > 1e-6
+
+
+def test_a_body_that_falls_keeps_its_energy():
+    q, qd = MOTION[0][:5], MOTION[1][:5]
+    rest = dynamics.inverse_dynamics(MODEL, q, qd, 0 * q)
+    free = np.linalg.solve(dynamics.mass_matrix(MODEL, q), -rest[:, :, None])[:, :, 0]
+    scale = np.abs(energy(MODEL, q, qd)).max()
+    np.testing.assert_allclose(power(MODEL, q, qd, free) / scale, 0, atol=1e-7)
+
+
+def test_normal_equations_are_those_of_the_whole_regressor():
+    tau = np.random.default_rng(0).normal(size=(600, 6))
+    made = normal_equations(MODEL, MOTION, tau)
+    whole = dynamics.regressor(MODEL, *MOTION)
+    gram = np.einsum("njp,njq->jpq", whole, whole)
+    cross = np.einsum("njp,nj->jp", whole, tau)
+    np.testing.assert_allclose(made.gram, gram, atol=1e-9 * np.abs(gram).max())
+    np.testing.assert_allclose(made.cross, cross, atol=1e-9 * np.abs(cross).max())
+    np.testing.assert_allclose(made.power, (tau**2).sum(axis=0))
+    assert made.samples == 600
+
+
+def test_normal_equations_refuse_torque_of_another_shape():
+    with pytest.raises(InputError, match=r"tau has shape \(600, 5\), expected"):
+        normal_equations(MODEL, MOTION, np.zeros((600, 5)))

@@ -1,0 +1,81 @@
+"""Both directions of a model, and models tried on logs they have not seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.errors import InputError
+from residual.identify import identify
+from residual.validation import acceleration_error, torque_errors, unseen
+from tests.residual.identified import logs, truth
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identify(truth().robot, logs(noise=0.3))
+
+
+@pytest.fixture(scope="module")
+def held_out():
+    return logs(1, noise=0.3, seed=7)
+
+
+def test_the_identified_model_beats_the_nominal_both_ways(found, held_out):
+    models = {"nominal": found.nominal, "identified": found.model}
+    torque = torque_errors(models, held_out)
+    assert torque["identified"].overall("moving") < 3
+    assert torque["identified"].overall("raw") < 0.2 * torque["nominal"].overall("raw")
+    both = [acceleration_error(m, held_out).overall for m in models.values()]
+    assert both[1] < 10
+    assert both[1] < 0.1 * both[0]
+
+
+def test_acceleration_of_exact_torque_is_exact():
+    """Both directions are one model: what it predicts, it moves by."""
+    model = identify(truth().robot, logs()).model
+    (log,) = logs(1, seed=3)
+    made = replace(log, tau=model.predict(log))
+    error = acceleration_error(model, [made])
+    assert error.overall < 0.5
+    assert np.all(error.per_joint < 0.5)
+
+
+def test_a_joint_that_stands_has_no_acceleration_error(found):
+    error = acceleration_error(found.model, logs(1, joints=(0, 1)))
+    assert np.isnan(error.per_joint[2])
+    assert np.isfinite(error.overall)
+
+
+def test_every_group_is_left_out_once_and_never_fitted(found):
+    groups = {name: logs(1, noise=0.3, seed=i) for i, name in enumerate("abc")}
+    asked = []
+
+    def fit(recordings):
+        asked.append(len(recordings))
+        return {"identified": found.model}
+
+    made = unseen(groups, fit)
+    assert asked == [2, 2, 2]
+    assert list(made) == ["a", "b", "c"]
+    assert made["a"]["identified"].overall("moving") < 3
+
+
+BAD = {
+    "one group": (lambda f: unseen({"a": []}, dict), "expected 2 or more"),
+    "no log": (lambda f: torque_errors({"m": f.model}, []), "at least one model"),
+    "no model": (lambda f: torque_errors({}, logs(1)), "at least one model"),
+    "impossible body": (
+        lambda f: acceleration_error(
+            replace(f.model, inertial=-f.model.inertial), logs(1)
+        ),
+        "expected more than 0: it has no acceleration",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_what_cannot_be_validated_is_said(found, what):
+    call, message = BAD[what]
+    with pytest.raises(InputError, match=message):
+        call(found)
