@@ -22,8 +22,7 @@ from benchmarks.figures import (
     save,
 )
 
-# Errors on the plant and on measured arms are one more group: a branch of _measure.
-_GROUPS = ("fit", "sweep", "lookup")
+_GROUPS = ("fit", "sweep", "lookup", "errors", "monitoring")
 
 
 def main() -> int:
@@ -42,13 +41,17 @@ def main() -> int:
 
 
 def _measure(name: str, quick: bool) -> Figures:
-    from benchmarks.plsr_parts import fit, sweep, tables
+    from benchmarks.plsr_parts import fit, monitoring, paper_set, sweep, tables
 
     if name == "fit":
         return fit.fit_figures(quick)
     if name == "sweep":
         return sweep.sweep_figures(quick)
-    return tables.lookup_figures(3 if quick else 9)
+    if name == "lookup":
+        return tables.lookup_figures(3 if quick else 9)
+    if name == "errors":
+        return paper_set.paper_set_figures(quick)
+    return monitoring.monitoring_figures(quick)
 
 
 def _arguments() -> argparse.Namespace:

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.cells import merge_rows
 from residual.effect_build import build_lookup
-from residual.effect_choice import fit_effect_tables
+from residual.effect_choice import PROVEN, EffectModel, fit_effect_tables
 from residual.effect_tables import (
     NAMED,
     PAIRS,
@@ -17,6 +17,9 @@ from residual.effect_tables import (
     fit_base,
     fit_linear,
     fit_rest,
+)
+from residual.effect_tables import (
+    NONE as NOTHING,
 )
 from residual.lookup import Lookup
 from residual.named_pairs import pair_levels
@@ -46,12 +49,15 @@ class Training:
         Y: What the nominal model leaves [N m]. Shape (n, j).
         run: Run of each row. Shape (n,).
         tau: Measured torque [N m]. Shape (n, j).
+        without: What a nominal model leaves on these rows that has not seen one more
+            run; None where Y does not depend on the rows.
     """
 
     X: Array
     Y: Array
     run: Array
     tau: Array
+    without: Callable[[int], Array] | None = None
 
     def rows(self, chosen: Array) -> "Training":
         """Return some of the rows."""
@@ -93,10 +99,39 @@ def methods(
 
 def chosen_lookup(training: Training, form: EffectForm) -> Lookup:
     """The default form, its options chosen on runs left out of these rows."""
-    model = fit_effect_tables(
-        training.X, training.Y, choice_groups(training.run), training.tau, form
-    )
-    return model.lookup
+    model, options = chosen_model(training, form)
+    if options == model.chosen:
+        return model.lookup
+    return build_lookup(model.base, model.rest, options, form)
+
+
+def chosen_model(
+    training: Training, form: EffectForm
+) -> tuple[EffectModel, tuple[Option, ...]]:
+    """The default form with the options that stand up to a nominal model of others.
+
+    What a model leaves on runs that it was identified from is smaller, and of another
+    shape, than what it leaves on others. So a choice is confirmed run by run: the
+    nominal model and the tables of all other runs must leave less than that nominal
+    model alone. A joint that fails gets nothing, and so do all on fewer than three
+    runs: two can agree by chance.
+    """
+    groups = choice_groups(training.run)
+    model = fit_effect_tables(training.X, training.Y, groups, training.tau, form)
+    labels = np.unique(training.run)
+    if len(labels) < PROVEN:
+        return model, (Option(NOTHING),) * len(model.chosen)
+    if training.without is None:
+        return model, model.chosen
+    gain = np.zeros(len(model.chosen))
+    for label in labels:
+        held = training.run == label
+        Y = training.without(int(label))
+        rest = replace(training, Y=Y, without=None).rows(~held)
+        tables = fixed_lookup(rest, form, model.chosen).predict(training.X[held])
+        gain += (Y[held] ** 2).sum(axis=0) - ((Y[held] - tables) ** 2).sum(axis=0)
+    kept = zip(model.chosen, gain > 0, strict=True)
+    return model, tuple(option if good else Option(NOTHING) for option, good in kept)
 
 
 def choice_groups(run: Array) -> Array:
@@ -111,19 +146,30 @@ def fixed_lookup(
 ) -> Lookup:
     """The default form with its options given: nothing is chosen on these rows."""
     base = fit_base(training.X, training.Y, form)
-    kinds = {option.kind for option in options}
-    # Pair tables are most of the work: only where somebody takes them.
-    lean = form if PAIRS in kinds else replace(form, pairs=None)
-    if not kinds & {NAMED, PAIRS}:
-        empty = tuple(() for _ in options)
-        levels = pair_levels(training.X, form.names, form.velocities)
-        return build_lookup(base, Rest(levels, empty, None), options, form)
     ridges = [o.ridge if o.ridge else form.ridges[-1] for o in options]
     main = base.predict(training.X)[2:]
     taken = [main[form.ridges.index(r), :, j] for j, r in enumerate(ridges)]
     left = training.Y - np.stack(taken, axis=1)
-    rest = fit_rest(training.X, left, choice_groups(training.run), lean)
-    return build_lookup(base, rest, options, form)
+    return build_lookup(
+        base, _wanted_rest(training, left, form, options), options, form
+    )
+
+
+def _wanted_rest(
+    training: Training, left: Array, form: EffectForm, options: Sequence[Option]
+) -> Rest:
+    """Pair tables, but only those that somebody takes: they are most of the work."""
+    X, groups = training.X, choice_groups(training.run)
+    named = np.array([option.kind == NAMED for option in options])
+    few = tuple(() for _ in options)
+    if named.any():
+        lean = replace(form, pairs=None)
+        few = fit_rest(X, np.where(named, left, 0.0), groups, lean).named
+    levels = pair_levels(X, form.names, form.velocities)
+    if all(option.kind != PAIRS for option in options):
+        return Rest(levels, few, None)
+    every = fit_rest(X, left, groups, replace(form, named=0)).pairs
+    return Rest(levels, few, every)
 
 
 def fit_paper(training: Training, form: NominalForm) -> NominalPls:

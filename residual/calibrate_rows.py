@@ -8,6 +8,7 @@ identified without the held-out runs.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -98,7 +99,7 @@ def cut_single(runs: Sequence[Run]) -> tuple[Run, ...]:
     ends = np.linspace(0, count, PARTS + 1).astype(int)
     return tuple(
         _part(run, slice(a, b), f"part {i}")
-        for i, (a, b) in enumerate(zip(ends[:-1], ends[1:], strict=True), 1)
+        for i, (a, b) in enumerate(pairwise(ends), 1)
     )
 
 
@@ -202,9 +203,9 @@ def _part(run: Run, rows: slice, label: str) -> Run:
 def _check_paper(run: Run) -> None:
     lacks = []
     if run.log.q_ref is None:
-        lacks.append("a reference (q_ref)")
+        lacks.append("reference (q_ref)")
     if "e_tau" not in run.twin:
-        lacks.append("the torque of a simulated twin (e_tau)")
+        lacks.append("torque of a simulated twin (e_tau)")
     if lacks:
         raise InputError(
             f"--paper: {run.log.id} has no {' and no '.join(lacks)}. Take runs that "

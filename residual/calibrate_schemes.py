@@ -74,8 +74,11 @@ def make_schemes(
     else:
         notes.append(
             "no family left out: "
-            + ("all runs are of one" if len(families) == 1 and families[0] else
-               "the kind of motion of the logs is not known")
+            + (
+                "all runs are of one"
+                if len(families) == 1 and families[0]
+                else "the kind of motion of the logs is not known"
+            )
         )
     periods = rows.periods()
     repeating = [i for i, p in periods.items() if p < (rows.run == i).sum()]

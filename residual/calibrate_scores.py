@@ -5,19 +5,12 @@ those that it held out (paper, eq. 29), Y* the measured torque.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.calibrate_models import (
-    LS,
-    NONE,
-    PAPER_FORM,
-    PLSR,
-    Method,
-    Training,
-)
-from residual.calibrate_schemes import Response, Scheme
+from residual.calibrate_models import PAPER_FORM, PLSR, Method, Training
+from residual.calibrate_schemes import UNSEEN, Response, Scheme
 from residual.crossval import fold_power, relative_error
 from residual.recording import Array
 
@@ -64,10 +57,15 @@ def score(
         response: What a nominal model leaves that was identified without some runs.
     """
     fitted, unseen, power_c = [], [], []
+    # Rows of every run are fitted under the other schemes: no choice is made there.
+    depends = rows.without is not None and scheme.name in UNSEEN
     for fold, left_out in enumerate(scheme.left_out):
         held = scheme.folds.of_row == fold
         Y = response(left_out)
-        training = Training(rows.X, Y, rows.run, rows.tau).rows(~held)
+        training = replace(rows, Y=Y).rows(~held)
+        if depends:
+            without = _one_more(response, left_out, ~held)
+            training = replace(training, without=without)
         forecast = method(training)
         fitted.append(_squares(training.Y, forecast(training.X)))
         unseen.append(_squares(Y[held], forecast(rows.X[held])))
@@ -75,6 +73,10 @@ def score(
     power = fold_power(rows.tau, scheme.folds)
     sums = np.array(fitted), np.array(unseen), np.array(power_c), power
     return _score(scheme.name, model, sums)
+
+
+def _one_more(response: Response, left_out: frozenset[int], kept: Array):
+    return lambda run: response(left_out | {run})[kept]
 
 
 def judge_responses(
@@ -122,6 +124,3 @@ def find(scores: Sequence[Score], scheme: str, model: str) -> Score | None:
         if (one.scheme, one.model) == (scheme, model):
             return one
     return None
-
-
-__all__ = ["LS", "NONE", "Score", "find", "judge_responses", "score"]

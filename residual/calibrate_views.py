@@ -115,7 +115,9 @@ def components_of(
 
 
 def sweep_levels(
-    rows: Training, schemes: Sequence[Scheme], components: int,
+    rows: Training,
+    schemes: Sequence[Scheme],
+    components: int,
     levels: Sequence[int] = SWEEP,
 ) -> Sweep:
     """Validate every number of levels on unseen runs and on random rows.
@@ -148,8 +150,9 @@ def terms_of(
     """
     count = form.pairs.components if form.pairs else 0
     ridges = [o.ridge or _STIFF for o in chosen]
-    options = [Option(PAIRS, r if r in form.ridges else form.ridges[-1], count)
-               for r in ridges]
+    options = [
+        Option(PAIRS, r if r in form.ridges else form.ridges[-1], count) for r in ridges
+    ]
     whole = table_importance(fixed_lookup(rows, form, options), rows.X)
     place = {name: i for i, name in enumerate(whole.names)}
     left_out = []

@@ -7,7 +7,8 @@ from residual.recording import Array
 
 SAME = 2e-3  # rad: how near to its own past a wanted position is in the next cycle
 _SHORTEST = 0.5  # s
-_SHARE = 0.3  # of the rows must repeat
+_SHARE = 0.5  # of the rows that move must repeat; others are alike at any lag
+_MOVING = 0.1  # of the rows must move
 _SETTLED = 1.0  # s in which the first cycle is unlike the others
 
 
@@ -22,9 +23,10 @@ def period_of(rows: Rows) -> float | None:
     step = np.abs(np.diff(goal, axis=1, prepend=goal[:, :1])).max(axis=0)
     for lag in range(low, goal.shape[1] - low):
         # Between two rows the best lag may lie: as near as the motion of a row.
-        near = _gap(goal, lag) < SAME + step[lag:]
-        if np.mean(near & (step[lag:] > 0)) > _SHARE:
-            return _refined(goal, lag) / rows.rate
+        moves = step[lag:] > 0
+        near = (_gap(goal, lag) < SAME + step[lag:])[moves]
+        if moves.mean() > _MOVING and near.mean() > _SHARE:
+            return _refined(goal, step, lag) / rows.rate
     return None
 
 
@@ -47,10 +49,15 @@ def _gap(goal: Array, lag: int) -> Array:
     return np.abs(goal[:, lag:] - goal[:, :-lag]).max(axis=0)
 
 
-def _refined(goal: Array, lag: int) -> float:
+def _refined(goal: Array, step: Array, lag: int) -> float:
     """Return the best lag near one, by a parabola through three misfits [rows]."""
-    lags = np.arange(max(1, lag - 2), min(lag + 4, goal.shape[1]))
-    misfit = [np.median(_gap(goal, k) ** 2) for k in lags]
+    lags = np.arange(max(1, lag - 2), min(lag + 4, goal.shape[1] - 1))
+    last = lags[-1]
+    gaps = np.array([_gap(goal, k)[last - k :] for k in lags])
+    alike = (gaps.min(axis=0) < SAME + step[last:]) & (step[last:] > 0)
+    if not alike.any():
+        return float(lag)
+    misfit = np.mean(gaps[:, alike] ** 2, axis=1)
     best = int(np.clip(np.argmin(misfit), 1, len(misfit) - 2))
     left, middle, right = misfit[best - 1 : best + 2]
     bend = left - 2 * middle + right

@@ -100,7 +100,8 @@ def matched_scores(
     """Return matched features in what is left of the torque.
 
     |sum w f r| / sqrt(sum w f^2) over the last 0.25 and 1 s, w = 1 / size^2, for
-    f = 1 (bias), the expected torque (gain) and its change by an angle (encoder)
+    f = 1 (bias), the expected torque (gain) and its change by an angle (encoder); of
+    the gain only a drop counts
 
     Args:
         kind: "model", or "cycle" for the difference from the cycle before.
@@ -117,7 +118,9 @@ def matched_scores(
     for window in WINDOWS:
         count = max(2, round(window * log.rows.rate))
         for fault, f in (("torque bias", np.ones(rest.shape)), ("gain drop", tau)):
-            values.append(_matched(weight * f * rest, weight * f * f, count))
+            drop = fault == "gain drop"
+            over = weight * f * (-rest if drop else rest)
+            values.append(_matched(over, weight * f * f, count, one_side=drop))
             named += channels(dof, "torque", fault)
         over = np.einsum("mi,mij->mj", weight * rest, turn)
         under = np.einsum("mi,mij->mj", weight, turn**2)
@@ -176,11 +179,12 @@ def _standing(q: Array, goal: Array | None) -> tuple[Array, Array]:
     return count, np.abs(goal - np.take_along_axis(goal, since, axis=0))
 
 
-def _matched(over: Array, under: Array, count: int) -> Array:
+def _matched(over: Array, under: Array, count: int, one_side: bool = False) -> Array:
     """Score of trailing windows; 0 where nothing was to be seen. Shape (m, c)."""
     over, under = _trailing(over, count), _trailing(under, count)
     seen = under > _TINY
-    return np.abs(over) / np.sqrt(np.where(seen, under, 1.0)) * seen
+    over = np.maximum(over, 0.0) if one_side else np.abs(over)
+    return over / np.sqrt(np.where(seen, under, 1.0)) * seen
 
 
 def _trailing(x: Array, count: int) -> Array:

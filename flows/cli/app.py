@@ -6,10 +6,12 @@ from importlib.metadata import PackageNotFoundError, version
 
 from cyclopts import App
 
+from flows.cli.calibrate import calibrate
 from flows.cli.demo import demo
 from flows.cli.diagnose import diagnose
 from flows.cli.experiment import campaign, experiment
 from flows.cli.identify import identify
+from flows.cli.monitor import monitor
 from flows.cli.store import runs, show, sql
 from flows.cli.trajectory import trajectory
 from flows.cli.validate import validate
@@ -48,11 +50,13 @@ app = App(
 )
 app.command(diagnose, usage="Usage: modelgap diagnose LOG... --robot ROBOT [OPTIONS]")
 app.command(identify, usage="Usage: modelgap identify LOG... --robot ROBOT [OPTIONS]")
+app.command(calibrate, usage="Usage: modelgap calibrate LOG... --robot ROBOT [OPTIONS]")
 app.command(demo)
 app.command(experiment)
 app.command(campaign)
 app.command(trajectory)
 app.command(validate)
+app.command(monitor, usage="Usage: modelgap monitor MODEL RUN... [OPTIONS]")
 app.command(runs)
 app.command(sql)
 app.command(show)

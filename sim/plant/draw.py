@@ -119,4 +119,15 @@ _SIZES: dict[str, Callable[[Rng, Robot, int], Parameters]] = {
         "level": r.uniform(0.02, 0.06) * sizes(arm).torque[j]
     },
     "x_wall": _wall,
+    "x_fault_frozen": lambda r, arm, j: {},
+    "x_fault_drift": lambda r, arm, j: {
+        "rate": _sign(r) * np.deg2rad(r.uniform(0.02, 0.2))
+    },
+    "x_fault_torque_bias": lambda r, arm, j: {
+        "torque": _sign(r) * r.uniform(0.1, 0.2) * sizes(arm).torque[j]
+    },
+    "x_fault_torque_gain": lambda r, arm, j: {"gain": -r.uniform(0.2, 0.4)},
+    "x_fault_torque_spikes": lambda r, arm, j: {
+        "size": _sign(r) * r.uniform(0.5, 1.0) * sizes(arm).torque[j]
+    },
 }

@@ -92,15 +92,14 @@ def torque_faults(tau: Array, t: Array, effects: Sequence[PlantEffect]) -> None:
     for effect in effects:
         if not effect.name.startswith("x_fault_torque"):
             continue
-        p, rows = parameters(effect), [j - 1 for j in effect.joints]
-        since = t - effect.onset + _SLACK
-        acts = since >= 0
+        p, joints = parameters(effect), [j - 1 for j in effect.joints]
+        first = int(np.searchsorted(t, effect.onset - _SLACK))
         if effect.name == "x_fault_torque_bias":
-            tau[np.ix_(acts, rows)] += p["torque"]
+            tau[first:, joints] += p["torque"]
         elif effect.name == "x_fault_torque_gain":
-            tau[np.ix_(acts, rows)] *= 1.0 + p["gain"]
+            tau[first:, joints] *= 1.0 + p["gain"]
         elif effect.name == "x_fault_torque_spikes":
+            since = t[first:] - effect.onset + _SLACK
             count, into = np.divmod(since, p["interval"])
-            spike = acts & (into < p["width"])
-            sign = np.where(count[spike] % 2 == 0, 1.0, -1.0)
-            tau[np.ix_(spike, rows)] += p["size"] * sign[:, None]
+            sign = np.where(count % 2 == 0, 1.0, -1.0) * (into < p["width"])
+            tau[first:, joints] += p["size"] * sign[:, None]

@@ -1,0 +1,266 @@
+"""Calibrate a data-driven correction on logs or runs: read, compute, keep, tell."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from flows.output import check_writable, write_all
+from flows.settings import store_folder
+from flows.steps import Progress, echo
+from residual.errors import InputError
+from residual.names import check_name
+from residual.robot import Robot, load_robot
+
+if TYPE_CHECKING:
+    from residual.calibrate import Calibration
+    from residual.calibrate_rows import Run
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a user wants calibrated, in his own words.
+
+    Attributes:
+        logs: Logs: "FILE", "FILE@start:end", or the id of a run.
+        robot: Built-in name, URDF file or folder.
+        paper: The paper's regressors and twin error.
+        declared: Effects that the model has; None for the robot's own list.
+        columns: COLUMNS.toml, None for the default columns.
+        report: HTML page to write, or None.
+        json: File for the figures as JSON, "-" for standard output, or None.
+        export: Folder for the tables, or None.
+        store: Folder of the store, None for the usual one.
+    """
+
+    logs: tuple[str, ...]
+    robot: str
+    paper: bool = False
+    declared: tuple[str, ...] | None = None
+    columns: str | None = None
+    report: str | None = None
+    json: str | None = None
+    export: str | None = None
+    store: str | None = None
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Files to write, by option."""
+        named = {"--report": self.report, "--json": self.json}
+        return {k: Path(v) for k, v in named.items() if v is not None and v != "-"}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Read:
+    """The logs of a calibration.
+
+    Attributes:
+        runs: The logs.
+        ids: Full ids of those that are runs of the store.
+        lines: What was understood of them, for the user.
+        warnings: What is odd but usable.
+    """
+
+    runs: "tuple[Run, ...]"
+    ids: tuple[str, ...]
+    lines: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def stored(self) -> bool:
+        """Whether all of them are runs of the store."""
+        return len(self.ids) == len(self.runs)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Outcome:
+    """A calibration, and where it is kept.
+
+    Attributes:
+        made: The calibration.
+        words: What it shows, in sentences.
+        warnings: What is odd but usable.
+        kept: Ids of the records by kind; empty where nothing was stored.
+    """
+
+    made: "Calibration"
+    words: tuple[str, ...]
+    warnings: tuple[str, ...]
+    kept: Mapping[str, str]
+
+
+def calibrate(
+    request: Request, console: Console, progress: Progress | None = None
+) -> Outcome:
+    """Read logs, fit and validate every model, and store what was found.
+
+    Args:
+        request: What is wanted.
+        console: Where people read.
+        progress: Told the stage and the share done.
+
+    Returns:
+        The outcome, for `tell`.
+
+    Raises:
+        InputError: If the request or a log is not usable.
+    """
+    _check_files(request)
+    robot = load_robot(request.robot)
+    _check_declared(request.declared)
+    read = read_runs(request, robot)
+    for line in (echo(tuple(r.log for r in read.runs), (), ()), *read.lines):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    # Late, so that a wrong word is answered before the numerics are loaded.
+    from threadpoolctl import threadpool_limits
+
+    from flows.calibrate_records import found_effects, store_calibration
+    from flows.report.calibration_words import sentences
+    from residual.calibrate import Settings
+    from residual.calibrate import calibrate as fitted
+
+    settings = Settings(paper=request.paper, declared=request.declared)
+    place = store_folder(request.store)
+    effects, told = (), None
+    if not request.paper:
+        effects, told = found_effects(place, read.ids, robot, request.declared)
+    # One thread: the products are small, two threads only wait for each other.
+    with threadpool_limits(1, user_api="blas"):
+        made = fitted(robot, read.runs, settings, effects, progress)
+    if told:
+        made = replace(made, notes=(*made.notes, told))
+    kept = store_calibration(place, made, read.ids) if read.stored else {}
+    return Outcome(made, sentences(made), read.warnings, kept)
+
+
+def tell(outcome: Outcome, request: Request, console: Console) -> None:
+    """Write the files that were asked for and print the table.
+
+    Raises:
+        OSError: If a file cannot be written.
+    """
+    # Late: figures and tables are slow imports, of no use to a wrong word.
+    from flows.calibrate_json import document
+    from flows.calibrate_tables import print_outcome
+    from flows.steps import verdict_json
+    from residual.lookup_export import export_lookup
+
+    text = verdict_json(document(outcome))
+    files: dict[Path, str | bytes] = {}
+    if request.report is not None:
+        from flows.report.calibration import render
+
+        files[Path(request.report)] = render(outcome.made, outcome.warnings)
+    if request.json not in (None, "-"):
+        files[Path(request.json)] = text
+    if request.export is not None:
+        Path(request.export).mkdir(exist_ok=True)
+        for name, content in export_lookup(outcome.made.lookup).items():
+            files[Path(request.export) / name] = content
+    write_all(files)
+    print_outcome(outcome, console)
+    lines = [f"wrote {path}" for path in files]
+    if outcome.kept:
+        ids = outcome.kept
+        lines.append(
+            f"stored: model {ids['model']}, validation {ids['validation']}: "
+            f"modelgap show {ids['validation'][:8]}"
+        )
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    if request.json == "-":
+        print(text, end="")
+
+
+def read_runs(request: Request, robot: Robot) -> Read:
+    """Read every log once: runs with their twin and family, files as they are.
+
+    Raises:
+        InputError: If a log is not usable or shares samples with another.
+    """
+    from residual.calibrate_rows import Run
+    from warehouse.logs import check_distinct, load_columns, read_log, unique_ids
+
+    if not request.logs:
+        raise InputError(
+            "No log to calibrate on. Name it first: modelgap calibrate LOG ... "
+            "--robot R."
+        )
+    columns = load_columns(request.columns) if request.columns else None
+    place = store_folder(request.store)
+    files = [word for word in request.logs if not _is_run(word)]
+    labels = dict(zip(files, unique_ids(files), strict=True))
+    runs, ids, lines, warnings = [], [], [], []
+    for word in request.logs:
+        if word not in labels:
+            run, id = _stored_run(place, word, robot)
+            runs, ids = [*runs, run], [*ids, id]
+            lines.append(_told(run))
+            continue
+        log, known = read_log(word, robot, columns, labels[word])
+        runs, lines = [*runs, Run(log)], [*lines, known.text]
+        warnings += known.warnings
+    check_distinct([run.log for run in runs])
+    return Read(tuple(runs), tuple(ids), tuple(lines), tuple(warnings))
+
+
+def _is_run(word: str) -> bool:
+    """Whether a word can only be the id of a run: no such file, and only hex digits."""
+    return not Path(word).exists() and not set(word) - set("0123456789abcdef")
+
+
+def _stored_run(store: Path, word: str, robot: Robot) -> "tuple[Run, str]":
+    from residual.calibrate_rows import Run
+    from warehouse.files import read_parquet
+    from warehouse.layout import find_run
+    from warehouse.runs import read_channels, read_run
+
+    log = read_run(store, word)
+    if log.dof != robot.dof:
+        raise InputError(
+            f"Run {log.id} has {log.dof} joints, {robot.name} has {robot.dof}. Give "
+            "the run's own robot with --robot."
+        )
+    row = read_parquet(find_run(store, log.id).row, ["trajectory"])
+    family = row.column("trajectory")[0].as_py()
+    channels = read_channels(store, log.id)
+    twin = {name: c for name, c in channels.items() if name.startswith("e_")}
+    return Run(replace(log, id=log.id[:8]), family, twin), log.id
+
+
+def _told(run: "Run") -> str:
+    log, family = run.log, run.family or "unknown motion"
+    return (
+        f"{log.id}: run of {log.robot}, {family}, {len(log.t)} samples, "
+        f"{log.duration:.2f} s"
+    )
+
+
+def _check_declared(names: tuple[str, ...] | None) -> None:
+    from residual.effects import registry
+
+    for name in names or ():
+        check_name(name, registry(), "effect in --declared")
+
+
+def _check_files(request: Request) -> None:
+    words = (*request.logs, request.robot)
+    files = [*words, *(word.rpartition("@")[0] for word in words)]
+    read = [Path(word) for word in [*files, request.columns or ""] if word]
+    check_writable(request.files, read)
+    if request.export is None:
+        return
+    place = Path(request.export)
+    if place.exists() and not place.is_dir():
+        raise InputError(f"--export {place} is a file, expected a folder.")
+    if place.is_dir() and any(place.iterdir()):
+        raise InputError(
+            f"--export {place} is not empty. Name a new folder, so that nothing is "
+            "overwritten."
+        )
+    if not place.resolve().parent.is_dir():
+        raise InputError(
+            f"--export {place}: there is no folder '{place.parent}'. Make it first."
+        )

@@ -1,0 +1,174 @@
+"""modelgap calibrate: logs and runs in; table, page, records and tables out."""
+
+import json
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows import experiment
+from flows.cli import main
+from flows.report import calibration_words
+from flows.spec import experiment_of
+from residual import calibrate as core
+from residual.calibrate_models import DEFAULT, LS, NONE, PAPER_FORM
+from residual.calibrate_schemes import RANDOM, RUN
+from residual.calibrate_scores import Score
+from residual.nominal_pls import NominalForm
+from tests.residual.arms import urdf_text
+from tests.residual.identified import AXES, logs
+from warehouse.store import open_store
+
+NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
+KEYS = (
+    "schema robot mode declared logs families rows joints variables metric table "
+    "default components levels importance outliers words notes warnings stored"
+)
+
+
+def run(words):
+    return main(words.split())
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """Fewer levels and components: the words are the same and the numbers quick."""
+    lean = partial(core.Settings, form=NominalForm(6, 4), levels=(2, 5), pairs=False)
+    monkeypatch.setattr(core, "Settings", lean)
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
+    for name, log in zip("ABC", logs(3, noise=0.5, duration=6.0), strict=True):
+        table = np.column_stack([log.t, log.q, log.tau])
+        np.savetxt(
+            f"{name}.csv", table, delimiter=",", header=",".join(NAMES), comments=""
+        )
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """A store with three runs of two families, and their ids."""
+    store, ids = tmp_path_factory.mktemp("store"), []
+    for number, kind in enumerate(("cyclic", "cyclic", "fourier")):
+        motion = {"kind": kind, "duration": 4.0, "seed": number}
+        content = {"seed": 3, "start": 10.0 * number, "trajectory": motion}
+        ids.append(experiment.run(experiment_of(content, "SPEC.toml"), store))
+    return store, ids
+
+
+def test_files_give_table_page_json_and_tables_that_evaluate_alone(place, capsys):
+    words = "calibrate A.csv B.csv C.csv --robot arm.urdf --declared rotor_inertia"
+    assert run(f"{words} --report o.html --json o.json --export tables") == 0
+    shown = capsys.readouterr().out
+    assert "leave one run out" in shown
+    assert "no family left out: the kind of motion of the logs is not known" in shown
+    assert "stored" not in shown
+    made = json.loads(Path("o.json").read_text())
+    assert " ".join(made) == KEYS
+    assert {row["scheme"] for row in made["table"]} >= {"run", "random"}
+    assert made["stored"] is None
+    page = Path("o.html").read_text()
+    assert made["words"][0] in page
+    assert "http" not in page.replace("http-equiv", "")
+    assert page.count("<img ") >= 8
+    names = ("evaluate.py", "model.json", "model.npz", "tables.csv")
+    assert sorted(p.name for p in Path("tables").iterdir()) == sorted(names)
+    np.savetxt("rows.csv", np.zeros((2, 9)), delimiter=",")
+    done = subprocess.run(
+        [sys.executable, "tables/evaluate.py", "tables/model.npz", "rows.csv"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert len(done.stdout.splitlines()) == 2
+
+
+def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
+    store, ids = stored
+    words = f"calibrate {' '.join(i[:8] for i in ids)} --robot irb140 --paper"
+    assert run(f"{words} --store {store} --json -") == 0
+    made = json.loads(capsys.readouterr().out)
+    assert (made["mode"], made["joints"]) == ("paper", [1, 2, 3])
+    assert made["families"] == ["cyclic", "cyclic", "fourier"]
+    assert [c["block"] for c in made["components"]][:2] == ["input", "twin error"]
+    kept = made["stored"]
+    with open_store(store) as opened:
+        asked = "SELECT stage FROM models WHERE model_id = '{}'"
+        models = opened.sql(asked.format(kept["model"])).to_pylist()
+        asked = (
+            "SELECT stage, run_id, value FROM errors WHERE source_id = '{}' AND "
+            "metric = 'rmsev_run' AND joint = 2"
+        )
+        errors = opened.sql(asked.format(kept["validation"])).to_pylist()
+        asked = "SELECT kind FROM validations WHERE model_id = '{}'"
+        kinds = opened.sql(asked.format(kept["model"])).to_pylist()
+    assert models == [{"stage": "calibrated"}]
+    assert kinds == [{"kind": "calibration"}]
+    assert {row["stage"] for row in errors} == {
+        "none",
+        "ls",
+        "plsr",
+        "paper",
+        "default",
+    }
+    assert {row["run_id"] for row in errors} == {None, *ids}
+    pooled = [r["value"] for r in errors if r["stage"] == "ls" and not r["run_id"]]
+    row = next(r for r in made["table"] if (r["scheme"], r["model"]) == ("run", "ls"))
+    assert pooled == [pytest.approx(row["rmsev"][1])]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("A.csv B.csv --robot arm.urdf --paper", "--paper: A has no reference"),
+        ("--robot arm.urdf", "No log to calibrate on"),
+        ("A.csv --robot arm.urdf --declared frction", "frction"),
+        ("A.csv --robot arm.urdf --export A.csv", "is a file, expected a folder"),
+        ("A.csv --robot arm.urdf --report A.csv", "would overwrite an input file"),
+        ("A.csv abcdef12 --robot arm.urdf --store nowhere", "abcdef12"),
+    ],
+)
+def test_bad_usage_is_told_in_a_line_or_two(place, capsys, words, told):
+    assert run(f"calibrate {words}") == 2
+    shown = capsys.readouterr().err
+    assert told in shown
+    assert len(shown.strip().splitlines()) <= 3
+
+
+def scores(**percent):
+    """A table of one joint: percent by scheme and model."""
+    out = []
+    for key, value in percent.items():
+        scheme, model = key.split("_")
+        miss, power = np.array([[value**2]]), np.array([[1e4]])
+        one = np.array([float(value)])
+        out.append(Score(scheme, model, one, one, one, None, None, miss, power))
+    return tuple(out)
+
+
+def test_words_follow_the_figures():
+    table = scores(
+        **{f"{RANDOM}_{PAPER_FORM}": 5, f"{RUN}_{PAPER_FORM}": 60},
+        **{f"{RANDOM}_{LS}": 15, f"{RUN}_{LS}": 20},
+        **{f"{RUN}_{DEFAULT}": 10, f"{RUN}_{NONE}": 50},
+    )
+    told = calibration_words._random_words(table)
+    assert "hide a factor of 12.0" in told
+    assert "more than LS" in told
+    assert "nowhere more than 3 %" in calibration_words._default_words(table)
+    honest = scores(
+        **{f"{RANDOM}_{PAPER_FORM}": 9, f"{RUN}_{PAPER_FORM}": 10},
+        **{f"{RANDOM}_{LS}": 15, f"{RUN}_{LS}": 20},
+        **{f"{RUN}_{DEFAULT}": 60, f"{RUN}_{NONE}": 50},
+    )
+    assert "hide little here" in calibration_words._random_words(honest)
+    worse = calibration_words._default_words(honest)
+    assert "above no compensation on joint 1" in worse

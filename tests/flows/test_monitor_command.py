@@ -1,0 +1,172 @@
+"""modelgap monitor: from runs of the store to alarms, a record and a picture."""
+
+import json
+
+import pytest
+
+from flows import experiment, monitor
+from flows.cli import main
+from flows.cli.monitor import meaning
+from flows.spec import experiment_of
+from residual.monitor_record import from_record
+from warehouse.commit import read_record
+from warehouse.files import read_parquet
+from warehouse.layout import find
+from warehouse.store import open_store
+from warehouse.verdicts import store_verdict
+
+ROBOT = "irb140"
+
+
+def run(store, seed, *effects, start=0.0):
+    content = {
+        "start": start,
+        "trajectory": {"kind": "cyclic", "duration": 4.0, "periods": 1, "seed": seed},
+        "plant": {"seed": 1, "effect": list(effects)},
+    }
+    return experiment.run(experiment_of(content, "SPEC.toml"), store)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A store with three good runs, one more, and one whose encoder jumps."""
+    store = tmp_path_factory.mktemp("store")
+    good = [run(store, 1, start=s) for s in (0.0, 50.0, 100.0, 150.0)]
+    jump = {
+        "name": "encoder_offset",
+        "joints": [3],
+        "angle": 0.05,
+        "onset": 2.0,
+    }
+    return store, good[:3], good[3], run(store, 1, jump, start=200.0)
+
+
+@pytest.fixture(scope="module")
+def watched(made):
+    store, good, fine, bad = made
+    return monitor.monitor(ROBOT, [fine, bad], good, store)
+
+
+def test_the_jump_is_found_and_the_good_run_left_in_peace(made, watched):
+    _, _, fine, bad = made
+    _, found, runs = watched
+    assert found.alarms[fine] == ()
+    (first, *_) = found.alarms[bad]
+    assert (first.joint, first.sensor, first.fault) == (3, "encoder", "jump")
+    assert 0 <= first.time - runs[bad].t[0] - 2.0 < 0.1
+    assert found.seconds == pytest.approx(8.0)
+    assert "encoder of joint 3" in meaning(found)
+    assert "extrapolated" in found.notes[0]
+
+
+def test_the_record_has_alarms_limits_and_lineage(made, watched):
+    store, good, fine, bad = made
+    id, found, _ = watched
+    record = read_record(store, id)
+    assert (record["robot"], record["kind"]) == (ROBOT, "monitor")
+    assert record["alarms"] == {fine: 0, bad: len(found.alarms[bad])}
+    again = from_record(record["monitor"], found.monitor.model)
+    assert again.limits["jump"].tolist() == found.monitor.limits["jump"].tolist()
+    table = read_parquet(find(store, id).folder / "alarms.parquet")
+    assert table.column("fault")[0].as_py() == "jump"
+    assert table.schema.field("time").metadata[b"unit"] == b"s"
+    with open_store(store) as opened:
+        asked = f"SELECT parent, role FROM lineage WHERE child = '{id}'"
+        rows = {(r["parent"], r["role"]) for r in opened.sql(asked).to_pylist()}
+    roles = [("calibration", g) for g in good] + [("watched", r) for r in (fine, bad)]
+    assert rows == {(run, role) for role, run in roles}
+
+
+def test_the_same_question_is_the_same_record(made, watched):
+    store, good, fine, bad = made
+    assert monitor.monitor(ROBOT, [fine, bad], good, store)[0] == watched[0]
+
+
+def test_a_diagnosis_brings_its_effects_and_its_good_runs(made):
+    store, good, fine, _ = made
+    effects = [
+        {
+            "order": 1,
+            "name": "coulomb_asymmetry",
+            "joints": [2, 3],
+            "probability": 0.9,
+            "parameters": {"level": {"value": [1.0, 2.0], "std": None, "unit": "N m"}},
+        },
+        {
+            "order": 2,
+            "name": "payload",
+            "joints": [6],
+            "probability": 0.9,
+            "parameters": {"mass": {"value": 0.5, "std": 0.1, "unit": "kg"}},
+        },
+    ]
+    verdict = {
+        "robot": ROBOT,
+        "verdict": "effects",
+        "declared": ["viscous", "coulomb", "rotor_inertia"],
+        "effects": effects,
+        "nominal_scale": 0.02,
+        "unexplained": None,
+        "error": None,
+    }
+    id = store_verdict(store, verdict, {}, {"fit": good})
+    record_id, found, _ = monitor.monitor(id, [fine], [], store)
+    assert sorted(found.calibration) == sorted(good)
+    terms = found.monitor.model.terms[-3:]
+    names = ["coulomb_asymmetry", "coulomb_asymmetry", "payload"]
+    assert [t.effect.name for t in terms] == names
+    assert [t.joints for t in terms] == [(1,), (2,), (5,)]
+    assert [t.theta[0] for t in terms] == [1.0, 2.0, 0.5]
+    assert found.alarms[fine] == ()
+    assert read_record(store, record_id)["model_id"]
+
+
+def test_the_command_prints_a_table_and_draws(made, tmp_path, capsys):
+    store, good, _, bad = made
+    picture = tmp_path / "out.png"
+    words = ["monitor", ROBOT, bad[:8], "--calibrate", *good, "--store", str(store)]
+    assert main([*words, "--plot", str(picture)]) == 0
+    said = capsys.readouterr().out
+    for word in (bad[:8], "encoder", "jump", "1 run", "modelgap show", str(picture)):
+        assert word in said
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_runs_in_order_get_one_sentence_and_exit_code_0(made, capsys):
+    store, good, fine, _ = made
+    words = ["monitor", ROBOT, fine, "--calibrate", *good, "--store", str(store)]
+    assert main(words) == 0
+    assert "No alarm in 4 s of 1 run" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (lambda g, f: [ROBOT, f], "there are 0, expected at least 3"),
+        (lambda g, f: [ROBOT, f, "--calibrate", *g[:2]], "there are 2, expected"),
+        (lambda g, f: [ROBOT, g[0], "--calibrate", *g], "to be watched and to calib"),
+        (lambda g, f: [ROBOT, f, f, "--calibrate", *g], "is given twice"),
+        (lambda g, f: [ROBOT, "--calibrate", *g], "No run to watch"),
+        (lambda g, f: ["abc123", f, "--calibrate", *g], "is no diagnosis in"),
+        (lambda g, f: ["irb14", f, "--calibrate", *g], "irb140"),
+        (lambda g, f: [ROBOT, "zz", "--calibrate", *g], "'zz' is not an id"),
+        (
+            lambda g, f: [ROBOT, f, "--calibrate", *g, "--plot", "no/such/dir.png"],
+            "there is no folder",
+        ),
+        (
+            lambda g, f: [ROBOT, f, "--calibrate", *g, "--per-hour", "0"],
+            "0 false alarms per hour",
+        ),
+    ],
+)
+def test_what_cannot_be_watched_is_said_in_two_lines(made, capsys, words, said):
+    store, good, fine, _ = made
+    assert main(["monitor", *words(good, fine), "--store", str(store)]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") <= 2
+
+
+def test_the_record_is_plain_json(made, watched):
+    json.dumps(read_record(made[0], watched[0]), allow_nan=False)

@@ -1,0 +1,246 @@
+"""The paper's chapter on runs: rows, schemes, table and what it must not hide."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from residual.calibrate import Settings, calibrate
+from residual.calibrate_models import (
+    DEFAULT,
+    EFFECTS,
+    LS,
+    NONE,
+    PAPER_FORM,
+    PLSR,
+    Training,
+    chosen_model,
+    fixed_lookup,
+)
+from residual.calibrate_nominal import identified_without, named_effects, prepare_runs
+from residual.calibrate_rows import Run, cut_single, paper_rows, repeat_period
+from residual.calibrate_schemes import (
+    FAMILY,
+    RANDOM,
+    REPEATS,
+    RUN,
+    SYSTEMATIC,
+    make_schemes,
+)
+from residual.calibrate_scores import find
+from residual.effect_choice import fit_effect_tables
+from residual.effect_tables import MAIN, NAMED, PAIRS, EffectForm, Option
+from residual.errors import InputError
+from residual.nominal_pls import NominalForm
+from tests.residual.identified import logs, truth
+
+SMALL = NominalForm(8, 6)
+QUICK = Settings(form=SMALL, levels=(2, 4, 8), pairs=False)
+
+
+@cache
+def paper_runs(count=4, duration=10.0):
+    """Runs whose twin lacks dry friction: its error is a step of the velocity."""
+    out = []
+    for number, log in enumerate(logs(count, noise=0.2, duration=duration)):
+        # The arm is where it was asked to be.
+        log = replace(log, q_ref=log.q)
+        qd = np.gradient(log.q, log.t, axis=0)
+        noise = np.random.default_rng(number).normal(size=log.q.shape)
+        step = np.array([4.0, 5.0, 2.0]) * np.sign(qd) + 0.2 * noise
+        family = ("fourier", "cyclic")[number % 2]
+        out.append(Run(log, family, {"e_tau": step}))
+    return tuple(out)
+
+
+@cache
+def made():
+    return calibrate(truth().robot, paper_runs(), replace(QUICK, paper=True))
+
+
+def test_the_papers_rows_pair_the_reference_with_the_error_one_sample_ahead():
+    runs = paper_runs()
+    rows = paper_rows(runs)
+    step = 2  # 250 Hz to 125
+    own = rows.X[rows.run == 1]
+    log, twin = runs[1].log, runs[1].twin["e_tau"]
+    assert rows.names[:4] == ("q1", "q2", "q3", "qd1")
+    np.testing.assert_array_equal(own[:, :3], log.q_ref[:-1:step])
+    np.testing.assert_array_equal(rows.Y[rows.run == 1], twin[1::step])
+    np.testing.assert_array_equal(rows.tau[rows.run == 1], log.tau[1::step])
+    assert rows.rates == (125.0,) * 4
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [({"twin": {}}, "torque of a simulated twin"), ({"log": None}, "reference")],
+)
+def test_the_papers_mode_says_what_a_run_lacks(change, told):
+    run = paper_runs()[0]
+    if "log" in change:
+        change = {"log": replace(run.log, q_ref=None)}
+    with pytest.raises(InputError, match=f"--paper: log0 has no {told}"):
+        paper_rows([replace(run, **change)])
+
+
+def test_a_repetition_is_found_and_a_motion_without_one_has_no_period():
+    t = np.arange(2000) / 100
+    twice = np.sin(2 * np.pi * np.outer(t, [0.1, 0.2]) + [0, 1])
+    assert repeat_period(twice) == 1000
+    dwelling = np.clip(2 * twice, -1, 1)
+    assert repeat_period(dwelling) == pytest.approx(1000, abs=1)
+    assert repeat_period(np.sin(np.outer(t, [0.31, 0.77]))) is None
+    assert repeat_period(np.zeros((100, 2))) is None
+
+
+def test_schemes_are_those_that_the_rows_allow(rng):
+    rows = paper_rows(paper_runs())
+    schemes, notes = make_schemes(rows, rng)
+    assert [s.name for s in schemes] == [RUN, FAMILY, SYSTEMATIC, RANDOM]
+    assert notes == ("no run repeats itself: repeats cannot be kept together",)
+    families = {s.name: s for s in schemes}[FAMILY]
+    assert families.left_out == ({1, 3}, {0, 2})
+    unknown = replace(rows, families=("",) * 4)
+    names = [s.name for s in make_schemes(unknown, rng)[0]]
+    assert names == [RUN, SYSTEMATIC, RANDOM]
+    with pytest.raises(InputError, match="two or more"):
+        make_schemes(replace(rows, labels=("one",)), rng)
+
+
+def test_repeats_are_left_out_together_where_there_are_some(rng):
+    rows = paper_rows(paper_runs())
+    q = np.sin(np.arange(len(rows.X)) * 2 * np.pi / 250)
+    rows = replace(rows, X=np.repeat(q[:, None], 9, axis=1))
+    schemes = {s.name: s for s in make_schemes(rows, rng)[0]}
+    of_row = schemes[REPEATS].folds.of_row[rows.run == 0]
+    np.testing.assert_array_equal(of_row[:250], of_row[250:500])
+
+
+def test_a_held_out_run_is_unknown_to_the_nominal_model():
+    runs = [Run(log) for log in logs(3, noise=0.5, duration=8.0)]
+    strange = replace(runs[1], log=replace(runs[1].log, tau=5 * runs[1].log.tau + 9))
+    models = [
+        identified_without(prepare_runs(truth().robot, own, None), {1})
+        for own in (runs, [runs[0], strange, runs[2]])
+    ]
+    first, second = (m.coefficients() for m in models)
+    np.testing.assert_array_equal(first, second)
+    everything = identified_without(prepare_runs(truth().robot, runs, None))
+    assert np.abs(everything.coefficients() - first).max() > 0
+
+
+def test_the_table_is_what_fits_by_hand_give():
+    rows, scores = made().rows, made().scores
+    none = find(scores, RUN, NONE)
+    by_hand = 100 * np.sqrt((rows.Y**2).sum(0) / (rows.tau**2).sum(0))
+    np.testing.assert_allclose(none.rmsev, by_hand)
+    np.testing.assert_allclose(none.rmsec, by_hand)
+    one, miss = np.c_[np.ones(len(rows.X)), rows.X], np.zeros(3)
+    for run in range(4):
+        out = rows.run == run
+        theta = np.linalg.lstsq(one[~out], rows.Y[~out], rcond=None)[0]
+        miss += ((rows.Y[out] - one[out] @ theta) ** 2).sum(0)
+    expected = 100 * np.sqrt(miss / (rows.tau**2).sum(0))
+    np.testing.assert_allclose(find(scores, RUN, LS).rmsev, expected, rtol=1e-7)
+    pls = find(scores, RANDOM, PLSR)
+    np.testing.assert_allclose(pls.curve[-1], find(scores, RANDOM, LS).rmsev, rtol=1e-6)
+    assert 1 <= pls.components <= 9
+    np.testing.assert_array_equal(pls.rmsev, pls.curve[pls.components])
+
+
+def test_friction_is_found_by_the_default_form_and_memorised_by_the_papers():
+    scores = made().scores
+    ours, theirs = (find(scores, RUN, m).overall for m in (DEFAULT, PAPER_FORM))
+    ls = find(scores, RUN, LS).overall
+    assert ours < 0.5 * ls
+    assert theirs > 1.25 * find(scores, RANDOM, PAPER_FORM).overall
+    assert [o.kind for o in made().chosen] == [MAIN] * 3
+
+
+def test_figures_have_what_they_need():
+    views = made()
+    assert [(c.family, c.block) for c in views.components][:3] == [
+        ("fourier", "input"),
+        ("fourier", "residual"),
+        ("fourier", "white noise"),
+    ]
+    assert all(c.real == 0 for c in views.components if c.block == "white noise")
+    assert set(views.sweep.errors) == {RUN, RANDOM}
+    assert views.sweep.errors[RUN].shape == (3, 3)
+    largest = views.terms.names[int(views.terms.sizes.values[:, 0].argmax())]
+    assert largest == "qd1"
+    assert views.terms.sizes.significant[views.terms.names.index("qd1"), 0]
+    assert all(0 <= share <= 1 for share in views.oddities.unvisited)
+
+
+def training(runs=3, rows=400, seed=0):
+    rng = np.random.default_rng(seed)
+    run = np.repeat(np.arange(runs), rows)
+    X = rng.normal(size=(len(run), 6))
+    noise = rng.normal(size=(len(run), 2))
+    Y = np.stack([3 * np.sign(X[:, 2]), np.zeros(len(run))], axis=1) + 0.3 * noise
+    return Training(X, Y, run, Y + rng.normal(size=Y.shape))
+
+
+FORM = EffectForm((2, 3), pyramid=(5, 10), pairs=NominalForm(5, 3, "quantile"))
+
+
+def test_tables_of_given_options_are_those_of_the_choice():
+    data = training()
+    model = fit_effect_tables(data.X, data.Y, data.run, data.tau, FORM)
+    again = fixed_lookup(data, FORM, model.chosen)
+    np.testing.assert_allclose(
+        again.predict(data.X), model.lookup.predict(data.X), atol=1e-12
+    )
+    both = (Option(PAIRS, 10.0, 2), Option(NAMED, 10.0, 1))
+    assert np.isfinite(fixed_lookup(data, FORM, both).predict(data.X)).all()
+
+
+def test_nothing_is_taken_on_two_runs_nor_for_pure_noise():
+    model, options = chosen_model(training(), FORM)
+    assert [o.kind for o in options] == [MAIN, "none"]
+    assert options == model.chosen
+    assert [o.kind for o in chosen_model(training(2), FORM)[1]] == ["none", "none"]
+
+
+def test_a_choice_that_other_nominal_models_do_not_bear_out_is_dropped():
+    data = training()
+    # Without any one run the model leaves the opposite of what tables then learn.
+    flipped = np.where(data.run[:, None] == 1, -data.Y, data.Y)
+    flipped[data.run == 2] = 0.0
+    _, options = chosen_model(replace(data, without=lambda run: flipped), FORM)
+    assert options[0].kind == "none"
+
+
+def test_a_single_log_is_cut_into_parts_and_effects_of_a_diagnosis_are_judged():
+    (log,) = logs(1, noise=0.3, duration=20.0)
+    settings = replace(QUICK, declared=("viscous", "rotor_inertia"), views=False)
+    effects = [
+        {
+            "name": "coulomb",
+            "joints": [1, 2, 3],
+            "parameters": {"level": {"value": [4.0, 5.0, 2.0]}},
+        }
+    ]
+    found = calibrate(truth().robot, [Run(log)], settings, effects)
+    assert found.rows.labels[0] == "log0 part 1"
+    assert "cut into parts" in found.notes[0]
+    named, none = (find(found.scores, RUN, m) for m in (EFFECTS, NONE))
+    assert named.overall < 0.5 * none.overall
+    assert len(cut_single([Run(log)] * 2)) == 2
+
+
+def test_findings_become_effects_with_their_shapes():
+    entry = {
+        "name": "stribeck",
+        "joints": [2],
+        "parameters": {
+            "level": {"value": 3.0},
+            "velocity": {"value": 0.05},
+            "exponent": {"value": 2.0},
+        },
+    }
+    ((effect, joints, shape),) = named_effects([entry], truth().robot)
+    assert (effect.name, joints) == ("stribeck", (1,))
+    assert 0.05 in shape

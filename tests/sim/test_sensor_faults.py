@@ -1,0 +1,130 @@
+"""Sensors that break during a run: what the log says, and what the arm then does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.errors import InputError
+from sim.experiment import run_experiment
+from sim.plant import tables as at
+from sim.plant.sensor_faults import hold_frozen, torque_faults
+from sim.plant.stepping import DivergedError
+from sim.records import PlantSpec, Rates
+from tests.sim.plant_cases import ROBOT, drive, effect, motion
+
+MOVE, ONSET = motion("fourier", 2.5), 0.5
+BEFORE = round(ONSET * 1000)
+
+
+@pytest.fixture(scope="module")
+def fine():
+    return drive(reference=MOVE)
+
+
+def test_a_fault_that_has_not_begun_changes_no_bit(fine):
+    later = drive(
+        effect("x_fault_frozen", 2, onset=9.0),
+        effect("x_fault_drift", 3, onset=9.0, rate=1.0),
+        reference=MOVE,
+    )
+    np.testing.assert_array_equal(later.rows, fine.rows)
+
+
+def test_a_frozen_encoder_lets_the_arm_run_until_its_guard_stops_it(fine):
+    trace = drive(effect("x_fault_frozen", 5, onset=ONSET), reference=MOVE)
+    reading = trace.rows[:, at.READING, 4]
+    assert (reading[BEFORE:] == reading[BEFORE - 1]).all()
+    assert (trace.rows[BEFORE:, at.READING_RATE, 4] == 0.0).all()
+    np.testing.assert_array_equal(trace.rows[:BEFORE], fine.rows[:BEFORE])
+    # The controller pushes the joint away from where it believes it to be.
+    assert np.abs(trace.rows[-1, at.Q, 4] - MOVE.q[len(trace.t) - 1, 4]) > 0.1
+    assert BEFORE < len(trace.t) < len(MOVE.t)
+    assert trace.phases[-1].last == len(trace.t) == len(trace.qdd)
+    assert len(trace.rigid(4)) == len(trace.t[::4])
+
+
+def test_the_log_of_a_stopped_run_ends_there_and_repeats_one_number():
+    plant = PlantSpec((effect("x_fault_frozen", 5, onset=ONSET),))
+    run = run_experiment(ROBOT, MOVE, plant, Rates())
+    log, first = run.log, round(ONSET * 250)
+    assert len(log.t) == len(run.truth["q"]) == len(run.twin["e_q"]) < 625
+    assert (log.q[first:, 4] == log.q[first - 1, 4]).all()
+    assert len(np.unique(log.q[first:, 2])) > 3
+    np.testing.assert_array_equal(log.q_ref, MOVE.q[::4][: len(log.t)])
+
+
+def test_an_arm_that_runs_away_by_itself_is_still_an_error():
+    spring = effect("spring", 2, stiffness=-1e5, rest=3.0)
+    with pytest.raises(DivergedError):
+        drive(spring, reference=MOVE)
+
+
+def test_the_arm_follows_an_encoder_that_drifts(fine):
+    trace = drive(effect("x_fault_drift", 1, onset=ONSET, rate=0.05), reference=MOVE)
+    since = np.maximum(MOVE.t - ONSET, 0.0)
+    rows = trace.rows[:, :, 0]
+    np.testing.assert_allclose(
+        rows[:, at.Q] - rows[:, at.READING], 0.05 * since, atol=1e-9
+    )
+    astray = np.abs(rows[:, at.READING] - MOVE.q[:, 0]).max()
+    usual = np.abs(fine.rows[:, at.READING, 0] - MOVE.q[:, 0]).max()
+    assert astray < usual + 2e-3  # it hides in the loop
+
+
+def log_with(*effects):
+    t, tau = np.arange(500) / 250, np.full((500, 6), 4.0)
+    torque_faults(tau, t, effects)
+    return tau
+
+
+def test_a_torque_sensor_has_bias_gain_and_spikes_from_its_onset_on():
+    bias = log_with(effect("x_fault_torque_bias", 2, onset=1.0, torque=-3.0))
+    assert (bias[:250] == 4.0).all()
+    assert (bias[250:, 1] == 1.0).all()
+    assert (np.delete(bias, 1, axis=1) == 4.0).all()
+    gain = log_with(effect("x_fault_torque_gain", (1, 3), onset=1.0, gain=-0.25))
+    assert (gain[250:, [0, 2]] == 3.0).all()
+    spikes = log_with(effect("x_fault_torque_spikes", 4, onset=0.4, size=9.0))
+    rows = np.flatnonzero(spikes[:, 3] != 4.0)
+    np.testing.assert_array_equal(rows, [100, 225, 350, 475])
+    np.testing.assert_array_equal(spikes[rows, 3], [13.0, -5.0, 13.0, -5.0])
+
+
+def test_a_torque_sensor_that_lies_does_not_move_the_arm(fine):
+    faults = (
+        effect("x_fault_torque_bias", 2, onset=ONSET, torque=5.0),
+        effect("x_fault_torque_spikes", 3, onset=ONSET, size=5.0),
+    )
+    np.testing.assert_array_equal(drive(*faults, reference=MOVE).rows, fine.rows)
+
+
+def test_a_log_without_a_frozen_encoder_is_left_as_it_is():
+    q = np.ones((5, 6))
+    assert hold_frozen(q, np.arange(5.0), (effect("encoder_offset", 1),)) is q
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (effect("x_fault_drift", 1), "needs 'rate'"),
+        (effect("x_fault_frozen", 9), r"joints \[9\], expected one or more of 1 to 6"),
+        (effect("x_fault_torque_gain", 1, gain=-1.0), "gain is -1, expected more than"),
+        (effect("x_fault_torque_spikes", 1, size=1, width=0.0), "width is 0, expected"),
+    ],
+)
+def test_a_fault_that_cannot_be_is_refused(fault, said):
+    with pytest.raises(InputError, match=said):
+        drive(fault, reference=MOVE)
+
+
+def test_both_faults_of_encoders_may_come_together():
+    two = drive(
+        effect("x_fault_drift", 1, onset=ONSET, rate=0.05),
+        effect("x_fault_frozen", 5, onset=ONSET + 0.1),
+        reference=replace(MOVE, period=None),
+    )
+    late = BEFORE + 100
+    assert (two.rows[late:, at.READING, 4] == two.rows[late - 1, at.READING, 4]).all()
+    moved = two.rows[:, at.Q, 0] - two.rows[:, at.READING, 0]
+    assert moved[-1] > 0.005
