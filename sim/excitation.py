@@ -17,7 +17,10 @@ from residual.dynamics import regressor
 Array = np.ndarray
 
 _STATES = 200  # random states that decide which columns are independent
-_TOLERANCE = 1e-8  # of the largest pivot; the last true one of an arm is near 0.1
+# Of the largest pivot: the last true one of an arm is above 0.1, and angles that a URDF
+# rounds (1.5708) make false ones near 1e-4, which no motion could excite.
+_TOLERANCE = 1e-3
+_SILENT = 1e-4  # of the largest column: no more than rounded angles make
 _SHARP = 12  # power of the mean that stands for the extreme eigenvalues
 _AMOUNT = 0.1  # weight of log det per parameter beside log condition
 _FLOOR = 1e-13  # least eigenvalue that is told from zero
@@ -77,7 +80,7 @@ def base_columns(model: pin.Model) -> Array:
     states = np.random.default_rng(0).uniform(-3, 3, (3, _STATES, model.nv))
     rows = regressor(model, *states).reshape(_STATES * model.nv, -1)
     size = np.linalg.norm(rows, axis=0)
-    rows = rows / np.where(size > _TOLERANCE * size.max(), size, np.inf)
+    rows = rows / np.where(size > _SILENT * size.max(), size, np.inf)
     factors = qr(rows, mode="r", pivoting=True)
     pivots, order = np.abs(np.diag(np.asarray(factors[0]))), np.asarray(factors[-1])
     return np.sort(order[: int((pivots > _TOLERANCE * pivots[0]).sum())])
