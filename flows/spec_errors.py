@@ -66,6 +66,9 @@ def _words(record: type[BaseModel], fault: dict[str, Any]) -> str:
         return _unknown(fault["input"], valid.strip("'").split("', '"), str(key))
     if fault["type"] == "value_error":
         return f"{_place(fault['loc'])} {fault['ctx']['error']}."
+    if fault["type"] == "tuple_type" and isinstance(fault["input"], dict):
+        name = ".".join(map(str, fault["loc"]))
+        return f"[{name}] is one of a list: write it as [[{name}]]."
     expected = _EXPECTED.get(fault["type"])
     if expected is None:
         text = fault["msg"].removeprefix("Input should be ")

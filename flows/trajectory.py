@@ -62,11 +62,6 @@ def preview(wanted: Wanted, console: Console) -> Reference:
     check_writable(wanted.files, [Path(wanted.robot)])
     robot = load_robot(wanted.robot)
     reference = make_reference(robot, wanted.spec, wanted.rate)
-    for line in _summary(robot, reference, wanted):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-    used = usage(robot, reference)
-    console.print(_table(used))
-    console.print(_excited(used), markup=False, highlight=False, soft_wrap=True)
     contents: dict[Path, str | bytes] = {}
     if wanted.csv:
         contents[Path(wanted.csv)] = as_csv(reference)
@@ -79,7 +74,13 @@ def preview(wanted: Wanted, console: Console) -> Reference:
         from sim.render import animate
 
         contents[Path(wanted.gif)] = animate(robot, reference)
+    # Before anything is printed, which may go into a pipe that closes.
     write_all(contents)
+    for line in _summary(robot, reference, wanted):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    used = usage(robot, reference)
+    console.print(_table(used))
+    console.print(_excited(used), markup=False, highlight=False, soft_wrap=True)
     for path in contents:
         console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
     return reference

@@ -20,7 +20,11 @@ from residual.dynamics import PER_LINK, regressor
 Array = np.ndarray
 
 STATES = 200  # random states that decide which columns are independent
-_TOLERANCE = 1e-8  # of the largest pivot; the last true one of an arm is near 0.1
+_TOLERANCE = 1e-8
+# Of the largest pivot: the last true one of an arm is above 0.1, and angles that a URDF
+# rounds (1.5708) make false ones near 1e-4, which no motion could excite.
+_INDEPENDENT = 1e-3
+_SILENT = 1e-4  # of the largest column: no more than rounded angles make
 _ROUNDING = 1e-6  # of a column's length: what rounded angles of a URDF may leave
 _NOTHING = 1e-12  # of a column's length: a share smaller than this is none
 _WORST = 1e3  # condition number up to which readable columns will do
@@ -138,10 +142,10 @@ def base_columns(model: pin.Model) -> Array:
     """
     rows = regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
     size = np.linalg.norm(rows, axis=0)
-    rows = rows / np.where(size > _TOLERANCE * size.max(), size, np.inf)
+    rows = rows / np.where(size > _SILENT * size.max(), size, np.inf)
     factors = qr(rows, mode="r", pivoting=True)
     pivots, order = np.abs(np.diag(np.asarray(factors[0]))), np.asarray(factors[-1])
-    return np.sort(order[: int((pivots > _TOLERANCE * pivots[0]).sum())])
+    return np.sort(order[: int((pivots > _INDEPENDENT * pivots[0]).sum())])
 
 
 def random_states(model: pin.Model) -> Array:

@@ -71,6 +71,8 @@ def curve_figure(scores: Sequence[Score], joints: Sequence[int]) -> str:
                 style = {"color": colour, "lw": 1.4, "label": label}
                 axes.plot(at, line, ls=_LINES.get(one.scheme, ":"), **style)
         axes.set_ylim(0)
+        most = max(len(one.curve) for one in scores)
+        axes.set_xticks(range(0, most, 5 if most > 12 else 1))
         axes.set_xlabel("components")
         axes.set_ylabel("RMSEV, %")
         axes.set_title(WORDS[scores[0].model], loc="left", fontsize=10.5)

@@ -41,10 +41,7 @@ def _random_words(scores: Sequence[Score]) -> str | None:
         return f"{start} and LS {_p(ls_unseen)}: random rows hide little here."
     lost = unseen.overall > WORSE * ls_unseen.overall
     also = "more than LS with" if lost else "against LS with"
-    return (
-        f"{start}, {also} {_p(ls_unseen)}: random rows hide a factor of {ratio:.1f}. "
-        "Every random row has neighbours of its own motion in the training set."
-    )
+    return f"{start}, {also} {_p(ls_unseen)}: random rows hide a factor of {ratio:.1f}."
 
 
 def _repeat_words(scores: Sequence[Score]) -> str | None:

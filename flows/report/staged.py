@@ -18,6 +18,13 @@ _JUDGED = {
     "false alarm": "nothing was hidden and something was named",
 }
 
+# On purpose: a diagnosis that shared the arm's formulas would confirm itself.
+FORMS = (
+    "The arm's laws are written otherwise than the diagnosis's (a hose softens, a "
+    "textbook spring does not). Standard deviations assume the named form, so a size "
+    "may be off by more."
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Hidden:
@@ -59,6 +66,11 @@ class Staged:
     def judged(self) -> str:
         """In a sentence, how verdict and truth compare."""
         return sentence_case(_JUDGED[judge(self.hidden, self.verdict)]) + "."
+
+    @property
+    def forms(self) -> str:
+        """Why sizes need not agree; empty where nothing was found."""
+        return FORMS if self.hidden and self.verdict["effects"] else ""
 
     @property
     def rows(self) -> list[tuple[str, str, str]]:

@@ -47,6 +47,8 @@ def print_truth(staged: Staged, console: Console) -> None:
         _row(console, table, map(Text, row))
     _print(console, table)
     _line(console, staged.judged)
+    if staged.forms:
+        _line(console, staged.forms)
 
 
 def _findings(outcome: Outcome, console: Console) -> None:

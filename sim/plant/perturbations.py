@@ -41,6 +41,8 @@ _FORCE = dict.fromkeys(("x", "y", "z"), 0.0)
 _PAIR = {"coefficient": 0.0, "inertia": 0.0, "sign": 1.0}
 _WAVE = ("amplitude", "frequency")
 _SPIKES = {"interval": 0.5, "width": 0.004}  # s: a spike is one sample of 250 Hz
+# Changes of what cannot be below zero in all.
+_AMOUNTS = ("viscous", "coulomb", "rotor_inertia")
 
 KINDS: Mapping[str, Kind] = {
     "viscous": Kind(("coefficient",)),
@@ -120,6 +122,7 @@ def check_effect(effect: PlantEffect, robot: Robot) -> None:
         )
     _check_joints(effect, kind.scope, robot.dof)
     _check_range(effect, given)
+    _check_left(effect, given, robot)
 
 
 def _check_joints(effect: PlantEffect, scope: Scope, dof: int) -> None:
@@ -132,7 +135,11 @@ def _check_joints(effect: PlantEffect, scope: Scope, dof: int) -> None:
         "flange": (joints in ((), (dof,)), f"[{dof}]"),
         "global": (joints == (), "none"),
     }[scope]
-    if not (inside and unique and fits):
+    if not unique:
+        raise InputError(
+            f"Effect '{effect.name}' is on joints {list(joints)}: one stands twice."
+        )
+    if not (inside and fits):
         raise InputError(
             f"Effect '{effect.name}' is on joints {list(joints)}, expected {wanted}."
         )
@@ -152,3 +159,19 @@ def _check_range(effect: PlantEffect, given: Mapping[str, float]) -> None:
         raise InputError(
             f"Effect '{effect.name}': give all of {', '.join(_TENSOR)} or none."
         )
+
+
+def _check_left(effect: PlantEffect, given: Mapping[str, float], robot: Robot) -> None:
+    """Refuse a change that would leave less than none of what the arm has."""
+    declared = robot.declared.get(effect.name)
+    for key, change in given.items():
+        if effect.name not in _AMOUNTS or change >= 0:
+            continue
+        for joint in effect.joints:
+            values = declared.values.get(key) if declared else None
+            has = float(values[joint - 1]) if values is not None else 0.0
+            if has + change < 0:
+                raise InputError(
+                    f"Effect '{effect.name}': {key} is {change:g} on joint {joint}, "
+                    f"which has {has:g}; expected {-has:g} or more."
+                )

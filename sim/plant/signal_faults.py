@@ -58,9 +58,9 @@ def read(k, joints, motors, goal, trace):
         trace: Rows Q and QD are read; motors and readings are written.
 
     Returns:
-        The first joint, from 1, that has run away; 0 if none has.
+        The joint, from 1, that has run away farthest; 0 if none has.
     """
-    now, astray = trace[k], 0
+    now, astray, farthest = trace[k], 0, 1.0
     elastic, shift, cos, sin = joints[1], joints[8], joints[9], joints[10]
     for j in range(len(elastic)):
         if elastic[j] == 0:
@@ -71,9 +71,12 @@ def read(k, joints, motors, goal, trace):
         slope = sin[j] * np.cos(x) - cos[j] * np.sin(x)
         now[at.READING, j] = x - shift[j] - wave
         now[at.READING_RATE, j] = speed * (1.0 - slope)
-        fine = abs(now[at.QD, j]) < FAST and abs(now[at.READING, j] - goal[j]) < FAR
-        if not fine and astray == 0:  # not a number is not fine either
-            astray = j + 1
+        off = abs(now[at.READING, j] - goal[j]) / FAR
+        off = max(abs(now[at.QD, j]) / FAST, off)
+        if np.isnan(off):
+            off = np.inf
+        if off > farthest:
+            astray, farthest = j + 1, off
     return astray
 
 

@@ -5,7 +5,15 @@ from scipy.optimize import minimize
 
 from sim.excitation import excitation
 from sim.synthetic.series import Series
-from sim.trajectories.fourier import Arena, draw, draw_any, fit_in, sampled
+from sim.trajectories.fourier import (
+    Arena,
+    draw,
+    draw_any,
+    fit_in,
+    room_left,
+    sampled,
+    shrunk,
+)
 from sim.trajectories.problem import Problem, problem
 
 Array = np.ndarray
@@ -14,6 +22,8 @@ _DRAWN = 40  # random motions to choose the starts from
 _STARTS = 2
 _STEPS = (50, 120)  # of each start, and of the better one on its way on
 _ENOUGH = 1e-5  # change of the cost that ends the search
+_ASLEEP = 10.0  # a joint that could move so many times farther hardly moves
+_STIRRED = 0.3  # of what it could
 
 
 def optimise(place: Arena, rng: np.random.Generator) -> Series:
@@ -35,7 +45,20 @@ def optimise(place: Arena, rng: np.random.Generator) -> Series:
     points.sort(key=lambda x: search.cost(x)[0])
     points.append(_improved(search, points[0], _STEPS[1]))
     found = [s for x in points if (s := fit_in(place, search.series(x)))]
+    found = [s for series in found if (s := _stirred(place, series))]
     return min(found or [draw(place, rng)], key=lambda series: condition(place, series))
+
+
+def _stirred(place: Arena, series: Series) -> Series | None:
+    """Let joints move that the search has put to sleep.
+
+    The condition number does not mind them, since columns are brought to one length;
+    noise does.
+    """
+    room = room_left(place, series)
+    if room.max() < _ASLEEP:
+        return series
+    return fit_in(place, shrunk(series, np.where(room < _ASLEEP, 1.0, _STIRRED * room)))
 
 
 def condition(place: Arena, series: Series) -> float:

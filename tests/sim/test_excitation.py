@@ -1,12 +1,14 @@
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from residual.base import base_columns
 from residual.dynamics import inertial_parameters, inverse_dynamics, regressor
 from residual.robot import load_robot
 from sim.excitation import cost, excitation
-from sim.trajectories.fourier import arena, draw
+from sim.trajectories.fourier import arena, draw, room_left, shrunk
 from sim.trajectories.problem import problem
+from sim.trajectories.search import _stirred
 from tests.sim.arms import TWO, arm
 
 ROBOT = load_robot("irb140")
@@ -15,6 +17,27 @@ RNG = np.random.default_rng(0)
 
 def test_the_built_in_arm_has_36_base_parameters():
     assert len(base_columns(ROBOT.model)) == 36
+
+
+def test_rounded_angles_of_a_description_make_no_base_parameters_of_their_own():
+    model = ROBOT.model.copy()
+    for joint in range(1, 7):
+        turn = pin.exp3(RNG.normal(0, 2e-6, 3))
+        model.jointPlacements[joint].rotation = (
+            model.jointPlacements[joint].rotation @ turn
+        )
+    assert len(base_columns(model)) == 36
+
+
+def test_a_joint_that_the_search_put_to_sleep_is_stirred():
+    place = arena(ROBOT, 10.0)
+    size = np.ones(6)
+    size[2] = 1e-7
+    asleep = shrunk(draw(place, np.random.default_rng(1)), size)
+    assert room_left(place, asleep)[2] > 1e5
+    stirred = _stirred(place, asleep)
+    assert room_left(place, stirred).max() < 12
+    assert _stirred(place, stirred) is stirred
 
 
 def test_base_columns_are_all_that_the_regressor_can_say():

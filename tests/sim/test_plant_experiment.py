@@ -98,6 +98,12 @@ def test_truth_torques_add_up():
     np.testing.assert_allclose(total, truth["tau_motor"], rtol=0, atol=1e-9)
 
 
+def test_a_runaway_names_the_joint_that_ran_farthest():
+    hidden = effect("spring", 2, stiffness=-5e4)
+    with pytest.raises(DivergedError, match="on joint 2"):
+        run_experiment(ROBOT, MOVE, PlantSpec((hidden,)))
+
+
 def test_a_runaway_stops_with_time_and_state():
     hidden = effect("offset", 1, 0.2, torque=1e4)
     with pytest.raises(
@@ -112,6 +118,7 @@ def test_a_runaway_stops_with_time_and_state():
     ("hidden", "error", "words"),
     [
         (effect("stribek", 1, level=1.0), UnknownNameError, "stribeck"),
+        (effect("coulomb", 2, level=-300.0), InputError, "expected -12 or more"),
         (effect("stribeck", 1, level=1.0), InputError, "needs 'velocity'"),
         (effect("coulomb", 1, levle=1.0), UnknownNameError, "'level'"),
         (effect("coulomb", 7, level=1.0), InputError, "1 to 6"),
