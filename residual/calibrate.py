@@ -31,7 +31,7 @@ from residual.calibrate_rows import (
     measured_rows,
     paper_rows,
 )
-from residual.calibrate_schemes import UNSEEN, Response, Scheme, make_schemes
+from residual.calibrate_schemes import UNSEEN, Scheme, make_schemes
 from residual.calibrate_scores import Score, judge_responses, score
 from residual.calibrate_views import (
     SWEEP,
@@ -241,17 +241,16 @@ def _table(data: tuple, how: tuple, tell: Progress) -> tuple[Score, ...]:
     nested = methods(form, settings.form)
     # Rows of every motion are fitted here anyway, so the choice is made only once.
     once = methods(form, settings.form, chosen)
-    jobs = [(s, name) for s in schemes for name in nested]
-    out = []
-    for number, (scheme, name) in enumerate(jobs):
-        tell(f"{scheme.name}: {name}", 0.1 + 0.6 * number / len(jobs))
-        method = (nested if scheme.name in UNSEEN else once)[name]
-        response: Response = source.plain
-        out.append(score(scheme, name, method, training, response))
-    if source.named:
-        out += [
-            judge_responses(s, EFFECTS, training, source.with_effects) for s in schemes
-        ]
+    out: list[Score] = []
+    for number, scheme in enumerate(schemes):
+        own = nested if scheme.name in UNSEEN else once
+        for place, (name, method) in enumerate(own.items()):
+            done = (number + place / len(own)) / len(schemes)
+            tell(f"{scheme.name}: {name}", 0.1 + 0.6 * done)
+            out.append(score(scheme, name, method, training, source.plain))
+        if source.named:
+            response = source.with_effects
+            out.append(judge_responses(scheme, EFFECTS, training, response))
     return tuple(out)
 
 

@@ -141,6 +141,8 @@ def error_scores(errors: Array, rows: Rows, scale: Scale) -> Scores:
 
     T2 = sum t_a^2 / lambda_a, t = P'z; SPE = |z - P t|^2     (Jackson & Mudholkar 1979)
 
+    Their roots are returned, whose tails decay like those of the other scores.
+
     Args:
         errors: Of ``error_block``. Shape (m, e).
         rows: The log.

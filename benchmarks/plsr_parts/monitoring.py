@@ -21,10 +21,11 @@ from residual.signals import Filters
 from sim.trajectories import KINDS
 
 # Within how many seconds each fault is to be found; None: told, without a bar.
+_AT_ONCE = 0.1
 FAULTS = {
-    "frozen": 0.1,
-    "jump": 0.1,
-    "spikes": 0.1,
+    "frozen": _AT_ONCE,
+    "jump": _AT_ONCE,
+    "spikes": _AT_ONCE,
     "torque bias": 1.0,
     "gain drop": 1.0,
     "gain drop of the log": None,
@@ -165,25 +166,38 @@ def figures_of(seen: list[Seen], plan: Plan, quick: bool) -> Figures:
 
 
 def _delay(fault: str, bar: float | None, seen: list[Seen]) -> dict:
-    delays = np.array([s.delay for s in seen])
-    limit = bar or 1.0
+    """Return the delay of one fault: the largest, or what 95 % do not exceed.
+
+    A jump, a spike, a frozen joint that moves are there at once, so every one counts.
+    A gain cannot be seen before there is torque, nor a bias while friction at
+    standstill hides it: there a few may be late, and are counted beside it.
+    """
+    delays, quick = np.array([s.delay for s in seen]), bar == _AT_ONCE
+    limit, share = bar or 1.0, 1.0 if quick else 0.95
     late = int((delays > limit).sum())
-    worst = float(delays.max())
-    found = delays[np.isfinite(delays)]
+    value = float(np.quantile(delays, share, method="higher"))
+    told = value if np.isfinite(value) else None
     entry = figure(
-        worst if np.isfinite(worst) else None,
+        told,
         bar,
         len(seen),
-        median=float(np.median(found)) if len(found) else None,
+        median=_finite(np.median(delays)),
+        largest=_finite(delays.max()),
         late=late,
-        in_time=1 - late / len(seen),
         in_time_interval=wilson(len(seen) - late, len(seen)),
         channel_named=float(np.mean([s.named for s in seen])),
-        what=f"largest delay [s]; in time means within {limit:g} s",
+        fault_named=float(np.mean([s.right for s in seen])),
+        what=f"{'largest' if quick else '95 % quantile of'} delay [s]; late is over "
+        f"{limit:g} s",
     )
-    if bar and not np.isfinite(worst):
-        entry |= {"ok": False, "why": f"{int((~np.isfinite(delays)).sum())} not found"}
+    if bar and told is None:
+        missed = int((~np.isfinite(delays)).sum())
+        entry |= {"ok": False, "why": f"{missed} of {len(seen)} not found"}
     return entry
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def _false_alarms(seen: list[Seen], plan: Plan, quick: bool) -> Figures:
