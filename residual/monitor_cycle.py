@@ -9,7 +9,6 @@ SAME = 2e-3  # rad: how near to its own past a wanted position is in the next cy
 _SHORTEST = 0.5  # s
 _SHARE = 0.5  # of the rows that move must repeat; others are alike at any lag
 _MOVING = 0.1  # of the rows must move
-_SETTLED = 1.0  # s in which the first cycle is unlike the others
 
 
 def period_of(rows: Rows) -> float | None:
@@ -37,9 +36,13 @@ def before(values: Array, rows: Rows, period: float) -> Array:
 
 
 def repeats(rows: Rows, period: float) -> Array:
-    """Return where the wanted motion is that of a cycle ago. Shape (m,), bool."""
+    """Return where the wanted motion is that of a cycle ago. Shape (m,), bool.
+
+    The first cycle is no example: each joint that stands in it was left there by other
+    motion, and friction holds it at another torque than in all cycles after.
+    """
     then = before(rows.goal, rows, period)
-    known = rows.t - rows.t[0] >= period + _SETTLED
+    known = rows.t - rows.t[0] >= 2 * period
     whole = np.interp(rows.t - period, rows.t, rows.whole.astype(float)) == 1.0
     same = np.abs(rows.goal - then).max(axis=1) < SAME
     return known & whole & same & rows.whole

@@ -64,14 +64,14 @@ def tail_limit(peaks: Array, wanted: float) -> float:
         peaks: Maxima of blocks. Shape (b,).
         wanted: Probability.
     """
+    least = _MARGIN * float(peaks.max())
     threshold = float(np.quantile(peaks, 1.0 - _SHARE))
     above = peaks[peaks > threshold] - threshold
     if len(above) == 0:
-        return _MARGIN * float(peaks.max())
+        return least
     beta = float(above.mean()) * (1.0 + _SURE / np.sqrt(len(above)))
     share = len(above) / len(peaks)
-    reach = threshold + beta * max(0.0, float(np.log(share / wanted)))
-    return max(reach, _MARGIN * float(peaks.max()))
+    return max(threshold + beta * max(0.0, float(np.log(share / wanted))), least)
 
 
 def next_run_limit(largest: Array, wanted: float) -> float:

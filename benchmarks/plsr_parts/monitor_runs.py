@@ -18,7 +18,7 @@ from sim.trajectories import make_reference
 
 ROBOT = load_robot("irb140")
 _AFTER = 3.5  # s that a run goes on after the onset
-_MOVES = 5e-3  # rad: how far a joint is asked to move in the 0.1 s after it froze
+_MOVES = 1e-2  # rad: how far a joint is asked to move in the 0.1 s after it froze
 _CYCLE = 5.0  # s at least: welding in less often breaks a limit of the arm
 
 
@@ -52,7 +52,8 @@ def run_of(case: Case) -> tuple[int, float, Recording]:
 
 
 def _motion(case: Case, rng: np.random.Generator) -> Reference:
-    periods = int(rng.integers(2, case.duration // _CYCLE + 1))
+    most = int(case.duration // _CYCLE)
+    periods = int(rng.integers(min(3, most), most + 1))
     while True:  # some draws break a limit of the arm
         spec = TrajectorySpec(
             case.family, case.duration, periods, int(rng.integers(2**31))
@@ -64,9 +65,9 @@ def _motion(case: Case, rng: np.random.Generator) -> Reference:
 
 
 def _place(case: Case, motion: Reference, rng: np.random.Generator):
-    """Draw joint and onset, after the first cycle and where the fault can show."""
+    """Draw joint and onset: where the program repeats, and the fault can show."""
     latest = case.duration - 1.5
-    first = min(motion.period + 1.0, latest - 1.0)
+    first = min(2 * motion.period + 0.5, latest - 1.0)
     while True:
         joint = int(rng.integers(1, ROBOT.dof + 1))
         onset = float(rng.uniform(first, latest))

@@ -143,8 +143,8 @@ def test_the_cycle_of_a_program_is_found():
     rows = rows_of(healthy(207))
     period = period_of(rows)
     assert period == pytest.approx(PERIOD, abs=1e-3)
-    assert repeats(rows, period)[rows.t > 4.2].all()
-    assert not repeats(rows, period)[rows.t < 3.9].any()
+    assert repeats(rows, period)[rows.t > 6.2].all()
+    assert not repeats(rows, period)[rows.t < 5.9].any()
 
 
 def test_a_motion_that_does_not_repeat_has_no_cycle():
