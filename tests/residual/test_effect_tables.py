@@ -135,7 +135,7 @@ def carried(X, Y):
 
 
 def test_tables_of_speed_and_load_solve_the_ridge_equations(rng):
-    X, Y, torque, _ = motion(rng, runs=1, rows=400)
+    X, Y, _, _ = motion(rng, runs=1, rows=400)
     X, Y = carried(X, Y)
     fit = fit_base(X, Y, LOADS).loaded[1]
     pyramid = make_pyramid(X[:, :9], LOADS.pyramid, velocities=(3, 4, 5))
