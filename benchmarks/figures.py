@@ -2,12 +2,13 @@
 
 import hashlib
 import json
-import math
 import os
 import platform
 import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
+
+from flows.rates import wilson  # noqa: F401  for all benchmarks
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -42,20 +43,6 @@ def missing(bar: float | None, why: str) -> dict:
 def partial(entry: dict, why: str) -> dict:
     """Return the figure of a run that is too small to confirm it, only to refute."""
     return {**entry, "ok": False if entry["ok"] is False else None, "why": why}
-
-
-def wilson(hits: int, n: int) -> list[float]:
-    """Return the 95 % Wilson interval of a rate.
-
-    (p + z^2/2n -+ z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n), z = 1.96    (Wilson 1927)
-    """
-    if n == 0:
-        return [0.0, 1.0]
-    z, p = 1.96, hits / n
-    middle = p + z * z / (2 * n)
-    half = z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    low, high = ((middle + side * half) / (1 + z * z / n) for side in (-1, 1))
-    return [round(max(0.0, low), 4), round(min(1.0, high), 4)]
 
 
 def show(figures: Figures) -> None:

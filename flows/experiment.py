@@ -10,7 +10,7 @@ from time import perf_counter
 from flows.spec import ExperimentSpec
 from residual.errors import InputError
 from residual.robot import Robot, load_robot
-from sim.records import Noise, PlantEffect, PlantSpec
+from sim.records import Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,17 +181,24 @@ def _simulate(spec: ExperimentSpec, robot: Robot) -> tuple:
     from threadpoolctl import threadpool_limits
 
     from sim.experiment import run_experiment
-    from sim.trajectories import make_reference
 
     rates, clock = spec.log_rates(), [perf_counter()]
     with threadpool_limits(1, user_api="blas"):
-        reference = make_reference(robot, spec.reference(), rates.control)
+        reference = _reference(robot, spec.reference(), rates.control)
         clock.append(perf_counter())
         made = run_experiment(robot, reference, spec.plant_spec(), rates, spec.start)
         clock.append(perf_counter())
     names = ("reference_s", "plant_s")
     times = (round(b - a, 3) for a, b in pairwise(clock))
     return made, dict(zip(names, times, strict=True))
+
+
+@lru_cache(maxsize=12)
+def _reference(robot: Robot, spec: TrajectorySpec, rate: float) -> Reference:
+    """Return a motion; kept, since many arms may be asked to do the same."""
+    from sim.trajectories import make_reference
+
+    return make_reference(robot, spec, rate)
 
 
 def _stream_names() -> Sequence[str]:

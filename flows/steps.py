@@ -30,6 +30,8 @@ class Request:
         columns: COLUMNS.toml, None for the default columns.
         report: HTML page to write, or None.
         json: File for the verdict as JSON, "-" for standard output, or None.
+        null: File of a calibrated null, or None.
+        store: Folder of the store in which one is looked for, None for the usual one.
     """
 
     logs: tuple[str, ...]
@@ -40,6 +42,8 @@ class Request:
     columns: str | None = None
     report: str | None = None
     json: str | None = None
+    null: str | None = None
+    store: str | None = None
 
     @property
     def files(self) -> dict[str, Path]:
@@ -103,6 +107,7 @@ def diagnose(
             held_out=logs.held_out,
             declared=request.declared,
             progress=progress,
+            null=_nulls(request),
         )
     for note in outcome.notes:
         console.print(note, markup=False, highlight=False, soft_wrap=True)
@@ -213,10 +218,24 @@ def _check_declared(names: tuple[str, ...] | None) -> None:
         check_name(name, registry(), "effect in --declared")
 
 
+def _nulls(request: Request):
+    """Return the null that is asked for, else those of the store to choose from."""
+    from flows.null import nulls_in, read_null
+    from flows.settings import store_folder
+
+    if request.null is not None:
+        return read_null(request.null)
+    return nulls_in(store_folder(request.store))
+
+
 def _inputs(request: Request) -> tuple[Path, ...]:
     words = (*request.logs, *request.baseline, *request.held_out, request.robot)
     files = [*words, *(word.rpartition("@")[0] for word in words)]
-    return tuple(Path(word) for word in [*files, request.columns or ""] if word)
+    return tuple(
+        Path(word)
+        for word in [*files, request.columns or "", request.null or ""]
+        if word
+    )
 
 
 def _split(items: list, sizes: list[int]) -> list[tuple]:

@@ -57,6 +57,7 @@ def diagnose(
     """
     from threadpoolctl import threadpool_limits
 
+    from flows.null import nulls_in
     from residual.close import close_the_loop
     from warehouse.runs import read_run
 
@@ -72,5 +73,6 @@ def diagnose(
             held_out=logs.get("held_out", ()),
             declared=study.declared,
             progress=progress,
+            null=nulls_in(store),
         )
     return store_outcome(store, outcome, study.parents)

@@ -23,13 +23,18 @@ from residual.diagnose import (
 )
 from residual.effects import registry
 from residual.errors import InputError
+from residual.evidence import Prior
 from residual.findings import findings
 from residual.holdout import Verdicts, held_out_verdicts, unproven
+from residual.leftover import depends_on
+from residual.leftover_words import look_at_leftovers
 from residual.names import check_name
 from residual.nominal import declared_names
+from residual.null import Null, constant, fitting
+from residual.null_key import key_of
 from residual.outcome import Outcome
 from residual.power import minimum_detectable
-from residual.prior import ROUGH, Nominal, posterior_of
+from residual.prior import ROUGH, Nominal, posterior_of, priors
 from residual.recording import Recording
 from residual.robot import Robot
 from residual.search import Rules
@@ -41,13 +46,14 @@ from residual.vocabulary import VOCABULARY
 BASELINE_MOST = 12  # names that a baseline may need: it shows all that the URDF lacks
 
 
-def close_the_loop(
+def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     robot: Robot,
     fit: Sequence[Recording],
     baseline: Sequence[Recording] = (),
     held_out: Sequence[Recording] = (),
     declared: Sequence[str] | None = None,
     progress: Progress | None = None,
+    null: Null | Sequence[Null] | None = None,
 ) -> Outcome:
     """Find what a robot's model lacks, add it, and prove it on held-out motion.
 
@@ -59,9 +65,11 @@ def close_the_loop(
             longest fit log is cut off and held out.
         declared: Effects that the model has; None for the robot's own list.
         progress: Told the stage and the share done.
+        null: The calibrated null to go by, or several to choose a fitting one from.
 
     Raises:
-        InputError: If a log does not belong to the robot, or an effect is unknown.
+        InputError: If a log does not belong to the robot, an effect is unknown, or the
+            null was made for other logs.
     """
     tell = progress or (lambda stage, share: None)
     names = declared_names(robot, declared)
@@ -83,8 +91,12 @@ def close_the_loop(
         nominal = from_baseline(robot, baseline, names, logs, tell)
     else:
         nominal = start_nominal(logs, names)
-    diagnosis = diagnose(logs, nominal, Rules(), tell)
-    outcome = _prove(diagnosis, held_out, same_run, (fit, tell))
+    null = fitting(null, key_of(logs, nominal))
+    rules = Rules()
+    if null:
+        rules = replace(rules, threshold=null.threshold(rules.threshold))
+    diagnosis = diagnose(logs, nominal, rules, tell)
+    outcome = _prove(diagnosis, held_out, same_run, (fit, tell, null))
     tell("proof", 1.0)
     return outcome
 
@@ -113,7 +125,7 @@ def from_baseline(
 
 
 def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
-    fit, tell = context
+    fit, tell, null = context
     tell("proof", 0.0)
     proof = witnesses(held_out, diagnosis.nominal.model)
     judged = held_out_verdicts(diagnosis, proof)
@@ -127,8 +139,11 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
         "identified": identified,
         "augmented": augmented,
     }
-    errors, proofs = compare(models, proof, diagnosis.logs.filters)
     diagnosis = without_refuted(diagnosis, judged.fit)
+    left = look_at_leftovers(diagnosis, judged.fit, augmented)
+    if left.correction is not None:
+        models["plsr"] = left.correction
+    errors, proofs = compare(models, proof, diagnosis.logs.filters)
     found = findings(diagnosis, judged.fit, tested)
     case = Case(
         diagnosis=diagnosis,
@@ -137,20 +152,36 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
         errors=errors,
         held_out=[r.id for r in held_out],
         same_run=same_run,
-        minimum=minimum_detectable(diagnosis.task, judged.fit),
+        minimum=minimum_detectable(diagnosis.task, judged.fit, _alike(diagnosis)),
+        depends_on=depends_on(left.joints),
+        kinds=[one.kind for one in left.joints],
+        p_value=null.p_value if null else None,
         warnings=[
             *_warnings(diagnosis, judged, same_run),
+            *([null.sentence(Rules().threshold)] if null else []),
             *unproven(diagnosis, errors["augmented"]),
+            *left.said,
         ],
     )
     tell("proof", 0.8)
+    silent = () if null else (constant(Rules().threshold),)
     return Outcome(
         verdict=write(case),
         sentences=tuple(f.effect.sentence for f in found),
         proofs=proofs,
         clouds=clouds(diagnosis, judged.fit, found),
-        notes=_notes(diagnosis, fit, augmented),
+        notes=(*_notes(diagnosis, fit, augmented), *silent),
+        left=tuple(one.cloud for one in left.joints),
     )
+
+
+def _alike(diagnosis: Diagnosis) -> list[Prior]:
+    """The other priors that the search might have chosen, assumptions kept."""
+    prior, every = (
+        diagnosis.task.prior,
+        priors(diagnosis.task.design, diagnosis.nominal),
+    )
+    return [p for p in every if p.assumed == prior.assumed and p.scale != prior.scale]
 
 
 def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:

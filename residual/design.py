@@ -50,6 +50,14 @@ class Group:
         return (self.label or self.effect.name, self.joints, fixed)
 
 
+def fold_labels(lengths: Sequence[int]) -> list[Array]:
+    """Fold of each row of logs of such lengths: a log, or blocks where logs are few."""
+    blocks = 1
+    if len(lengths) < ENOUGH_LOGS:
+        blocks = BLOCKS_OF_ONE_LOG if len(lengths) == 1 else BLOCKS_OF_A_LOG
+    return [k * blocks + np.arange(m) * blocks // m for k, m in enumerate(lengths)]
+
+
 class Design:
     """Columns and Gram of the nominal model and of every candidate.
 
@@ -82,6 +90,7 @@ class Design:
         self.place = [np.zeros(0, dtype=int) for _ in range(self.dof)]
         self.gram = [np.zeros((self.folds, 0, 0)) for _ in range(self.dof)]
         self.cross = [np.zeros((self.folds, 0)) for _ in range(self.dof)]
+        self._buffers = list(zip(self._x, self.gram, self.cross, strict=True))
         self.power = self._per_fold(self.target)
         self.tau_power = self._per_fold(tau)
         self._sums: list = [None] * self.dof
@@ -92,14 +101,7 @@ class Design:
 
     def _assign_folds(self) -> list[Array]:
         """Fold of each row: its log, or a block of it where logs are few."""
-        count = len(self._logs)
-        blocks = 1
-        if count < ENOUGH_LOGS:
-            blocks = BLOCKS_OF_ONE_LOG if count == 1 else BLOCKS_OF_A_LOG
-        labels = []
-        for k, (track, _) in enumerate(self._logs):
-            m = len(track.tau)
-            labels.append(k * blocks + np.arange(m) * blocks // m)
+        labels = fold_labels([len(track.tau) for track, _ in self._logs])
         return [
             np.concatenate([x[u] for x, u in zip(labels, use, strict=True)])
             for use in self._use
@@ -180,19 +182,30 @@ class Design:
 
     def _extend(self, j: int, new: Array) -> None:
         old = self._x[j].shape[1]
-        x = np.concatenate([self._x[j], new], axis=1)
-        size = x.shape[1]
-        gram = np.zeros((self.folds, size, size))
-        gram[:, :old, :old] = self.gram[j]
-        cross = np.zeros((self.folds, size))
-        cross[:, :old] = self.cross[j]
+        size = old + new.shape[1]
+        x, gram, cross = self._room(j, size)
+        x[:, old:size] = new
         for f in range(self.folds):
             own = self._fold[j] == f
-            block = x[own].T @ new[own]
-            gram[f, :, old:] = block
-            gram[f, old:, :] = block.T
-            cross[f, old:] = new[own].T @ self.target[j][own]
-        self._x[j], self.gram[j], self.cross[j] = x, gram, cross
+            block = x[own, :size].T @ new[own]
+            gram[f, :size, old:size] = block
+            gram[f, old:size, :size] = block.T
+            cross[f, old:size] = new[own].T @ self.target[j][own]
+        self._x[j], self.cross[j] = x[:, :size], cross[:, :size]
+        self.gram[j] = gram[:, :size, :size]
+
+    def _room(self, j: int, size: int) -> tuple[Array, Array, Array]:
+        """Buffers of joint j's columns, Gram and cross product, grown by halves."""
+        old = self._x[j].shape[1]
+        if size > self._buffers[j][0].shape[1]:
+            wide = max(size, old + old // 2)
+            x = np.empty((len(self.target[j]), wide))
+            gram = np.zeros((self.folds, wide, wide))
+            cross = np.zeros((self.folds, wide))
+            x[:, :old], cross[:, :old] = self._x[j], self.cross[j]
+            gram[:, :old, :old] = self.gram[j]
+            self._buffers[j] = x, gram, cross
+        return self._buffers[j]
 
     def _group(self, candidate, rows: Joints, ids: Array) -> Group:
         """Zellner's g-prior: 30 % of torque rms in every direction of the columns."""
@@ -273,6 +286,10 @@ class Design:
             out.append(line)
             start = stop
         return out
+
+    def folds_of(self, j: int) -> Array:
+        """Fold of each row of joint j. Shape (rows,)."""
+        return self._fold[j]
 
     @property
     def states(self) -> list[State]:

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.adequacy import Adequacy, adequacy
-from residual.candidates import Candidates, collect
+from residual.candidates import Candidates
+from residual.choices import allowed, every_candidate
 from residual.design import Design
 from residual.effects import registry
 from residual.effects.base import Span
@@ -14,16 +15,19 @@ from residual.evidence import Fit, Prior, fit
 from residual.gate import Tested, passed, simplest
 from residual.model import Model, Term
 from residual.nominal import build_nominal
-from residual.prior import Nominal, forbidden, priors, relative_prior
+from residual.prior import Nominal, priors, relative_prior
 from residual.recording import Recording
 from residual.robot import Robot
-from residual.search import Rules, Task, start
+from residual.search import Rules, Task, refined, start
 from residual.select import Selection, select
+from residual.series import only_curves
 from residual.settle import with_standstill
 from residual.signals import Filters, Track, prepare
 
 Progress = Callable[[str, float], None]
 ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
+LOOKS = 4  # at what was named, before the second search
+STEADY = 0.1  # nats by which one more look at it changes nothing
 LARGE = 0.05  # an effect of this share of torque rms shifts model-based features
 
 
@@ -91,12 +95,14 @@ def ready(
     tracks, floor = prepare(recordings, filters)
     q = np.concatenate([t.q for t in tracks])
     qd = np.concatenate([t.qd for t in tracks])
+    tau = np.concatenate([t.tau for t in tracks])
     last = max(t.t[-1] for t in tracks)
     span = Span(
         speed=np.quantile(np.abs(qd), 0.95, axis=0),
         travel=np.ptp(q, axis=0),
         duration=0.0 if clock is None else float(last - clock),
         cutoff=min(t.cutoff for t in tracks),
+        torque=np.quantile(np.abs(tau), 0.995, axis=0),
     )
     return Logs(robot, tracks, clock, span, floor, filters)
 
@@ -123,7 +129,8 @@ def diagnose(
     design = _first_look(logs, nominal)
     selection = _search(design, logs, nominal, (rules, progress))
     if _needs_second_look(selection):
-        named = _without_structure(as_model(nominal, selection.fit))
+        settled = _looked_again(logs, nominal, selection)
+        named = _without_structure(as_model(nominal, settled))
         design = _first_look(logs, nominal, named)
         prior = selection.task.prior
         again = replace(nominal, scale=prior.scale, assumed=prior.assumed)
@@ -132,9 +139,13 @@ def diagnose(
     progress("gate", 0.0)
     task = selection.task
     fitted, tested = passed(task, simplest(task, selection.fit))
+    curved = only_curves(design, logs.tracks, fitted, tested)
+    if curved:
+        real = [t.group for t in tested if t not in curved]
+        fitted = task.settle(task.fit(real, fitted))
     plain = task.settle(task.fit((), fitted, rounds=4))
     enough = adequacy(design, logs.tracks, plain, fitted, nominal.baseline_unexplained)
-    kept = [t for t in tested if not _resembles(task, t, enough)]
+    kept = [t for t in tested if t not in curved and not _resembles(task, t, enough)]
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
@@ -169,18 +180,10 @@ def _rough_fit(design: Design, prior) -> Fit:
 
 def _search(design: Design, logs: Logs, nominal: Nominal, options) -> Selection:
     rules, progress = options
-    effects = [
-        e for e in registry().values() if not (e.needs_clock and logs.clock is None)
-    ]
     progress("features", 0.0)
-    choices = priors(design, nominal)
-    flags = {e.name: e.is_parameter for e in registry().values()}
-    barred = [forbidden(p, nominal, flags) for p in choices]
-    wanted = [e for e in effects if not all(e.name in b for b in barred)]
-    everything = collect(design, wanted, logs.span, design.dof)
-    pairs = [
-        (p, everything.without(tuple(b))) for p, b in zip(choices, barred, strict=True)
-    ]
+    clocked = logs.clock is not None
+    everything = every_candidate(design, nominal, logs.span, clocked)
+    pairs = allowed(design, nominal, everything)
     return select(design, pairs, rules, lambda share: progress("search", share))
 
 
@@ -195,6 +198,30 @@ def _needs_second_look(selection: Selection) -> bool:
     fall = np.maximum(plain.sse - fitted.sse, 0) / task.design.rows
     model_based = any(e.uses_model for e in registry().values())
     return model_based and bool(np.max(np.sqrt(fall) / task.design.rms) > LARGE)
+
+
+def _looked_again(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
+    """The named effects on columns of a model that has them: Gauss and Newton's way.
+
+    A log that ends at a certain torque bends the model that its plateau is held
+    against; so does a load that is still missing.
+    """
+    task, fitted = selection.task, selection.fit
+    design = task.design
+    for _ in range(LOOKS):
+        named = _without_structure(as_model(nominal, fitted))
+        states = [s.regressor for s in design.states]
+        design.look(
+            [named.observe(t, r) for t, r in zip(logs.tracks, states, strict=True)]
+        )
+        members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
+        for group in [g for g in members if g.effect.uses_model and g.effect.refine]:
+            others = [g for g in members if g is not group]
+            members = refined(task, (*others, group), fitted)
+        before, fitted = fitted.score, task.fit(members, fitted)
+        if abs(fitted.score - before) < STEADY:
+            break
+    return fitted
 
 
 def _without_structure(model: Model) -> Model:

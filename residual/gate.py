@@ -4,14 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.design import Group
+from residual.design import Design, Group
 from residual.evidence import Fit, System, gain
 from residual.recording import Array
-from residual.search import Task, best, least, spares_model
+from residual.search import Task, best, least, possible, spares_model
 
 CLASS = 6.0  # nats within which an alternative cannot be told from the name
 KIN = 0.95  # share of what a member explains that makes its family an alternative
 SIMPLER = 3.0  # nats within which the simpler of two names is taken
+SILENT = 1e-3  # share of its power in one fold under which an effect is not in another
 MOST_FOLDS = 0.6  # share of left-out folds that must improve
 
 
@@ -71,11 +72,11 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     fall = (left - full).sum(axis=0) / power
     relative = np.sign(fall) * np.sqrt(abs(fall))
     share = 1 - full.sum(axis=0) / np.maximum(left.sum(axis=0), 1e-30)
-    improved = np.mean(left > full, axis=0)
+    improved = np.mean((left > full)[_acting(design, fitted, group)], axis=0)
     acts = [j for j in range(design.dof) if len(design.present(j, group.ids)[0])]
     joint = acts[int(np.argmax(fall[acts]))]
     by = None
-    if nats < least(task, fitted.members, group):
+    if nats < least(task, fitted.members, group) or not possible(fitted, group):
         pass
     elif np.any(rules.lower(relative, share) & (improved >= MOST_FOLDS)):
         by = "fit"
@@ -83,6 +84,19 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
         by = "plausibility"
     at_joint = float(relative[joint]), float(share[joint])
     return Tested(group, nats, by, joint, *at_joint, int(np.argmax(fall)))
+
+
+def _acting(design: Design, fitted: Fit, group: Group) -> Array:
+    """Folds in which a member does anything; the others have no say. Shape (folds,).
+
+    A sensor that saturates does so in those logs alone that ask for so much.
+    """
+    theta, power = fitted.of(group), np.zeros(design.folds)
+    for j in range(design.dof):
+        place, have = design.present(j, group.ids)
+        gram = design.gram[j][:, place[:, None], place]
+        power += (gram @ theta[have]) @ theta[have] / design.rms[j] ** 2
+    return power > SILENT * power.max()
 
 
 def passed(task: Task, fitted: Fit) -> tuple[Fit, list[Tested]]:

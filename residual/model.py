@@ -93,16 +93,35 @@ class Model:
             regressor=regressor,
             rigid=rigid,
             tau_model=rigid,
+            inertial=self._loaded(),
+            drive=self._drive(),
         )
-        return replace(state, tau_model=self.torque(state, with_gain=False))
+        return replace(state, tau_model=self.torque(state, as_reported=False))
 
-    def torque(self, state: State, with_gain: bool = True) -> Array:
+    def torque(self, state: State, as_reported: bool = True) -> Array:
         """Torque at the samples of a state made by ``observe`` [N m]. (n, dof)."""
-        rigid = state.regressor @ self.inertial if with_gain else state.rigid
+        rigid = state.regressor @ self.inertial if as_reported else state.rigid
         out = rigid.copy()
         for term in self.terms:
-            if with_gain or term.effect.name != "torque_gain":
+            if as_reported or not term.effect.of_report:
                 out = out + term.torque(state)
+        return out
+
+    def _loaded(self) -> Array:
+        """Inertial parameters with the loads that the terms add. Shape (10 dof,)."""
+        out = self.inertial.copy()
+        for term in self.terms:
+            if term.effect.name == "payload":
+                out[-len(term.theta) :] += term.theta
+        return out
+
+    def _drive(self) -> Array:
+        """What the drives take per speed and per acceleration. Shape (2, dof)."""
+        out = np.zeros((2, self.robot.dof))
+        for row, name in enumerate(("viscous", "rotor_inertia")):
+            for term in self.terms:
+                if term.effect.name == name:
+                    out[row, list(term.joints)] += term.theta
         return out
 
     def coefficients(self) -> Array:

@@ -16,8 +16,8 @@ class LogProof:
         id: Label of the recording.
         t: Time from the first sample [s]. Shape (n,).
         tau: Measured torque, identification filter applied [N m]. Shape (n, dof).
-        tau_hat: Filtered prediction of each model: keys nominal, identified and
-            augmented [N m]. Shapes (n, dof).
+        tau_hat: Filtered prediction of each model: keys nominal, identified,
+            augmented, and plsr where the rest was corrected [N m]. Shapes (n, dof).
         moving: Whether that joint moves. Shape (n, dof), bool.
     """
 
@@ -61,6 +61,8 @@ class Outcome:
         proofs: One per held-out log.
         clouds: Several per finding, at most one per joint.
         notes: What was understood of the signals (rates, filters, delays, masks).
+        left: One per unexplained joint, without a name: what remains, over what it
+            depends on most (over time where that is not known).
     """
 
     verdict: Mapping
@@ -68,3 +70,4 @@ class Outcome:
     proofs: tuple[LogProof, ...]
     clouds: tuple[Cloud, ...]
     notes: tuple[str, ...]
+    left: tuple[Cloud, ...] = ()

@@ -1,87 +1,152 @@
 """The smallest effect that these logs would have shown."""
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
 from residual.design import Group
-from residual.evidence import Fit, System
+from residual.effects.base import Effect
+from residual.evidence import Fit, Prior
+from residual.expected import Bench, Expected, expected, found
 from residual.recording import Array
 from residual.search import Task
 
+WIDEST, STEPS = 300.0, 24  # times the size that is worth a nat: where to look
+HALVINGS = 7
+CLIPS = (0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the largest torque: plateaus to try
 
-def minimum_detectable(task: Task, fitted: Fit) -> list[dict]:
-    """Size at which the expected evidence reaches the threshold, per effect and joint.
 
-    A true effect of size x along the first column of a group earns
-    x^2 c / 2 nats, with c the information that the nominal model cannot imitate, and
-    pays the group's Occam factor, its price and the threshold. It must also lower the
-    joint's error by the rules' tolerance and share. Where several shapes are tried,
-    the middle one counts. Linear and Gaussian, hence optimistic for small numbers.
+def minimum_detectable(
+    task: Task, fitted: Fit, priors: Sequence[Prior] = ()
+) -> list[dict]:
+    """Size that would be found in half of the draws of the noise, per effect and joint.
+
+    Found means all that a name must do: win the threshold with its price paid, stand
+    against a wider prior without a name, and lower the error, also that of logs left
+    out, by the rules' tolerance and share; or spare the parameters beyond belief.
+
+    Args:
+        task: Data, prior, candidates and rules.
+        fitted: The fit to which an effect would come.
+        priors: Other priors that the search may change to.
 
     Returns:
-        One entry per effect and joints: name, joints (from 1), value, unit.
+        One entry per effect and joints: name, joints (from 1), value, unit. Of several
+        parameters of one unit the value is the length (cos and sin), of a searched
+        shape the usual one counts.
     """
-    weight = fitted.counted / task.design.rows / fitted.variance
-    system = System.of(task.design, task.prior, fitted.members)
-    _, lower = system.solve(weight)
+    bench = Bench.of(task, fitted, priors)
     out = []
-    for groups in _per_key(task.candidates.groups):
-        group = groups[len(groups) // 2]
-        if group.parts or group.key in {g.key for g in fitted.members}:
+    for groups in _per_key(task):
+        first = groups[0]
+        if first.key in {g.key for g in fitted.members}:
             continue
-        size = _smallest(task, fitted, (system, lower, weight), group)
-        unit = next(iter(group.effect.parameters.values()))
-        joints = [j + 1 for j in group.joints]
-        if np.isfinite(size):
-            entry = {"name": group.effect.name, "joints": joints}
-            out.append({**entry, "value": float(size), "unit": unit})
+        value = _value(bench, groups)
+        if np.isfinite(value):
+            unit = next(iter(first.effect.parameters.values()))
+            joints = [j + 1 for j in first.joints]
+            entry = {"name": first.effect.name, "joints": joints}
+            out.append({**entry, "value": float(value), "unit": unit})
     return out
 
 
-def _per_key(groups: Sequence[Group]) -> list[list[Group]]:
+def _per_key(task: Task) -> list[list[Group]]:
     keys: dict[tuple, list[Group]] = {}
-    for g in groups:
-        keys.setdefault((g.effect.name, g.joints), []).append(g)
+    for g in task.candidates.groups:
+        if not g.parts:
+            keys.setdefault((g.effect.name, g.joints), []).append(g)
     return list(keys.values())
 
 
-def _smallest(task: Task, fitted: Fit, solved, group: Group) -> float:
-    system, lower, weight = solved
-    design, rules = task.design, task.rules
-    information, free = _information(design, (system, lower), weight, group)
-    if information[0, 0] <= 0:
-        return np.inf
-    occam = np.linalg.slogdet(information + group.precision)[1] - group.log_det
-    needed = rules.threshold + task.candidates.cost(group) + 0.5 * max(occam, 0.0)
-    by_evidence = np.sqrt(2 * needed / information[0, 0])
-    fall = np.maximum(free, 1e-30)  # squared error that size 1 adds, per joint
-    tolerance = design.rows * (rules.tolerance * design.rms) ** 2
-    usual, clear = (fitted.sse * s / (1 - s) for s in (rules.share, rules.clear))
-    lower = np.minimum(np.maximum(tolerance, usual), np.maximum(tolerance / 4, clear))
-    by_error = np.sqrt(lower / fall).min()
-    return float(max(by_evidence, by_error))
+def _value(bench: Bench, groups: Sequence[Group]) -> float:
+    """The size as its first parameter tells it."""
+    effect, middle = groups[0].effect, groups[len(groups) // 2]
+    if _by_shape_alone(effect, middle):
+        return _plateau(bench, groups[-1])
+    if _of_its_own_shape(effect, middle):
+        sizes = np.array([_smallest(bench, g) for g in groups])
+        shapes = np.abs([g.shape[0] for g in groups])
+        return float(sizes[np.argmin(np.abs(np.log(sizes / shapes)))])
+    size = _smallest(bench, middle)
+    if len(middle.ids) > 1 or not np.isfinite(size):
+        return size
+    robot = bench.task.design.states[0].robot
+    told = effect.values(np.array([size]), middle.shape, robot)
+    return float(abs(told[0]))
 
 
-def _information(design, solved, weight: Array, group: Group) -> tuple[Array, Array]:
-    """Information of a group beyond the fit, and its squared torque per joint."""
-    system, lower = solved
-    own = np.zeros((len(group.ids), len(group.ids)))
-    mixed = np.zeros((len(system.ids), len(group.ids)))
-    free = np.zeros(design.dof)
-    for j in range(design.dof):
-        _, have = design.present(j, system.ids)
-        place, mine = design.present(j, group.ids)
-        if not len(place):
+def _smallest(bench: Bench, group: Group) -> float:
+    """Smallest coefficient that is found; of several directions the median."""
+    sizes = []
+    for one in expected(bench, group, directions(bench, group)):
+        known = bench.weight @ one.fall[0] + one.bent[0]
+        if known <= 0:
+            sizes.append(np.inf)
             continue
-        gram, _ = design.total(j)
-        block = gram[np.ix_(place, place)]
-        own[np.ix_(mine, mine)] += weight[j] * block
-        cross = gram[np.ix_(design.place[j][system.ids[have]], place)]
-        mixed[np.ix_(have, mine)] += weight[j] * cross
-        free[j] = block[0, 0] if mine[0] == 0 else 0.0
-    half = np.linalg.solve(lower, mixed)
-    left = own - half.T @ half
-    if own[0, 0] > 0:
-        free = free * max(left[0, 0], 0.0) / own[0, 0]
-    return left, free
+        sizes.append(_first(bench, one, np.sqrt(2 / known)))
+    return float(np.median(sizes))
+
+
+def _first(bench: Bench, one: Expected, unit: float) -> float:
+    """First size that is found, climbing from what is worth a nat.
+
+    Far above it an effect may be lost again, since its own prior does not believe it.
+    """
+    ladder = unit * np.geomspace(1, WIDEST, STEPS)
+    high = next((x for x in ladder if found(bench, one, x)), np.inf)
+    if not np.isfinite(high) or high == unit:
+        return float(high)
+    low = high / (ladder[1] / ladder[0])
+    for _ in range(HALVINGS):
+        middle = np.sqrt(low * high)
+        low, high = (low, middle) if found(bench, one, middle) else (middle, high)
+    return float(high)
+
+
+def directions(bench: Bench, group: Group) -> list[Array]:
+    """Coefficients of an effect of size one, in the ways that it usually comes.
+
+    Effects say so themselves where their coefficients differ in kind; those that are
+    one vector come in any direction; of others the first coefficient is the size.
+    """
+    effect, count = group.effect, len(group.ids)
+    if effect.usual is not None:
+        return effect.usual(bench.task.design.states, group.joints)
+    if not _one_vector(effect, group):
+        return [np.eye(count)[0]]
+    every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]
+    half = every[len(every) // 2 + 1 :]  # the others point the other way
+    return [u / np.linalg.norm(u) for u in half]
+
+
+def _one_vector(effect: Effect, group: Group) -> bool:
+    count = len(group.ids)
+    units = list(effect.parameters.values())[:count]
+    turns = effect.name == "ripple"
+    return count > 1 and (turns or (len(units) == count and len(set(units)) == 1))
+
+
+def _of_its_own_shape(effect: Effect, group: Group) -> bool:
+    """Whether the size is the searched shape as well (the half gap of a backlash)."""
+    if effect.refine is None or len(group.ids) > 1 or len(effect.parameters) > 1:
+        return False
+    return not _by_shape_alone(effect, group)
+
+
+def _by_shape_alone(effect: Effect, group: Group) -> bool:
+    """Whether the size does not depend on the coefficient (the level of a plateau)."""
+    if effect.refine is None or len(effect.parameters) > 1:
+        return False
+    values = [effect.values(c * np.ones(1), group.shape, None)[0] for c in (1.0, 2.0)]
+    return bool(values[0] == values[1])
+
+
+def _plateau(bench: Bench, group: Group) -> float:
+    """Highest plateau of those tried at which a clip to just that level is found."""
+    levels = [(group.effect, group.joints, (c * group.shape[0],)) for c in CLIPS]
+    for made in bench.task.design.add(levels):
+        (one,) = expected(bench, made, [np.ones(1)])
+        if one.torque.any() and found(bench, one, 1.0):
+            return made.shape[0]
+    return np.inf

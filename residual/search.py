@@ -169,9 +169,18 @@ def _overlaps(group: Group, taken: set) -> bool:
 
 def admissible(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
     """Does the effect lower the error, or spare the model beyond belief?"""
+    if not possible(big, group):
+        return False
     return lowers_error(task, big, small) or spares_model(
         task, group, value, big, small
     )
+
+
+def possible(fitted: Fit, group: Group) -> bool:
+    """Whether an arm can have an effect as it came out of the fit."""
+    if group.parts:
+        return True
+    return group.effect.possible(fitted.of(group), group.shape)
 
 
 def lowers_error(task: Task, big: Fit, small: Fit) -> bool:
@@ -223,7 +232,7 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
             trial = fit(
                 task.design, task.prior, (*others, group), counted, like.variance
             )
-            if trial.score > top:
+            if trial.score > top and possible(trial, group):
                 top, winner = trial.score, group
         centre = winner.shape[0]
         offsets = np.array([-0.5, -0.2, 0.2, 0.5]) * (offsets[-1] - offsets[0]) / 6

@@ -63,15 +63,23 @@ def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
     elif shape.size == 0.0:
         out = np.sign(qd)
     else:
-        out = _bristle(np.ascontiguousarray(q), shape.size)
+        out = bristle(np.ascontiguousarray(q), shape.size)
     if shape.hold == 1.0:
         return out
     return np.where(np.abs(qd) < shape.reach * floor, shape.hold, 1.0) * out
 
 
 @numba.njit(cache=True)
-def _bristle(q, displacement):
-    """Dahl's state by its exact solution over each step of position, start at rest."""
+def bristle(q, displacement):
+    """Dahl's state by its exact solution over each step of position, start at rest.
+
+    Args:
+        q: Position [rad], contiguous. Shape (n,).
+        displacement: Way over which it yields [rad].
+
+    Returns:
+        State, -1 to 1. Shape (n,).
+    """
     state = np.zeros(len(q))
     for i in range(1, len(q)):
         step = q[i] - q[i - 1]

@@ -1,6 +1,6 @@
 """The verdict in its documented form: every key always there, no NaN."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from residual.holdout import word
 from residual.recording import Array
 
 METRIC = "100*||tau-tau_hat||/||tau||"
-STAGES = ("nominal", "identified", "augmented")
+STAGES = ("nominal", "identified", "augmented", "plsr")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -28,7 +28,10 @@ class Case:
         held_out: Labels of the held-out logs.
         same_run: Whether they are a part of a fit log.
         minimum: Minimum detectable sizes.
+        depends_on: What the leftover of each unexplained joint depends on.
+        kinds: Kind of the leftover of each of them, or None.
         warnings: Sentences.
+        p_value: Chance of so many nats where nothing is missing; None without a null.
     """
 
     diagnosis: Diagnosis
@@ -38,7 +41,10 @@ class Case:
     held_out: Sequence[str]
     same_run: bool
     minimum: Sequence[Mapping]
+    depends_on: Sequence[Mapping]
+    kinds: Sequence[str | None]
     warnings: Sequence[str]
+    p_value: Callable[[float], float] | None = None
 
 
 def write(case: Case) -> dict:
@@ -52,11 +58,9 @@ def write(case: Case) -> dict:
             "robot": diagnosis.logs.robot.name,
             "declared": list(diagnosis.nominal.names),
             "verdict": "effects" if case.found else nothing,
-            "effects": [
-                _effect(f, i + 1, case.gains) for i, f in enumerate(case.found)
-            ],
+            "effects": [_effect(f, i + 1, case) for i, f in enumerate(case.found)],
             "minimum_detectable": list(case.minimum),
-            "unexplained": _unexplained(diagnosis),
+            "unexplained": _unexplained(case),
             "error": _error(case),
             "nominal_scale": diagnosis.task.prior.scale,
             "next_experiment": None,
@@ -65,9 +69,9 @@ def write(case: Case) -> dict:
     )
 
 
-def _effect(finding: Finding, order: int, gains: Mapping[int, float]) -> dict:
+def _effect(finding: Finding, order: int, case: Case) -> dict:
     single = len(finding.tested) == 1
-    gain = float(np.mean([gains[id(t)] for t in finding.tested]))
+    gain = float(np.mean([case.gains[id(t)] for t in finding.tested]))
     fits = [t for t in finding.tested if t.by == "fit"]
     return {
         "name": finding.effect.name,
@@ -91,22 +95,22 @@ def _effect(finding: Finding, order: int, gains: Mapping[int, float]) -> dict:
             "by": "fit" if fits else "plausibility",
             "held_out": word(gain),
             "held_out_gain": gain,
-            "p_value": None,
+            "p_value": case.p_value(finding.nats) if case.p_value else None,
         },
     }
 
 
-def _unexplained(diagnosis: Diagnosis) -> dict:
-    a, design = diagnosis.adequacy, diagnosis.task.design
+def _unexplained(case: Case) -> dict:
+    a, design = case.diagnosis.adequacy, case.diagnosis.task.design
     power = design.rows * design.rms**2
     weight = power / power.sum()
-    kinds = [k for k in a.kind if k]
+    kinds = [k for k in case.kinds if k]
     kind = max(sorted(set(kinds)), key=kinds.count) if kinds else None
     return {
         "joints": [j + 1 for j in a.doubted],
         "fraction": float(np.sqrt(weight @ a.structured**2)),
         "noise_floor": float(np.sqrt(weight @ a.noise**2)),
-        "depends_on": [],
+        "depends_on": list(case.depends_on),
         "kind": kind,
         "per_joint": a.structured,
         "noise_model": "autocorrelation",
@@ -116,18 +120,13 @@ def _unexplained(diagnosis: Diagnosis) -> dict:
 def _error(case: Case) -> dict:
     cutoff = min(t.cutoff for t in case.diagnosis.logs.tracks)
     tables = {
-        kind: {stage: case.errors[stage].per_joint(kind) for stage in STAGES}
+        kind: {s: _per_joint(case.errors.get(s), kind) for s in STAGES}
         for kind in ("raw", "filtered", "moving")
     }
     overall = {
-        kind: {stage: case.errors[stage].overall(kind) for stage in STAGES}
+        kind: {s: _overall(case.errors.get(s), kind) for s in STAGES}
         for kind in ("raw", "filtered")
     }
-    for table in tables.values():
-        for stage, errors in table.items():
-            table[stage] = None if np.isnan(errors).all() else errors
-    for table in (*tables.values(), *overall.values()):
-        table["plsr"] = None
     return {
         "metric": METRIC,
         "filter": {"cutoff_hz": cutoff},
@@ -139,6 +138,16 @@ def _error(case: Case) -> dict:
         "overall": overall["raw"],
         "overall_filtered": overall["filtered"],
     }
+
+
+def _per_joint(errors: Errors | None, kind: str) -> Array | None:
+    """Errors of every joint; None where there are none, or no such model."""
+    values = None if errors is None else errors.per_joint(kind)
+    return None if values is None or np.isnan(values).all() else values
+
+
+def _overall(errors: Errors | None, kind: str) -> float | None:
+    return None if errors is None else errors.overall(kind)
 
 
 def _plain(value):

@@ -54,7 +54,13 @@ KINDS = {
             "_diagnosis.parquet",
             ("effects", "errors", "lineage"),
         ),
-        Kind("validations", "validations", "validation_id", "_validation.parquet"),
+        Kind(
+            "validations",
+            "validations",
+            "validation_id",
+            "_validation.parquet",
+            ("errors", "lineage", "blind"),
+        ),
         Kind("reports", "reports", "report_id", "_report.parquet"),
     )
 }

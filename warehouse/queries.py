@@ -70,6 +70,19 @@ NAMED = {
         GROUP BY ALL ORDER BY trajectory, joint
         """,
     ),
+    "blind_confusion": (
+        "what was hidden against what was named first, by the latest code",
+        """
+        SELECT drawn, coalesce(effect, 'none') AS hidden,
+               coalesce(named_first, verdict) AS named, outcome, count(*) AS cases
+        FROM blind JOIN validations USING (validation_id)
+        WHERE method_hash = (
+            SELECT arg_max(method_hash, created)
+            FROM blind JOIN validations USING (validation_id)
+        )
+        GROUP BY ALL ORDER BY ALL
+        """,
+    ),
     "runs_of_models": (
         "which runs went into which model",
         """
@@ -90,7 +103,7 @@ def catalogue_views() -> dict[str, str]:
         "FROM catalogue.runs"
     )
     views["channels"] = _channels()
-    for view in ("effects", "errors", "lineage"):
+    for view in ("effects", "errors", "lineage", "blind"):
         kinds = [kind for kind in KINDS.values() if view in kind.lists]
         parts = [_unnested(view, kind.name, kind.key) for kind in kinds]
         views[view] = " UNION ALL ".join(parts)

@@ -6,12 +6,14 @@ from importlib.metadata import PackageNotFoundError, version
 
 from cyclopts import App
 
+from flows.cli.blind import blind
 from flows.cli.calibrate import calibrate
 from flows.cli.demo import demo
 from flows.cli.diagnose import diagnose
 from flows.cli.experiment import campaign, experiment
 from flows.cli.identify import identify
 from flows.cli.monitor import monitor
+from flows.cli.null import calibrate_null
 from flows.cli.store import runs, show, sql
 from flows.cli.trajectory import trajectory
 from flows.cli.validate import validate
@@ -34,6 +36,9 @@ Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or input
 """
 
 
+_LOGS = "LOG... --robot ROBOT [OPTIONS]"
+
+
 def _version() -> str:
     try:
         return version("modelgap")
@@ -51,7 +56,9 @@ app = App(
 app.command(diagnose, usage="Usage: modelgap diagnose LOG... --robot ROBOT [OPTIONS]")
 app.command(identify, usage="Usage: modelgap identify LOG... --robot ROBOT [OPTIONS]")
 app.command(calibrate, usage="Usage: modelgap calibrate LOG... --robot ROBOT [OPTIONS]")
+app.command(calibrate_null, usage=f"Usage: modelgap calibrate-null {_LOGS}")
 app.command(demo)
+app.command(blind)
 app.command(experiment)
 app.command(campaign)
 app.command(trajectory)

@@ -17,6 +17,8 @@ def diagnose(
     map: str | None = None,
     report: str | None = None,
     json: str | None = None,
+    null: str | None = None,
+    store: str | None = None,
 ) -> None:
     """Name what the model of a robot lacks, from its logs.
 
@@ -55,6 +57,9 @@ def diagnose(
         map: TOML file that says which column is what, in which unit.
         report: HTML page to write.
         json: File for the verdict as JSON; "-" prints it and nothing else.
+        null: What modelgap calibrate-null wrote with --out; without it, one that fits
+            is looked for in the store.
+        store: Folder of that store; else $MODELGAP_STORE, else ./store.
     """
     from rich.console import Console
 
@@ -70,6 +75,8 @@ def diagnose(
         columns=map,
         report=report,
         json=json,
+        null=null,
+        store=store,
     )
     # Where the JSON has standard output for itself, people read standard error.
     console = Console(stderr=json == "-")

@@ -83,6 +83,11 @@ def cloud_charts(outcome: Outcome) -> tuple[list[Chart], int]:
     return [_cloud_chart(cloud) for cloud in kept], len(usable) - len(kept)
 
 
+def left_charts(outcome: Outcome) -> list[Chart]:
+    """Return what each unexplained joint keeps, over what it depends on most."""
+    return [_left_chart(cloud) for cloud in outcome.left if len(cloud.x) > 1]
+
+
 def curve_charts(outcome: Outcome) -> tuple[list[Chart], list[Chart], int]:
     """Return (of the joints concerned, of the others, number left out).
 
@@ -159,6 +164,14 @@ def _cloud_chart(cloud: Cloud) -> Chart:
         f"{_span(cloud.fitted)}."
     )
     return Chart(figures.over_variable(cloud), alt, "", cloud.joint, cloud.name)
+
+
+def _left_chart(cloud: Cloud) -> Chart:
+    alt = (
+        f"What stays unexplained of the torque of joint {cloud.joint} over "
+        f"{cloud.variable}, with binned medians. It spans {_span(cloud.residual)}."
+    )
+    return Chart(figures.over_variable(cloud), alt, "", cloud.joint)
 
 
 def _span(values: np.ndarray) -> str:

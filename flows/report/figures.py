@@ -103,7 +103,7 @@ def over_variable(cloud: Cloud) -> str:
     """Return the residual over its variable with the fitted effect through it.
 
     Args:
-        cloud: What one finding explains on one joint.
+        cloud: What one finding explains on one joint, or what a joint keeps.
 
     Returns:
         The figure as a data address.
@@ -120,7 +120,9 @@ def over_variable(cloud: Cloud) -> str:
             **{"ms": 2.4, "mew": 0, "color": "#9aa4ad", "alpha": 0.55},
             rasterized=True,
         )
-        _fitted(axes, cloud)
+        # Of what nothing explains there is no curve.
+        if np.ptp(cloud.fitted) > 0:
+            _fitted(axes, cloud)
         _medians(axes, cloud)
         axes.set_ylim(*_cloud_limits(cloud))
         axes.set_xlabel(cloud.variable)

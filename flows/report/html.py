@@ -85,6 +85,7 @@ def _context(outcome: Outcome, robot_name: str) -> dict[str, Any]:
         "others": others,
         "curves_left": curves_left,
         "unexplained": outlook.unexplained_words(verdict),
+        "left_charts": charts.left_charts(outcome),
         "size_heads": heads,
         "sizes": sizes,
         "warnings": texts(verdict.get("warnings")),

@@ -70,10 +70,35 @@ def unexplained_words(verdict: Mapping) -> list[str]:
         words.append(f"{who}: too much is left to call the model complete.")
     if left.get("kind"):
         words.append(f"What is left is {left['kind']}.")
-    depends = texts(left.get("depends_on"))
-    if depends:
-        words.append(f"It depends on {listing(depends)}.")
+    words += _dependences(left)
     return words
+
+
+def _dependences(left: Mapping) -> list[str]:
+    """Return what the rest of each joint depends on, one sentence per joint."""
+    entries = records(left.get("depends_on"))
+    known_joints = list(dict.fromkeys(entry["joint"] for entry in entries))
+    words = []
+    for joint in known_joints:
+        own = [_dependence(e) for e in entries if e["joint"] == joint]
+        words.append(f"Of what joint {joint} keeps, {listing(own)}.")
+    lost = [j for j in as_list(left.get("joints")) if j not in known_joints]
+    if lost:
+        who = joint_words(lost)
+        words.append(f"What the rest on {who} depends on is not known.")
+    return words
+
+
+def _dependence(entry: Mapping) -> str:
+    share = fraction(entry["share"])
+    if entry["on"] == "frequency":
+        return f"{share} swings at {number(entry['frequency'])} Hz"
+    turned = " with the sign of the motion" if entry["form"] == "by direction" else ""
+    if entry["on"] == "t":
+        return f"{share} drifts with time{turned}"
+    sign = " - " if entry["form"] == "difference" else " + "
+    variable = sign.join(f"{entry['on']}{joint}" for joint in entry["of"])
+    return f"{share} follows {variable}{turned}"
 
 
 def next_words(plan: Any) -> list[str]:

@@ -32,6 +32,10 @@ class State:
         regressor: Inertial regressor. Shape (n, dof, 10 dof).
         rigid: Rigid-body torque of the current model [N m]. Shape (n, dof).
         tau_model: Torque of the current model [N m]. Shape (n, dof).
+        inertial: Inertial parameters of the current model, loads included [SI]; None
+            for those of the robot's own description. Shape (10 dof,).
+        drive: Torque that the drives themselves take per speed [N m s/rad] and per
+            acceleration [kg m^2]; None for none. Shape (2, dof).
     """
 
     robot: Robot
@@ -44,6 +48,8 @@ class State:
     regressor: Array
     rigid: Array
     tau_model: Array
+    inertial: Array | None = None
+    drive: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -55,12 +61,15 @@ class Span:
         travel: Range of q [rad]. Shape (dof,).
         duration: Session time covered, or 0 where the clock is not known [s].
         cutoff: Identification cut-off [Hz].
+        torque: Largest size of the logged torque, as a 99.5 % quantile [N m]; None
+            where it is not known. Shape (dof,).
     """
 
     speed: Array
     travel: Array
     duration: float
     cutoff: float
+    torque: Array | None = None
 
 
 Columns = Callable[[State, Joints, Shape], Array]
@@ -104,10 +113,16 @@ class Effect:
         is_parameter: It says that a parameter the model has is wrong.
         needs_clock: It needs the order of the logs in time.
         uses_model: Its columns depend on the model's own torque.
+        of_report: It distorts the report of the torque, not the torque: its columns
+            are made of a torque that is without it.
         prior_sd: (robot,) -> prior of theta where the size is known from physics;
             None for the default, 30 % of torque.
+        possible: (theta, shape) -> whether an arm can have it so; what comes out
+            otherwise (a gear that twists the wrong way) imitates something else.
         reports: (key, values, stds) -> whether a parameter is worth reporting; None
             for always.
+        usual: (states, joints) -> coefficients of an effect of size one, in the ways
+            that it usually comes; None where the first alone or a plain vector says it.
         far_fetched: Where two effects of one size explain the same, the one with the
             smaller number is named first.
         family: Effects of one family on one joint exclude each other.
@@ -130,8 +145,11 @@ class Effect:
     is_parameter: bool = False
     needs_clock: bool = False
     uses_model: bool = False
+    of_report: bool = False
     prior_sd: Callable[[Robot], Array] | None = None
+    possible: Callable[[Array, Shape], bool] = lambda theta, shape: True
     reports: Callable[[str, Array, Array], bool] | None = None
+    usual: Callable[[Sequence[State], Joints], Sequence[Array]] | None = None
     far_fetched: float = 0.0
     family: str = ""
     groupable: bool = False

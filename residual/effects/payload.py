@@ -6,6 +6,8 @@ import pinocchio as pin
 from residual.dynamics import flange_placement
 from residual.effects.base import Effect, against_position
 
+ARM = 0.1  # m from the flange to the centre of a usual load
+
 
 def _columns(state, joints, shape):
     (flange,) = joints
@@ -53,6 +55,13 @@ def _reports(key, values, stds):
     return bool(np.all(values[principal] > 3 * stds[principal]))
 
 
+def _usual(states, joints):
+    """A kilogram a hand's breadth off the flange, in any direction."""
+    ways = ARM * np.concatenate([np.eye(3), -np.eye(3)])
+    bodies = [np.array([1.0, *way, *np.zeros(6)]) for way in ways]
+    return [_from_values(body, states[0].robot)[0] for body in bodies]
+
+
 EFFECT = Effect(
     name="payload",
     sentence="a load on the flange that the model does not have",
@@ -74,6 +83,7 @@ EFFECT = Effect(
     from_values=_from_values,
     is_parameter=True,
     prior_sd=_prior_sd,
+    usual=_usual,
     reports=_reports,
     variable=against_position,
 )

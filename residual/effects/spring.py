@@ -15,6 +15,12 @@ def _values(theta, shape, robot):
     return np.array([stiffness, rest])
 
 
+def _usual(states, joints):
+    """At rest in the middle of the motion, where it shows least."""
+    q = np.concatenate([s.q[:, joints[0]] for s in states])
+    return [np.array([1.0, -q.mean()])]
+
+
 EFFECT = Effect(
     name="spring",
     sentence="a torque proportional to position, as from a spring or hose package",
@@ -22,6 +28,7 @@ EFFECT = Effect(
     columns=local(_feature),
     values=_values,
     from_values=lambda values, robot: (values[0] * np.array([1.0, -values[1]]), ()),
+    usual=_usual,
     family="static",
     variable=against_position,
 )

@@ -19,6 +19,7 @@ EFFECT = Effect(
     parameters={"gain": "1"},
     columns=local(_feature),
     uses_model=True,
+    of_report=True,
     # A torque constant is wrong by some per cent; a free gain would imitate any
     # missing model on a joint that the nominal explains badly.
     prior_sd=lambda robot: np.array([0.1]),

@@ -196,6 +196,6 @@ def _record(
         id=entry.name,
         robot=plant.robot.name,
         t=now + motion.t,
-        q=encoder(motion.q, stream(seed, f"encoder/{entry.name}")),
+        q=encoder(torque.reading, stream(seed, f"encoder/{entry.name}")),
         tau=torque.tau + torque_noise(len(motion.t), span, entry.rate, rng),
     )

@@ -9,7 +9,8 @@ from residual.dynamics import inverse_dynamics
 from residual.robot import Robot
 from sim.synthetic.body import scatter, with_payload
 from sim.synthetic.bristle import deflection
-from sim.synthetic.effects import ADDITIVE
+from sim.synthetic.disguise import changed_body, motor, pushed, reading, reported
+from sim.synthetic.effects import LAWS
 from sim.synthetic.motion import Motion
 from sim.synthetic.seeds import stream
 from sim.synthetic.sizes import sizes
@@ -63,13 +64,15 @@ class Torque:
         rigid: Rigid body with payload.
         base: Coulomb and viscous friction and rotors.
         hidden: Additive hidden effects, one array each, in the order of the plant's.
-        tau: What the torque sensor feels: the sum, times a hidden torque gain.
+        tau: What is reported: the sum, times a hidden torque gain, late or cut.
+        reading: What the encoders read, noise apart [rad]. Shape (n, dof).
     """
 
     rigid: Array
     base: Array
     hidden: tuple[Array, ...]
     tau: Array
+    reading: Array
 
 
 def true_model(plant: Plant) -> pin.Model:
@@ -112,17 +115,31 @@ def true_torque(
     for effect in hidden:
         if effect.name == "payload":
             model = with_payload(model, effect)
+        model = changed_body(model, effect)
     rigid = inverse_dynamics(model, motion.q, motion.qd, motion.qdd)
+    rigid += pushed(model, hidden, motion.q)
     friction = true_friction(plant)
-    z = deflection(motion.q, friction.displacement)
-    base = friction.coulomb * z + friction.viscous * motion.qd
-    base += friction.rotor * motion.qdd
+    drives, qd, qdd = _drives(hidden, motion, rigid)
+    z = deflection(drives, friction.displacement)
+    base = friction.coulomb * z + friction.viscous * qd + friction.rotor * qdd
     parts = []
     for i, effect in enumerate(hidden):
         rng = stream(plant.seed, f"effect/{i}/{effect.name}/{log}")
         parts.append(_part(effect, motion, start, (rigid, z, friction), rng))
     tau = (rigid + base + sum(parts)) * _gain(hidden, plant.robot.dof)
-    return Torque(rigid, base, tuple(parts), tau)
+    tau = reported(hidden, motion.t, tau)
+    return Torque(rigid, base, tuple(parts), tau, reading(hidden, drives))
+
+
+def _drives(
+    hidden: tuple[Hidden, ...], motion: Motion, load: Array
+) -> tuple[Array, Array, Array]:
+    """Return position, speed and acceleration of the motors, which may lead."""
+    rate = 1 / (motion.t[1] - motion.t[0])
+    lead = motor(hidden, motion.q, load, rate) - motion.q
+    first = np.gradient(lead, 1 / rate, axis=0)
+    second = np.gradient(first, 1 / rate, axis=0)
+    return motion.q + lead, motion.qd + first, motion.qdd + second
 
 
 def _part(
@@ -135,7 +152,7 @@ def _part(
     """Return the torque of one additive effect on all joints. Shape (n, dof)."""
     rigid, z, friction = arm
     torque = np.zeros_like(rigid)
-    if effect.name not in ADDITIVE:
+    if effect.name not in LAWS:
         return torque
     rows = [j - 1 for j in effect.joints]
     state = State(
@@ -149,7 +166,7 @@ def _part(
         displacement=friction.displacement[rows],
         rng=rng,
     )
-    torque[:, rows] = ADDITIVE[effect.name](state, effect.parameters)
+    torque[:, rows] = LAWS[effect.name](state, effect.parameters)
     return torque
 
 

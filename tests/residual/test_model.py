@@ -244,7 +244,7 @@ def test_a_declared_payload_without_values_is_ten_free_coefficients():
         ("coulom", "did you mean 'coulomb'"),
         ("Viscous", "did you mean 'viscous'"),
         ("sprng", "did you mean 'spring'"),
-        ("xyzzy", "Valid: balancer, coulomb"),
+        ("xyzzy", "Valid: backlash, balancer"),
     ],
 )
 def test_an_unknown_effect_is_answered_with_the_nearest(name, hint):

@@ -117,6 +117,47 @@ def test_a_model_without_any_friction_is_told_of_all_of_it():
     assert len(every["rotor_inertia"]) >= 3
 
 
+# On the small arm of two parallel axes: joints from 1, size, seed, and how near the
+# first parameter must come. Angles and bodies there are in one class with one another.
+WEAK = {
+    "base_tilt": ((), {"tilt_x": 0.05, "tilt_y": 0.0}, 51, None),
+    "tool_force": ((), {"x": 4.0, "y": 0.0, "z": -3.0}, 51, 0.1),
+    "delay": ((), {"delay": 0.015}, 51, 0.1),
+    "link_inertia": ((2,), {"scale": 0.5}, 51, 0.2),
+    "encoder_offset": ((1,), {"angle": 0.05}, 51, 0.15),
+    "encoder_eccentricity": ((1,), {"cos": 0.03, "sin": 0.04}, 51, 0.2),
+    "elasticity": ((1,), {"stiffness": 500.0}, 51, 0.6),
+    "presliding": ((1,), {"level": 4.0, "displacement": 0.02}, 51, 0.1),
+    "saturation": ((1,), {"level": 22.3}, 51, 0.02),
+}
+
+
+@pytest.mark.parametrize("effect", sorted(WEAK))
+def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
+    joints, size, seed, share = WEAK[effect]
+    hidden = Hidden(effect, joints, size)
+    _, found = doubts(short_case(arm(), hidden, seed=seed, duration=8.0))
+    assert len(found) == 1
+    (finding,) = found
+    same = {(finding.effect.name, finding.joints), *finding.equivalent}
+    assert (effect, joints) in same
+    if share is not None:
+        assert finding.effect.name == effect
+        key, truth = next(iter(size.items()))
+        (value,), (sd,), _ = finding.parameters[key]
+        assert value == pytest.approx(truth, rel=share)
+        assert sd > 0
+
+
+def test_a_tilted_base_and_the_first_encoder_of_a_planar_arm_are_one_class():
+    """Both turn gravity against the arm: neither is picked in silence."""
+    tilt = Hidden("base_tilt", (), {"tilt_x": 0.05, "tilt_y": 0.0})
+    _, found = doubts(short_case(arm(), tilt, seed=51, duration=8.0))
+    (finding,) = found
+    same = {(finding.effect.name, finding.joints), *finding.equivalent}
+    assert {("base_tilt", ()), ("encoder_offset", (1,))} <= same
+
+
 # -- the whole way, on a small arm -------------------------------------------------
 
 

@@ -80,3 +80,9 @@ def warmup(state: State, p: Mapping) -> Array:
     oil = np.exp(-state.t / p["time_constant"])
     fade = 0.75 * oil + 0.25 * oil ** (1 / 3)
     return p["level"] * fade[:, None] * state.bristle
+
+
+def presliding(state: State, p: Mapping) -> Array:
+    """Return level z of another contact, whose bristles yield further."""
+    ways = np.full(state.q.shape[1], p["displacement"])
+    return p["level"] * deflection(state.q, ways)

@@ -1,0 +1,199 @@
+"""Cases of each group: what is drawn, how it is diagnosed, what came of it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from time import perf_counter
+
+from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC, as_form, make, the_arm
+from flows.blind_draw import MULTIPLES, OF_A_PAIR, vocabulary
+from flows.blind_row import case_row
+from flows.blind_score import NOTHING, PAIR, SINGLE, UNKNOWN
+from flows.blind_size import draw_sized, measured
+from flows.blind_sums import CLEAR
+from flows.spec import derived_seed
+from residual.close import close_the_loop
+from residual.oracle import oracle
+from sim.records import PlantEffect
+from sim.synthetic.effects import FORMS, UNNAMED
+from sim.synthetic.seeds import stream
+
+BENCHES = 10  # excitations that all cases of one run share
+# Every fifth draw of an effect is an arm in the physics engine.
+_IN_ENGINE = 5
+_ONLY_IN_ENGINE = ("x_dead_zone", "x_wall")
+_TRIES = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One case to do.
+
+    Attributes:
+        group: "bench", "singles", "detection", "nulls", "unknown", "pairs", "forms".
+        what: Effect, form, or "" where it is drawn or nothing.
+        data: "synthetic", "pybullet" or "quick".
+        motion: Seed of the motions.
+        arm: Seed of the arm, of what it hides, and of the noise.
+    """
+
+    group: str
+    what: str
+    data: str
+    motion: int
+    arm: int
+
+    @property
+    def name(self) -> str:
+        """Key of the result."""
+        parts = asdict(self).values()
+        return " ".join(str(part) for part in parts if part != "")
+
+
+def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
+    """Return the cases of a group.
+
+    Args:
+        group: Its name.
+        seeds: Seeds of the draws; a group that needs more goes on from the last.
+        quick: A handful only.
+    """
+    if quick:
+        return _quick(group, seeds[0])
+    named, strange = vocabulary(the_arm())
+    first = seeds[0]
+    many = {
+        "singles": [(e, s) for s in seeds for e in named],
+        "detection": [(e, s) for s in seeds[: (len(seeds) + 1) // 2] for e in named],
+        "nulls": [("", first + i) for i in range(20 * len(seeds))],
+        "pairs": [("", first + i) for i in range(6 * len(seeds))],
+        "forms": [(form, s) for s in seeds for form in FORMS],
+        "unknown": [(e, s) for s in seeds for e in strange],
+    }
+    return [_task(group, what, first, seed) for what, seed in many[group]]
+
+
+def benches(wanted: Sequence[Task]) -> list[Task]:
+    """Return the null cases that say the minimum detectable sizes of their motions."""
+    unique = {(t.data, t.motion) for t in wanted if t.group != "nulls"}
+    return [
+        # An arm and noise of its own, not those of a case.
+        Task("bench", "", data, motion, derived_seed(motion, "bench"))
+        for data, motion in sorted(unique)
+    ]
+
+
+def run(job: tuple[Task, Sequence[Mapping]]) -> dict:
+    """Draw one case, diagnose it and judge the answer.
+
+    Args:
+        job: The case, and the minimum detectable sizes of its motions.
+
+    Returns:
+        A row as in the view ``blind`` and where it is from; of a bench its sizes; of a
+        crash the error.
+    """
+    task, minimum = job
+    try:
+        return _done(task, minimum)
+    except Exception as error:
+        # A benchmark of hundreds of cases reports a crash as a result and goes on.
+        return {**asdict(task), "error": f"{type(error).__name__}: {error}"}
+
+
+def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
+    drawn, meant = _hidden(task, minimum)
+    effects = [as_form(e, task.what) for e in meant] if task.group == "forms" else meant
+    made = make(task.data, effects, task.motion, task.arm)
+    begun = perf_counter()
+    verdict = close_the_loop(made.robot, made.fit, (), made.held_out).verdict
+    seconds = round(perf_counter() - begun, 2)
+    about = {**asdict(task), "seconds": seconds}
+    if task.group == "bench":
+        return {**about, "minimum": verdict["minimum_detectable"]}
+    truths = made.truths
+    if task.group == "forms":
+        meant = _as_taken(task.what, meant, verdict)
+        truths = tuple(dict(e.parameters) for e in meant)
+    hidden = [measured(e, minimum, made.robot, None) for e in meant]
+    told = [(h.effect.name, h.joints) for h in hidden]
+    best = None
+    if drawn not in (UNKNOWN, NOTHING):
+        errors = oracle(made.robot, made.fit, made.held_out, told)
+        best = errors.overall("filtered")
+    row = case_row(drawn, hidden, truths, verdict, best)
+    names = [
+        [e["name"], e["joints"], e["evidence"]["nats"]] for e in verdict["effects"]
+    ]
+    return {**about, **row, "names": names}
+
+
+def _hidden(task: Task, minimum: Sequence[Mapping]) -> tuple[str, list[PlantEffect]]:
+    """Draw what a case hides: its kind and its effects."""
+    robot, rng = the_arm(), stream(task.arm, f"{task.group}/{task.what}")
+    if task.group in ("bench", "nulls"):
+        return NOTHING, []
+    if task.group == "unknown":
+        return UNKNOWN, [draw_sized(robot, rng, task.what, None, minimum)]
+    if task.group == "pairs":
+        return PAIR, _pair(rng, minimum)
+    name = FORMS[task.what][0] if task.group == "forms" else task.what
+    if task.group == "detection":
+        return SINGLE, [draw_sized(robot, rng, name, 1.0, minimum)]
+    return SINGLE, [_clear(rng, name, MULTIPLES[1:], minimum)]
+
+
+def _clear(rng, name: str, multiples: Sequence[float], minimum) -> PlantEffect:
+    """Draw an effect that is so many times detectable, on a joint where it can be.
+
+    Where noise and motion hide even three times what arms usually have, no arm would
+    have so much of it: another joint is drawn. If there is none, it stays too small.
+    """
+    robot = the_arm()
+    for _ in range(_TRIES):
+        one = draw_sized(robot, rng, name, float(rng.choice(multiples)), minimum)
+        size = measured(one, minimum, robot, None).multiple
+        if size is None or size >= CLEAR - 1e-6:
+            break
+    return one
+
+
+def _pair(rng, minimum: Sequence[Mapping]) -> list[PlantEffect]:
+    """Draw two effects that are not one: of two names, on joints of their own."""
+    named, _ = vocabulary(the_arm())
+    made: list[PlantEffect] = []
+    for name in rng.choice(named, 2, replace=False):
+        for _ in range(_TRIES):
+            one = _clear(rng, str(name), OF_A_PAIR, minimum)
+            if not any(set(one.joints) & set(other.joints) for other in made):
+                break
+        made.append(one)
+    return made
+
+
+def _as_taken(form: str, meant: list[PlantEffect], verdict: Mapping) -> list:
+    """Return the effect that a form was taken for, if it may be taken for it."""
+    said = {e["name"] for e in verdict["effects"]}
+    name = next((n for n in FORMS[form] if n in said), meant[0].name)
+    return [PlantEffect(name, e.joints, e.parameters) for e in meant]
+
+
+def _task(group: str, what: str, first: int, seed: int) -> Task:
+    fifth = (seed - first) % _IN_ENGINE == _IN_ENGINE - 1
+    engine = what in _ONLY_IN_ENGINE or (fifth and group in ("singles", "unknown"))
+    # Nulls are cheap to vary: each has motions of its own.
+    motion = seed if group == "nulls" else first + (seed - first) % BENCHES
+    return Task(group, what, PYBULLET if engine else SYNTHETIC, motion, seed)
+
+
+def _quick(group: str, seed: int) -> list[Task]:
+    few = {
+        "singles": ("offset", "stribeck"),
+        "nulls": ("",),
+        "unknown": (UNNAMED[0],),
+        "pairs": ("",),
+        "forms": ("one_way_viscous",),
+        "detection": ("offset",),
+    }
+    return [
+        Task(group, what, "quick", seed, seed + i) for i, what in enumerate(few[group])
+    ]

@@ -1,0 +1,170 @@
+"""What a verdict is worth beside the truth: pure functions of both."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+SINGLE, PAIR, NOTHING, UNKNOWN = "single", "pair", "none", "unknown"
+DRAWN = (SINGLE, PAIR, NOTHING, UNKNOWN)
+
+# What may come out of a case.
+RIGHT = "right"  # named as it is, or rightly nothing
+CLASS = "class"  # the truth is among the equivalents of the name
+PART = "part"  # one of a pair named, the other not
+WRONG = "wrong"  # the first name is none of what is there
+SILENT = "nothing"  # something is there and nothing was said of it
+FLAGGED = "flagged"  # no name, but joints with something unexplained
+OUTCOMES = (RIGHT, CLASS, PART, WRONG, SILENT, FLAGGED)
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """An effect at its place.
+
+    Attributes:
+        effect: Its name.
+        joints: Its joints from 1, in order; () for the whole arm.
+    """
+
+    effect: str
+    joints: tuple[int, ...]
+
+    @classmethod
+    def of(cls, entry: Mapping) -> "Name":
+        """Return the name of an entry with ``name`` and ``joints``."""
+        return cls(entry["name"], tuple(sorted(int(j) for j in entry["joints"])))
+
+    def __str__(self) -> str:
+        return " ".join([self.effect, ",".join(map(str, self.joints))]).strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """One name that a verdict says, at one place.
+
+    Attributes:
+        name: Effect and joints.
+        alike: What the verdict says could be there instead.
+        finding: The entry of the verdict that it is from.
+        place: Its number among the joints of a finding on several; None where the
+            finding is one thing.
+    """
+
+    name: Name
+    alike: tuple[Name, ...]
+    finding: Mapping = field(compare=False, hash=False)
+    place: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What a verdict is worth.
+
+    Attributes:
+        outcome: One of ``OUTCOMES``.
+        first: What was named first, None for nothing.
+        found: How many of the drawn effects are named, by name or by class.
+        extra: How many names are none of them, in all.
+        joint_right: Whether the first name, or where there is none the flag, is on a
+            joint of what was drawn; None where nothing was drawn or nothing said.
+        hits: What was said of each drawn effect by its very name; None otherwise.
+    """
+
+    outcome: str
+    first: Name | None
+    found: int
+    extra: int
+    joint_right: bool | None
+    hits: tuple[Said | None, ...]
+
+
+def score(drawn: str, truths: Sequence[Name], verdict: Mapping) -> Score:
+    """Judge a verdict.
+
+    Args:
+        drawn: One of ``DRAWN``.
+        truths: What is there: one effect, two of a pair, none. Out of the vocabulary
+            ("x_...") no name can be right.
+        verdict: The verdict (docs/verdict.md).
+    """
+    said = members(verdict)
+    flagged = set(verdict["unexplained"]["joints"])
+    hits, classes, free = _matched(truths if drawn != UNKNOWN else (), said)
+    # One finding may be on several joints, and their order says nothing.
+    first = [s for s in said if s.finding is said[0].finding]
+    right = [s for s in first if all(s is not f for f in free)]
+    found = sum(h is not None for h in (*hits, *classes))
+    state = (found == len(hits), any(c is not None for c in classes))
+    return Score(
+        outcome=_outcome(drawn, bool(said), bool(right), state, bool(flagged)),
+        first=(right or first)[0].name if first else None,
+        found=found,
+        extra=len(free),
+        joint_right=_joint_right(truths, [s.name for s in first], flagged),
+        hits=hits,
+    )
+
+
+def members(verdict: Mapping) -> list[Said]:
+    """Return what a verdict says, one entry per place, most important first.
+
+    A finding of one effect on several joints is so many names; that of a pair of
+    joints that share gearing is one.
+    """
+    out = []
+    for entry in sorted(verdict["effects"], key=lambda e: e["order"]):
+        alike = [Name.of(e) for e in entry["equivalent"]]
+        joints = list(entry["joints"])
+        if len(joints) < 2 or not _one_each(entry):
+            out.append(Said(Name.of(entry), tuple(alike), entry))
+            continue
+        for place, joint in enumerate(joints):
+            near = tuple(Name(a.effect, (joint,)) for a in alike)
+            out.append(Said(Name(entry["name"], (joint,)), near, entry, place))
+    return out
+
+
+def _one_each(entry: Mapping) -> bool:
+    """Whether a finding has a value per joint, so that it is one thing on each."""
+    values = (p["value"] for p in entry["parameters"].values())
+    return any(isinstance(value, list | tuple) for value in values)
+
+
+def _matched(truths: Sequence[Name], said: Sequence[Said]) -> tuple:
+    """Give every truth a name of its own: the same first, then one of its class."""
+    free = list(said)
+    hits: list[Said | None] = []
+    for truth in truths:
+        hits.append(next((s for s in free if s.name == truth), None))
+        free = [s for s in free if s is not hits[-1]]
+    classes: list[Said | None] = []
+    for truth, hit in zip(truths, hits, strict=True):
+        near = next((s for s in free if truth in s.alike), None)
+        classes.append(near if hit is None else None)
+        free = [s for s in free if s is not classes[-1]]
+    return tuple(hits), tuple(classes), free
+
+
+def _outcome(
+    drawn: str, said: bool, right_first: bool, state: tuple[bool, bool], flagged: bool
+) -> str:
+    if not said:
+        quiet = RIGHT if drawn == NOTHING else SILENT
+        return FLAGGED if flagged else quiet
+    if drawn in (NOTHING, UNKNOWN) or not right_first:
+        return WRONG
+    complete, by_class = state
+    if not complete:
+        return PART
+    return CLASS if by_class else RIGHT
+
+
+def _joint_right(
+    truths: Sequence[Name], first: Sequence[Name], flagged: set
+) -> bool | None:
+    if not truths or not (first or flagged):
+        return None
+    if first:
+        return any(name.joints == truth.joints for name in first for truth in truths)
+    there = {joint for truth in truths for joint in truth.joints}
+    # What is on the whole arm may show anywhere.
+    return bool(there & flagged) or not there

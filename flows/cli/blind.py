@@ -1,0 +1,63 @@
+"""modelgap blind: the sealed study, which says how often the diagnosis is right."""
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def blind(
+    *,
+    n: Annotated[int, Parameter(name="--n")] = 20,
+    seed: int = 0,
+    store: str | None = None,
+    report: str | None = None,
+    workers: int | None = None,
+    duration: float = 20.0,
+) -> None:
+    """Hide effects from the diagnosis and count how often it is right.
+
+    Draws what an arm hides: one effect, two, none, or one that has no name; joint, size
+    in minimum detectable ones, motions, noise. Runs it in the physics engine with the
+    truth sealed, diagnoses the stored runs, and opens the seal when the verdict is
+    committed. Interrupted, the same command goes on; with a larger --n it goes further.
+
+    ```
+    modelgap blind --n 20 --seed 1 --report blind.html
+    modelgap sql --named blind_confusion
+    ```
+
+    Args:
+        n: Number of cases; 20 to 30 s of one core each.
+        seed: Seed of everything; the same seed is the same study.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        report: HTML page to write; it is in the store in any case.
+        workers: Number of processes; one per core without it.
+        duration: Length of every experiment [s].
+    """
+    from pathlib import Path
+
+    from rich.console import Console
+
+    from flows.blind_draw import Asked
+    from flows.blind_report import store_page, tell_study
+    from flows.blind_run import run_study
+    from flows.cli.progress import progress_bar
+    from flows.errors import RunError
+    from flows.output import check_writable, write_all
+    from flows.settings import store_folder
+    from residual.errors import InputError
+
+    place, console = store_folder(store), Console()
+    asked = Asked(n, seed, duration=duration)
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers is {workers}, expected 1 or more.")
+    check_writable({"--report": Path(report)} if report else {}, ())
+    with progress_bar() as bar:
+        study = run_study(asked, place, bar, workers=workers)
+    page = store_page(asked, study, place)
+    tell_study(study, console)
+    if report:
+        write_all({Path(report): page.read_text(encoding="utf-8")})
+    console.print(f"\nreport: {report or page}", markup=False, soft_wrap=True)
+    if study.failed:
+        raise RunError(f"{len(study.failed)} of {n} cases failed: {study.failed[0]}")

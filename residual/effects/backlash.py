@@ -1,0 +1,63 @@
+"""Play in a gear: the link lies on the side to which its load pushes it.
+
+The encoder sits on the motor. When the load changes its side the link leaves the
+tooth and flies freely across the play, x'' = -load / inertia, until the next tooth
+catches it: a late crossing, and the later the wider the play.
+"""
+
+import numba
+import numpy as np
+
+from residual.effects.base import Effect, Refinement
+from residual.sensitivity import moved, rates, sensitivity
+
+# The coefficient is the half gap, the shape the one that the flight is drawn for.
+LEAST, MOST = 0.5, 2.0
+TINY = 1e-7  # rad
+
+
+def _columns(state, joints, shape):
+    (j,) = joints
+    gap = max(abs(shape[0]), TINY)
+    inertia = np.maximum(sensitivity(state)[2][:, j, j], 1e-9)
+    push = np.ascontiguousarray(-state.rigid[:, j] / inertia)
+    side = _flight(push, gap, 1 / state.rate) / gap
+    return moved(state, j, side, rates(state, side))[:, :, None]
+
+
+@numba.njit(cache=True)
+def _flight(push, gap, dt):
+    """Link less motor angle, between -gap and gap, of what pushes the link [rad]."""
+    place = np.empty(len(push))
+    x, v = gap * np.sign(push[0]), 0.0
+    for i in range(len(push)):
+        v += dt * push[i]
+        x += dt * v
+        if abs(x) >= gap:
+            x, v = gap * np.sign(x), 0.0
+        place[i] = x
+    return place
+
+
+def _over_load(state, j):
+    return state.rigid[:, j], f"rigid-body torque {j + 1} [N m]"
+
+
+EFFECT = Effect(
+    name="backlash",
+    sentence="play in a gear, crossed when the load changes its side",
+    parameters={"half_gap": "rad"},
+    columns=_columns,
+    scope="link",
+    values=lambda theta, shape, robot: theta,
+    from_values=lambda values, robot: (values, (float(values[0]),)),
+    shapes=lambda span, j: ((5e-4,), (1e-3,), (2e-3,), (4e-3,)),
+    refine=Refinement("ratio", 0.7, lower=1e-5, upper=0.02),
+    uses_model=True,
+    prior_sd=lambda robot: np.array([2e-3]),
+    possible=lambda theta, shape: bool(LEAST < theta[0] / shape[0] < MOST),
+    # Where the load never changes its side it is an offset of the encoder.
+    far_fetched=0.5,
+    family="geometry",
+    variable=_over_load,
+)

@@ -1,0 +1,30 @@
+"""A base that does not stand as the model says: gravity comes from elsewhere.
+
+To first order |g| (tilt_x, tilt_y, 0) is added to gravity in the base frame.
+"""
+
+import numpy as np
+
+from residual.dynamics import gravity_torque
+from residual.effects.base import Effect, against_position
+from residual.sensitivity import model_of
+
+
+def _columns(state, joints, shape):
+    model = model_of(state)
+    size = np.linalg.norm(model.gravity.linear)
+    pushes = size * np.eye(3)[:2]
+    return np.stack([gravity_torque(model, state.q, g) for g in pushes], axis=2)
+
+
+EFFECT = Effect(
+    name="base_tilt",
+    sentence="gravity from another direction, as on a base that does not stand upright",
+    parameters={"tilt_x": "rad", "tilt_y": "rad"},
+    columns=_columns,
+    scope="global",
+    uses_model=True,
+    # Two degrees: more is seen with the eye.
+    prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
+    variable=against_position,
+)

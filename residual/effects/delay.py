@@ -1,0 +1,48 @@
+"""Torque that is reported later than the angles it belongs to.
+
+The column is (tau(t - a) - tau(t)) / a: its coefficient is the delay, the shape a only
+bends it as a delay of that size does.
+"""
+
+import numpy as np
+
+from residual.effects.base import Effect, Refinement
+
+LARGEST = 0.05  # s: beyond it the two channels have lost each other
+LEAST = 1e-4  # s: below it the difference is a derivative
+FIRST = 0.006  # s
+
+
+def _columns(state, joints, shape):
+    (late,) = shape
+    late = np.copysign(max(abs(late), LEAST), late)
+    t = np.arange(len(state.t)) / state.rate
+    then = [np.interp(t - late, t, column) for column in state.tau_model.T]
+    return ((np.column_stack(then) - state.tau_model) / late)[:, :, None]
+
+
+def _possible(theta, shape):
+    """The bend must be that of about such a delay, in its sense."""
+    size = abs(theta[0])
+    return bool(theta[0] * shape[0] > 0 and size < 4 * max(abs(shape[0]), LEAST))
+
+
+EFFECT = Effect(
+    name="delay",
+    sentence="torque that is reported later than the angles",
+    parameters={"delay": "s"},
+    columns=_columns,
+    scope="global",
+    values=lambda theta, shape, robot: theta,
+    from_values=lambda values, robot: (values, (float(values[0]),)),
+    shapes=lambda span, j: ((FIRST,), (-FIRST,)),
+    refine=Refinement("shift", 0.015, lower=-LARGEST, upper=LARGEST),
+    uses_model=True,
+    of_report=True,
+    prior_sd=lambda robot: np.array([0.01]),
+    possible=_possible,
+    variable=lambda state, j: (
+        np.gradient(state.tau_model[:, j], 1 / state.rate),
+        f"rate of model torque {j + 1} [N m/s]",
+    ),
+)

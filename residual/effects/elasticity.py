@@ -1,0 +1,38 @@
+"""A gear that twists under its load (Spong 1987): the link lags behind the motor.
+
+The encoder sits on the motor, so the link is at the reading less load over stiffness.
+"""
+
+import numpy as np
+
+from residual.effects.base import Effect
+from residual.sensitivity import moved, rates, slow
+
+SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
+
+
+def _columns(state, joints, shape):
+    (j,) = joints
+    lag = -slow(state, state.rigid[:, j])
+    return moved(state, j, lag, rates(state, lag))[:, :, None]
+
+
+def _over_load(state, j):
+    return state.rigid[:, j], f"rigid-body torque {j + 1} [N m]"
+
+
+EFFECT = Effect(
+    name="elasticity",
+    sentence="a gear that twists under its load",
+    parameters={"stiffness": "N m/rad"},
+    columns=_columns,
+    scope="link",
+    values=lambda theta, shape, robot: 1 / np.where(theta == 0, 1e-12, theta),
+    from_values=lambda values, robot: (1 / values, ()),
+    uses_model=True,
+    # In compliance: 1e4 N m/rad is a soft gear of an arm of 100 kg.
+    prior_sd=lambda robot: np.array([2e-4]),
+    possible=lambda theta, shape: bool(1 / HARD < theta[0] < 1 / SOFT),
+    family="geometry",
+    variable=_over_load,
+)

@@ -1,0 +1,30 @@
+"""An encoder whose disc is off centre: an error once per turn, true minus read."""
+
+import numpy as np
+
+from residual.effects.base import Effect, against_position
+from residual.sensitivity import turned
+
+
+def _columns(state, joints, shape):
+    (j,) = joints
+    q, qd, qdd = state.q[:, j], state.qd[:, j], state.qdd[:, j]
+    cos, sin = np.cos(q), np.sin(q)
+    shifts = (
+        (cos, (-sin * qd, -cos * qd**2 - sin * qdd)),
+        (sin, (cos * qd, -sin * qd**2 + cos * qdd)),
+    )
+    return np.stack([turned(state, j, x, speeds) for x, speeds in shifts], axis=2)
+
+
+EFFECT = Effect(
+    name="encoder_eccentricity",
+    sentence="an encoder whose error repeats once per turn",
+    parameters={"cos": "rad", "sin": "rad"},
+    columns=_columns,
+    scope="link",
+    uses_model=True,
+    prior_sd=lambda robot: np.full(2, np.deg2rad(0.7)),
+    family="geometry",
+    variable=against_position,
+)

@@ -1,0 +1,24 @@
+"""An encoder that is off by a constant angle, true minus read."""
+
+import numpy as np
+
+from residual.effects.base import Effect, against_position
+from residual.sensitivity import sensitivity
+
+
+def _columns(state, joints, shape):
+    (j,) = joints
+    return sensitivity(state)[0][:, :, [j]]
+
+
+EFFECT = Effect(
+    name="encoder_offset",
+    sentence="an encoder that is off by a constant angle",
+    parameters={"angle": "rad"},
+    columns=_columns,
+    scope="link",
+    uses_model=True,
+    prior_sd=lambda robot: np.full(1, np.deg2rad(1.0)),
+    family="geometry",
+    variable=against_position,
+)

@@ -1,0 +1,27 @@
+"""A link whose mass, with all that goes with it, is another than the model says."""
+
+import numpy as np
+
+from residual.dynamics import inertial_parameters
+from residual.effects.base import Effect, against_position
+
+
+def _columns(state, joints, shape):
+    (link,) = joints
+    own = slice(10 * link, 10 * link + 10)
+    body = inertial_parameters(state.robot.model)[own]
+    return (state.regressor[:, :, own] @ body)[:, :, None]
+
+
+EFFECT = Effect(
+    name="link_inertia",
+    sentence="a link that is heavier or lighter than in the model",
+    parameters={"scale": "1"},
+    columns=_columns,
+    scope="link",
+    is_parameter=True,
+    prior_sd=lambda robot: np.array([0.3]),
+    # No body weighs less than nothing.
+    possible=lambda theta, shape: bool(theta[0] > -1),
+    variable=against_position,
+)

@@ -1,0 +1,35 @@
+"""Friction that yields like a spring before it slides (Dahl 1968).
+
+Its column is the state of the bristles less the direction of motion, so that with the
+Coulomb friction of the model it makes friction that takes some way to turn round.
+"""
+
+import numpy as np
+
+from residual.effects.base import Effect, Refinement, local
+from residual.standstill import bristle
+
+
+def _feature(state, j, shape):
+    (displacement,) = shape
+    path = np.ascontiguousarray(state.q[:, j])
+    return [bristle(path, displacement) - state.sign[:, j]]
+
+
+def _shapes(span, j):
+    """Ways that are longer than what the mask around a reversal hides."""
+    ways = (0.003, 0.006, 0.012, 0.025, 0.05)
+    return tuple((w,) for w in ways if w < 0.1 * span.travel[j])
+
+
+EFFECT = Effect(
+    name="presliding",
+    sentence="dry friction that yields like a spring before it slides",
+    parameters={"level": "N m", "displacement": "rad"},
+    columns=local(_feature),
+    values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),
+    from_values=lambda values, robot: (values[:1], tuple(values[1:])),
+    shapes=_shapes,
+    refine=Refinement("ratio", 0.6),
+    possible=lambda theta, shape: bool(theta[0] > 0),
+)

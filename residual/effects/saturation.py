@@ -1,0 +1,41 @@
+"""A report of torque that ends at the range of its sensor."""
+
+import numpy as np
+
+from residual.effects.base import Effect, Refinement, local
+
+# The coefficient is one where the clip is right; a model that is not yet may need more.
+LEAST, MOST = 0.5, 2.0
+
+
+def _feature(state, j, shape):
+    (level,) = shape
+    tau = state.tau_model[:, j]
+    return [np.clip(tau, -level, level) - tau]
+
+
+def _shapes(span, j):
+    """The plateau lies where the log's largest torques lie, if there is one."""
+    top = 0.0 if span.torque is None else float(span.torque[j])
+    return ((0.9 * top,), (top,)) if top > 0 else ()
+
+
+def _over_torque(state, j):
+    return state.tau_model[:, j], f"model torque {j + 1} [N m]"
+
+
+EFFECT = Effect(
+    name="saturation",
+    sentence="a report of torque that ends at a certain size",
+    parameters={"level": "N m"},
+    columns=local(_feature),
+    values=lambda theta, shape, robot: np.array([shape[0]]),
+    from_values=lambda values, robot: (np.ones(1), (float(values[0]),)),
+    shapes=_shapes,
+    refine=Refinement("ratio", 0.1),
+    uses_model=True,
+    of_report=True,
+    prior_sd=lambda robot: np.array([1.0]),
+    possible=lambda theta, shape: bool(LEAST < theta[0] < MOST),
+    variable=_over_torque,
+)

@@ -1,0 +1,114 @@
+"""Bars of the diagnosis benchmark, and results that outlive a kill."""
+
+from benchmarks.diagnosis_parts import bars, cases, kept, measured
+from flows.blind_score import Name, Said
+from flows.pool import Here
+
+ROW = {
+    "outcome": "right",
+    "data": "synthetic",
+    "what": "offset",
+    "effect": "offset",
+    "joints": [2],
+    "second_effect": None,
+    "multiple": 5.0,
+    "second_multiple": 5.0,
+    "named": 1,
+    "found": 1,
+    "extra": 0,
+    "joint_right": True,
+    "unexplained": [],
+    "error_after": 4.4,
+    "error_oracle": 4.0,
+    "gap_closed": None,
+    "z": 0.5,
+    "names": [],
+    "seconds": 1.0,
+}
+
+
+def _rows(good, bad, **wrong):
+    return [ROW] * good + [{**ROW, **wrong}] * bad
+
+
+def test_singles_are_counted_where_they_are_clear():
+    rows = _rows(95, 5, outcome="nothing", named=0, z=None)
+    rows += _rows(0, 7, outcome="nothing", named=0, z=None, multiple=2.0)
+    told = bars.case_figures({"singles": rows}, deciding=True)
+    one = told["singles_right"]
+    assert (one["value"], one["n"], one["ok"]) == (0.95, 100, True)
+    assert one["data"] == {"synthetic": [95, 100]}
+    assert told["named_right"]["ok"] is None  # fewer than 300 names
+    assert told["error_over_oracle"]["ok"] is True
+    assert told["coverage_2_sigma"]["ok"] is False  # too wide is wrong as well
+
+
+def test_a_bar_is_missed_by_the_deciding_run_only():
+    rows = {"nulls": [{**ROW, "named": 0}] * 195 + [{**ROW, "named": 1}] * 5}
+    told = bars.case_figures(rows, deciding=True)
+    assert told["false_alarms"]["ok"] is False
+    assert told["false_alarms"]["alarms"] == 5
+    small = bars.case_figures(rows, deciding=False)
+    assert small["false_alarms"]["ok"] is None
+    assert small["false_alarms"]["why"]
+
+
+def test_detection_must_lie_between_and_a_crash_is_a_miss():
+    rows = _rows(5, 5, outcome="nothing", named=0)
+    rows = [{**r, "multiple": 1.0} for r in rows] + [{"error": "boom"}]
+    told = bars.case_figures({"detection": rows}, deciding=True)
+    assert told["detection_at_1x_static"]["ok"] is True
+    assert told["crashes"]["ok"] is False
+
+
+def test_tasks_reach_what_the_issue_asks_for_and_have_names_of_their_own():
+    seeds = range(1, 11)
+    many = {g: cases.tasks(g, seeds, False) for g in ("nulls", "pairs", "unknown")}
+    assert len(many["nulls"]) >= 200
+    assert len(many["pairs"]) >= 60
+    assert len(many["unknown"]) >= 60
+    singles = cases.tasks("singles", seeds, False)
+    assert (
+        min(sum(t.what == w for t in singles) for w in {t.what for t in singles}) == 10
+    )
+    assert {t.data for t in singles} == {"synthetic", "pybullet"}
+    names = [t.name for tasks in (*many.values(), singles) for t in tasks]
+    assert len(set(names)) == len(names)
+
+
+def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, capsys):
+    path, asked = tmp_path / "kept.jsonl", []
+
+    def work(number):
+        asked.append(number)
+        if number == 3:
+            raise ValueError("no")
+        return {"number": number}
+
+    jobs = {"one": 1, "two": 2, "three": 3}
+    with kept.Kept(path) as known:
+        first = known.run(Here(), work, jobs)
+    assert first["three"] == {"error": "no"}
+    path.write_text(path.read_text()[:-9])  # killed within the last line
+    asked.clear()
+    with kept.Kept(path) as known:
+        again = known.run(Here(), work, jobs)
+    assert asked == [2, 3]
+    assert again["one"] == {"number": 1}
+    with kept.Kept(path) as known:
+        known.run(Here(), work, {"one": 1, "two": 2})
+    assert asked == [2, 3]
+
+
+def test_halves_of_a_log_contradict_where_they_blame_something_else():
+    def said(effect, joint, *alike):
+        near = tuple(Name(a, (joint,)) for a in alike)
+        return Said(Name(effect, (joint,)), near, {})
+
+    offset = said("offset", 3, "coulomb_asymmetry")
+    same = [said("coulomb_asymmetry", 3)]
+    other = [said("spring", 3)]
+    assert measured._repeated(offset, same)
+    assert not measured._contradicted(offset, same)
+    assert measured._contradicted(offset, other)
+    assert not measured._contradicted(offset, [said("spring", 2)])

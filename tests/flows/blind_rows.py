@@ -1,0 +1,60 @@
+"""Verdicts and rows of blind cases, made by hand."""
+
+
+def entry(name, joints, order=1, alike=(), parameters=None):
+    """Return one finding as a verdict has it."""
+    return {
+        "name": name,
+        "joints": list(joints),
+        "order": order,
+        "equivalent": [{"name": n, "joints": list(j)} for n, j in alike],
+        "parameters": parameters or {"level": {"value": 1.0, "std": 0.1, "unit": ""}},
+    }
+
+
+def verdict(*effects, unexplained=()):
+    """Return the part of a verdict that is judged."""
+    nothing = "unknown" if unexplained else "none"
+    return {
+        "verdict": "effects" if effects else nothing,
+        "effects": list(effects),
+        "unexplained": {"joints": list(unexplained)},
+        "error": {
+            "overall_filtered": {"nominal": 20.0, "identified": 8.0, "augmented": 4.4}
+        },
+    }
+
+
+def row(drawn, outcome, **other):
+    """Return one row of the view blind, but for what nobody asks here."""
+    quiet = drawn == "none" and outcome == "right"
+    named = int(outcome in ("right", "class", "part", "wrong") and not quiet)
+    usual = {
+        "drawn": drawn,
+        "effect": None if drawn == "none" else "stribeck",
+        "joints": None if drawn == "none" else [2],
+        "multiple": None,
+        "second_effect": None,
+        "second_joints": None,
+        "second_multiple": None,
+        "named_first": "stribeck" if named else None,
+        "named_joints": [2] if named else None,
+        "named": named,
+        "outcome": outcome,
+        "found": int(outcome in ("right", "class", "part")),
+        "extra": int(outcome == "wrong"),
+        "joint_right": True if named else None,
+        "unexplained": [2] if outcome == "flagged" else [],
+        "value": None,
+        "truth": None,
+        "z": None,
+        "error_before": 20.0,
+        "error_refit": 8.0,
+        "error_after": 4.4,
+        "error_oracle": 4.0,
+        "gap_closed": 0.9,
+        "seconds": 3.0,
+        "case_index": 0,
+        "diagnosis_id": "aa",
+    }
+    return usual | other

@@ -1,0 +1,145 @@
+"""A blind study on the simulated arm: the order of its steps, and a second time."""
+
+import shutil
+
+import pytest
+
+from flows import blind as steps
+from flows import blind_draw, blind_report, blind_run
+from flows.blind_draw import Asked, Draft, Excitation, Wish
+from flows.blind_sums import summary
+from flows.errors import RunError
+from flows.pool import Here
+from flows.report.blind import render
+from tests.flows.blind_rows import row
+from warehouse import seal
+from warehouse.store import open_store
+
+# Short motions that need no optimisation, so that all of it takes some seconds.
+SHORT = Excitation(0, ("cyclic", "cyclic"), ("cyclic",), 0.005, 1e-4)
+ASKED = Asked(2, 3, duration=8.0)
+DRAFTS = [
+    Draft(0, "none", (), SHORT),
+    Draft(1, "single", (Wish("torque_gain", 10.0),), SHORT),
+]
+
+
+@pytest.fixture
+def short(monkeypatch):
+    monkeypatch.setattr(blind_run, "drafts", lambda asked: DRAFTS[: asked.n])
+    monkeypatch.setattr(blind_draw, "_PAUSE", 1.0)
+
+
+class _Stopped(Here):
+    """Processes that are killed after some jobs."""
+
+    def __init__(self, after):
+        self.after = after
+
+    def run(self, work, jobs):
+        for count, done in enumerate(super().run(work, jobs)):
+            if count == self.after:
+                raise KeyboardInterrupt
+            yield done
+
+
+def test_a_study_from_end_to_end_killed_on_its_way(short, monkeypatch, tmp_path):
+    store, opened, begun = tmp_path / "store", [], []
+    open_seal, run_case = seal.open_seal, steps.run_case
+
+    def watched(place, run_id):
+        with open_store(place) as there:
+            query = f"SELECT child FROM lineage WHERE parent = '{run_id}'"
+            ids = there.sql(query).column(0).to_pylist()
+            known = there.sql("SELECT diagnosis_id FROM diagnoses").column(0)
+        # A verdict on this very run is in the store before its seal is opened.
+        assert set(ids) & set(known.to_pylist())
+        opened.append(run_id)
+        return open_seal(place, run_id)
+
+    def counted(job):
+        begun.append(job[1].draft.index)
+        return run_case(job)
+
+    monkeypatch.setattr(seal, "open_seal", watched)
+    monkeypatch.setattr(steps, "run_case", counted)
+    with pytest.raises(KeyboardInterrupt):
+        blind_run.run_study(ASKED, store, pool=_Stopped(1))
+    # The second job was done, its parent had no more time to hear of it.
+    assert begun == [0, 1]
+    begun.clear()
+    study = blind_run.run_study(ASKED, store, pool=Here())
+    assert begun == []
+    assert (study.known, study.failed) == (2, ())
+    assert len(opened) == 2
+    _right(study, store)
+    page = blind_report.store_page(ASKED, study, store).read_text()
+    assert f"Study {study.id}" in page
+    again = blind_run.run_study(ASKED, store, pool=Here())
+    assert (again.id, again.known) == (study.id, 2)
+
+
+def _right(study, store):
+    null, single = study.rows
+    assert (null["outcome"], null["effect"]) == ("right", None)
+    assert (single["outcome"], single["effect"]) == ("right", "torque_gain")
+    assert single["multiple"] > 1
+    assert single["error_after"] < 1.1 * single["error_oracle"]
+    with open_store(store) as there:
+        query = "SELECT drawn, effect, joints, z FROM blind ORDER BY case_index"
+        rows = there.sql(query).to_pylist()
+        kinds = there.sql("SELECT kind, count(*) FROM validations GROUP BY ALL")
+    assert [r["drawn"] for r in rows] == ["none", "single"]
+    assert rows[1]["joints"] == single["joints"]
+    assert set(kinds.column(0).to_pylist()) == {
+        "held_out",
+        "blind",
+        "blind_null",
+        "blind_study",
+    }
+
+
+def test_a_diagnosis_does_not_miss_the_seals(short, monkeypatch, tmp_path):
+    """Runs, then no sealed/ at all, then the verdict: nothing asks for it."""
+    specs = steps.null_specs(ASKED, SHORT)
+    runs = steps.run_experiments(specs, 1, tmp_path)
+    shutil.rmtree(tmp_path / "sealed")
+    assert steps.diagnose("irb140", runs, tmp_path)
+
+
+def test_a_case_that_fails_is_told_and_the_others_go_on(short, monkeypatch, tmp_path):
+    from warehouse.commit import commit_record
+
+    def run_case(job):
+        if job[1].draft.index == 0:
+            raise ValueError("the arm\nbroke")
+        record = {"kind": "blind", "key": job[1].key, "row": row("single", "right")}
+        return commit_record(tmp_path, "validations", record)
+
+    def run_null(job):
+        record = {"kind": "blind_null", "key": job[2], "minimum_detectable": []}
+        return commit_record(tmp_path, "validations", record)
+
+    monkeypatch.setattr(steps, "run_case", run_case)
+    monkeypatch.setattr(steps, "run_null", run_null)
+    study = blind_run.run_study(ASKED, tmp_path, pool=Here())
+    assert study.failed == ("case 0: ValueError: the arm broke",)
+    assert len(study.rows) == 1
+    with pytest.raises(RunError, match="No case"):
+        blind_run.run_study(Asked(1, 3, duration=8.0), tmp_path, pool=Here())
+
+
+def test_the_page_shows_what_went_wrong_and_loads_nothing():
+    rows = [
+        row("single", "right", multiple=3.0, z=0.3, value=1.0, truth=1.1),
+        row("single", "wrong", multiple=3.0, named_first="offset", named_joints=[4]),
+        row("unknown", "flagged", effect="x_wall", error_oracle=None),
+        row("none", "right"),
+    ]
+    about = {"robot": "irb140", "seed": 3, "n": 4, "id": "cc", "failed": ["<b>case 9"]}
+    page = render(rows, summary(rows), about)
+    assert "offset 4" in page
+    assert "&lt;b&gt;case 9" in page
+    assert "http" not in page.replace("http-equiv", "")
+    assert page == render(rows, summary(rows), about)
+    assert page.count("data:image/svg+xml") == 4

@@ -1,0 +1,55 @@
+"""What one reaches who is told the effect: the best that a diagnosis can do."""
+
+import pytest
+
+from residual.close import close_the_loop
+from residual.errors import UnknownNameError
+from residual.oracle import oracle
+from residual.robot import load_robot
+from sim.synthetic.logs import LogPlan, make
+from sim.synthetic.plant import Plant
+from sim.synthetic.state import Hidden
+
+PLAN = (
+    LogPlan("one", "fit", "fourier", 12.0, 125.0),
+    LogPlan("two", "fit", "cyclic", 12.0, 125.0),
+    LogPlan("proof", "held_out", "fourier", 12.0, 125.0),
+)
+
+
+@pytest.fixture(scope="module")
+def logs():
+    hidden = Hidden("position_friction", (2,), {"cos": 8.0, "sin": 0.0})
+    made = make(Plant(load_robot("irb140"), (hidden,), 4), PLAN, 4)
+    return made[:2], made[2:]
+
+
+def test_the_right_effect_predicts_better_than_another_and_than_none(logs):
+    robot = load_robot("irb140")
+    told, other, nothing = (
+        oracle(robot, *logs, effects).overall("filtered")
+        for effects in (
+            [("position_friction", (2,))],
+            [("position_friction", (3,))],
+            [],
+        )
+    )
+    assert told < 0.8 * nothing
+    assert told < 0.8 * other
+
+
+def test_a_diagnosis_that_names_it_is_as_good(logs):
+    robot = load_robot("irb140")
+    verdict = close_the_loop(robot, logs[0], (), logs[1]).verdict
+    assert [(e["name"], e["joints"]) for e in verdict["effects"]] == [
+        ("position_friction", [2])
+    ]
+    told = oracle(robot, *logs, [("position_friction", (2,))]).overall("filtered")
+    found = verdict["error"]["overall_filtered"]
+    assert found["augmented"] == pytest.approx(told, rel=0.02)
+    assert found["identified"] > 1.2 * told
+
+
+def test_an_effect_that_has_no_name_cannot_be_told(logs):
+    with pytest.raises(UnknownNameError):
+        oracle(load_robot("irb140"), *logs, [("x_wall", (2,))])

@@ -1,0 +1,305 @@
+"""Laws of bodies, angles and reports that are not what the model takes them for.
+
+Every column is held against the thing itself, computed by Pinocchio on the arm, the
+motion or the base as they then are.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from residual import dynamics
+from residual.effects import registry
+from residual.effects.backlash import _flight
+from residual.effects.base import State
+from residual.model import Model, Term
+from residual.sensitivity import sensitivity
+from residual.signals import Filters, prepare
+from tests.residual.arms import SEVEN, arm, bare_irb140, recording, smooth_motion
+
+RATE = 200.0
+T = np.arange(0, 12, 1 / RATE)
+INNER = slice(300, -300)  # away from the ends of the filters
+ARMS = {"two": arm, "seven": lambda: arm(SEVEN), "irb140": bare_irb140}
+
+
+@pytest.fixture(params=sorted(ARMS))
+def robot(request):
+    return ARMS[request.param]()
+
+
+def seen(robot, motion=None) -> State:
+    """A log of a smooth motion, some friction in the model's torque."""
+    q, qd, qdd = smooth_motion(robot, T) if motion is None else motion
+    regressor = dynamics.regressor(robot.model, q, qd, qdd)
+    rigid = regressor @ dynamics.inertial_parameters(robot.model)
+    tau = rigid + 3 * np.sign(qd)
+    return State(robot, RATE, T, q, qd, qdd, np.sign(qd), regressor, rigid, tau)
+
+
+def torque(name, joints, theta, state, shape=()):
+    return Term(registry()[name], joints, shape, np.atleast_1d(theta)).torque(state)
+
+
+def moved(state, joint, motion):
+    """Torque of the rigid arm with one joint on another motion, less its own."""
+    parts = [x.copy() for x in (state.q, state.qd, state.qdd)]
+    for part, own in zip(parts, motion, strict=True):
+        part[:, joint] = own
+    return dynamics.inverse_dynamics(state.robot.model, *parts) - state.rigid
+
+
+def near(ours, truth, share):
+    """Equal but for a share of the truth's rms on each joint."""
+    size = np.sqrt(np.mean(truth**2, axis=0)).max()
+    assert size > 0
+    np.testing.assert_allclose(ours, truth, rtol=0, atol=share * size)
+
+
+# -- angles ------------------------------------------------------------------------
+
+
+def test_an_encoder_offset_is_the_torque_of_the_arm_where_it_really_is(robot):
+    state, angle = seen(robot), 1e-4
+    for j in range(1, robot.dof):
+        shifted = (state.q[:, j] + angle, state.qd[:, j], state.qdd[:, j])
+        ours = torque("encoder_offset", (j,), angle, state)
+        near(ours, moved(state, j, shifted), 2e-3)
+
+
+def test_an_upright_first_axis_does_not_show_where_its_encoder_starts():
+    robot = bare_irb140()
+    column = torque("encoder_offset", (0,), 1.0, seen(robot))
+    assert np.abs(column).max() < 1e-9
+
+
+def test_an_eccentric_encoder_moves_the_arm_with_all_derivatives(robot):
+    """True angle x = r + c cos r + s sin r of the reading r, by the chain rule."""
+    state, (c, s) = seen(robot), (8e-5, -5e-5)
+    for j in range(robot.dof):
+        r, rd, rdd = state.q[:, j], state.qd[:, j], state.qdd[:, j]
+        x = r + c * np.cos(r) + s * np.sin(r)
+        slope = 1 - c * np.sin(r) + s * np.cos(r)
+        bend = -c * np.cos(r) - s * np.sin(r)
+        true = (x, slope * rd, slope * rdd + bend * rd**2)
+        ours = torque("encoder_eccentricity", (j,), (c, s), state)
+        near(ours, moved(state, j, true), 2e-3)
+
+
+def test_an_eccentric_encoder_shakes_the_drive_it_sits_on():
+    """Its rotor and its grease feel the true speed, on their own joint alone."""
+    robot = arm()
+    state = seen(robot)
+    drive = np.array([[3.0, 3.0], [0.5, 0.5]])
+    bare, full = (
+        torque("encoder_eccentricity", (1,), (0.01, 0.0), x)
+        for x in (state, replace(state, drive=drive))
+    )
+    lead = 0.01 * np.cos(state.q[:, 1])
+    first = np.gradient(lead, 1 / RATE)
+    second = np.gradient(first, 1 / RATE)
+    own = (full - bare)[INNER, 1]
+    near(own[:, None], (3.0 * first + 0.5 * second)[INNER, None], 0.01)
+    np.testing.assert_array_equal((full - bare)[:, 0], 0)
+
+
+def test_a_soft_gear_lags_behind_its_load(robot):
+    """The link is where the motor is, less load over stiffness."""
+    state, stiffness = seen(robot), 1e6
+    theta, _ = registry()["elasticity"].from_values(np.array([stiffness]), robot)
+    for j in range(robot.dof):
+        lag = -state.rigid[:, j] / stiffness
+        first = np.gradient(lag, 1 / RATE)
+        second = np.gradient(first, 1 / RATE)
+        own = (state.q[:, j], state.qd[:, j], state.qdd[:, j])
+        true = [a + b for a, b in zip(own, (lag, first, second), strict=True)]
+        truth = moved(state, j, true)[INNER]
+        ours = torque("elasticity", (j,), theta, state)[INNER]
+        if np.abs(truth).max() > 1e-7:
+            near(ours, truth, 0.02)
+
+
+def test_play_is_an_offset_of_the_encoder_while_the_load_keeps_its_side():
+    robot = bare_irb140()
+    state = seen(robot)
+    gap = 1e-3
+    ours = torque("backlash", (1,), gap, state, (gap,))
+    offset = torque("encoder_offset", (1,), gap, state)
+    side = np.sign(state.rigid[:, 1])
+    long_ago = np.convolve(np.abs(np.diff(side, prepend=side[0])), np.ones(300), "same")
+    settled = long_ago == 0
+    settled[: INNER.start] = settled[INNER.stop :] = False
+    assert settled.sum() > 100
+    assert {-1.0, 1.0} == set(side)
+    near(ours[settled], (-side[:, None] * offset)[settled], 0.05)
+
+
+def test_a_link_flies_across_its_play_and_is_late():
+    """Under a load that grows as r t the flight 2 g = r t^3 / (6 M) takes its time."""
+    pace, gap, rate = 40.0, 1e-3, 1000.0  # rad/s^3: load over inertia, per time
+    t = np.arange(-0.5, 0.5, 1 / rate)
+    place = _flight(-pace * t, gap, 1 / rate)
+    assert place[0] == gap
+    assert place[-1] == -gap
+    landed = t[np.argmax(place == -gap)]
+    assert landed == pytest.approx((12 * gap / pace) ** (1 / 3), abs=2 / rate)
+    assert np.all(place[t < 0] == gap)
+
+
+def test_a_gear_or_a_play_that_goes_the_wrong_way_is_no_such_thing():
+    elasticity, backlash = registry()["elasticity"], registry()["backlash"]
+    assert elasticity.possible(np.array([1e-4]), ())
+    assert not elasticity.possible(np.array([-1e-4]), ())
+    assert backlash.possible(np.array([1e-3]), (1.2e-3,))
+    assert not backlash.possible(np.array([-1e-3]), (1.2e-3,))
+    assert not backlash.possible(np.array([1e-4]), (1.2e-3,))
+
+
+def test_what_a_shift_does_depends_on_the_load_that_the_model_carries():
+    """A payload in the model weighs on the derivatives as on the arm."""
+    robot = bare_irb140()
+    body = pin.Inertia(4.0, np.array([0.1, 0.0, 0.05]), 0.02 * np.eye(3))
+    q, _, _ = smooth_motion(robot, T)
+    tracks, floor = prepare([recording(T, q, 0 * q)], Filters())
+    term = Term(registry()["payload"], (5,), (), body.toDynamicParameters())
+    own = dynamics.inertial_parameters(robot.model)
+    loaded = pin.Model(robot.model)
+    loaded.inertias[6] = loaded.inertias[6] + body
+    heavy = dynamics.inertial_parameters(loaded)
+    with_term = Model(robot, own, (term,), floor).observe(tracks[0])
+    in_body = Model(robot, heavy, (), floor).observe(tracks[0])
+    np.testing.assert_allclose(sensitivity(with_term), sensitivity(in_body), atol=1e-8)
+
+
+# -- bodies and forces -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 1e-3), (-2e-3, 0.0), (1e-3, 1e-3)])
+def test_a_tilted_base_is_gravity_turned(robot, tilt):
+    state = seen(robot)
+    gravity = robot.model.gravity.linear
+    axis = np.cross(gravity, [*tilt, 0.0]) / np.linalg.norm(gravity)
+    turned = pin.exp3(axis) @ gravity
+    np.testing.assert_allclose(
+        (turned - gravity)[:2] / 9.81, tilt, atol=1e-6
+    )  # that is how the parameters are meant
+    truth = [
+        dynamics.gravity_torque(robot.model, state.q, g) for g in (turned, gravity)
+    ]
+    ours = torque("base_tilt", (), tilt, state)
+    atol = 2e-3 * np.abs(truth[1]).max() * np.abs(tilt).max()
+    np.testing.assert_allclose(ours, truth[0] - truth[1], atol=atol)
+
+
+def test_a_tool_force_is_held_against_by_the_drives(robot):
+    """The same force on the last body, in Newton and Euler's own recursion."""
+    state, force = seen(robot), np.array([12.0, -7.0, 20.0])
+    model, data = robot.model, robot.model.createData()
+    frame = dynamics.flange_frame(model)
+    ours = torque("tool_force", (), force, state)
+    for i in range(0, len(T), 400):
+        q, qd, qdd = state.q[i], state.qd[i], state.qdd[i]
+        pin.framesForwardKinematics(model, data, q)
+        placement = model.frames[frame].placement
+        local = data.oMf[frame].rotation.T @ force
+        push = placement.act(pin.Force(local, np.zeros(3)))
+        outside = [pin.Force.Zero() for _ in range(model.njoints)]
+        outside[model.nv] = push
+        truth = pin.rnea(model, data, q, qd, qdd, outside) - state.rigid[i]
+        np.testing.assert_allclose(ours[i], truth, atol=1e-8)
+
+
+@pytest.mark.parametrize("link", [1, 2])
+def test_a_heavier_link_is_the_arm_with_that_body(link):
+    robot = arm()
+    state, heavier = seen(robot), pin.Model(robot.model)
+    body = heavier.inertias[link]
+    heavier.inertias[link] = pin.Inertia(
+        1.2 * body.mass, body.lever, 1.2 * body.inertia
+    )
+    truth = dynamics.inverse_dynamics(heavier, state.q, state.qd, state.qdd)
+    ours = torque("link_inertia", (link - 1,), 0.2, state)
+    np.testing.assert_allclose(ours, truth - state.rigid, atol=1e-8)
+
+
+def test_a_heavier_last_link_is_a_payload_of_its_own_shape():
+    robot = arm()
+    state = seen(robot)
+    body = robot.model.inertias[2].toDynamicParameters()
+    np.testing.assert_allclose(
+        torque("link_inertia", (1,), 0.1, state),
+        torque("payload", (1,), 0.1 * body, state),
+        atol=1e-9,
+    )
+
+
+# -- reports -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("late", [0.004, 0.02, -0.01])
+def test_a_late_report_is_the_torque_of_a_while_ago(late):
+    robot = arm()
+    q, qd, qdd = smooth_motion(robot, T)
+    state = seen(robot, (q, qd, qdd))
+    state = replace(state, tau_model=state.rigid)
+    before = seen(robot, smooth_motion(robot, T - late)).rigid
+    theta, shape = registry()["delay"].from_values(np.array([late]), robot)
+    ours = torque("delay", (), theta, state, shape)
+    near(ours[INNER], (before - state.rigid)[INNER], 0.01)
+
+
+def test_a_delay_is_one_only_where_it_bends_as_its_size_does():
+    possible = registry()["delay"].possible
+    assert possible(np.array([0.011]), (0.01,))
+    assert possible(np.array([-0.011]), (-0.01,))
+    assert not possible(np.array([-0.011]), (0.01,))
+    assert not possible(np.array([0.03]), (0.004,))
+
+
+def test_a_report_that_ends_is_cut_at_both_sides():
+    robot = arm()
+    state = seen(robot)
+    level = 0.6 * np.abs(state.tau_model[:, 0]).max()
+    theta, shape = registry()["saturation"].from_values(np.array([level]), robot)
+    told = state.tau_model[:, 0] + torque("saturation", (0,), theta, state, shape)[:, 0]
+    assert np.abs(told).max() == pytest.approx(level)
+    inside = np.abs(state.tau_model[:, 0]) < level
+    np.testing.assert_array_equal(told[inside], state.tau_model[inside, 0])
+
+
+def test_a_report_that_never_ends_offers_no_plateau_to_try():
+    state = seen(arm())
+    top = np.abs(state.tau_model).max(axis=0)
+    column = torque("saturation", (1,), 1.0, state, (1.01 * top[1],))
+    np.testing.assert_array_equal(column, 0)
+
+
+def test_only_reports_are_left_out_of_the_torque_that_effects_see():
+    told = {n for n, e in registry().items() if e.of_report}
+    assert told == {"torque_gain", "saturation", "delay"}
+
+
+# -- friction with memory ----------------------------------------------------------
+
+
+def test_with_coulomb_friction_bristles_make_dahls_friction():
+    robot, ways, level = arm(), 0.02, 4.0
+    state = seen(robot)
+    both = torque("coulomb", (0,), level, state)
+    both = both + torque("presliding", (0,), level, state, (ways,))
+    z = both[:, 0] / level
+    x, s = state.q[:, 0], np.sign(np.diff(state.q[:, 0]))
+    middle = (z[1:] + z[:-1]) / 2
+    change = (1 - middle * s) / ways * np.diff(x)  # dz/dx = (1 - z s) / ways
+    np.testing.assert_allclose(np.diff(z), change, atol=0.02)
+
+
+def test_bristles_are_forgotten_far_from_a_reversal():
+    state = seen(arm())
+    column = torque("presliding", (0,), 1.0, state, (0.01,))[INNER, 0]
+    speed = np.abs(state.qd[INNER, 0])
+    fast = speed > 0.9 * speed.max()
+    assert np.abs(column[fast]).max() < 1e-3
+    assert np.abs(column).max() > 0.5

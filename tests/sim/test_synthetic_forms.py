@@ -1,0 +1,75 @@
+"""Other authors' forms: the same physics, no textbook law of the diagnosis."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from residual.effects import registry
+from sim.amounts import amount, as_told, main_parameter, multiplied
+from sim.plant.perturbations import KINDS
+from sim.synthetic.effects import FORMS, LAWS, forms
+
+
+def _state(q, t):
+    q = np.asarray(q, dtype=float)[:, None]
+    qd = np.gradient(q, t, axis=0)
+    return SimpleNamespace(t=t, q=q, qd=qd, bristle=np.sign(qd))
+
+
+@pytest.fixture
+def stroke():
+    """Slowly there, fast back."""
+    t = np.linspace(0, 4, 4001)
+    return _state(np.where(t < 2, 0.01 * t, 0.02 + 3.0 * (2 - t)), t)
+
+
+def test_lugre_yields_at_first_then_slides_and_fades_with_speed(stroke):
+    p = {"level": 4.0, "velocity": 0.05, "displacement": 1e-3}
+    torque = forms.lugre(stroke, p)[:, 0]
+    assert torque[0] == pytest.approx(0, abs=1e-2)
+    # Two bristle lengths on, the contact has nearly all of its level.
+    assert torque[1500] == pytest.approx(4.0 * np.exp(-0.04), rel=0.01)
+    assert abs(torque[-1]) < 0.05
+
+
+def test_one_way_viscous_acts_forwards_only(stroke):
+    torque = forms.one_way_viscous(stroke, {"coefficient": 2.0})[:, 0]
+    assert torque[1000] == pytest.approx(0.04)
+    assert torque[3000] == 0
+
+
+def test_hyperbolic_warmup_has_half_left_after_its_time():
+    state = _state(np.linspace(0, 1, 11), np.linspace(0, 100, 11))
+    p = {"level": 3.0, "time_constant": 50.0}
+    torque = forms.hyperbolic_warmup(state, p)[:, 0]
+    assert torque[[0, 5]] == pytest.approx([3.0, 1.5])
+
+
+def test_a_cubic_cable_hardens_and_a_soft_limit_gives_in():
+    state = _state(np.linspace(-1, 1, 5), np.arange(5.0))
+    torque = forms.cubic_cable(state, {"stiffness": 10.0, "rest": 0.0})[:, 0]
+    assert torque == pytest.approx([-13.0, -5.375, 0, 5.375, 13.0])
+    limited = forms.soft_limit(np.array([0.1, 50.0, -50.0]), 10.0)
+    assert limited == pytest.approx([0.1, 10, -10], rel=2e-3)
+
+
+def test_every_form_is_of_an_effect_with_a_name_and_has_a_law():
+    for form, names in FORMS.items():
+        assert set(names) <= set(KINDS)
+        assert form in LAWS or form == "soft_limit"
+        assert form not in registry()
+
+
+def test_an_effect_grows_in_proportion_to_its_amount():
+    gears = {"level": 2.0, "coefficient": 0.5, "sign": -1.0}
+    larger = multiplied("coupled_friction", gears, 3.0)
+    assert larger == {"level": 6.0, "coefficient": 1.5, "sign": -1.0}
+    assert amount("balancer", {"cos": -3.0, "sin": 4.0}) == 5.0
+    assert main_parameter("balancer", {"cos": -3.0, "sin": 4.0}) == "sin"
+    gear = multiplied("elasticity", {"stiffness": 1e4}, 2.0)
+    assert gear == {"stiffness": 5e3}
+    assert amount("elasticity", gear) == pytest.approx(2e-4)
+    assert as_told("elasticity", 2e-4) == pytest.approx(5e3)
+    assert amount("saturation", {"level": 3.0}) is None
+    assert main_parameter("saturation", {"level": 3.0}) == "level"
