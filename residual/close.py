@@ -28,9 +28,10 @@ from residual.findings import findings
 from residual.holdout import Verdicts, held_out_verdicts, unproven
 from residual.leftover import depends_on
 from residual.leftover_words import look_at_leftovers
+from residual.model import Model
 from residual.names import check_name
 from residual.nominal import declared_names
-from residual.null import Null, constant, fitting
+from residual.null import Null, fitting, said
 from residual.null_key import key_of
 from residual.outcome import Outcome
 from residual.power import minimum_detectable
@@ -130,21 +131,14 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
     proof = witnesses(held_out, diagnosis.nominal.model)
     judged = held_out_verdicts(diagnosis, proof)
     tested = [t for t, _ in judged.kept]
-    augmented = diagnosis.model(judged.fit if tested else diagnosis.plain)
-    identified = (
-        diagnosis.model(diagnosis.plain, like=augmented) if tested else augmented
-    )
-    models = {
-        "nominal": diagnosis.nominal.model,
-        "identified": identified,
-        "augmented": augmented,
-    }
+    models = _models(diagnosis, judged)
     diagnosis = without_refuted(diagnosis, judged.fit)
-    left = look_at_leftovers(diagnosis, judged.fit, augmented)
+    left = look_at_leftovers(diagnosis, judged.fit, models["augmented"])
     if left.correction is not None:
         models["plsr"] = left.correction
     errors, proofs = compare(models, proof, diagnosis.logs.filters)
     found = findings(diagnosis, judged.fit, tested)
+    warned, noted = said(null, Rules().threshold)
     case = Case(
         diagnosis=diagnosis,
         found=found,
@@ -158,29 +152,36 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
         p_value=null.p_value if null else None,
         warnings=[
             *_warnings(diagnosis, judged, same_run),
-            *([null.sentence(Rules().threshold)] if null else []),
+            *warned,
             *unproven(diagnosis, errors["augmented"]),
             *left.said,
         ],
     )
     tell("proof", 0.8)
-    silent = () if null else (constant(Rules().threshold),)
     return Outcome(
         verdict=write(case),
         sentences=tuple(f.effect.sentence for f in found),
         proofs=proofs,
         clouds=clouds(diagnosis, judged.fit, found),
-        notes=(*_notes(diagnosis, fit, augmented), *silent),
+        notes=(*_notes(diagnosis, fit, models["augmented"]), *noted),
         left=tuple(one.cloud for one in left.joints),
     )
 
 
+def _models(diagnosis: Diagnosis, judged: Verdicts) -> dict[str, Model]:
+    """The three models; identified and augmented differ by nothing but the effects."""
+    augmented = diagnosis.model(judged.fit if judged.kept else diagnosis.plain)
+    identified = augmented
+    if judged.kept:
+        identified = diagnosis.model(diagnosis.plain, like=augmented)
+    nominal = diagnosis.nominal.model
+    return {"nominal": nominal, "identified": identified, "augmented": augmented}
+
+
 def _alike(diagnosis: Diagnosis) -> list[Prior]:
     """The other priors that the search might have chosen, assumptions kept."""
-    prior, every = (
-        diagnosis.task.prior,
-        priors(diagnosis.task.design, diagnosis.nominal),
-    )
+    task = diagnosis.task
+    prior, every = task.prior, priors(task.design, diagnosis.nominal)
     return [p for p in every if p.assumed == prior.assumed and p.scale != prior.scale]
 
 
@@ -197,8 +198,8 @@ def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:
     ]
     if logs.clock is None:
         notes.append("the order of the logs in time is not known: warm-up not tested")
-    said = (filtered_at_source(fit), delayed_at_source(augmented, logs))
-    return (*notes, *(s for s in said if s))
+    more = (filtered_at_source(fit), delayed_at_source(augmented, logs))
+    return (*notes, *(s for s in more if s))
 
 
 def _warnings(diagnosis: Diagnosis, judged: Verdicts, same_run: bool) -> list[str]:

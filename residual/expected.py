@@ -120,10 +120,10 @@ def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Ex
     own, mixed = _blocks(bench, group, None)
     falls, bends, occams = [], [], []
     for system, inverse in zip(bench.systems, bench.inverses, strict=True):
-        moved = inverse @ np.einsum("j,jmk->mk", bench.weight, mixed)
+        moved = inverse @ np.tensordot(bench.weight, mixed, 1)
         falls.append(_added(system.gram, own, mixed, moved))
         bends.append(moved.T @ system.precision @ moved)
-        known = np.einsum("j,jkl->kl", bench.weight, falls[-1]) + bends[-1]
+        known = np.tensordot(bench.weight, falls[-1], 1) + bends[-1]
         log_det = np.linalg.slogdet(known + group.precision)[1]
         occams.append(0.5 * max(log_det - group.log_det, 0.0))
     outs = [_left_out(bench, group, fold, mixed) for fold in range(design.folds)]
@@ -192,7 +192,7 @@ def _covariance(system: System, weight: Array) -> Array:
     return np.linalg.inv(a / np.outer(size, size)) / np.outer(size, size)
 
 
-def _blocks(bench: Bench, group: Group, folds: Array | None) -> tuple[Array, Array]:
+def _blocks(bench: Bench, group: Group, fold: int | None) -> tuple[Array, Array]:
     """Gram of a group and with the fit, per joint. (dof, k, k), (dof, m, k)."""
     design, ids = bench.task.design, bench.systems[0].ids
     own = np.zeros((design.dof, len(group.ids), len(group.ids)))
@@ -201,7 +201,7 @@ def _blocks(bench: Bench, group: Group, folds: Array | None) -> tuple[Array, Arr
         place, mine = design.present(j, group.ids)
         if len(place):
             theirs, have = design.present(j, ids)
-            gram, _ = design.total(j, folds)
+            gram = design.total(j)[0] if fold is None else design.gram[j][fold]
             own[j, mine[:, None], mine] = gram[place[:, None], place]
             mixed[j, have[:, None], mine] = gram[theirs[:, None], place]
     return own, mixed
@@ -209,15 +209,15 @@ def _blocks(bench: Bench, group: Group, folds: Array | None) -> tuple[Array, Arr
 
 def _added(gram: Array, own: Array, mixed: Array, moved: Array) -> Array:
     """Squared error of a group less what the moved fit imitates. Shape (dof, k, k)."""
-    across = np.einsum("mk,jml->jkl", moved, mixed)
-    bent = np.einsum("mk,jmn,nl->jkl", moved, gram, moved, optimize=True)
+    across = moved.T @ mixed
+    bent = moved.T @ (gram @ moved)
     return own - across - across.transpose(0, 2, 1) + bent
 
 
 def _left_out(bench: Bench, group: Group, fold: int, every: Array) -> Array:
     """The same on one fold, the fit moved by the others. Shape (dof, k, k)."""
-    own, mixed = _blocks(bench, group, np.array([fold]))
-    moved = bench.others[fold] @ np.einsum("j,jmk->mk", bench.weight, every - mixed)
+    own, mixed = _blocks(bench, group, fold)
+    moved = bench.others[fold] @ np.tensordot(bench.weight, every - mixed, 1)
     return _added(bench.grams[fold], own, mixed, moved)
 
 

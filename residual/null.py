@@ -149,17 +149,21 @@ def fitting(null: Null | Sequence[Null] | None, key: Key) -> Null | None:
     return null
 
 
-def constant(threshold: float) -> str:
-    """The sentence of a diagnosis without a null.
+def said(null: Null | None, least: float) -> tuple[list[str], list[str]]:
+    """What a diagnosis says of its null: warnings and notes.
 
     Args:
-        threshold: The rule's own threshold [nats].
+        null: The one that it went by, None for none.
+        least: The rule's own threshold [nats].
     """
-    return (
-        f"the evidence threshold is a constant, {threshold:g} nats: no null was "
+    if null:
+        return [null.sentence(least)], []
+    constant = (
+        f"the evidence threshold is a constant, {least:g} nats: no null was "
         "calibrated for this robot, plan and noise (modelgap calibrate-null), so no "
         "p-value can be given"
     )
+    return [], [constant]
 
 
 def to_record(null: Null) -> dict:

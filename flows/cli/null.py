@@ -57,7 +57,6 @@ def calibrate_null(
     from flows.output import check_writable, write_all
     from flows.settings import store_folder
     from residual.errors import InputError
-    from residual.search import Rules
 
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}, expected 1 or more.")
@@ -68,29 +67,39 @@ def calibrate_null(
     asked = steps.Asked(logs, robot, tuple(baseline), names, map, draws, seed, store)
     with progress_bar() as bar:
         made = steps.calibrate(asked, bar, workers=workers)
-    least, null = Rules().threshold, made.null
-    beyond = null.beyond(null.threshold(least))
+    files = {Path(out): steps.null_json(made.null)} if out else {}
+    write_all(files)
+    console = Console()
+    for line in (*_lines(made, draws, store_folder(store)), *map(_wrote, files)):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    if not made.complete:
+        raise KeyboardInterrupt
+
+
+def _lines(made, draws: int, store) -> list[str]:
+    """Return what a null says, a sentence each."""
+    from residual.search import Rules
+
+    null = made.null
+    least = Rules().threshold
+    threshold, beyond = null.threshold(least), null.beyond(null.threshold(least))
     chance = f"{100 * beyond:.2g} %" if beyond > 1e-4 else "less than 0.01 %"
     lines = [
         null.sentence(least),
         f"an exponential tail, fitted to the largest fifth, has {chance} of such "
-        f"recordings reach {null.threshold(least):.1f} nats: an extrapolation",
+        f"recordings reach {threshold:.1f} nats: an extrapolation",
         f"draws: {len(null.net)} in {len(set(null.block))} recordings of encoder noise "
         f"(as good as {null.independent:.0f} independent ones), {made.known} known "
         "before",
-        f"stored in {store_folder(store)}: modelgap show {null.id}",
+        f"stored in {store}: modelgap show {null.id}",
     ]
-    if out:
-        write_all({Path(out): steps.null_json(null)})
-        lines.append(f"wrote {out}")
-    console = Console()
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
     if not made.complete:
-        console.print(
+        lines.append(
             f"interrupted: {len(null.net)} of {draws} draws are kept; the same command "
-            "goes on",
-            markup=False,
-            soft_wrap=True,
+            "goes on"
         )
-        raise KeyboardInterrupt
+    return lines
+
+
+def _wrote(path) -> str:
+    return f"wrote {path}"

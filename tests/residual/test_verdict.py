@@ -114,6 +114,7 @@ EFFECT = {
     "evidence",
 }
 EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value"}
+DEPENDENCE = {"joint", "on", "of", "form", "share", "frequency"}
 EXPECTED = {
     "none": "none",
     "effects": "effects",
@@ -150,6 +151,9 @@ def test_every_key_is_there_and_no_other(outcome_of, kind):
             assert set(parameter) == {"value", "std", "unit"}
     for entry in verdict["minimum_detectable"]:
         assert set(entry) == {"name", "joints", "value", "unit"}
+    for entry in verdict["unexplained"]["depends_on"]:
+        assert set(entry) == DEPENDENCE
+        assert entry["joint"] in verdict["unexplained"]["joints"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -165,7 +169,11 @@ def test_arrays_have_an_entry_per_joint(outcome_of, kind):
     for table in ("held_out", "filtered", "moving"):
         for stage in ("nominal", "identified", "augmented"):
             assert len(verdict["error"][table][stage]) == dof
-        assert verdict["error"][table]["plsr"] is None
+        corrected = verdict["error"][table]["plsr"]
+        if verdict["unexplained"]["joints"]:
+            assert len(corrected) == dof
+        else:
+            assert corrected is None
     assert len(verdict["unexplained"]["per_joint"]) == dof
     for effect in verdict["effects"]:
         for p in effect["parameters"].values():
@@ -438,3 +446,23 @@ def test_white_noise_in_place_of_torque_has_no_name():
     ]
     verdict = diagnose_case(case, fit=noise[:-1], held_out=noise[-1:]).verdict
     assert verdict["effects"] == []
+
+
+def test_what_knocks_with_time_is_told_with_its_frequency_and_left_uncorrected(
+    outcome_of,
+):
+    """A square wave of 0.4 Hz on joint 2: no table of the state can help."""
+    outcome = outcome_of("unknown")
+    verdict = outcome.verdict
+    assert verdict["unexplained"]["kind"] == "time-driven"
+    (told,) = verdict["unexplained"]["depends_on"]
+    assert (told["joint"], told["on"], told["of"]) == (2, "frequency", [])
+    assert told["frequency"] == pytest.approx(0.4, abs=0.06)
+    assert any("joint 2: not correctable from state" in w for w in verdict["warnings"])
+    for table in ("held_out", "filtered", "moving", "overall", "overall_filtered"):
+        assert verdict["error"][table]["plsr"] == verdict["error"][table]["augmented"]
+    (cloud,) = outcome.left
+    assert (cloud.joint, cloud.name) == (2, "")
+    assert (
+        cloud.x.shape == cloud.residual.shape == cloud.fitted.shape == cloud.log.shape
+    )

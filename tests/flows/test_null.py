@@ -1,0 +1,100 @@
+"""A null from the command line: made, kept, gone on with, and found by a diagnosis."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flows import null as steps
+from flows.pool import Here
+from residual.errors import InputError
+from tests.residual.arms import arm, short_case, urdf_text
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with a small arm and two short logs of it, and no other store."""
+    monkeypatch.setenv("MODELGAP_STORE", str(tmp_path / "store"))
+    (tmp_path / "arm.urdf").write_text(urdf_text())
+    for log in short_case(arm(), seed=51, duration=6.0).fit[:2]:
+        head = ",".join(["t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2))])
+        rows = np.column_stack([log.t, log.q, log.tau])
+        file = tmp_path / f"{log.id}.csv"
+        np.savetxt(file, rows, delimiter=",", header=head, comments="")
+    return tmp_path
+
+
+def asked(place, **changes):
+    logs = tuple(sorted(str(p) for p in place.glob("*.csv")))
+    return steps.Asked(logs, str(place / "arm.urdf"), **{"draws": 8, **changes})
+
+
+class Breaks(Here):
+    """Ctrl-C after the first block."""
+
+    def run(self, work, jobs):
+        yield from list(super().run(work, jobs[:1]))
+        raise KeyboardInterrupt
+
+
+def test_what_an_interrupted_run_finished_is_kept_and_gone_on_with(place):
+    part = steps.calibrate(asked(place), pool=Breaks())
+    assert not part.complete
+    assert len(part.null.net) == steps.OF_A_BLOCK
+    whole = steps.calibrate(asked(place), pool=Here())
+    assert whole.complete
+    assert whole.known == steps.OF_A_BLOCK
+    assert len(whole.null.net) == 8
+    assert whole.null.net[: steps.OF_A_BLOCK] == part.null.net
+    again = steps.calibrate(asked(place), pool=Here())
+    assert again.known == 8
+    assert again.null.id == whole.null.id
+    kept = steps.nulls_in(place / "store")
+    assert [n.id for n in kept] == [whole.null.id, part.null.id]
+    assert kept[0].key == whole.null.key
+
+
+def test_a_null_in_a_file_is_the_same_null(place):
+    made = steps.calibrate(asked(place, draws=4), pool=Here()).null
+    file = place / "null.json"
+    file.write_text(steps.null_json(made))
+    read = steps.read_null(str(file))
+    assert (read.id, read.key, read.nats) == (made.id, made.key, made.nats)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"), [("{}", "is no null"), ("x", "no JSON"), ("[]", "is no null")]
+)
+def test_a_file_that_is_no_null_is_refused(place, text, word):
+    file = place / "other.json"
+    file.write_text(text)
+    with pytest.raises(InputError, match=word):
+        steps.read_null(str(file))
+    with pytest.raises(InputError, match="cannot be read"):
+        steps.read_null(str(place / "none.json"))
+
+
+def test_a_request_that_makes_no_sense_is_refused(place):
+    for changes, word in (
+        ({"draws": 0}, "--draws is 0"),
+        ({"declared": ("friction",)}, "friction"),
+    ):
+        with pytest.raises(InputError, match=word):
+            steps.calibrate(asked(place, **changes), pool=Here())
+    with pytest.raises(InputError, match="No log"):
+        steps.calibrate(steps.Asked((), str(place / "arm.urdf")), pool=Here())
+
+
+def test_a_diagnosis_finds_the_null_of_its_logs_in_the_store(place, capsys):
+    from flows.cli import main
+
+    null = steps.calibrate(asked(place, draws=4), pool=Here()).null
+    words = [*asked(place).logs, "--robot", str(place / "arm.urdf")]
+    assert main(["diagnose", *words, "--json", str(place / "v.json")]) == 0
+    verdict = json.loads((place / "v.json").read_text())
+    assert any(w.startswith(f"null {null.id}") for w in verdict["warnings"])
+    empty = ["--store", str(place / "empty")]
+    assert main(["diagnose", *words, *empty, "--json", str(place / "w.json")]) == 0
+    assert "is a constant" in capsys.readouterr().out
+    other = json.loads((place / "w.json").read_text())
+    assert not any(w.startswith("null ") for w in other["warnings"])

@@ -1,0 +1,95 @@
+"""Tables on top of a model: they help where the state tells, and are none elsewhere."""
+
+import numpy as np
+import pytest
+
+from residual.close import session_clock
+from residual.compare import compare, witnesses
+from residual.correction import corrected
+from residual.diagnose import diagnose, ready, start_nominal
+from residual.leftover import leftovers
+from residual.leftover_words import shared_source
+from residual.search import Rules
+from residual.signals import Filters
+from residual.vocabulary import DEFAULT_DECLARED
+from tests.residual.arms import arm, plain_logs, quiet
+
+WALL, KNOCK = "a stop", "a knock"
+
+
+def logs_with(kind, count=6):
+    """Logs of two joints with something on joint 2 that no effect describes."""
+    out = []
+    for log in plain_logs(arm(), [0, 1], [0.0, 0.0], count=count):
+        tau = log.tau.copy()
+        q = log.q[:, 1]
+        if kind == WALL:
+            tau[:, 1] += 12 * np.maximum(q - 0.3, 0) + 8 * np.maximum(-0.2 - q, 0) ** 2
+        else:
+            tau[:, 1] += 2 * np.sign(np.sin(2 * np.pi * 0.7 * log.t))
+        out.append(type(log)(log.id, log.robot, log.t, log.q, tau))
+    return out
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Of each kind: the nominal structure fitted alone, and what was made of it."""
+    done = {}
+    for kind in (WALL, KNOCK):
+        every = logs_with(kind)
+        fit, held = every[:4], every[4:]
+        logs = ready(arm(), fit, session_clock(every), Filters())
+        nominal = start_nominal(logs, DEFAULT_DECLARED)
+        diagnosis = diagnose(logs, nominal, Rules(most=0), quiet)
+        told, design = diagnosis.adequacy, diagnosis.task.design
+        left = leftovers(design, logs.tracks, diagnosis.fit, told)
+        model = diagnosis.model(diagnosis.fit)
+        tables = corrected(model, logs.tracks, left)
+        models = {"augmented": model, "plsr": tables}
+        errors, _ = compare(models, witnesses(held, nominal.model), logs.filters)
+        errors = {k: e.per_joint("filtered") for k, e in errors.items()}
+        done[kind] = (diagnosis, left, tables, errors)
+    return done
+
+
+def test_what_the_position_makes_is_corrected_on_logs_that_nobody_saw(made):
+    diagnosis, left, tables, errors = made[WALL]
+    assert [one.joint for one in left] == [1]
+    assert (left[0].curves[0].variable.on, left[0].kind) == ("q", "repeatable")
+    assert tables.helpless == ()
+    assert errors["plsr"][1] < 0.6 * errors["augmented"][1]
+    assert errors["plsr"][0] == pytest.approx(errors["augmented"][0])
+
+
+def test_what_time_makes_is_left_alone(made):
+    diagnosis, left, tables, errors = made[KNOCK]
+    assert [one.joint for one in left] == [1]
+    assert (left[0].curves, left[0].kind) == ((), "time-driven")
+    assert tables.helpless == (1,)
+    np.testing.assert_array_equal(errors["plsr"], errors["augmented"])
+
+
+def test_without_a_leftover_there_is_no_correction(made):
+    diagnosis, _, tables, _ = made[WALL]
+    assert corrected(tables.model, diagnosis.logs.tracks, ()) is None
+
+
+def test_joints_that_keep_the_same_are_told_of_one_source(rng):
+    diagnosis = _two_doubted(rng, alike=True)
+    said = shared_source(diagnosis, diagnosis.fit)
+    assert said.startswith("what joints 1, 2 keep moves together")
+    apart = _two_doubted(rng, alike=False)
+    assert shared_source(apart, apart.fit) is None
+
+
+def _two_doubted(rng, alike):
+    logs = []
+    for log in plain_logs(arm(), [0, 1], [0.0, 0.0]):
+        wave = [np.sin(5 * log.t), np.sin(5 * log.t if alike else 7.3 * log.t)]
+        tau = log.tau + 2 * np.column_stack(wave)
+        logs.append(type(log)(log.id, log.robot, log.t, log.q, tau))
+    ready_logs = ready(arm(), logs, session_clock(logs), Filters())
+    nominal = start_nominal(ready_logs, DEFAULT_DECLARED)
+    diagnosis = diagnose(ready_logs, nominal, Rules(most=0), quiet)
+    assert diagnosis.adequacy.doubted == (0, 1)
+    return diagnosis

@@ -1,0 +1,135 @@
+"""What a leftover depends on: the right variable, time, or nothing at all."""
+
+import numpy as np
+import pytest
+
+from residual.leftover import depends_on
+from residual.leftover_curves import (
+    DIRECTION,
+    PLAIN,
+    SUM,
+    Rows,
+    Variable,
+    curves,
+)
+from residual.leftover_time import Line, drift_of, line_of
+
+LOGS, LENGTH, STEP = 5, 20.0, 0.05
+N = int(LENGTH / STEP)
+
+
+def motion(rng, memory=1.5):
+    """A smooth random motion of five logs, and its speed. Shapes (n,)."""
+    t = np.arange(N) * STEP
+    q, qd = [], []
+    for _ in range(LOGS):
+        w = 2 * np.pi * rng.uniform(0.3, 1.2, 4) / memory
+        phase = rng.uniform(0, 2 * np.pi, 4)
+        q.append(np.sin(np.outer(t, w) + phase).sum(axis=1) / 2)
+        qd.append((w * np.cos(np.outer(t, w) + phase)).sum(axis=1) / 2)
+    return np.concatenate(q), np.concatenate(qd)
+
+
+def red(rng, memory):
+    """Noise of unit size that remembers itself for some rows, log by log."""
+    a, out = np.exp(-1 / memory), []
+    for _ in range(LOGS):
+        x = rng.normal(size=N)
+        for i in range(1, N):
+            x[i] = a * x[i - 1] + np.sqrt(1 - a**2) * x[i]
+        out.append(x)
+    return np.concatenate(out)
+
+
+def rows_of(left, memory=10.0, noise=0.0):
+    log = np.repeat(np.arange(LOGS), N)
+    return Rows(left, log, log, memory, float((left**2).sum() - noise**2 * len(left)))
+
+
+def variables(rng):
+    q, qd = motion(rng)
+    other, speed = motion(rng)
+    side = (qd > 0).astype(int)
+    return [
+        Variable("q", (0,), PLAIN, q),
+        Variable("q", (0,), DIRECTION, q, side),
+        Variable("qd", (0,), PLAIN, qd),
+        Variable("q", (1,), PLAIN, other),
+        Variable("qd", (1,), PLAIN, speed),
+        Variable("q", (0, 1), SUM, q + other),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("number", "shape"),
+    [
+        (0, lambda v: np.maximum(v.values, 0)),
+        (1, lambda v: np.where(v.side, 1, -1) * v.values),
+        (4, lambda v: np.cos(v.values)),
+        (5, lambda v: np.cos(9 * v.values)),
+    ],
+    ids=["a stop", "friction over position", "another joint's speed", "the sum"],
+)
+def test_the_variable_that_a_leftover_is_made_of_comes_first(rng, number, shape):
+    choice = variables(rng)
+    truth = shape(choice[number])
+    truth = (truth - truth.mean()) / truth.std()
+    left = truth + 0.5 * red(rng, 3)
+    found, rest = curves(rows_of(left, noise=0.5), choice)
+    assert found[0].variable is choice[number]
+    assert found[0].share == pytest.approx(1, abs=0.25)
+    assert rest.std() < 0.75
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_leftover_that_only_remembers_itself_depends_on_nothing(seed):
+    """As slow as the motion: a curve fits it well, and predicts other logs badly."""
+    rng = np.random.default_rng(seed)
+    left = red(rng, 40)
+    found, rest = curves(rows_of(left, memory=80.0), variables(rng))
+    assert found == []
+    np.testing.assert_array_equal(rest, left)
+
+
+def line(left, rng, side=None):
+    t = np.concatenate([30 * k + np.arange(N) * STEP for k in range(LOGS)])
+    log = np.repeat(np.arange(LOGS), N)
+    side = np.sign(motion(rng)[1]) if side is None else side
+    power = float((left**2).sum())
+    return Line(t, left, log, side, power, np.full(LOGS, 1.5), 8.0)
+
+
+@pytest.mark.parametrize("frequency", [0.31, 2.7, 6.4])
+def test_a_wave_in_time_is_found_with_its_frequency(rng, frequency):
+    t = line(np.zeros(LOGS * N), rng).t
+    left = np.sqrt(2) * np.sin(2 * np.pi * frequency * t) + 0.7 * red(rng, 3)
+    told = line_of(line(left, rng))
+    assert told.frequency == pytest.approx(frequency, abs=0.5 / LENGTH)
+    assert told.share == pytest.approx(1 / 1.49, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_red_noise_is_no_wave(seed):
+    rng = np.random.default_rng(seed)
+    assert line_of(line(red(rng, 15), rng)) is None
+
+
+def test_a_slow_walk_drifts_and_a_jump_of_friction_drifts_with_direction(rng):
+    walk = np.concatenate([rng.normal(size=N).cumsum() for _ in range(LOGS)])
+    told = drift_of(line(walk / walk.std(), rng))
+    assert (told.on, told.by_direction) == ("t", False)
+    side = np.sign(motion(rng)[1])
+    late = np.tile(np.where(np.arange(N) > 0.45 * N, 1.0, -1.0), LOGS)
+    told = drift_of(line(side * late, rng, side))
+    assert (told.on, told.by_direction) == ("t", True)
+    assert told.share > 0.5
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_forgotten_within_a_second_does_not_drift(seed):
+    rng = np.random.default_rng(seed)
+    assert drift_of(line(red(rng, 8), rng)) is None
+
+
+def test_nothing_left_says_nothing():
+    assert depends_on([]) == []
