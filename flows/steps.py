@@ -7,12 +7,15 @@ from pathlib import Path
 
 from rich.console import Console
 
+from flows.logs import read_words
 from flows.output import check_writable, write_all
+from flows.robots import load
+from flows.settings import store_folder
 from residual.errors import InputError
 from residual.names import check_name
 from residual.outcome import Outcome
 from residual.recording import Recording
-from residual.robot import Robot, load_robot
+from residual.robot import Robot
 
 Progress = Callable[[str, float], None]
 
@@ -30,6 +33,7 @@ class Request:
         columns: COLUMNS.toml, None for the default columns.
         report: HTML page to write, or None.
         json: File for the verdict as JSON, "-" for standard output, or None.
+        store: Folder of the store with runs, None for the usual one.
     """
 
     logs: tuple[str, ...]
@@ -40,6 +44,7 @@ class Request:
     columns: str | None = None
     report: str | None = None
     json: str | None = None
+    store: str | None = None
 
     @property
     def files(self) -> dict[str, Path]:
@@ -84,7 +89,7 @@ def diagnose(
         InputError: If the request or a log is not usable.
     """
     check_writable(request.files, _inputs(request))
-    robot = load_robot(request.robot)
+    robot = load(request.robot)
     _check_declared(request.declared)
     logs = read_logs(request, robot)
     for line in logs.lines:
@@ -152,30 +157,21 @@ def read_logs(request: Request, robot: Robot) -> LogSets:
     Raises:
         InputError: If a log is not usable or shares samples with another.
     """
-    from warehouse.logs import check_distinct, load_columns, read_log, unique_ids
-
     if not request.logs:
         raise InputError(
             "No log to diagnose. Name it first: modelgap diagnose LOG ... --robot R."
         )
-    columns = load_columns(request.columns) if request.columns else None
     sets = {
         "fit": request.logs,
         "baseline": request.baseline,
         "held out": request.held_out,
     }
     specs = [spec for words in sets.values() for spec in words]
-    labels = unique_ids(specs)
-    read = [
-        read_log(spec, robot, columns, label)
-        for spec, label in zip(specs, labels, strict=True)
-    ]
-    recordings = [recording for recording, _ in read]
-    check_distinct(recordings)
-    fit, baseline, held_out = _split(recordings, [len(s) for s in sets.values()])
-    lines = [echo(fit, baseline, held_out), *(known.text for _, known in read)]
-    warnings = [warning for _, known in read for warning in known.warnings]
-    return LogSets(fit, baseline, held_out, tuple(lines), tuple(warnings))
+    read = read_words(specs, robot, request.columns, store_folder(request.store))
+    sizes = [len(words) for words in sets.values()]
+    fit, baseline, held_out = _split(list(read.recordings), sizes)
+    lines = (echo(fit, baseline, held_out), *read.lines)
+    return LogSets(fit, baseline, held_out, lines, read.warnings)
 
 
 def echo(*sets: tuple[Recording, ...]) -> str:

@@ -17,6 +17,7 @@ def diagnose(
     map: str | None = None,
     report: str | None = None,
     json: str | None = None,
+    store: str | None = None,
 ) -> None:
     """Name what the model of a robot lacks, from its logs.
 
@@ -44,8 +45,9 @@ def diagnose(
     else needs a --map. Nothing is converted by guess.
 
     Args:
-        logs: Logs to diagnose: CSV or Parquet. FILE@0:16.5 takes a window in seconds
-            from the first sample, FILE@60%: the last 40 percent.
+        logs: Logs to diagnose: CSV, Parquet, ROS bag or MCAP, or the id of a run of
+            the store. FILE@0:16.5 takes a window in seconds from the first sample,
+            FILE@60%: the last 40 percent.
         robot: Built-in name (irb140), URDF file, or folder with one *.urdf and an
             optional robot.toml.
         baseline: Logs of the robot in good order; then what has changed is named.
@@ -55,6 +57,7 @@ def diagnose(
         map: TOML file that says which column is what, in which unit.
         report: HTML page to write.
         json: File for the verdict as JSON; "-" prints it and nothing else.
+        store: Folder of the store with runs; else $MODELGAP_STORE, else ./store.
     """
     from rich.console import Console
 
@@ -70,6 +73,7 @@ def diagnose(
         columns=map,
         report=report,
         json=json,
+        store=store,
     )
     # Where the JSON has standard output for itself, people read standard error.
     console = Console(stderr=json == "-")
