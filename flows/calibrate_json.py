@@ -21,7 +21,7 @@ def document(outcome: Outcome) -> dict:
         "families": [f or None for f in made.rows.families],
         "rows": len(made.rows.X),
         "joints": list(made.rows.joints),
-        "variables": list(made.rows.names),
+        "variables": list(made.lookup.names),
         "metric": "100*||tau-tau_hat||/||tau||",
         "table": [_score(one) for one in made.scores],
         "default": {

@@ -42,7 +42,7 @@ def store_calibration(
         "declared": list(made.declared),
         "nominal": _nominal(made),
         "options": [_option(o) for o in made.chosen],
-        "variables": list(made.rows.names),
+        "variables": list(made.lookup.names),
         "joints": list(made.rows.joints),
     }
     parents = {"fit": list(ids), **named}

@@ -231,7 +231,12 @@ class _Source:
 
 
 def _form(rows: Rows, settings: Settings) -> EffectForm:
-    form = EffectForm(velocities=rows.velocities, names=rows.names)
+    first = len(rows.names)
+    loads = tuple(
+        (rows.velocities[j - 1], first + i) for i, j in enumerate(rows.joints)
+    )
+    names = (*rows.names, *(f"tau{j}" for j in rows.joints))
+    form = EffectForm(velocities=rows.velocities, loads=loads, names=names)
     return form if settings.pairs else replace(form, pairs=None)
 
 

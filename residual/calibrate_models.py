@@ -59,14 +59,19 @@ class Training:
     tau: Array
     without: Callable[[int], Array] | None = None
 
+    @property
+    def loaded(self) -> Array:
+        """States, then what each joint carries by the model [N m]. Shape (n, d + j)."""
+        return np.hstack([self.X, self.tau - self.Y])
+
     def rows(self, chosen: Array) -> "Training":
         """Return some of the rows."""
         parts = (self.X, self.Y, self.run, self.tau)
         return Training(*(part[chosen] for part in parts))
 
 
-# Corrections of rows by every choice, such as component counts. (m, d) to (c, m, j).
-Forecast = Callable[[Array], Array]
+# Corrections of rows by every choice, such as component counts. Shape (c, m, j).
+Forecast = Callable[[Training], Array]
 Method = Callable[[Training], Forecast]
 
 
@@ -86,7 +91,7 @@ def methods(
             lookup = chosen_lookup(training, form)
         else:
             lookup = fixed_lookup(training, form, fixed)
-        return lambda X: lookup.predict(X)[None]
+        return lambda rows: corrected(lookup, rows)[None]
 
     return {
         NONE: _nothing,
@@ -95,6 +100,11 @@ def methods(
         PAPER_FORM: lambda training: _nominal(training, paper),
         DEFAULT: default,
     }
+
+
+def corrected(lookup: Lookup, rows: Training) -> Array:
+    """Corrections by tables that may need loads. Shape (m, j)."""
+    return lookup.predict(rows.loaded[:, : len(lookup.names)])
 
 
 def chosen_lookup(training: Training, form: EffectForm) -> Lookup:
@@ -117,7 +127,8 @@ def chosen_model(
     runs: two can agree by chance.
     """
     groups = choice_groups(training.run)
-    model = fit_effect_tables(training.X, training.Y, groups, training.tau, form)
+    X = training.loaded if form.loads else training.X
+    model = fit_effect_tables(X, training.Y, groups, training.tau, form)
     labels = np.unique(training.run)
     if len(labels) < PROVEN:
         return model, (Option(NOTHING),) * len(model.chosen)
@@ -127,9 +138,10 @@ def chosen_model(
     for label in labels:
         held = training.run == label
         Y = training.without(int(label))
-        rest = replace(training, Y=Y, without=None).rows(~held)
-        tables = fixed_lookup(rest, form, model.chosen).predict(training.X[held])
-        gain += (Y[held] ** 2).sum(axis=0) - ((Y[held] - tables) ** 2).sum(axis=0)
+        rows = replace(training, Y=Y, without=None)
+        lookup = fixed_lookup(rows.rows(~held), form, model.chosen)
+        rest = Y[held] - corrected(lookup, rows.rows(held))
+        gain += (Y[held] ** 2).sum(axis=0) - (rest**2).sum(axis=0)
     kept = zip(model.chosen, gain > 0, strict=True)
     return model, tuple(option if good else Option(NOTHING) for option, good in kept)
 
@@ -145,9 +157,10 @@ def fixed_lookup(
     training: Training, form: EffectForm, options: Sequence[Option]
 ) -> Lookup:
     """The default form with its options given: nothing is chosen on these rows."""
-    base = fit_base(training.X, training.Y, form)
+    X = training.loaded if form.loads else training.X
+    base = fit_base(X, training.Y, form)
     ridges = [o.ridge if o.ridge else form.ridges[-1] for o in options]
-    main = base.predict(training.X)[2:]
+    main = base.predict(X, form).main
     taken = [main[form.ridges.index(r), :, j] for j, r in enumerate(ridges)]
     left = training.Y - np.stack(taken, axis=1)
     return build_lookup(
@@ -160,6 +173,7 @@ def _wanted_rest(
 ) -> Rest:
     """Pair tables, but only those that somebody takes: they are most of the work."""
     X, groups = training.X, choice_groups(training.run)
+    form = replace(form, names=form.state_names(), loads=())
     named = np.array([option.kind == NAMED for option in options])
     few = tuple(() for _ in options)
     if named.any():
@@ -181,25 +195,27 @@ def fit_paper(training: Training, form: NominalForm) -> NominalPls:
 
 
 def _nothing(training: Training) -> Forecast:
-    return lambda X: np.zeros((1, len(X), training.Y.shape[1]))
+    return lambda rows: np.zeros((1, *rows.Y.shape))
 
 
 def _least_squares(training: Training) -> Forecast:
     model = fit_linear(training.X, training.Y)
-    return lambda X: model.predict(X)[None]
+    return lambda rows: model.predict(rows.X)[None]
 
 
 def _plsr(training: Training) -> Forecast:
     model = fit_pls(training.X, training.Y)
     Q = model.Q * model.y_scale[:, None]
     most = training.X.shape[1]
-    return lambda X: _by_count(model.transform(X), Q.T, model.y_mean, most)
+    return lambda rows: _by_count(model.transform(rows.X), Q.T, model.y_mean, most)
 
 
 def _nominal(training: Training, form: NominalForm) -> Forecast:
     model = fit_paper(training, form)
     Q = model.Q * model.y_scale
-    return lambda X: _by_count(model.transform(X), Q, model.y_mean, form.components)
+    return lambda rows: _by_count(
+        model.transform(rows.X), Q, model.y_mean, form.components
+    )
 
 
 def _by_count(T: Array, Q: Array, mean: Array, most: int) -> Array:

@@ -62,13 +62,14 @@ def score(
     for fold, left_out in enumerate(scheme.left_out):
         held = scheme.folds.of_row == fold
         Y = response(left_out)
-        training = replace(rows, Y=Y).rows(~held)
+        told = replace(rows, Y=Y, without=None)
+        training = told.rows(~held)
         if depends:
             without = _one_more(response, left_out, ~held)
             training = replace(training, without=without)
         forecast = method(training)
-        fitted.append(_squares(training.Y, forecast(training.X)))
-        unseen.append(_squares(Y[held], forecast(rows.X[held])))
+        fitted.append(_squares(training.Y, forecast(training)))
+        unseen.append(_squares(Y[held], forecast(told.rows(held))))
         power_c.append((training.tau**2).sum(axis=0))
     power = fold_power(rows.tau, scheme.folds)
     sums = np.array(fitted), np.array(unseen), np.array(power_c), power
@@ -87,7 +88,7 @@ def judge_responses(
 
 
 def _zero(training: Training):
-    return lambda X: np.zeros((1, len(X), training.Y.shape[1]))
+    return lambda rows: np.zeros((1, *rows.Y.shape))
 
 
 def _squares(Y: Array, predicted: Array) -> Array:

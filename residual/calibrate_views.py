@@ -148,6 +148,7 @@ def terms_of(
 
     All pair tables are fitted, wanted or not: the question is what each could say.
     """
+    form = replace(form, names=form.state_names(), loads=())
     count = form.pairs.components if form.pairs else 0
     ridges = [o.ridge or _STIFF for o in chosen]
     options = [

@@ -1,13 +1,14 @@
 """The chosen options of all joints put together into one set of look-up tables."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from residual.blocks import as_names, frozen
 from residual.effect_tables import (
     LEAST_SQUARES,
-    MAIN,
+    LOADED,
     NAMED,
     PAIRS,
     Base,
@@ -25,8 +26,10 @@ def build_lookup(
 ) -> Lookup:
     """Return the tables of all joints; a joint without a table has zeros in it.
 
+    Loads become variables, after all others, only if a joint takes them.
+
     Args:
-        base: Least squares and main effects.
+        base: Least squares, main effects, and tables of load.
         rest: Pair tables.
         chosen: Option of each joint.
         form: What the options were chosen from.
@@ -38,8 +41,10 @@ def build_lookup(
         if option.kind == LEAST_SQUARES:
             offset[j] = base.linear.offset[j]
             slope[:, j] = base.linear.slope[:, j]
-        if option.kind in (MAIN, NAMED, PAIRS):
-            fit = base.main[form.ridges.index(option.ridge)]
+        if option.ridge is not None:
+            number = form.ridges.index(option.ridge)
+            loaded = option.kind == LOADED
+            fit = base.loaded[number].main if loaded else base.main[number]
             offset[j] = fit.offset[j]
             for table, own in zip(main, fit.tables, strict=True):
                 table[:, j] = own[:, j]
@@ -50,7 +55,7 @@ def build_lookup(
             start = len(axes)
             axes += _axes(found[0])
             tables += [Table((start + a, start + b), t) for (a, b), t in found[1]]
-    return Lookup(
+    plain = Lookup(
         levels.names,
         as_names(None, joints, "joint "),
         tuple(axes),
@@ -59,6 +64,35 @@ def build_lookup(
         frozen(slope),
         levels.low,
         levels.high,
+    )
+    return _with_loads(plain, base, chosen, form)
+
+
+def _with_loads(
+    plain: Lookup, base: Base, chosen: Sequence[Option], form: EffectForm
+) -> Lookup:
+    """The tables of speed and load of those joints that take them, added."""
+    takers = [j for j, option in enumerate(chosen) if option.kind == LOADED]
+    if not takers:
+        return plain
+    axes, tables = list(plain.axes), list(plain.tables)
+    for j in takers:
+        fit = base.loaded[form.ridges.index(chosen[j].ridge)]
+        table = np.zeros((*fit.tables[j].shape, len(chosen)))
+        table[..., j] = fit.tables[j]
+        tables.append(Table((len(axes), len(axes) + 1), frozen(table)))
+        for column, place in zip(form.loads[j], (2 * j, 2 * j + 1), strict=True):
+            axes.append(Axis(column, fit.levels.edges[place]))
+    loads, count = base.loaded[0].levels, len(form.loads)
+    names = as_names(form.names, len(plain.names) + count, "x")
+    return replace(
+        plain,
+        names=names,
+        axes=tuple(axes),
+        tables=tuple(tables),
+        slope=frozen(np.vstack([plain.slope, np.zeros((count, len(chosen)))])),
+        low=frozen(np.concatenate([plain.low, loads.low[1::2]])),
+        high=frozen(np.concatenate([plain.high, loads.high[1::2]])),
     )
 
 

@@ -1,8 +1,9 @@
 """Which form of correction each joint gets, decided on runs left out.
 
 The order of options is from simple to involved: nothing, least squares, main effects,
-named pairs, all pairs. A joint takes the first that is as good as the best within one
-standard error of the difference over runs, and nothing is always among them.
+the same with load, named pairs, all pairs. A joint takes the first that is as good as
+the best within one standard error of the difference over runs, and nothing is always
+among them.
 """
 
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from residual.crossval import (
 from residual.effect_build import build_lookup
 from residual.effect_tables import (
     LEAST_SQUARES,
+    LOADED,
     MAIN,
     NAMED,
     NONE,
@@ -42,7 +44,7 @@ class EffectModel:
     """The default form, fitted to all rows.
 
     Attributes:
-        lookup: The correction.
+        lookup: The correction; loads are variables of it only where a joint takes them.
         chosen: Option of each joint.
         errors: Errors on runs left out of the options of each joint. They helped to
             choose: report those of `nested_errors`.
@@ -71,7 +73,7 @@ def fit_effect_tables(
     """Fit the default form and choose its parts on runs left out.
 
     Args:
-        X: Variables: q, qd, qdd of the joints in question. Shape (n, d).
+        X: Variables: q, qd, qdd of the joints in question, then their loads. (n, d).
         Y: What the nominal model leaves: the residual [N m]. Shape (n, j).
         run: Run of each row. Shape (n,).
         torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
@@ -93,7 +95,7 @@ def fit_effect_tables(
     proven = folds.count >= PROVEN
     picked = [_pick(errors, j, options, proven) for j in range(Y.shape[1])]
     base = fit_base(X, Y, form)
-    rest = fit_rest(X, Y - _main(base, X, ridge), np.asarray(run), form)
+    rest = fit_rest(X, Y - _main(base, X, ridge, form), np.asarray(run), form)
     pairs = zip(picked, ridge, strict=True)
     chosen = tuple(_named_option(options[p], form, r) for p, r in pairs)
     lookup = build_lookup(base, rest, chosen, form)
@@ -126,7 +128,8 @@ def nested_errors(
     miss = []
     for keep in _training(folds):
         model = fit_effect_tables(X[keep], Y[keep], run[keep], torque[keep], form)
-        gap = Y[~keep] - model.lookup.predict(X[~keep])
+        used = X[~keep][:, : len(model.lookup.names)]
+        gap = Y[~keep] - model.lookup.predict(used)
         miss.append([(Y[~keep] ** 2).sum(axis=0), (gap**2).sum(axis=0)])
     stacked = np.array(miss).transpose(1, 0, 2)
     return HeldOut(folds.scheme, stacked, fold_power(torque, folds))
@@ -139,6 +142,7 @@ def list_options(form: EffectForm) -> tuple[Option, ...]:
         Option(NONE),
         Option(LEAST_SQUARES),
         Option(MAIN),
+        *((Option(LOADED),) if form.loads else ()),
         *(Option(NAMED, count=n + 1) for n in range(form.named)),
         *(Option(PAIRS, count=n + 1) for n in range(components)),
     )
@@ -146,7 +150,8 @@ def list_options(form: EffectForm) -> tuple[Option, ...]:
 
 def _check_runs(X: Array, folds: Folds, form: EffectForm) -> None:
     """Refuse a variable that varies in one run only: nothing checks its table."""
-    names = as_names(form.names, X.shape[1], "x")
+    X = form.states(X)
+    names = as_names(form.state_names(), X.shape[1], "x")
     check_varying(X, names)
     for name, keep in zip(folds.names, _training(folds), strict=True):
         check_varying(X[keep], names, f"all but run {name},")
@@ -161,7 +166,7 @@ def _choose_ridge(X, Y, folds, bases, form, power) -> list[int]:
     order = np.argsort(form.ridges)[::-1]
     miss = []
     for keep, base in zip(_training(folds), bases, strict=True):
-        gap = Y[~keep] - base.predict(X[~keep])[2:][order]
+        gap = Y[~keep] - base.predict(X[~keep], form).main[order]
         miss.append((gap**2).sum(axis=1))
     errors = HeldOut(folds.scheme, np.stack(miss, axis=1), power)
     return [int(order[simplest(errors, j)]) for j in range(Y.shape[1])]
@@ -172,18 +177,19 @@ def _all_options(X, Y, folds, bases, form, ridge) -> Array:
     run = folds.of_row
     miss = []
     for keep, base in zip(_training(folds), bases, strict=True):
-        rest = fit_rest(X[keep], Y[keep] - _main(base, X[keep], ridge), run[keep], form)
-        parts = base.predict(X[~keep])
-        main = _of_joints(parts[2:], ridge)
-        guess = np.concatenate(
-            [parts[:2], main[None], main + rest.predict(X[~keep], form)]
-        )
-        miss.append(((Y[~keep] - guess) ** 2).sum(axis=1))
+        left = Y[keep] - _main(base, X[keep], ridge, form)
+        rest = fit_rest(X[keep], left, run[keep], form)
+        parts = base.predict(X[~keep], form)
+        main = _of_joints(parts.main, ridge)
+        loaded = [_of_joints(parts.loaded, ridge)] if form.loads else []
+        more = main + rest.predict(X[~keep], form)
+        guess = [np.zeros_like(main), parts.linear, main, *loaded, *more]
+        miss.append(((Y[~keep] - np.stack(guess)) ** 2).sum(axis=1))
     return np.stack(miss, axis=1)
 
 
-def _main(base: Base, X: Array, ridge: list[int]) -> Array:
-    return _of_joints(base.predict(X)[2:], ridge)
+def _main(base: Base, X: Array, ridge: list[int], form: EffectForm) -> Array:
+    return _of_joints(base.predict(X, form).main, ridge)
 
 
 def _of_joints(by_ridge: Array, ridge: list[int]) -> Array:
@@ -200,5 +206,5 @@ def _pick(errors: HeldOut, joint: int, options, proven: bool) -> int:
 
 
 def _named_option(option: Option, form: EffectForm, ridge: int) -> Option:
-    tables = option.kind in (MAIN, NAMED, PAIRS)
+    tables = option.kind in (MAIN, LOADED, NAMED, PAIRS)
     return Option(option.kind, form.ridges[ridge] if tables else None, option.count)

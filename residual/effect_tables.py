@@ -1,8 +1,9 @@
 """The default form of the data-driven correction: main effects, then a few pairs.
 
-Per joint one of: nothing, least squares, main effects, main effects with up to three
-named pair tables, or with all pair tables by PLS. `residual/effect_choice.py` chooses
-among them on runs left out; the study behind it says why in this order.
+Per joint one of: nothing, least squares, main effects, main effects with a table of
+speed and load, with up to three named pair tables, or with all pair tables by PLS.
+`residual/effect_choice.py` chooses among them on runs left out; the study behind it
+says why in this order.
 """
 
 from dataclasses import dataclass, replace
@@ -12,19 +13,21 @@ import numpy as np
 from residual.blocks import as_block, as_pair
 from residual.cells import merge_rows
 from residual.levels import Levels
+from residual.load_tables import Loaded, fit_loaded
 from residual.main_effects import (
     PYRAMID,
     RIDGES,
     MainEffects,
-    fit_main_effects,
+    main_effects,
     make_pyramid,
+    normal_equations,
 )
 from residual.named_pairs import MOST, NamedPair, add_pairs, pair_levels, read_pairs
 from residual.nominal_pls import NominalForm, NominalPls, component_bound, fit_cells
 from residual.recording import Array
 
 NONE, LEAST_SQUARES, MAIN = "none", "least squares", "main effects"
-NAMED, PAIRS = "named pairs", "all pairs"
+LOADED, NAMED, PAIRS = "main effects and load", "named pairs", "all pairs"
 
 PAIR_FORM = NominalForm(22, 15, "quantile", scale_y=True)
 
@@ -35,6 +38,8 @@ class EffectForm:
 
     Attributes:
         velocities: Columns that hold velocities: their levels part at standstill.
+        loads: Column of each joint's speed and of its load, which is the model's torque
+            [N m]. The columns of loads are the last; they have no table of their own.
         names: Names of the variables.
         pyramid: Levels of the main effects, from wide to narrow.
         ridges: Ridges of the main effects per 20 000 rows.
@@ -44,11 +49,24 @@ class EffectForm:
     """
 
     velocities: tuple[int, ...] = ()
+    loads: tuple[tuple[int, int], ...] = ()
     names: tuple[str, ...] | None = None
     pyramid: tuple[int, ...] = PYRAMID
     ridges: tuple[float, ...] = RIDGES
     named: int = MOST
     pairs: NominalForm | None = PAIR_FORM
+
+    def states(self, X: Array) -> Array:
+        """Columns other than loads. Shape (n, d - loads)."""
+        return X[:, : X.shape[1] - len(self.loads)]
+
+    def speeds_and_loads(self, X: Array) -> Array:
+        """Speed and load of each joint by turns. Shape (n, 2 loads)."""
+        return X[:, [column for pair in self.loads for column in pair]]
+
+    def state_names(self) -> tuple[str, ...] | None:
+        """Names of the columns other than loads."""
+        return self.names and self.names[: len(self.names) - len(self.loads)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +74,7 @@ class Option:
     """One choice for one joint.
 
     Attributes:
-        kind: One of the five constants of this module.
+        kind: One of the six constants of this module.
         ridge: Ridge of the main effects, where there are any.
         count: Named pair tables, or components of all pair tables.
     """
@@ -90,18 +108,36 @@ class Base:
     Attributes:
         linear: Least squares.
         main: Main effects, one fit per ridge of the form.
+        loaded: The same with tables of speed and load; none where there are no loads.
     """
 
     linear: Linear
     main: tuple[MainEffects, ...]
+    loaded: tuple[Loaded, ...]
 
-    def predict(self, X: Array) -> Array:
-        """Corrections of none, least squares, main by ridge. (2 + ridges, m, j)."""
+    def predict(self, X: Array, form: EffectForm) -> "Parts":
+        """Return the corrections of all parts."""
         X = as_block(X, "X")
-        codes = self.main[0].levels.encode(X)
-        linear = self.linear.predict(X)
-        tables = [fit.read(codes) for fit in self.main]
-        return np.stack([np.zeros_like(linear), linear, *tables])
+        plain, loads = form.states(X), form.speeds_and_loads(X)
+        codes = self.main[0].levels.encode(plain)
+        main = np.stack([fit.read(codes) for fit in self.main])
+        loaded = [fit.predict(plain, loads) for fit in self.loaded]
+        return Parts(self.linear.predict(plain), main, np.array(loaded))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Parts:
+    """Corrections by the parts of a base [N m].
+
+    Attributes:
+        linear: Least squares. Shape (m, j).
+        main: Main effects by ridge. Shape (ridges, m, j).
+        loaded: The same with tables of speed and load. (ridges, m, j), or (0,).
+    """
+
+    linear: Array
+    main: Array
+    loaded: Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -124,6 +160,7 @@ class Rest:
         First 1, 2 ... named tables, then 1, 2 ... components of all tables; where
         fewer were found, the last ones repeat.
         """
+        X = form.states(X)
         codes = self.levels.encode(X)
         by_joint = [read_pairs(found, codes) for found in self.named]
         counts = range(1, form.named + 1)
@@ -147,8 +184,15 @@ def fit_base(X: Array, Y: Array, form: EffectForm) -> Base:
         InputError: On a constant column, levels below 2, or blocks that do not fit.
     """
     X, Y = as_pair(X, Y)
-    pyramid = make_pyramid(X, form.pyramid, form.names, velocities=form.velocities)
-    return Base(fit_linear(X, Y), fit_main_effects(X, Y, pyramid, form.ridges))
+    plain, names = form.states(X), form.state_names()
+    pyramid = make_pyramid(plain, form.pyramid, names, velocities=form.velocities)
+    normal = normal_equations(plain, Y, pyramid)
+    main = main_effects(normal, pyramid, form.ridges)
+    loaded: tuple[Loaded, ...] = ()
+    if form.loads:
+        pairs = form.speeds_and_loads(X)
+        loaded = fit_loaded(normal, pyramid, pairs, Y, form.ridges)
+    return Base(fit_linear(plain, Y), main, loaded)
 
 
 def fit_rest(X: Array, rest: Array, run: Array, form: EffectForm) -> Rest:
@@ -160,7 +204,8 @@ def fit_rest(X: Array, rest: Array, run: Array, form: EffectForm) -> Rest:
         run: Run of each row: a named table must predict each run from the others. (n,).
         form: What may be chosen from.
     """
-    levels = pair_levels(X, form.names, form.velocities)
+    X = form.states(X)
+    levels = pair_levels(X, form.state_names(), form.velocities)
     codes = levels.encode(X)
     named = tuple(add_pairs(codes, column, run, form.named) for column in rest.T)
     return Rest(levels, named, _fit_pairs(X, rest, form))
@@ -170,7 +215,7 @@ def _fit_pairs(X: Array, rest: Array, form: EffectForm) -> NominalPls | None:
     if form.pairs is None:
         return None
     pairs = replace(form.pairs, velocities=form.velocities)
-    levels = pairs.make_levels(X, form.names)
+    levels = pairs.make_levels(X, form.state_names())
     cells = merge_rows(levels.encode(X))
     # Short logs bear fewer components; nobody asked for just so many here.
     count = min(pairs.components, component_bound(cells))

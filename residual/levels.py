@@ -125,6 +125,7 @@ def quantile_levels(
     names: Sequence[str] | None = None,
     *,
     velocities: Collection[int] = (),
+    constant: bool = False,
 ) -> Levels:
     """Levels that hold about equally many calibration rows each.
 
@@ -138,11 +139,12 @@ def quantile_levels(
         count: Levels of each variable, at least 2.
         names: Names of the variables.
         velocities: Columns (from 0) that hold velocities [rad/s].
+        constant: Whether a column may be constant; all of it is then in one level.
 
     Raises:
         InputError: On fewer than 2 levels, a constant column, or a value not finite.
     """
-    X, names = _checked(X, count, names)
+    X, names = _checked(X, count, names, constant)
     edges = [
         _around_zero(column, count) if i in velocities else _quantiles(column, count)
         for i, column in enumerate(X.T)
@@ -175,11 +177,14 @@ def shift_ahead(X: Array, Y: Array, run: Array | None = None) -> tuple[Array, ..
     return X[rows], Y[rows + 1], rows
 
 
-def _checked(X: Array, count: int, names: Sequence[str] | None) -> tuple:
+def _checked(
+    X: Array, count: int, names: Sequence[str] | None, constant: bool = False
+) -> tuple:
     check_count(count, 2, MOST, "levels", "One level cannot tell two states apart.")
     X = as_block(X, "X")
     names = as_names(names, X.shape[1], "x")
-    check_varying(X, names)
+    if not constant:
+        check_varying(X, names)
     return X, names
 
 

@@ -2,8 +2,9 @@
 
     python evaluate.py model.npz rows.csv > corrections.csv
 
-A row holds the variables in the order of `names`, in rad, rad/s and rad/s^2. A value
-outside the calibrated range takes the nearest level; `outside` tells which.
+A row holds the variables in the order of `names`, in rad, rad/s and rad/s^2; tau is the
+torque of the model in N m. A value outside the calibrated range takes the nearest
+level; `outside` tells which.
 """
 
 import sys

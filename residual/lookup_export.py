@@ -88,7 +88,8 @@ def _json(lookup: Lookup) -> bytes:
     told = {
         "form": FORM,
         "meaning": "correction [N m] = offset + x slope + sum of tables; x in rad, "
-        "rad/s, rad/s^2; a value at an edge belongs above it",
+        "rad/s, rad/s^2, of tau in N m (torque of the model); a value at an edge "
+        "belongs above it",
         "variables": [
             {"name": n, "low": float(a), "high": float(b)}
             for n, a, b in zip(lookup.names, lookup.low, lookup.high, strict=True)

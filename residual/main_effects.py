@@ -67,6 +67,56 @@ class MainEffects:
         return out
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Normal:
+    """Centred normal equations of the main effects, in their principal directions.
+
+    Attributes:
+        codes: Levels of the rows.
+        share: Share of the rows in each level, variable after variable. Shape (k,).
+        values: Eigenvalues, at least 0. Shape (r,).
+        back: From directions to levels. Shape (k, r).
+        right: Right sides. Shape (r, j).
+        y_mean: Mean of the responses. Shape (j,).
+    """
+
+    codes: Codes
+    share: Array
+    values: Array
+    back: Array
+    right: Array
+    y_mean: Array
+
+    def scaled(self, ridge: float) -> float:
+        """A ridge per 20 000 rows as it is for so many rows."""
+        return ridge * len(self.codes.values) / ROWS
+
+    def stiffened(self, ridge: float) -> Array:
+        """Eigenvalues plus ridge. Shape (r,)."""
+        return self.values + self.scaled(ridge)
+
+    def effects(self, levels: Levels, solved: Array, ridge: float) -> MainEffects:
+        """Tables from coefficients of the directions. Shape of `solved` (r, j)."""
+        tables = _centred(self.back @ solved, self.share, self.codes.sizes)
+        return MainEffects(levels, frozen(self.y_mean), tables, float(ridge))
+
+    def cross(self, cell: Array, size: int, share: Array) -> Array:
+        """Products of the directions with indicators of cells, centred. (r, size).
+
+        Args:
+            cell: Cell of each row. Shape (n,).
+            size: Number of cells.
+            share: Share of the rows in each. Shape (size,).
+        """
+        counts = [
+            np.bincount(column.astype(np.int64) * size + cell, minlength=k * size)
+            for column, k in zip(self.codes.values.T, self.codes.sizes, strict=True)
+        ]
+        stacked = np.concatenate([c.reshape(-1, size) for c in counts])
+        centred = stacked - len(cell) * np.outer(self.share, share)
+        return self.back.T @ centred
+
+
 def make_pyramid(
     X: Array,
     widths: Sequence[int] = PYRAMID,
@@ -82,17 +132,39 @@ def make_pyramid(
     if not widths:
         raise InputError("The pyramid needs at least one number of levels, got none.")
     layers = [quantile_levels(X, w, names, velocities=velocities) for w in widths]
-    edges, roots = [], []
-    for i in range(len(layers[0].edges)):
-        union = np.unique(np.concatenate([layer.edges[i] for layer in layers]))
-        # A level of the union is known by its lower edge.
-        starts = np.concatenate([[-np.inf], union])
-        groups = [np.searchsorted(y.edges[i], starts, side="right") for y in layers]
-        edges.append(frozen(union))
-        roots.append(frozen(_root(groups)))
+    edges, groups = zip(*unite(layers), strict=True)
+    roots = [frozen(root_of(own)) for own in groups]
     first = layers[0]
     levels = Levels(first.names, tuple(edges), first.low, first.high)
     return Pyramid(levels, tuple(roots))
+
+
+def unite(layers: Sequence[Levels]) -> list[tuple[Array, list[Array]]]:
+    """Return the union of all edges of each variable, and what is one level where.
+
+    Args:
+        layers: Levels of several widths.
+
+    Returns:
+        By variable: edges, and for each width the level that each level of the union
+        is in. Shapes (k - 1,), (k,).
+    """
+    out = []
+    for own in zip(*(layer.edges for layer in layers), strict=True):
+        union = np.unique(np.concatenate(own))
+        # A level of the union is known by its lower edge.
+        starts = np.concatenate([[-np.inf], union])
+        groups = [np.searchsorted(edges, starts, side="right") for edges in own]
+        out.append((frozen(union), groups))
+    return out
+
+
+def root_of(groups: Sequence[Array]) -> Array:
+    """Return R with R R' the number of widths in which two levels are one. (k, r)."""
+    together = sum((g[:, None] == g[None, :]).astype(float) for g in groups)
+    values, vectors = np.linalg.eigh(together)
+    kept = values > KEPT * values[-1]
+    return vectors[:, kept] * np.sqrt(values[kept])
 
 
 def fit_main_effects(
@@ -117,11 +189,32 @@ def fit_main_effects(
         InputError: On blocks of different length or a ridge that is not positive.
     """
     X, Y = as_pair(X, Y)
+    normal = normal_equations(X, Y, pyramid)
+    return main_effects(normal, pyramid, ridges)
+
+
+def main_effects(
+    normal: Normal, pyramid: Pyramid, ridges: Sequence[float]
+) -> tuple[MainEffects, ...]:
+    """Solve equations that are there already, for several ridges.
+
+    Raises:
+        InputError: If a ridge is not positive.
+    """
     if not len(ridges) or min(ridges) <= 0:
         raise InputError(
             f"ridges must be above 0, got {list(ridges)}: levels of several widths "
             "overlap and have no other unique solution. 1, 10, 100, 1000 are usual."
         )
+    fits = []
+    for ridge in ridges:
+        solved = normal.right / normal.stiffened(ridge)[:, None]
+        fits.append(normal.effects(pyramid.levels, solved, ridge))
+    return tuple(fits)
+
+
+def normal_equations(X: Array, Y: Array, pyramid: Pyramid) -> Normal:
+    """Return the equations of the main effects, ready for any ridge."""
     codes = pyramid.levels.encode(X)
     count, sums = _joint_sums(codes, Y)
     n, y_mean = len(Y), Y.mean(axis=0)
@@ -130,19 +223,8 @@ def fit_main_effects(
     middle = share @ L
     values, U = np.linalg.eigh(L.T @ count @ L - n * np.outer(middle, middle))
     right = U.T @ (L.T @ sums - n * np.outer(middle, y_mean))
-    fits = []
-    for ridge in ridges:
-        solved = right / (np.maximum(values, 0) + ridge * n / ROWS)[:, None]
-        tables = _centred(L @ (U @ solved), share, codes.sizes)
-        fits.append(MainEffects(pyramid.levels, frozen(y_mean), tables, float(ridge)))
-    return tuple(fits)
-
-
-def _root(groups: Sequence[Array]) -> Array:
-    together = sum((g[:, None] == g[None, :]).astype(float) for g in groups)
-    values, vectors = np.linalg.eigh(together)
-    kept = values > KEPT * values[-1]
-    return vectors[:, kept] * np.sqrt(values[kept])
+    back = L @ U
+    return Normal(codes, share, np.maximum(values, 0), back, right, y_mean)
 
 
 def _joint_sums(codes: Codes, Y: Array) -> tuple[Array, Array]:

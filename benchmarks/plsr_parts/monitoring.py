@@ -65,8 +65,8 @@ class Plan:
 
 
 _BARRED = tuple(fault for fault, bar in FAULTS.items() if bar)
-QUICK = Plan((31,), 6, 2, 1, 10.0, ("fourier", "move_stop_move"), _BARRED)
-FULL = Plan((31, 32, 33), 4, 15, 3, 20.0)
+QUICK = Plan((41,), 6, 2, 1, 10.0, ("fourier", "move_stop_move"), _BARRED)
+FULL = Plan((41, 42, 43), 4, 15, 3, 20.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,6 +7,7 @@ from residual.crossval import leave_one_out
 from residual.effect_choice import fit_effect_tables, list_options, nested_errors
 from residual.effect_tables import (
     LEAST_SQUARES,
+    LOADED,
     MAIN,
     NAMED,
     NONE,
@@ -15,6 +18,8 @@ from residual.effect_tables import (
 )
 from residual.errors import InputError
 from residual.importance import split_pair, table_importance
+from residual.levels import quantile_levels
+from residual.load_tables import WIDTHS
 from residual.lookup import Table
 from residual.main_effects import ROWS, fit_main_effects, make_pyramid
 from residual.named_pairs import add_pairs, pair_levels, read_pairs
@@ -22,7 +27,10 @@ from residual.nominal_folds import strict_errors
 from residual.nominal_pls import NominalForm
 from tests.residual.motion_blocks import NAMES, motion
 
-FORM = EffectForm((3, 4, 5), NAMES, pairs=NominalForm(8, 4, "quantile", (3, 4, 5)))
+TORQUES = ("tau1", "tau2", "tau3")
+FORM = EffectForm(
+    (3, 4, 5), names=NAMES, pairs=NominalForm(8, 4, "quantile", (3, 4, 5))
+)
 
 
 def test_main_effects_solve_the_ridge_equations_of_all_widths(rng):
@@ -94,10 +102,10 @@ def test_a_straight_line_is_left_to_least_squares(rng):
 def test_the_tables_equal_the_fits_that_they_are_made_of(rng):
     X, Y, torque, run = motion(rng, runs=3, rows=500)
     model = fit_effect_tables(X, Y, run, torque, FORM)
-    base = fit_base(X, Y, FORM).predict(X)
+    base = fit_base(X, Y, FORM).predict(X, FORM).main
     for j, option in enumerate(model.chosen):
         assert option.kind in (MAIN, NAMED, PAIRS)
-        expected = base[2 + FORM.ridges.index(option.ridge), :, j]
+        expected = base[FORM.ridges.index(option.ridge), :, j]
         if option.kind != MAIN:
             first = 0 if option.kind == NAMED else FORM.named
             more = model.rest.predict(X, FORM)[first + option.count - 1, :, j]
@@ -117,9 +125,78 @@ def test_a_table_of_two_variables_is_found_and_named(rng):
     assert add_pairs(codes, rng.normal(size=len(X)), run) == ()
 
 
+LOADS = replace(FORM, loads=((3, 9), (4, 10), (5, 11)), names=(*NAMES, *TORQUES))
+
+
+def carried(X, Y):
+    """X with a load that all joints decide, Y with friction that grows with it."""
+    load = 40 * np.cos(X[:, :3].sum(axis=1, keepdims=True) + np.arange(3))
+    return np.hstack([X, load]), Y + 0.3 * np.abs(load) * np.sign(X[:, 3:6])
+
+
+def test_tables_of_speed_and_load_solve_the_ridge_equations(rng):
+    X, Y, _, _ = motion(rng, runs=1, rows=400)
+    X, Y = carried(X, Y)
+    fit = fit_base(X, Y, LOADS).loaded[1]
+    pyramid = make_pyramid(X[:, :9], LOADS.pyramid, velocities=(3, 4, 5))
+    codes = pyramid.levels.encode(X[:, :9])
+    Z = [
+        np.eye(k)[c] @ root
+        for k, c, root in zip(codes.sizes, codes.values.T, pyramid.roots, strict=True)
+    ]
+    pairs = LOADS.speeds_and_loads(X)
+    found = fit.predict(X[:, :9], pairs)
+    layers = [quantile_levels(pairs, k, velocities=(0, 2, 4)) for k in WIDTHS]
+    for j in range(3):
+        tables = []
+        for layer in layers:
+            k1, k2 = layer.sizes[2 * j : 2 * j + 2]
+            c1, c2 = layer.encode(pairs).values[:, 2 * j : 2 * j + 2].astype(int).T
+            tables.append(np.eye(k1 * k2)[c1 * k2 + c2])
+        A = np.hstack([*Z, *tables])
+        A -= A.mean(0)
+        ridge = LOADS.ridges[1] * len(X) / ROWS * np.eye(A.shape[1])
+        beta = np.linalg.solve(A.T @ A + ridge, A.T @ (Y[:, j] - Y[:, j].mean()))
+        expected = Y[:, j].mean() + A @ beta
+        np.testing.assert_allclose(found[:, j], expected, atol=1e-7)
+
+
+def test_friction_that_grows_with_the_load_is_learnt_for_unseen_runs(rng):
+    X, Y, torque, run = motion(rng, runs=5, rows=1000)
+    X, Y = carried(X, Y)
+    folds = leave_one_out(run)
+    _, ours = nested_errors(X, Y, folds, run, torque, LOADS).pooled()
+    _, without = nested_errors(X[:, :9], Y, folds, run, torque, FORM).pooled()
+    assert (ours < 0.7 * without).all()
+    model = fit_effect_tables(X, Y, run, torque, LOADS)
+    assert [o.kind for o in model.chosen] == [LOADED] * 3
+    base = fit_base(X, Y, LOADS).predict(X, LOADS).loaded
+    for j, option in enumerate(model.chosen):
+        expected = base[LOADS.ridges.index(option.ridge), :, j]
+        np.testing.assert_allclose(model.lookup.predict(X)[:, j], expected, atol=1e-9)
+
+
+def test_loads_are_asked_for_only_where_they_are_used(rng):
+    X, Y, torque, run = motion(rng, runs=4, rows=600, friction=0.0)
+    X = np.hstack([X, torque - Y])
+    model = fit_effect_tables(X, Y, run, torque, LOADS)
+    assert model.lookup.names == NAMES
+
+
+def test_a_joint_that_carries_nothing_has_no_table_of_load_and_is_no_error(rng):
+    X, Y, torque, run = motion(rng, runs=4, rows=600)
+    X, Y = carried(X, Y)
+    X[:, 11] = 0.0
+    model = fit_effect_tables(X, Y, run, torque, LOADS)
+    assert [o.kind for o in model.chosen[:2]] == [LOADED] * 2
+    assert np.isfinite(model.lookup.predict(X)).all()
+
+
 def test_options_go_from_simple_to_involved():
     kinds = [o.kind for o in list_options(FORM)]
     assert kinds == [NONE, LEAST_SQUARES, MAIN, *[NAMED] * 3, *[PAIRS] * 4]
+    kinds = [o.kind for o in list_options(LOADS)]
+    assert kinds[:4] == [NONE, LEAST_SQUARES, MAIN, LOADED]
     bare = EffectForm(named=0, pairs=None)
     assert [o.kind for o in list_options(bare)] == [NONE, LEAST_SQUARES, MAIN]
 
