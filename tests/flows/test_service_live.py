@@ -44,7 +44,7 @@ def modelgap(*words: str, **options) -> subprocess.CompletedProcess:
 
 @pytest.fixture(scope="session")
 def service(tmp_path_factory):
-    """Bring a store up as a user would, from another folder; in the end take it down."""
+    """A store that was brought up as by a user, from another folder."""
     folder = tmp_path_factory.mktemp("service")
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
