@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from flows.output import check_writable, write_all
+from flows.robots import load
 from flows.settings import store_folder
 from flows.steps import Progress, echo
 from residual.errors import InputError
 from residual.names import check_name
-from residual.robot import Robot, load_robot
+from residual.robot import Robot
 
 if TYPE_CHECKING:
     from residual.calibrate import Calibration
@@ -108,7 +109,7 @@ def calibrate(
         InputError: If the request or a log is not usable.
     """
     _check_files(request)
-    robot = load_robot(request.robot)
+    robot = load(request.robot)
     _check_declared(request.declared)
     read = read_runs(request, robot)
     for line in (echo(tuple(r.log for r in read.runs), (), ()), *read.lines):
@@ -123,15 +124,26 @@ def calibrate(
 
     settings = Settings(paper=request.paper, declared=request.declared)
     place = store_folder(request.store)
-    effects, told = (), None
+    effects, told, diagnosis = (), None, None
     if not request.paper:
-        effects, told = found_effects(place, read.ids, robot, request.declared)
+        effects, told, diagnosis = found_effects(
+            place, read.ids, robot, request.declared
+        )
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
         made = fitted(robot, read.runs, settings, effects, progress)
     if told:
         made = replace(made, notes=(*made.notes, told))
-    kept = store_calibration(place, made, read.ids) if read.stored else {}
+    asked = {
+        "step": "calibrate",
+        "logs": list(read.ids),
+        "robot": request.robot,
+        "paper": request.paper,
+        "declared": request.declared,
+        "diagnosis": diagnosis,
+        "robot_hash": robot.content_hash,
+    }
+    kept = store_calibration(place, made, asked) if read.stored else {}
     return Outcome(made, sentences(made), read.warnings, kept)
 
 

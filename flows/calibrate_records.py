@@ -19,21 +19,25 @@ STAGE, KIND = "calibrated", "calibration"
 
 
 def store_calibration(
-    store: Path, made: Calibration, ids: Sequence[str]
+    store: Path, made: Calibration, request: Mapping
 ) -> dict[str, str]:
     """Put the tables and the errors into the store.
 
     Args:
         store: The store.
         made: The calibration.
-        ids: Ids of the runs it is from, in order.
+        request: What was asked for, so that it can be made again: `logs`, the ids of
+            the runs it is from, in order, and `diagnosis`, whose effects it has.
 
     Returns:
         The ids of the model and of the validation.
     """
+    ids = request["logs"]
+    named = {"diagnosis": [request["diagnosis"]]} if request["diagnosis"] else {}
     model = {
         "robot": made.robot,
         "stage": STAGE,
+        "request": request,
         "mode": made.rows.mode,
         "declared": list(made.declared),
         "nominal": _nominal(made),
@@ -41,18 +45,19 @@ def store_calibration(
         "variables": list(made.lookup.names),
         "joints": list(made.rows.joints),
     }
-    parents = {"fit": list(ids)}
+    parents = {"fit": list(ids), **named}
     files = export_lookup(made.lookup)
     model_id = commit_record(store, "models", model, parents=parents, files=files)
     record = {
         "robot": made.robot,
         "kind": KIND,
         "model_id": model_id,
+        "request": request,
         "mode": made.rows.mode,
         "notes": list(made.notes),
     }
     tables = {"errors": errors_table(made, ids)}
-    parents = {"model": [model_id], "run": list(ids)}
+    parents = {"model": [model_id], "run": list(ids), **named}
     validation = commit_record(store, "validations", record, tables, parents)
     return {"model": model_id, "validation": validation}
 
@@ -69,8 +74,8 @@ def found_effects(
     ids: Sequence[str],
     robot: Robot,
     declared: Sequence[str] | None,
-) -> tuple[tuple[Mapping, ...], str | None]:
-    """Return what the latest diagnosis of these runs named, and a line about it.
+) -> tuple[tuple[Mapping, ...], str | None, str | None]:
+    """Return what the latest diagnosis of these runs named, a line about it, its id.
 
     It must be of these runs alone, held-out ones included or not, and of a model with
     the same declared effects.
@@ -82,7 +87,7 @@ def found_effects(
         declared: Effects that the model has; None for the robot's own list.
     """
     if not ids:
-        return (), None
+        return (), None, None
     import warehouse
 
     query = (
@@ -105,8 +110,8 @@ def found_effects(
                 "come from these runs, their values are fitted without the held-out "
                 "ones"
             )
-            return tuple(document["effects"]), line
-    return (), None
+            return tuple(document["effects"]), line, id
+    return (), None, None
 
 
 def _words(effect: Mapping) -> str:

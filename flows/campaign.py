@@ -10,6 +10,7 @@ from pathlib import Path
 from time import perf_counter
 
 from flows import experiment
+from flows.cluster import Cluster
 from flows.errors import RunError
 from flows.experiment import Planned
 from flows.pool import Here, Pool
@@ -60,7 +61,7 @@ def run_all(
     planned: Sequence[Planned],
     store: Path,
     tell: Tell | None = None,
-    pool: Pool | Here | None = None,
+    pool: Pool | Here | Cluster | None = None,
 ) -> Summary:
     """Run what is not in the store, in as many processes as there are cores.
 
@@ -68,7 +69,7 @@ def run_all(
         planned: The experiments (`experiment.plan`).
         store: The store.
         tell: Told what is done and the share of it.
-        pool: Processes to use; without it, own ones for the time being.
+        pool: Processes or a cluster to use; without it, own processes.
 
     Returns:
         What became of them; a failure is in it and raises nothing.
@@ -81,7 +82,7 @@ def run_all(
     jobs = [(p.spec, store) for p in missing]
     for count, done in enumerate(pool.run(_run, jobs) if pool else (), start=1):
         at = missing[done.index]
-        error = done.error or _checked(at, done.value)
+        error = done.error or _checked(at, done.value, store)
         if error:
             failures.append(_failure(at, error))
         if tell:
@@ -105,11 +106,16 @@ def _run(job: tuple[ExperimentSpec, Path]) -> str:
         raise RunError(f"{type(error).__name__}: {error}") from error
 
 
-def _checked(planned: Planned, run_id: str) -> Exception | None:
+def _checked(planned: Planned, run_id: str, store: Path) -> Exception | None:
     # A process loads the code anew, and the id of a run is also that of its code.
-    if run_id == planned.run_id:
-        return None
-    return RunError(f"stored as {run_id}: the code was changed since the start")
+    if run_id != planned.run_id:
+        return RunError(f"stored as {run_id}: the code was changed since the start")
+    if not experiment.is_stored(store, planned.spec, run_id):
+        return RunError(
+            f"stored elsewhere than in {store}: a cluster needs a file system that all "
+            "its machines share"
+        )
+    return None
 
 
 def _failure(planned: Planned, error: BaseException) -> Failure:

@@ -9,6 +9,7 @@ from time import perf_counter
 
 from flows.spec import ExperimentSpec
 from residual.errors import InputError
+from residual.recording import Recording
 from residual.robot import Robot, load_robot
 from sim.records import Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
 
@@ -28,6 +29,25 @@ class Planned:
     spec: ExperimentSpec
     run_id: str
     stored: bool
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Made:
+    """An experiment that was run and is not stored yet.
+
+    Attributes:
+        log: What the arm logged.
+        twin: Its errors against the nominal twin, by channel.
+        truth: What no robot logs, by channel.
+        manifest: How it came to be.
+        hidden: The sealed half of its spec.
+    """
+
+    log: Recording
+    twin: Mapping
+    truth: Mapping
+    manifest: Mapping
+    hidden: Mapping
 
 
 def plan(specs: Iterable[tuple[str, ExperimentSpec]], store: Path) -> list[Planned]:
@@ -84,12 +104,22 @@ def run(spec: ExperimentSpec, store: Path) -> str:
         InputError: If the motion breaks a limit of the arm (which joint, when, by how
             much) or the simulation diverges; nothing is stored then.
     """
-    from warehouse.commit import commit_run
-    from warehouse.seal import Sealed
-
     id = run_id_of(spec)
     if is_stored(store, spec, id):
         return id
+    from warehouse.robots import keep_robot
+
+    made = make(spec)
+    keep_robot(store, spec.robot, checked_robot(spec))
+    return keep(made, store)
+
+
+def make(spec: ExperimentSpec) -> Made:
+    """Run one experiment, whether or not it is stored; nothing is written.
+
+    Raises:
+        InputError: As `run` does.
+    """
     robot = checked_robot(spec)
     made, timings = _simulate(spec, robot)
     manifest = {
@@ -99,7 +129,25 @@ def run(spec: ExperimentSpec, store: Path) -> str:
         "seed_streams": {"reference": spec.reference().seed, "sealed": _stream_names()},
         "timings": timings,
     }
-    sealed = Sealed(sealed_half(spec), made.truth)
+    return Made(made.log, made.twin, made.truth, manifest, sealed_half(spec))
+
+
+def keep(made: Made, store: Path, parents: Mapping | None = None) -> str:
+    """Store an experiment that was run.
+
+    Args:
+        made: The experiment.
+        store: The store.
+        parents: Ids that it was made from, by role.
+
+    Returns:
+        The id of the run.
+    """
+    from warehouse.commit import commit_run
+    from warehouse.seal import Sealed
+
+    manifest = {**made.manifest, **({"parents": parents} if parents else {})}
+    sealed = Sealed(made.hidden, made.truth)
     return commit_run(store, made.log, manifest, sealed, made.twin)
 
 

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from flows.logs import is_run, read_words
 from flows.output import check_writable, write_all
+from flows.robots import load
 from flows.settings import store_folder
 from flows.steps import echo
 from residual.errors import InputError
-from residual.recording import Recording
-from residual.robot import Robot, load_robot
+from residual.robot import Robot
 
 if TYPE_CHECKING:
     from residual.compare import Errors
@@ -74,6 +75,7 @@ class Outcome:
         fit, held_out: Ids of the logs.
         same_run: Whether the held-out part is of a log that was fitted.
         warnings: What is odd but usable.
+        kept: Id of the model in the store, None where it is not stored.
     """
 
     robot: Robot
@@ -86,6 +88,7 @@ class Outcome:
     held_out: tuple[str, ...]
     same_run: bool
     warnings: tuple[str, ...]
+    kept: str | None = None
 
 
 def identify(request: Request, console: Console) -> Outcome:
@@ -102,10 +105,19 @@ def identify(request: Request, console: Console) -> Outcome:
         InputError: If the request or a log is not usable.
     """
     _check_files(request)
-    robot = load_robot(request.robot)
+    robot = load(request.robot)
     options = _options(request)
-    fit, held_out, lines, warnings = _read(request, robot)
-    for line in (echo(fit, (), held_out), *lines):
+    if not request.logs:
+        raise InputError(
+            "No log to identify from. Name it first: modelgap identify LOG ... "
+            "--robot R."
+        )
+    words, place = (*request.logs, *request.held_out), store_folder(request.store)
+    logs = read_words(words, robot, request.columns, place)
+    count = len(request.logs)
+    fit, held_out = logs.recordings[:count], logs.recordings[count:]
+    warnings = list(logs.warnings)
+    for line in (echo(fit, (), held_out), *logs.lines):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     # Late, so that a wrong word is answered before the numerics are loaded.
     from threadpoolctl import threadpool_limits
@@ -120,7 +132,9 @@ def identify(request: Request, console: Console) -> Outcome:
     with threadpool_limits(1, user_api="blas"):
         clock = session_clock([*fit, *held_out])
         found = fitted(robot, fit, request.declared, options, clock)
-        return _proved(request, robot, (found, fit, held_out), (same_run, warnings))
+        made = (found, fit, held_out)
+        outcome = _proved(request, robot, made, (same_run, warnings))
+    return _keep(outcome, request, robot, logs.runs)
 
 
 def tell(outcome: Outcome, request: Request, console: Console) -> None:
@@ -147,6 +161,9 @@ def tell(outcome: Outcome, request: Request, console: Console) -> None:
     write_all(files)
     for path in files:
         console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+    if outcome.kept is not None:
+        line = f"stored as a model: modelgap show {outcome.kept}"
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     if request.json == "-":
         print(text, end="")
 
@@ -215,57 +232,42 @@ def _exported(outcome: Outcome, request: Request) -> dict[str, bytes]:
     return robot_files(model, f"identified from {' '.join(outcome.fit)}")
 
 
-def _read(request: Request, robot: Robot) -> tuple:
-    """Read every log once: those to fit, those held out, lines and warnings."""
-    from warehouse.logs import check_distinct, load_columns, unique_ids
-
-    if not request.logs:
-        raise InputError(
-            "No log to identify from. Name it first: modelgap identify LOG ... "
-            "--robot R."
-        )
-    columns = load_columns(request.columns) if request.columns else None
+def _keep(
+    outcome: Outcome, request: Request, robot: Robot, runs: Mapping[str, str]
+) -> Outcome:
+    """Store what was identified where it is from runs, or a store was named."""
     words = (*request.logs, *request.held_out)
-    store = store_folder(request.store)
-    runs = [_is_run(word) for word in words]
-    labels = iter(unique_ids([w for w, r in zip(words, runs, strict=True) if not r]))
-    logs: list[Recording] = []
-    lines, warnings = [], []
-    for word, is_run in zip(words, runs, strict=True):
-        if is_run:
-            log, line = _read_run(word, robot, store)
-            logs, lines = [*logs, log], [*lines, line]
-            continue
-        log, known = _read_file(word, robot, columns, next(labels))
-        logs, lines = [*logs, log], [*lines, known.text]
-        warnings += known.warnings
-    check_distinct(logs)
+    if request.store is None and len(runs) < len(words):
+        return outcome
+    from flows.identify_records import store_identification
+
+    # A held-out part of a fitted run is no run of its own.
+    roles = {
+        "fit": outcome.fit,
+        "held_out": () if outcome.same_run else outcome.held_out,
+    }
+    by_role = {role: [runs[i] for i in ids if i in runs] for role, ids in roles.items()}
     count = len(request.logs)
-    return tuple(logs[:count]), tuple(logs[count:]), lines, warnings
+    asked = {
+        "step": "identify",
+        "logs": [_whole(word, runs) for word in words[:count]],
+        "held_out": [_whole(word, runs) for word in words[count:]],
+        "robot": request.robot,
+        "declared": request.declared,
+        "method": request.method,
+        "prior": request.prior,
+        "essential": request.essential,
+        "consistent": request.consistent,
+        "robot_hash": robot.content_hash,
+    }
+    place = store_folder(request.store)
+    return replace(outcome, kept=store_identification(place, outcome, asked, by_role))
 
 
-def _is_run(word: str) -> bool:
-    """Whether a word can only be the id of a run: no such file, and only hex digits."""
-    return not Path(word).exists() and not set(word) - set("0123456789abcdef")
-
-
-def _read_file(word: str, robot: Robot, columns, label: str) -> tuple:
-    from warehouse.logs import read_log
-
-    return read_log(word, robot, columns, label)
-
-
-def _read_run(word: str, robot: Robot, store: Path) -> tuple[Recording, str]:
-    from warehouse.runs import read_run
-
-    log = read_run(store, word)
-    if log.dof != robot.dof:
-        raise InputError(
-            f"Run {log.id} has {log.dof} joints, {robot.name} has {robot.dof}. Give "
-            "the run's own robot with --robot."
-        )
-    line = f"{log.id}: run of {log.robot}, {len(log.t)} samples, {log.duration:.2f} s"
-    return replace(log, id=log.id[:8]), line
+def _whole(word: str, runs: Mapping[str, str]) -> str:
+    """The whole id of a run; of a file its name, not where it lies."""
+    found = [id for id in runs.values() if is_run(word) and id.startswith(word)]
+    return found[0] if found else Path(word).name
 
 
 def _check_files(request: Request) -> None:

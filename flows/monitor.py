@@ -94,7 +94,16 @@ def monitor(
             novelty={id: made.novelty(run) for id, run in watched.items()},
             seconds=sum(run.duration for run in watched.values()),
         )
-    return _put(store, source, found), found, watched
+    request = {
+        "step": "monitor",
+        "model": source.diagnosis or model,
+        "runs": list(watched),
+        "good": list(healthy),
+        "per_hour": per_hour,
+        "robot": None if source.diagnosis else model,
+        "robot_hash": robot.content_hash,
+    }
+    return _put(store, source, found, request), found, watched
 
 
 def _read(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
@@ -129,7 +138,7 @@ def _check(source: Source, healthy: Mapping, watched: Mapping) -> None:
         )
 
 
-def _put(store: Path, source: Source, found: Watched) -> str:
+def _put(store: Path, source: Source, found: Watched, request: Mapping) -> str:
     import pyarrow as pa
 
     from residual.monitor_record import to_record
@@ -146,6 +155,7 @@ def _put(store: Path, source: Source, found: Watched) -> str:
         "alarms": {id: len(alarms) for id, alarms in found.alarms.items()},
         "novelty": {id: shares.tolist() for id, shares in found.novelty.items()},
         "watched_s": found.seconds,
+        "request": request,
         "notes": found.notes,
         "monitor": told,
     }

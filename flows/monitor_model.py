@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from flows.robots import load
 from residual.errors import InputError
 from residual.model import Model, Term
 from residual.recording import Recording
-from residual.robot import Robot, load_robot
+from residual.robot import Robot
 
 _GOOD = ("baseline", "fit")  # roles of a diagnosis' runs; the first that there is
 
@@ -94,7 +95,7 @@ def robot_of(source: Source, run: Recording, store: Path) -> Robot:
 
     manifest = read_manifest(store, run.id)
     name = source.robot or manifest.get("robot", run.robot)
-    robot = load_robot(name)
+    robot = load(name)
     if robot.name != run.robot:
         raise InputError(
             f"Run {run.id} is of {run.robot}, the model of {robot.name}. Give runs of "

@@ -20,7 +20,10 @@ _OF_MODEL = ("name", "joints", "parameters")
 
 
 def store_outcome(
-    store: Path, outcome: Outcome, runs: Mapping[str, list[str]]
+    store: Path,
+    outcome: Outcome,
+    runs: Mapping[str, list[str]],
+    request: Mapping | None = None,
 ) -> tuple[str, str]:
     """Put a diagnosis and the proof of it into the store.
 
@@ -28,19 +31,21 @@ def store_outcome(
         store: The store.
         outcome: The diagnosis.
         runs: Ids of the runs it is from, by role.
+        request: What was asked for, so that it can be made again.
 
     Returns:
         The ids of the diagnosis and of the validation, which has the curves.
     """
-    verdict = outcome.verdict
+    verdict, asked = outcome.verdict, {"request": request}
     model = {
+        **asked,
         "declared": verdict["declared"],
         "effects": [{k: effect[k] for k in _OF_MODEL} for effect in verdict["effects"]],
     }
     each = {"errors": errors_by_run(outcome)} if runs.get("held_out") else None
-    diagnosis_id = store_verdict(store, verdict, model, runs, tables=each)
+    diagnosis_id = store_verdict(store, verdict, model, runs, asked, each)
     told, curves = to_record(outcome)
-    record = told | {"robot": verdict["robot"], "kind": "held_out"}
+    record = told | asked | {"robot": verdict["robot"], "kind": "held_out"}
     parents = {
         "diagnosis": [diagnosis_id],
         "held_out": runs.get("held_out", []),

@@ -8,6 +8,7 @@ from pathlib import Path
 from residual.errors import InputError
 
 STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"
+PREFECT = "_prefect"  # folder of Prefect in the store
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -48,18 +49,18 @@ def one_thread_each() -> Iterator[None]:
 
 def prefect_home(store: Path) -> Path:
     """Return Prefect's home, made if it is not there."""
-    home = store / "_prefect"
+    home = store / PREFECT
     home.mkdir(parents=True, exist_ok=True)
     return home
 
 
-def prepare_prefect(home: Path) -> None:
-    """Set Prefect up for a flow of ours; to be called before Prefect is imported.
+def quiet_prefect(home: Path) -> dict[str, str]:
+    """Return the settings under which Prefect calls nobody and stays in its folder.
 
     Args:
         home: Where its files go; nothing of it lies about anywhere else.
     """
-    quiet = {
+    return {
         # Both are needed: either alone leaves a heartbeat with a traceback.
         "DO_NOT_TRACK": "1",
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
@@ -70,4 +71,12 @@ def prepare_prefect(home: Path) -> None:
         "PREFECT_PROFILES_PATH": str(home / "profiles.toml"),
         "PREFECT_HOME": str(home),
     }
-    os.environ.update(quiet)
+
+
+def prepare_prefect(home: Path) -> None:
+    """Set Prefect up for a flow of ours; to be called before Prefect is imported.
+
+    Args:
+        home: Where its files go.
+    """
+    os.environ.update(quiet_prefect(home))

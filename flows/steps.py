@@ -7,12 +7,15 @@ from pathlib import Path
 
 from rich.console import Console
 
+from flows.logs import read_words
 from flows.output import check_writable, write_all
+from flows.robots import load
+from flows.settings import store_folder
 from residual.errors import InputError
 from residual.names import check_name
 from residual.outcome import Outcome
 from residual.recording import Recording
-from residual.robot import Robot, load_robot
+from residual.robot import Robot
 
 Progress = Callable[[str, float], None]
 
@@ -31,7 +34,7 @@ class Request:
         report: HTML page to write, or None.
         json: File for the verdict as JSON, "-" for standard output, or None.
         null: File of a calibrated null, or None.
-        store: Folder of the store in which one is looked for, None for the usual one.
+        store: Folder of the store with runs and nulls, None for the usual one.
     """
 
     logs: tuple[str, ...]
@@ -88,7 +91,7 @@ def diagnose(
         InputError: If the request or a log is not usable.
     """
     check_writable(request.files, _inputs(request))
-    robot = load_robot(request.robot)
+    robot = load(request.robot)
     _check_declared(request.declared)
     logs = read_logs(request, robot)
     for line in logs.lines:
@@ -157,30 +160,21 @@ def read_logs(request: Request, robot: Robot) -> LogSets:
     Raises:
         InputError: If a log is not usable or shares samples with another.
     """
-    from warehouse.logs import check_distinct, load_columns, read_log, unique_ids
-
     if not request.logs:
         raise InputError(
             "No log to diagnose. Name it first: modelgap diagnose LOG ... --robot R."
         )
-    columns = load_columns(request.columns) if request.columns else None
     sets = {
         "fit": request.logs,
         "baseline": request.baseline,
         "held out": request.held_out,
     }
     specs = [spec for words in sets.values() for spec in words]
-    labels = unique_ids(specs)
-    read = [
-        read_log(spec, robot, columns, label)
-        for spec, label in zip(specs, labels, strict=True)
-    ]
-    recordings = [recording for recording, _ in read]
-    check_distinct(recordings)
-    fit, baseline, held_out = _split(recordings, [len(s) for s in sets.values()])
-    lines = [echo(fit, baseline, held_out), *(known.text for _, known in read)]
-    warnings = [warning for _, known in read for warning in known.warnings]
-    return LogSets(fit, baseline, held_out, tuple(lines), tuple(warnings))
+    read = read_words(specs, robot, request.columns, store_folder(request.store))
+    sizes = [len(words) for words in sets.values()]
+    fit, baseline, held_out = _split(list(read.recordings), sizes)
+    lines = (echo(fit, baseline, held_out), *read.lines)
+    return LogSets(fit, baseline, held_out, lines, read.warnings)
 
 
 def echo(*sets: tuple[Recording, ...]) -> str:
@@ -221,7 +215,6 @@ def _check_declared(names: tuple[str, ...] | None) -> None:
 def _nulls(request: Request):
     """Return the null that is asked for, else those of the store to choose from."""
     from flows.null import nulls_in, read_null
-    from flows.settings import store_folder
 
     if request.null is not None:
         return read_null(request.null)

@@ -1,11 +1,11 @@
 """From runs in the store to a verdict in the store: ids in, ids out."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from flows.records import store_outcome
+from flows.robots import load
 from flows.steps import Progress
-from residual.robot import load_robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +61,14 @@ def diagnose(
     from residual.close import close_the_loop
     from warehouse.runs import read_run
 
+    robot = load(study.robot)
     logs = {
         role: [read_run(store, id) for id in ids] for role, ids in study.parents.items()
     }
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
         outcome = close_the_loop(
-            load_robot(study.robot),
+            robot,
             logs["fit"],
             baseline=logs.get("baseline", ()),
             held_out=logs.get("held_out", ()),
@@ -75,4 +76,9 @@ def diagnose(
             progress=progress,
             null=nulls_in(store),
         )
-    return store_outcome(store, outcome, study.parents)
+    request = {
+        "step": "diagnose",
+        **asdict(study),
+        "robot_hash": robot.content_hash,
+    }
+    return store_outcome(store, outcome, study.parents, request)

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from flows.experiment import plant_of
+from flows.robots import load
 from residual.errors import InputError
 from residual.recording import Recording
-from residual.robot import Robot, load_robot
+from residual.robot import Robot
 from sim.records import PlantSpec, Reference, TrajectorySpec
 
 Array = np.ndarray
@@ -82,7 +83,14 @@ def validate(run_id: str, window: float, store: Path) -> tuple[str, Validation]:
     if used < window:
         notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")
     made = Validation(used, strayed, **tracked, notes=tuple(notes))
-    return _put(store, log, manifest, made), made
+    request = {
+        "step": "validate",
+        "run": log.id,
+        "window": window,
+        "robot": manifest.get("robot", log.robot),
+        "robot_hash": robot.content_hash,
+    }
+    return _put(store, log, (manifest, request), made), made
 
 
 def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array, float]:
@@ -182,7 +190,7 @@ def _rms(error: Array) -> Array:
 
 def _robot_of(log: Recording, manifest: Mapping) -> Robot:
     name = manifest.get("robot", log.robot)
-    robot = load_robot(name)
+    robot = load(name)
     if robot.content_hash != manifest.get("robot_hash"):
         raise InputError(
             f"Run {log.id} was made with another description of {log.robot} than "
@@ -238,7 +246,7 @@ def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
     return notes
 
 
-def _put(store: Path, log: Recording, manifest: Mapping, made: Validation) -> str:
+def _put(store: Path, log: Recording, about: tuple, made: Validation) -> str:
     import pyarrow as pa
 
     from warehouse.commit import commit_record
@@ -250,6 +258,7 @@ def _put(store: Path, log: Recording, manifest: Mapping, made: Validation) -> st
         ("nominal", FEED_FORWARD, made.nominal),
         ("arm", FEED_FORWARD, made.arm),
     )
+    manifest, request = about
     same = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
     rows = [
         {**same, "stage": stage, "metric": metric, "joint": joint, "value": float(rms)}
@@ -261,6 +270,7 @@ def _put(store: Path, log: Recording, manifest: Mapping, made: Validation) -> st
         "robot": log.robot,
         "kind": made.kind,
         "window_s": made.window,
+        "request": request,
         "unit": "rad",
         "notes": made.notes,
     }

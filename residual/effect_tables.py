@@ -38,9 +38,9 @@ class EffectForm:
 
     Attributes:
         velocities: Columns that hold velocities: their levels part at standstill.
+        names: Names of the variables.
         loads: Column of each joint's speed and of its load, which is the model's torque
             [N m]. The columns of loads are the last; they have no table of their own.
-        names: Names of the variables.
         pyramid: Levels of the main effects, from wide to narrow.
         ridges: Ridges of the main effects per 20 000 rows.
         named: Named pair tables at most.
@@ -49,8 +49,8 @@ class EffectForm:
     """
 
     velocities: tuple[int, ...] = ()
-    loads: tuple[tuple[int, int], ...] = ()
     names: tuple[str, ...] | None = None
+    loads: tuple[tuple[int, int], ...] = ()
     pyramid: tuple[int, ...] = PYRAMID
     ridges: tuple[float, ...] = RIDGES
     named: int = MOST

@@ -1,11 +1,13 @@
 """The list of all records: read from ``_index``, plus what was committed since.
 
-The index is one Parquet file per kind with a copy of every catalogue row. It may be
-deleted at any time: whoever opens the store next writes it again. It is only a copy,
-so a record that is not in it, or no longer on disk, is judged by its folder.
+The index is one Parquet file per kind with a copy of every catalogue row, and what
+writers left since (``warehouse.segments``). It may be deleted at any time: whoever
+opens the store next writes it again. It is only a copy, so a record that is not in it,
+or no longer on disk, is judged by its folder. Of two that write it at once the later
+wins, and what only the other knew is read from its record again.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +17,7 @@ import pyarrow as pa
 from residual.errors import InputError
 from warehouse.files import read_parquet, replace_file, sweep_staging
 from warehouse.layout import INDEX, KINDS, Kind, list_folders
+from warehouse.segments import drop_segments, read_segments
 
 # So many rows may be outside the index before it is written again: reading one costs
 # about a millisecond, writing all of them as much as reading some dozens.
@@ -60,24 +63,50 @@ def _rows(
     store: Path, kind: Kind, folders: Mapping[str, str], before: Catalogue | None
 ) -> tuple[pa.Table, list[str]]:
     old = before.rows[kind.name] if before else _read_index(store, kind)
-    listed = old.column(kind.key).to_pylist()
-    gone = [id not in folders for id in listed]
-    if any(gone):
-        old = old.filter(pa.array([not g for g in gone]))
-    known = set(listed)
+    parts, merged = [_still_there(old, kind, folders)], []
+    gone = len(old) - len(parts[0])
+    if len(folders) > len(parts[0]) + (_SPARE if before else 0):
+        left, merged = read_segments(store, kind)
+        parts = [_once(pa.concat_tables([*parts, *left]), kind, folders)]
+    missing = folders.keys() - set(parts[0].column(kind.key).to_pylist())
+    new, damaged = _read_new(sorted(missing), kind, folders)
+    rows = pa.concat_tables([*parts, *new])
+    added = len(rows) - len(old) + gone
+    if not added and not gone:
+        return old, damaged
+    rows = rows.combine_chunks()
+    rows = rows.sort_by([("created", "ascending"), (kind.key, "ascending")])
+    if before is None and (added > _SPARE or 4 * added >= len(old) or gone):
+        _write_index(store, kind, rows)
+        drop_segments(merged)
+    return rows, damaged
+
+
+def _still_there(rows: pa.Table, kind: Kind, folders: Mapping) -> pa.Table:
+    listed = [id in folders for id in rows.column(kind.key).to_pylist()]
+    return rows if all(listed) else rows.filter(pa.array(listed, pa.bool_()))
+
+
+def _once(rows: pa.Table, kind: Kind, folders: Mapping) -> pa.Table:
+    """Drop rows of records that are gone, and all but the first of one id."""
+    known: set[str] = set()
+    keep = []
+    for id in rows.column(kind.key).to_pylist():
+        keep.append(id in folders and id not in known)
+        known.add(id)
+    return rows if all(keep) else rows.filter(pa.array(keep, pa.bool_()))
+
+
+def _read_new(
+    ids: Sequence[str], kind: Kind, folders: Mapping[str, str]
+) -> tuple[list[pa.Table], list[str]]:
     new, damaged = [], []
-    for id in (id for id in folders if id not in known):
+    for id in ids:
         try:
             new.append(_read_row(Path(folders[id]) / kind.row, kind))
         except InputError as error:
             damaged.append(str(error))
-    if not new and not any(gone):
-        return old, damaged
-    rows = pa.concat_tables([old, *new]).combine_chunks()
-    rows = rows.sort_by([("created", "ascending"), (kind.key, "ascending")])
-    if before is None and (len(new) > _SPARE or 4 * len(new) >= len(old) or any(gone)):
-        _write_index(store, kind, rows)
-    return rows, damaged
+    return new, damaged
 
 
 def _read_index(store: Path, kind: Kind) -> pa.Table:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -17,15 +18,18 @@ from warehouse.files import (
     publish,
     read_parquet,
     staged,
+    sync,
     table_hash,
     to_table,
     write_parquet,
 )
 from warehouse.layout import KINDS, SAMPLES_FILE, find, record_folder
+from warehouse.made_with import keep_made_with
 from warehouse.manifest import Parents, about_run, lineage_rows
 from warehouse.provenance import Provenance, as_record, provenance
 from warehouse.schema import SIGNALS
 from warehouse.seal import Sealed, commit_seal, sealed_hash
+from warehouse.segments import remember
 
 Array = np.ndarray
 
@@ -57,27 +61,48 @@ def commit_run(
         InputError: If the manifest or a channel is not usable.
     """
     arrays = _channels(recording, extra or {})
-    known = provenance()
-    full = {
-        **ids.plain(manifest),
-        "provenance": as_record(known),
-        "data_hash": ids.data_hash(arrays),
-        "sealed_sha256": sealed and sealed_hash(sealed.spec),
-        "truth_hash": sealed and ids.data_hash(sealed.truth),
-        "units": {name: SIGNALS[name].unit for name in arrays},
-    }
-    id = _run_id(full)
-    target = record_folder(store, "runs", id, recording.robot)
-    if not _is_there(target, "runs"):
-        row = _run_row(id, recording, full, arrays)
-        # The seal first: a run that is visible has its truth.
-        if sealed:
-            commit_seal(store, id, sealed)
-        with staged(store, id) as folder:
-            write_parquet(folder / SAMPLES_FILE, to_table(arrays, full["units"]))
+    units = {name: SIGNALS[name].unit for name in arrays}
+    # Written beside the hashing, on another core: together they take most of the time.
+    # Of a run that is there already it is thrown away.
+    with staged(store, "run") as folder, ThreadPoolExecutor(1) as beside:
+        writing = beside.submit(_write_samples, folder, arrays, units)
+        full = {
+            **ids.plain(manifest),
+            "provenance": as_record(provenance()),
+            "data_hash": ids.data_hash(arrays),
+            "sealed_sha256": sealed and sealed_hash(sealed.spec),
+            "truth_hash": sealed and ids.data_hash(sealed.truth),
+            "units": units,
+        }
+        id = _run_id(full)
+        target = record_folder(store, "runs", id, recording.robot)
+        if not _is_there(target, "runs"):
+            row = _run_row(id, recording, full, arrays)
+            keep_made_with(store)
+            # The seal first: a run that is visible has its truth.
+            if sealed:
+                commit_seal(store, id, sealed)
             write_parquet(folder / KINDS["runs"].row, row)
-            publish(folder, target)
+            writing.result()
+            if publish(folder, target):
+                remember(store, KINDS["runs"], row)
     return id
+
+
+def _write_samples(folder: Path, arrays: Mapping, units: Mapping) -> None:
+    path = folder / SAMPLES_FILE
+    write_parquet(path, to_table(arrays, units))
+    sync(path)
+
+
+def imported_run_id(recording: Recording, robot_hash: str) -> str:
+    """Return the id that a measured recording has as a run, stored or not.
+
+    Args:
+        recording: What was logged.
+        robot_hash: Hash of its robot's description.
+    """
+    return ids.imported_id(ids.data_hash(_channels(recording, {})), robot_hash)
 
 
 def commit_record(
@@ -119,14 +144,18 @@ def commit_record(
     row = _row(kind, id, provenance(), record) | {"lineage": lineage}
     for view in set(known.lists) - {"lineage"}:
         row[view] = tables.pop(view).to_pylist() if view in tables else []
-    made = _one_row(kind, row, {"record": json.dumps(record, ensure_ascii=False)})
+    told = {"record": record, "provenance": as_record(provenance())}
+    texts = {k: json.dumps(v, ensure_ascii=False) for k, v in told.items()}
+    made = _one_row(kind, row, texts)
+    keep_made_with(store)
     with staged(store, id) as folder:
         for name, table in tables.items():
             write_parquet(folder / f"{_plain_name(name)}.parquet", table)
         for name, data in files.items():
             (folder / _plain_name(name)).write_bytes(data)
         write_parquet(folder / known.row, made)
-        publish(folder, target)
+        if publish(folder, target):
+            remember(store, known, made)
     return id
 
 

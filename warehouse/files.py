@@ -31,20 +31,23 @@ def write_parquet(path: Path, table: pa.Table) -> None:
         path: A new file.
         table: The table.
     """
+    pq.write_table(table, path, **parquet_options(table.schema))
+
+
+def parquet_options(schema: pa.Schema) -> dict:
+    """Return how a table of a schema is written."""
     floats, other = [], []
-    for field in table.schema:
+    for field in schema:
         if pa.types.is_floating(field.type):
             floats.append(field.name)
         elif not pa.types.is_nested(field.type):
             other.append(field.name)
-    pq.write_table(
-        table,
-        path,
-        compression="zstd",
-        use_dictionary=other,
-        column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
-        write_page_checksum=True,
-    )
+    return {
+        "compression": "zstd",
+        "use_dictionary": other,
+        "column_encoding": dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
+        "write_page_checksum": True,
+    }
 
 
 def read_parquet(path: Path, columns: list[str] | None = None) -> pa.Table:

@@ -100,7 +100,7 @@ def data_hash(arrays: Mapping[str, Array]) -> str:
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name], dtype="<f8")
         total.update(canonical([name, list(array.shape)]))
-        total.update(array.tobytes())
+        total.update(array.data)
     return total.hexdigest()
 
 

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pyarrow as pa
@@ -36,17 +37,28 @@ class Kind:
     @property
     def fields(self) -> pa.Schema:
         """The catalogue row: columns of the view, then the nested ones."""
-        own = [c.field for c in VIEWS[self.name] if c.name != "quarantined"]
-        if self.name == "runs":
-            own.append(pa.field("signals", pa.list_(TEXT)))
-        return pa.schema([*own, *(pa.field(v, nested(v)) for v in self.lists)])
+        return _fields(self)
+
+
+@cache
+def _fields(kind: Kind) -> pa.Schema:
+    own = [c.field for c in VIEWS[kind.name] if c.name != "quarantined"]
+    if kind.name == "runs":
+        own.append(pa.field("signals", pa.list_(TEXT)))
+    return pa.schema([*own, *(pa.field(v, nested(v)) for v in kind.lists)])
 
 
 KINDS = {
     kind.name: kind
     for kind in (
         Kind("runs", "samples", "run_id", "_run.parquet"),
-        Kind("models", "models", "model_id", "_model.parquet"),
+        Kind(
+            "models",
+            "models",
+            "model_id",
+            "_model.parquet",
+            ("parameters", "errors", "lineage"),
+        ),
         Kind(
             "diagnoses",
             "diagnoses",
@@ -59,7 +71,7 @@ KINDS = {
             "validations",
             "validation_id",
             "_validation.parquet",
-            ("errors", "lineage", "blind"),
+            ("errors", "alarms", "lineage", "blind"),
         ),
         Kind("reports", "reports", "report_id", "_report.parquet"),
     )

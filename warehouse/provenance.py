@@ -3,13 +3,14 @@
 import ast
 import hashlib
 import platform
-import subprocess
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import distributions
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from warehouse.changes import PACKAGES, ROOT, git, is_checkout, uncommitted
+
 # Named in the manifest; all others are in the hash of the environment.
 _TOLD = ("numpy", "scipy", "numba", "pin", "pybullet", "pyarrow", "duckdb")
 
@@ -25,6 +26,10 @@ class Provenance:
         lock_hash: Hash of requirements.lock, None where there is none.
         environment_hash: Hash of all installed packages and their versions.
         versions: Versions of Python and the libraries that compute.
+        program_hash: Hash of all our code, which decides what derived records say.
+        uncommitted: How the code differs from the commit (``Changes.as_record``);
+            None where that is unknown, for there is no checkout.
+        machine: Kind of system and processor.
     """
 
     code_hash: str
@@ -33,6 +38,9 @@ class Provenance:
     lock_hash: str | None
     environment_hash: str
     versions: dict[str, str]
+    program_hash: str
+    uncommitted: Mapping | None
+    machine: str
 
 
 @cache
@@ -41,10 +49,7 @@ def provenance() -> Provenance:
 
     Not again later: what runs is what was loaded, not what was edited since.
     """
-    installed = _installed()
-    lines = "\n".join(
-        f"{name}=={version}" for name, version in sorted(installed.items())
-    )
+    installed, changes = _installed(), uncommitted()
     lock = ROOT / "requirements.lock"
     told = {name: installed[name] for name in _TOLD if name in installed}
     return Provenance(
@@ -52,14 +57,35 @@ def provenance() -> Provenance:
         commit=_commit(),
         dirty=_dirty(),
         lock_hash=_sha256(lock.read_bytes()) if lock.is_file() else None,
-        environment_hash=_sha256(lines.encode()),
+        environment_hash=_sha256(packages()),
         versions={"python": platform.python_version(), **told},
+        program_hash=program_hash(),
+        uncommitted=changes and changes.as_record(),
+        machine=_machine(),
     )
 
 
 def as_record(known: Provenance) -> dict:
     """Return it as a part of a manifest."""
     return asdict(known)
+
+
+@cache
+def packages() -> bytes:
+    """Return all installed packages, one line each as in name==version."""
+    found = sorted(_installed().items())
+    return "\n".join(f"{name}=={version}" for name, version in found).encode()
+
+
+@cache
+def program_hash(root: Path = ROOT) -> str:
+    """Return the hash of all our code, 64 hex digits.
+
+    Args:
+        root: Folder with the packages.
+    """
+    files = {p for name in PACKAGES for p in (root / name).rglob("*") if _counts(p)}
+    return _hash_files(files, root)
 
 
 @cache
@@ -72,8 +98,12 @@ def plant_code_hash(root: Path = ROOT) -> str:
     Args:
         root: Folder with ``sim`` and ``residual``.
     """
+    return _hash_files(plant_files(root), root)
+
+
+def _hash_files(files: Iterable[Path], root: Path) -> str:
     total = hashlib.sha256()
-    for path in plant_files(root):
+    for path in sorted(files, key=lambda p: p.relative_to(root).as_posix()):
         total.update(f"{path.relative_to(root).as_posix()}\0".encode())
         total.update(hashlib.sha256(path.read_bytes()).digest())
     return total.hexdigest()
@@ -123,38 +153,39 @@ def _files_of(name: str, root: Path) -> list[Path]:
     return [path for path in [*packages, module] if path.is_file()]
 
 
+@cache
 def _installed() -> dict[str, str]:
     found = ((d.metadata["Name"], d.version) for d in distributions())
     return {name.lower(): version for name, version in found if name}
 
 
 def _commit() -> str | None:
-    # A checkout of ours, not that of a project which has us in its environment.
-    if not _git("ls-files", "--", "warehouse/__init__.py"):
+    if not is_checkout():
         return None
-    return _git("rev-parse", "HEAD") or None
+    return _said("rev-parse", "HEAD") or None
 
 
 def _dirty() -> bool | None:
     if _commit() is None:
         return None
-    packages = ("flows", "residual", "sim", "warehouse")
-    changes = _git("status", "--porcelain", "--", *packages)
+    changes = _said("status", "--porcelain", "--", *PACKAGES)
     return None if changes is None else bool(changes)
 
 
-def _git(*words: str) -> str | None:
+def _said(*words: str) -> str | None:
+    answer = git(ROOT, *words)
+    return None if answer is None else answer.decode("utf-8", "replace").strip()
+
+
+def _machine() -> str:
+    """Say which processor: linear algebra takes another path on another one."""
+    kind = f"{platform.system()} {platform.machine()}"
     try:
-        done = subprocess.run(
-            ["git", "-C", str(ROOT), *words],
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout.strip()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return kind
+    names = [line.partition(":")[2] for line in lines if line.startswith("model name")]
+    return f"{kind}, {names[0].strip()}" if names else kind
 
 
 def _sha256(content: bytes) -> str:

@@ -1,4 +1,4 @@
-"""The views over the store, and queries that have a name."""
+"""The views over the store, as SQL."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -15,84 +15,6 @@ from warehouse.schema import (
 # Arrow names of types, as DuckDB has them.
 _TYPES = {"string": "VARCHAR", "double": "DOUBLE", "int32": "INTEGER"}
 
-NAMED = {
-    "error_by_trajectory": (
-        "held-out error [%] by motion and joint (none: all together), all diagnoses",
-        """
-        SELECT trajectory, joint, metric, count(DISTINCT run_id) AS runs,
-               round(avg(value) FILTER (stage = 'nominal'), 2) AS nominal,
-               round(avg(value) FILTER (stage = 'identified'), 2) AS identified,
-               round(avg(value) FILTER (stage = 'augmented'), 2) AS augmented
-        FROM errors
-        WHERE run_id IS NOT NULL AND metric IN ('held_out', 'filtered', 'moving')
-        GROUP BY ALL ORDER BY trajectory, metric, joint
-        """,
-    ),
-    "before_after": (
-        "error on held-out motion, all joints together, by diagnosis",
-        """
-        WITH proof AS (
-            SELECT source_id, stage,
-                   coalesce(any_value(value) FILTER (run_id IS NULL), avg(value)) AS v
-            FROM errors WHERE metric = 'held_out' AND joint IS NULL GROUP BY ALL
-        )
-        SELECT created, diagnosis_id, verdict,
-               round(any_value(v) FILTER (stage = 'nominal'), 2) AS nominal,
-               round(any_value(v) FILTER (stage = 'identified'), 2) AS identified,
-               round(any_value(v) FILTER (stage = 'augmented'), 2) AS augmented
-        FROM proof JOIN diagnoses ON diagnosis_id = source_id
-        GROUP BY ALL ORDER BY created, diagnosis_id
-        """,
-    ),
-    "worst_joints": (
-        "joints by the error that is left after the diagnosis",
-        """
-        SELECT robot, joint, round(avg(value), 2) AS mean, count(*) AS figures
-        FROM errors JOIN diagnoses ON diagnosis_id = source_id
-        WHERE stage = 'augmented' AND metric = 'held_out' AND joint IS NOT NULL
-        GROUP BY ALL ORDER BY mean DESC
-        """,
-    ),
-    "findings": (
-        "effects that were named, latest diagnosis first",
-        """
-        SELECT created, diagnosis_id, "order", name, joints, parameter, value, std,
-               unit, round(probability, 3) AS probability
-        FROM effects JOIN diagnoses USING (diagnosis_id)
-        ORDER BY created DESC, diagnosis_id, "order", parameter, joints
-        """,
-    ),
-    "twin_error": (
-        "torque error against the nominal twin by motion and joint",
-        """
-        SELECT trajectory, joint, round(avg(value), 3) AS rms_e_tau, count(*) AS runs
-        FROM errors WHERE stage = 'twin' AND metric = 'rms_e_tau'
-        GROUP BY ALL ORDER BY trajectory, joint
-        """,
-    ),
-    "blind_confusion": (
-        "what was hidden against what was named first, by the latest code",
-        """
-        SELECT drawn, coalesce(effect, 'none') AS hidden,
-               coalesce(named_first, verdict) AS named, outcome, count(*) AS cases
-        FROM blind JOIN validations USING (validation_id)
-        WHERE method_hash = (
-            SELECT arg_max(method_hash, created)
-            FROM blind JOIN validations USING (validation_id)
-        )
-        GROUP BY ALL ORDER BY ALL
-        """,
-    ),
-    "runs_of_models": (
-        "which runs went into which model",
-        """
-        SELECT model_id, stage, role, run_id, trajectory, source
-        FROM models JOIN lineage ON child = model_id JOIN runs ON run_id = parent
-        ORDER BY models.created DESC, model_id, role, run_id
-        """,
-    ),
-}
-
 
 def catalogue_views() -> dict[str, str]:
     """Return the query behind each view that is made of catalogue rows, by name."""
@@ -103,14 +25,17 @@ def catalogue_views() -> dict[str, str]:
         "FROM catalogue.runs"
     )
     views["channels"] = _channels()
-    for view in ("effects", "errors", "lineage", "blind"):
+    for view in ("parameters", "effects", "errors", "alarms", "lineage", "blind"):
         kinds = [kind for kind in KINDS.values() if view in kind.lists]
         parts = [_unnested(view, kind.name, kind.key) for kind in kinds]
         views[view] = " UNION ALL ".join(parts)
     return views
 
 
-def samples_view(groups: Mapping[tuple[tuple[str, ...], int], Sequence[str]]) -> str:
+def samples_view(
+    groups: Mapping[tuple[tuple[str, ...], int], Sequence[str]],
+    packs: Iterable[tuple[tuple[tuple[str, ...], int], str]] = (),
+) -> str:
     """Return the query behind ``samples``.
 
     Runs with the same channels are read together: then one footer says what all of
@@ -118,15 +43,23 @@ def samples_view(groups: Mapping[tuple[tuple[str, ...], int], Sequence[str]]) ->
 
     Args:
         groups: Files by the signals and the number of joints that they hold.
+        packs: Files with many runs each, with what they hold.
     """
-    most = max((dof for _, dof in groups), default=DEFAULT_DOF)
+    packed = list(packs)
+    held = [*groups, *(held for held, _ in packed)]
+    most = max((dof for _, dof in held), default=DEFAULT_DOF)
     columns = sample_columns(max(most, DEFAULT_DOF))
-    parts = [_part(columns, *held, files) for held, files in groups.items()]
+    parts = [_part(columns, *held, files, True) for held, files in groups.items()]
+    parts += [_part(columns, *held, [file], False) for held, file in packed]
     return " UNION ALL ".join(parts) or _nothing(columns)
 
 
 def _part(
-    columns: Sequence[Column], signals: Sequence[str], dof: int, files: Iterable[str]
+    columns: Sequence[Column],
+    signals: Sequence[str],
+    dof: int,
+    files: Iterable[str],
+    hive: bool,
 ) -> str:
     held = {"robot", "run_id"}
     held.update(name for signal in signals for name in channel_names(signal, dof))
@@ -135,10 +68,10 @@ def _part(
         for c in columns
     ]
     listed = ", ".join(text(file) for file in files)
-    return (
-        f"SELECT {', '.join(wanted)} FROM read_parquet([{listed}], "
-        "hive_partitioning = true, hive_types = {robot: VARCHAR, run_id: VARCHAR})"
-    )
+    how = "hive_partitioning = false"
+    if hive:
+        how = "hive_partitioning = true, hive_types = {robot: VARCHAR, run_id: VARCHAR}"
+    return f"SELECT {', '.join(wanted)} FROM read_parquet([{listed}], {how})"
 
 
 def text(value: str) -> str:

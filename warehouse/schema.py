@@ -17,7 +17,8 @@ class Column:
         name: Its name.
         type: Arrow type.
         about: What it holds.
-        unit: Unit as text; None where it is no quantity or its row says the unit.
+        unit: Unit as text; "by row" or "by metric" where its row says it, None where it
+            is no quantity.
     """
 
     name: str
@@ -78,7 +79,7 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         Column("kind", TEXT, "what it was made for, such as experiment"),
         Column("trajectory", TEXT, "kind of motion, such as fourier"),
         Column("duration_s", NUMBER, "time from first to last sample", "s"),
-        Column("rows", WHOLE, "number of samples"),
+        Column("rows", WHOLE, "number of samples", "1"),
         Column("dof", JOINT, "number of joints"),
         Column("seed", WHOLE, "seed of the reference motion"),
         _CREATED,
@@ -95,9 +96,19 @@ VIEWS: dict[str, tuple[Column, ...]] = {
     "models": (
         Column("model_id", TEXT, "id of the model"),
         _ROBOT,
-        Column("stage", TEXT, "nominal, identified or augmented"),
+        Column("stage", TEXT, "nominal, identified, augmented or calibrated"),
         _CREATED,
         *_CODE,
+    ),
+    "parameters": (
+        Column("model_id", TEXT, "the model that has it"),
+        Column("name", TEXT, "name of the base parameter, after its leading one"),
+        Column("joint", JOINT, "joint of the leading one, from 1"),
+        Column("value", NUMBER, "its value", "by row"),
+        Column("std", NUMBER, "its deviation, null where it was not fitted", "by row"),
+        Column("nominal", NUMBER, "its value in the nominal model", "by row"),
+        _UNIT,
+        Column("status", TEXT, "fitted, or why not"),
     ),
     "effects": (
         Column("diagnosis_id", TEXT, "the diagnosis that named it"),
@@ -105,8 +116,8 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         Column("name", TEXT, "name of the effect"),
         Column("joints", pa.list_(JOINT), "joints that this value is of; [] for all"),
         Column("parameter", TEXT, "name of the parameter"),
-        Column("value", NUMBER, "its value"),
-        Column("std", NUMBER, "its standard deviation"),
+        Column("value", NUMBER, "its value", "by row"),
+        Column("std", NUMBER, "its standard deviation", "by row"),
         _UNIT,
         Column("probability", NUMBER, "of this class of effects", "1"),
     ),
@@ -121,25 +132,34 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         *_CODE,
     ),
     "errors": (
-        Column("source_id", TEXT, "the diagnosis, validation or run that states it"),
+        Column("source_id", TEXT, "the diagnosis, validation, model or run of it"),
         Column("run_id", TEXT, "the run it is taken on; null for several together"),
         Column("trajectory", TEXT, "kind of motion; null for several together"),
         Column("joint", JOINT, "joint from 1; null for all together"),
-        Column("stage", TEXT, "nominal, identified, augmented, plsr, twin or arm"),
+        Column(
+            "stage",
+            TEXT,
+            "nominal, identified, consistent, augmented, plsr, twin or arm; of a "
+            "calibration none, ls, plsr, paper or default",
+        ),
         Column(
             "metric",
             TEXT,
             "held_out, filtered, moving [%]; rms_e_q ..., rms_open_loop_q, "
-            "rms_feed_forward_q [SI]",
+            "rms_feed_forward_q [SI]; of a calibration rmsec_, rmsev_ and rmsev_mean_ "
+            "with run, family, repeats, systematic or random [%]",
         ),
-        Column("value", NUMBER, "its value"),
+        Column("value", NUMBER, "its value", "by metric"),
     ),
     "validations": (
         Column("validation_id", TEXT, "id of the validation"),
         _ROBOT,
-        Column("kind", TEXT, "how: held_out, open_loop, open_loop,feed_forward, blind"),
+        Column(
+            "kind", TEXT, "held_out, calibration, monitor, rerun, blind ..."
+        ),
         Column("model_id", TEXT, "the model that was tried, where it is one here"),
         _CREATED,
+        Column("verdict", TEXT, "of a rerun: what is not the same, and why"),
         *_CODE,
     ),
     "blind": (
@@ -181,6 +201,17 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         Column("seconds", NUMBER, "time of the diagnosis", "s"),
         Column("method_hash", TEXT, "hash of the code that diagnosed and judged"),
         Column("diagnosis_id", TEXT, "the diagnosis"),
+    ),
+    "alarms": (
+        Column("validation_id", TEXT, "the monitoring that raised it"),
+        Column("run_id", TEXT, "the run that was watched"),
+        Column("time", NUMBER, "when it was raised, on the clock of the log", "s"),
+        Column("joint", JOINT, "joint from 1"),
+        Column("sensor", TEXT, "encoder or torque"),
+        Column("fault", TEXT, "such as frozen, jump, gain drop; deviation for no name"),
+        Column("kind", TEXT, "score that named it"),
+        Column("score", NUMBER, "that score over its limit", "1"),
+        Column("until", NUMBER, "when the last score fell below its limit", "s"),
     ),
     "reports": (
         Column("report_id", TEXT, "id of the report"),

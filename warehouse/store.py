@@ -1,5 +1,7 @@
 """The store as a database: open it and ask in SQL."""
 
+import os
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,12 +13,18 @@ from warehouse.catalogue import read_catalogue
 from warehouse.files import read_parquet
 from warehouse.guard import check_reads_only, first_line
 from warehouse.layout import INDEX, KINDS, SAMPLES_FILE
+from warehouse.packs import Held, Pack, Packed, read_packs, write_packs
 from warehouse.quarantine import quarantined
 from warehouse.queries import catalogue_views, samples_view, text
 from warehouse.schema import SIGNALS, TEXT
 
 # Outside of these no query reads anything: not the sealed halves, not the machine.
 READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
+
+# A run of up to this size is read faster from a copy beside others [bytes].
+SMALL = 1_000_000
+# Share of the memory that one answer may take, and samples that are fetched at once.
+LARGEST, _BATCH = 0.25, 100_000
 
 
 def open_store(path: Path | str) -> "Store":
@@ -52,6 +60,7 @@ class Store:
         self._left_out: dict[str, str] = {}
         self._quarantined = quarantined(path)
         self._catalogue = read_catalogue(path)
+        self._packs: tuple[Pack, ...] = ()
         self._table("signals", _signals())
         self._load_quarantined()
         self._load_catalogue()
@@ -63,11 +72,12 @@ class Store:
         """One line for each file that cannot be read and is left out."""
         return (*self._catalogue.damaged, *self._left_out.values())
 
-    def sql(self, query: str) -> pa.Table:
+    def sql(self, query: str, values: Mapping[str, object] | None = None) -> pa.Table:
         """Return the answer to one SELECT, or EXPLAIN of one, over the views.
 
         Args:
             query: SQL of DuckDB; views and columns are those of ``schema``.
+            values: What stands for the $words in it; never a part of the text.
 
         Raises:
             InputError: If the query is refused or fails; one line says why.
@@ -76,7 +86,7 @@ class Store:
         self.refresh()
         while True:
             try:
-                return self._read(reading)
+                return self._read(reading, values)
             except duckdb.Error as error:
                 # Ask again without the files that cannot be read, if that was it.
                 if not self._leave_out(error):
@@ -94,6 +104,20 @@ class Store:
             self._catalogue = catalogue
             self._load_catalogue()
 
+    def compact(self, largest: int = SMALL) -> Packed:
+        """Copy the samples of small runs into a few files, for queries over many.
+
+        Args:
+            largest: Size of the samples of a run that still counts as small [bytes].
+
+        Returns:
+            What was done.
+        """
+        self.refresh()
+        done = write_packs(self.path, self._groups(), largest)
+        self._load_catalogue()
+        return done
+
     def close(self) -> None:
         """Let go of the connection."""
         self._connection.close()
@@ -104,11 +128,12 @@ class Store:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _read(self, query: str) -> pa.Table:
+    def _read(self, query: str, values: Mapping[str, object] | None) -> pa.Table:
         # The second lock: what slips past the guard cannot write tables either.
         self._connection.execute("BEGIN TRANSACTION READ ONLY")
         try:
-            return self._connection.sql(query).to_arrow_table()
+            asked = self._connection.sql(query, params=dict(values) if values else None)
+            return _collected(asked.to_arrow_reader(_BATCH))
         finally:
             with suppress(duckdb.Error):
                 self._connection.execute("ROLLBACK")
@@ -127,11 +152,15 @@ class Store:
     def _load_catalogue(self) -> None:
         for kind, rows in self._catalogue.rows.items():
             self._table(kind, rows)
+        self._packs = read_packs(self.path, self._catalogue.folders["runs"])
         self._make_samples()
 
     def _make_samples(self) -> None:
         while True:
-            query = f"CREATE OR REPLACE VIEW samples AS {samples_view(self._groups())}"
+            packs = [(pack.held, pack.file) for pack in self._packs]
+            packed = frozenset().union(*(pack.runs for pack in self._packs))
+            view = samples_view(self._groups(packed), packs)
+            query = f"CREATE OR REPLACE VIEW samples AS {view}"
             try:
                 self._connection.execute(query)
                 return
@@ -139,11 +168,13 @@ class Store:
                 if not self._leave_out(error):
                     raise
 
-    def _groups(self) -> dict[tuple[tuple[str, ...], int], list[str]]:
+    def _groups(self, without: frozenset[str] = frozenset()) -> dict[Held, list[str]]:
         """Return the files with samples by the signals and joints that they hold."""
         groups: dict = {}
         rows = self._catalogue.rows["runs"].select(["run_id", "signals", "dof"])
         for row in rows.to_pylist():
+            if row["run_id"] in without:
+                continue
             folder = self._catalogue.folders["runs"][row["run_id"]]
             file = f"{folder}/{SAMPLES_FILE}"
             if file not in self._left_out:
@@ -153,11 +184,16 @@ class Store:
 
     def _leave_out(self, error: duckdb.Error) -> bool:
         """Leave out the damaged files that an error is about; whether there are any."""
+        copies = any(pack.file in str(error) for pack in self._packs)
+        if self._packs and (copies or _is_of_files(error)):
+            # Copies, so nothing is lost: the runs themselves are read instead.
+            self._packs = ()
+            return True
         folders = self._catalogue.folders["runs"].values()
         files = {f"{folder}/{SAMPLES_FILE}" for folder in folders} - set(self._left_out)
         named = {file for file in files if file in str(error)}
         # A page that makes no sense is told without the name of its file.
-        nameless = type(error) in (duckdb.Error, duckdb.IOException)
+        nameless = _is_of_files(error)
         before = len(self._left_out)
         for file in sorted(named or (files if nameless else ())):
             # Read, not believed: a query may have an error and a path in its text.
@@ -166,6 +202,27 @@ class Store:
             except InputError as told:
                 self._left_out[file] = str(told)
         return len(self._left_out) > before
+
+
+def _collected(reader: pa.RecordBatchReader) -> pa.Table:
+    """Return an answer as a whole if that can be held."""
+    batches, size, most = [], 0, LARGEST * _memory()
+    # Closed also where it is too large: what is not read would hold the transaction.
+    with reader:
+        for batch in reader:
+            batches.append(batch)
+            size += batch.nbytes
+            if size > most:
+                raise InputError(
+                    f"The answer is larger than {most / 2**30:.2g} GB. Ask for less: "
+                    "aggregate, or add LIMIT or a WHERE."
+                )
+    return pa.Table.from_batches(batches, reader.schema)
+
+
+def _memory() -> int:
+    """Memory of this machine [bytes]."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def _hardened(path: Path) -> duckdb.DuckDBPyConnection:
@@ -179,12 +236,19 @@ def _hardened(path: Path) -> duckdb.DuckDBPyConnection:
         # A query must not see the variables of the program that asks it.
         "python_enable_replacements = false",
         "temp_directory = ''",
+        # What a query may take: the answer comes on top of it.
+        f"memory_limit = '{int(0.5 * _memory())}B'",
         f"allowed_directories = [{allowed}]",
         "enable_external_access = false",
         "lock_configuration = true",
     ):
         connection.execute(f"SET {setting}")
     return connection
+
+
+def _is_of_files(error: duckdb.Error) -> bool:
+    """Whether an error may be about a file, though it need not name it."""
+    return type(error) in (duckdb.Error, duckdb.IOException)
 
 
 def _signals() -> pa.Table:

@@ -53,6 +53,12 @@ def _explain(error: Exception) -> int:
     if isinstance(error, CycloptsError):
         return _say(f"{' '.join(str(error).split())} See modelgap --help.", 2)
     what = " ".join(f"{type(error).__name__}: {error}".split())
+    if isinstance(error, OSError) and "No space left" in what:
+        return _say(
+            "the disk is full; what was not finished is not stored, all else is as it "
+            "was.\nMake room and give the same command again.",
+            1,
+        )
     return _say(f"unexpected failure: {what}\nSet {TRACEBACK}=1 to see where.", 1)
 
 

@@ -7,14 +7,19 @@ from importlib.metadata import PackageNotFoundError, version
 from cyclopts import App
 
 from flows.cli.blind import blind
+from flows.cli.bundle import bundle, unbundle
 from flows.cli.calibrate import calibrate
 from flows.cli.demo import demo
 from flows.cli.diagnose import diagnose
+from flows.cli.diff import diff, lineage
 from flows.cli.experiment import campaign, experiment
 from flows.cli.identify import identify
+from flows.cli.imports import import_
 from flows.cli.monitor import monitor
 from flows.cli.null import calibrate_null
-from flows.cli.store import runs, show, sql
+from flows.cli.rerun import rerun
+from flows.cli.service import down, status, up
+from flows.cli.store import compact, runs, show, sql
 from flows.cli.trajectory import trajectory
 from flows.cli.validate import validate
 
@@ -57,6 +62,11 @@ app.command(diagnose, usage="Usage: modelgap diagnose LOG... --robot ROBOT [OPTI
 app.command(identify, usage="Usage: modelgap identify LOG... --robot ROBOT [OPTIONS]")
 app.command(calibrate, usage="Usage: modelgap calibrate LOG... --robot ROBOT [OPTIONS]")
 app.command(calibrate_null, usage=f"Usage: modelgap calibrate-null {_LOGS}")
+app.command(
+    import_,
+    name="import",
+    usage="Usage: modelgap import LOG... --robot ROBOT [OPTIONS]",
+)
 app.command(demo)
 app.command(blind)
 app.command(experiment)
@@ -64,9 +74,18 @@ app.command(campaign)
 app.command(trajectory)
 app.command(validate)
 app.command(monitor, usage="Usage: modelgap monitor MODEL RUN... [OPTIONS]")
+app.command(rerun)
+app.command(diff)
+app.command(lineage)
+app.command(bundle)
+app.command(unbundle)
 app.command(runs)
 app.command(sql)
+app.command(compact)
 app.command(show)
+app.command(up)
+app.command(status)
+app.command(down)
 
 
 def run(words: Sequence[str]) -> None:
@@ -80,6 +99,8 @@ def run(words: Sequence[str]) -> None:
     """
     # The parser takes a lone "-" for an option unless it is tied to one.
     tied = re.sub(r"(^|\0)--json\0-(?=\0|$)", r"\1--json=-", "\0".join(words))
+    # Without a name it asks which there are.
+    tied = re.sub(r"(^|\0)--named(?=\0-|$)", r"\1--named=list", tied)
     app(
         tied.split("\0") if tied else [],
         exit_on_error=False,

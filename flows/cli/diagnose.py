@@ -46,8 +46,9 @@ def diagnose(
     else needs a --map. Nothing is converted by guess.
 
     Args:
-        logs: Logs to diagnose: CSV or Parquet. FILE@0:16.5 takes a window in seconds
-            from the first sample, FILE@60%: the last 40 percent.
+        logs: Logs to diagnose: CSV, Parquet, ROS bag or MCAP, or the id of a run of
+            the store. FILE@0:16.5 takes a window in seconds from the first sample,
+            FILE@60%: the last 40 percent.
         robot: Built-in name (irb140), URDF file, or folder with one *.urdf and an
             optional robot.toml.
         baseline: Logs of the robot in good order; then what has changed is named.
@@ -59,7 +60,8 @@ def diagnose(
         json: File for the verdict as JSON; "-" prints it and nothing else.
         null: What modelgap calibrate-null wrote with --out; without it, one that fits
             is looked for in the store.
-        store: Folder of that store; else $MODELGAP_STORE, else ./store.
+        store: Folder of the store with runs and nulls; else $MODELGAP_STORE, else
+            ./store.
     """
     from rich.console import Console
 

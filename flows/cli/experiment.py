@@ -37,12 +37,20 @@ def experiment(spec: str, *, store: str | None = None, dry_run: _Flag = False) -
         _line(console, f"stored in {place}: modelgap show {planned.run_id}")
 
 
-def campaign(spec: str, *, store: str | None = None, dry_run: _Flag = False) -> None:
+def campaign(
+    spec: str,
+    *,
+    store: str | None = None,
+    dry_run: _Flag = False,
+    runner: str | None = None,
+    trust_network: _Flag = False,
+) -> None:
     """Run many experiments on the simulated arm, over all cores.
 
     ```
     modelgap campaign CAMPAIGN.toml --dry-run
     modelgap campaign CAMPAIGN.toml
+    modelgap campaign CAMPAIGN.toml --runner dask://127.0.0.1:8786
     ```
 
     A campaign is a SPEC.toml with [grid], lists of which every combination is run, or
@@ -53,6 +61,10 @@ def campaign(spec: str, *, store: str | None = None, dry_run: _Flag = False) -> 
         spec: The campaign file.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         dry_run: Only say what would run and what is there.
+        runner: Where to compute: threads (the default) and processes are a process per
+            core here, dask://HOST:PORT a Dask cluster that shares the store's file
+            system. Without it $MODELGAP_RUNNER.
+        trust_network: Let the cluster be on other machines; Dask is not encrypted.
     """
     from rich.console import Console
 
@@ -61,9 +73,11 @@ def campaign(spec: str, *, store: str | None = None, dry_run: _Flag = False) -> 
     from flows.cli.progress import progress_bar
     from flows.design import load_campaign
     from flows.errors import RunError
+    from flows.runner import chosen_runner, workers_of
     from flows.settings import store_folder
 
     place, console = store_folder(store), Console()
+    where = chosen_runner(runner, trust_network)
     planned = steps.plan(((e.label, e.spec) for e in load_campaign(spec)), place)
     if dry_run:
         _list(planned, console)
@@ -71,8 +85,8 @@ def campaign(spec: str, *, store: str | None = None, dry_run: _Flag = False) -> 
     _line(console, f"{missing} to run, {len(planned) - missing} in {place}")
     if dry_run:
         return
-    with progress_bar() as bar:
-        summary = run_all(planned, place, bar)
+    with workers_of(where, missing) as workers, progress_bar() as bar:
+        summary = run_all(planned, place, bar, workers)
     for failure in summary.failures:
         _line(console, f"failed: {failure.planned.label}: {failure.why}")
     failed = len(summary.failures)

@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-Format = Literal["table", "csv", "json"]
+Format = Literal["table", "csv", "json", "parquet"]
+_Values = Annotated[tuple[str, ...], Parameter(name="--with", negative="")]
 _Store = Annotated[str | None, Parameter(name="--store")]
 
 
@@ -35,8 +36,10 @@ def sql(
     /,
     *,
     named: str | None = None,
+    with_: _Values = (),
     schema: Annotated[bool, Parameter(negative="")] = False,
     format: Format = "table",
+    out: str | None = None,
     store: _Store = None,
 ) -> None:
     """Ask the store in SQL; it can only be read.
@@ -44,19 +47,48 @@ def sql(
     ```
     modelgap sql "SELECT robot, count(*) FROM runs GROUP BY robot"
     modelgap sql --schema
+    modelgap sql --named
     modelgap sql --named error_by_trajectory --format csv
+    modelgap sql --named runs_of_model --with model=3f2a
+    modelgap sql "FROM samples WHERE run_id = '...'" --format parquet --out run.parquet
     ```
+
+    Without a query on a terminal: a prompt, with completion by the tab key and a
+    history; without a terminal the query is read from standard input.
 
     Args:
         query: One SELECT over the views, in the SQL of DuckDB.
-        named: A query that comes with the program, by its name.
+        named: A query that comes with the program, by its name; without one they are
+            listed.
+        with_: A value for a named query, as name=value.
         schema: Show the views with every column and its unit, and the named queries.
-        format: How to print the answer.
+        format: How to print the answer; parquet needs --out on a terminal.
+        out: File for the answer.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from flows.cli.store_work import answer
+    from flows.cli.store_ask import Question, answer
 
-    answer(store, query, named, schema, format)
+    answer(Question(query, named, with_, schema, format, out), store)
+
+
+def compact(*, largest: float = 1.0, store: _Store = None) -> None:
+    """Copy the samples of many small runs into a few files, for SQL.
+
+    ```
+    modelgap compact
+    ```
+
+    Queries over thousands of small runs spend their time on opening files; after this
+    they take a hundredth of it. The runs stay where they are; the copies lie in _index
+    and can be deleted. Runs committed later are read as before, until the next compact.
+
+    Args:
+        largest: Runs with up to so many megabytes of samples are copied.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    from flows.cli.store_work import compact_runs
+
+    compact_runs(store, largest)
 
 
 def show(

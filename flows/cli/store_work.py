@@ -1,22 +1,18 @@
-"""What the commands of the store do; apart, since it loads the database."""
+"""What runs, show and compact do; apart, since it loads the database."""
 
 import json
 import sys
 from collections.abc import Mapping
 
 import pyarrow as pa
-from rich.console import Console
 
-from flows.cli.tables import print_table
+from flows.cli.tables import check_shown, print_table
 from flows.settings import store_folder
 from residual.errors import InputError
-from residual.names import check_name
 from warehouse.commit import read_record
 from warehouse.layout import find
 from warehouse.quarantine import tombstone
-from warehouse.queries import NAMED
 from warehouse.queries import text as quoted
-from warehouse.schema import all_views
 from warehouse.store import Store, open_store
 
 _COLUMNS = (
@@ -29,30 +25,24 @@ def list_runs(option: str | None, limit: int, format: str) -> None:
     """Print the latest runs, the latest last."""
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
+    check_shown(format, None)
     with open_store(store_folder(option)) as store:
         latest = f"FROM runs ORDER BY created DESC, run_id LIMIT {limit}"
         query = f"SELECT {_COLUMNS} FROM ({latest}) ORDER BY created, run_id"
         _print(store, store.sql(query), format)
 
 
-def answer(
-    option: str | None, query: str | None, named: str | None, schema: bool, format: str
-) -> None:
-    """Print the answer to one query, or the schema."""
-    asked = [query is not None, named is not None, schema]
-    if sum(asked) != 1:
-        raise InputError(
-            'Give one of: a query in quotes ("SELECT ..."), --named NAME, --schema.'
-        )
-    if schema:
-        print_table(_schema(), format)
-        if format == "table":
-            _print_named()
-        return
-    if named is not None:
-        query = NAMED[check_name(named, NAMED, "named query")][1]
+def compact_runs(option: str | None, largest: float) -> None:
+    """Copy the samples of small runs into packs, and say so."""
+    if not 0 < largest < float("inf"):
+        raise InputError(f"--largest {largest}: expected megabytes above 0.")
     with open_store(store_folder(option)) as store:
-        _print(store, store.sql(query or ""), format)
+        done = store.compact(int(1e6 * largest))
+        tell_damage(store)
+    print(
+        f"{done.runs} runs copied into {done.files} files of {done.size / 1e6:.1f} MB; "
+        f"{done.left} larger or damaged ones are read as they are"
+    )
 
 
 def show_record(option: str | None, id: str, format: str) -> None:
@@ -67,7 +57,7 @@ def show_record(option: str | None, id: str, format: str) -> None:
             "quarantined": tombstone(store.path, found.id),
             "content": read_record(store.path, found.id),
         }
-        _tell_damage(store)
+        tell_damage(store)
     if format == "json":
         print(json.dumps(record, indent=2, ensure_ascii=False))
         return
@@ -83,33 +73,13 @@ def _relatives(store: Store, id: str) -> dict:
 
 def _print(store: Store, rows: pa.Table, format: str) -> None:
     print_table(rows, format)
-    _tell_damage(store)
+    tell_damage(store)
 
 
-def _tell_damage(store: Store) -> None:
+def tell_damage(store: Store) -> None:
+    """Say on standard error which files cannot be read."""
     for line in store.damaged:
         print(f"modelgap: left out: {line}", file=sys.stderr)
-
-
-def _schema() -> pa.Table:
-    rows = [
-        {
-            "view": view,
-            "column": column.name,
-            "type": str(column.type),
-            "unit": column.unit,
-            "about": column.about,
-        }
-        for view, columns in all_views().items()
-        for column in columns
-    ]
-    return pa.Table.from_pylist(rows)
-
-
-def _print_named() -> None:
-    rows = [{"--named": name, "answers": about} for name, (about, _) in NAMED.items()]
-    Console().print()
-    print_table(pa.Table.from_pylist(rows), "table")
 
 
 def _lines(value: Mapping | list, indent: str = "") -> list[str]:

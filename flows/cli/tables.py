@@ -1,9 +1,11 @@
 """Answers of the store as text: a table for people, CSV and JSON for programs."""
 
 import csv
+import io
 import json
 import math
 import sys
+from contextlib import redirect_stdout
 from datetime import datetime
 from decimal import Decimal
 
@@ -11,6 +13,8 @@ import pyarrow as pa
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+
+from residual.errors import InputError
 
 # More rows than anybody reads; the other formats have all of them.
 MOST = 1000
@@ -21,14 +25,48 @@ def print_table(rows: pa.Table, format: str) -> None:
 
     Args:
         rows: The answer.
-        format: "table", "csv" or "json".
+        format: "table", "csv", "json" or "parquet".
     """
-    if format == "json":
+    if format == "parquet":
+        sys.stdout.buffer.write(as_bytes(rows, format))
+    elif format == "json":
         _print_json(rows)
     elif format == "csv":
         _print_csv(rows)
     else:
         _print_people(rows)
+
+
+def as_bytes(rows: pa.Table, format: str) -> bytes:
+    """Return an answer as the content of a file.
+
+    Args:
+        rows: The answer.
+        format: "table", "csv", "json" or "parquet".
+    """
+    if format == "parquet":
+        import pyarrow.parquet as pq
+
+        sink = pa.BufferOutputStream()
+        pq.write_table(rows, sink, compression="zstd")
+        return sink.getvalue().to_pybytes()
+    text = io.StringIO()
+    with redirect_stdout(text):
+        print_table(rows, format)
+    return text.getvalue().encode()
+
+
+def check_shown(format: str, out: str | None) -> None:
+    """Refuse what no terminal shows.
+
+    Raises:
+        InputError: If it is Parquet, without a file, on a terminal.
+    """
+    if format == "parquet" and out is None and sys.stdout.isatty():
+        raise InputError(
+            "Parquet is no text for a terminal. Name a file with --out FILE, or send "
+            "it on with > FILE."
+        )
 
 
 def _print_people(rows: pa.Table) -> None:

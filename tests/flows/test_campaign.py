@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from flows import campaign, experiment
+from flows import campaign, experiment, runner
 from flows.campaign import run_all
 from flows.cli import main
 from flows.experiment import plan
@@ -86,7 +86,7 @@ def test_a_dry_run_says_what_would_run_and_stores_nothing(tmp_path, capsys):
 def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
     tmp_path, done, monkeypatch, capsys
 ):
-    monkeypatch.setattr(campaign, "Pool", lambda workers: _entered(Here()))
+    monkeypatch.setattr(runner, "Pool", lambda workers: _entered(Here()))
     (tmp_path / "C.toml").write_text("[grid]\nseed = [0, 1]\n")
     words = ["campaign", str(tmp_path / "C.toml"), "--store", str(tmp_path / "s")]
     assert main(words) == 1

@@ -7,12 +7,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
-from flows.cli import main
+from flows.cli import main, prompt
 from tests.warehouse import store_samples as made
+from warehouse.named import NAMED
 from warehouse.quarantine import quarantine
 from warehouse.schema import all_views
+from warehouse.store import open_store
 from warehouse.verdicts import store_verdict
 
 ROOT = Path(__file__).parents[2]
@@ -34,6 +37,7 @@ def run(ids, tmp_path, monkeypatch, capsys):
     """Run a command in a folder of its own; returns code, output and complaints."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODELGAP_STORE", ids["store"])
+    monkeypatch.setattr("sys.stdin", io.StringIO())
 
     def run(*words):
         code = main(words)
@@ -153,12 +157,125 @@ def test_what_is_shown_of_a_run_does_not_tell_what_is_hidden(run, ids):
     assert "salt" not in out
 
 
+def test_named_queries_are_listed_with_what_they_take(run):
+    listed = answer(run, "sql", "--named")
+    assert [row["--named"] for row in listed] == list(NAMED)
+    assert all(row["answers"] for row in listed)
+    takes = {row["--named"]: row["--with"] for row in listed}
+    assert takes["runs_of_model"].startswith("model=... (id of the model")
+    assert answer(run, "sql", "--named", "list") == listed
+
+
+def test_a_named_query_takes_a_value(run, ids):
+    (model,) = answer(run, "sql", "SELECT model_id FROM models")
+    words = ("sql", "--named", "runs_of_model", "--with")
+    rows = answer(run, *words, f"model={model['model_id'][:8]}")
+    assert {row["run_id"] for row in rows} == set(ids["runs"][:1])
+    assert answer(run, *words, "model=' OR true --") == []
+    below = answer(
+        run, "sql", "--named", "made_from_run", "--with", f"run={ids['runs'][0]}"
+    )
+    assert ids["diagnosis"] in {row["id"] for row in below}
+    drift = answer(run, "sql", "--named", "parameter_drift", "--with", "name=payload")
+    assert [(r["name"], r["value"], r["moved"]) for r in drift] == [
+        ("payload mass", 2.9, 0.0)
+    ]
+
+
+def test_an_answer_goes_into_a_file_in_every_format(run, tmp_path):
+    query = "SELECT run_id, duration_s FROM runs ORDER BY run_id"
+    (tmp_path / "out").mkdir()
+    for format in ("table", "csv", "json", "parquet"):
+        path = tmp_path / "out" / format
+        code, out, _ = run("sql", query, "--format", format, "--out", str(path))
+        assert (code, out) == (0, f"wrote {path}: 3 rows\n")
+    table = pq.read_table(tmp_path / "out" / "parquet")
+    assert table.schema.names == ["run_id", "duration_s"]
+    assert table.to_pylist() == json.loads((tmp_path / "out" / "json").read_text())
+    assert (tmp_path / "out" / "csv").read_text().count("\n") == 4
+
+
+def test_parquet_is_refused_on_a_terminal(run, monkeypatch):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    code, out, err = run("sql", "FROM runs", "--format", "parquet")
+    assert (code, out) == (2, "")
+    assert "no text for a terminal" in err
+
+
+def test_without_a_terminal_the_query_is_read(run, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("SELECT count(*) AS n\nFROM runs;\n"))
+    assert answer(run, "sql") == [{"n": 3}]
+
+
+def test_the_prompt_answers_until_the_end(ids, tmp_path, monkeypatch, capsys):
+    lines = iter(
+        [
+            "SELECT count(*) AS n",
+            "FROM runs;",
+            "nonsense;",
+            KeyboardInterrupt,
+            "SELECT 'cancelled'",
+            KeyboardInterrupt,
+            "\\named runs_of_model",
+            "\\named runs_of_model model=zz",
+            "\\nothing",
+            "SELECT 7 AS seven",
+            "",
+            EOFError,
+        ]
+    )
+
+    def typed(_):
+        line = next(lines)
+        if isinstance(line, str):
+            return line
+        raise line
+
+    monkeypatch.setattr("builtins.input", typed)
+    monkeypatch.setattr("flows.cli.prompt._prepare", lambda _: None)
+    with open_store(Path(ids["store"])) as store:
+        prompt.prompt(store, "csv")
+    out = capsys.readouterr().out
+    assert "n\n3\n" in out
+    assert "Parser Error" in out
+    assert "Expected \\named runs_of_model model=..." in out
+    assert "seven\n7\n" in out
+    assert "'cancelled'" not in out
+
+
+def test_the_prompt_completes_views_columns_and_sql():
+    assert "diagnoses" in prompt.completions("diag")
+    assert prompt.completions("runs.dur") == ["runs.duration_s"]
+    assert "tau6" in prompt.completions("tau")
+    assert "SELECT" in prompt.completions("SEL")
+    assert "select" in prompt.completions("sel")
+    assert prompt.complete("runs.dur", 0) == "runs.duration_s"
+    assert prompt.complete("runs.dur", 1) is None
+
+
+def test_compact_says_what_it_did(run, tmp_path):
+    store = tmp_path / "many"
+    for seed in range(3):
+        made.commit(store, seed)
+    code, out, _ = run("compact", "--store", str(store))
+    assert code == 0
+    assert out.startswith("3 runs copied into 1 files of ")
+    words = ("sql", "SELECT count(*) AS n FROM samples", "--store", str(store))
+    assert answer(run, *words) == [{"n": 150}]
+
+
 BAD = {
     "runs --store nowhere": "There is no store at",
     "runs --limit 0": "expected 1 or more",
     "runs --format xml": "--format",
     "sql": "Give one of",
     "sql --schema --named findings": "Give one of",
+    "sql --named runs_of_model": "takes --with model=...",
+    "sql --named findings --with a=1": "takes no --with",
+    "sql FROM/**/runs --with a=1": "--with gives a value to",
+    "sql FROM/**/runs --out nowhere/a.csv": "there is no folder",
+    "compact --largest 0": "expected megabytes above 0",
+    "compact --store nowhere": "There is no store at",
     "sql --named finding": "did you mean 'findings'",
     "sql FROM": "Parser Error",
     "sql FROM/**/nothing": "does not exist",

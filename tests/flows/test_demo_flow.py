@@ -1,5 +1,6 @@
 """The flows of Prefect: their order, what they leave behind, and where."""
 
+import json
 import os
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import yaml
 
 from flows import demo as steps
 from flows import server as server_of
-from flows import watch
+from flows import stages, watch
 from flows.around import Around, surrounded
 
 ROOT = Path(__file__).parents[2]
@@ -62,7 +63,9 @@ def order(monkeypatch, tmp_path):
     take(steps, "open_seal", hidden)
     take(steps, "report", page)
     take(steps, "headline", "Nothing is missing.")
-    take(watch, "run_campaign", (runs, ["one failed"]))
+    take(watch, "run_campaign", watch.Ran(runs, ("aa",), ("one failed",)))
+    for name in ("identify", "calibrate", "validate"):
+        take(stages, name, stages.Stage((name,), f"{name} done", ({"J1": 1.0},)))
     take(watch, "diagnose", ("dd", "ee"))
     take(watch, "report", (page, "Nothing is missing."))
     return taken
@@ -112,10 +115,13 @@ def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
     assert nightly() == str(tmp_path / "report.html")
     (name, given), *rest = order
     assert name == "run_campaign"
-    assert given[:2] == ("examples/nightly.toml", "welding")
-    assert 20260101 < given[2] < 21000101
-    assert given[3] == tmp_path
-    assert [name for name, _ in rest] == ["diagnose", "report"]
+    asked, store, _ = given
+    assert (asked.path, asked.held_out) == ("examples/nightly.toml", "welding")
+    assert 20260101 < asked.seed < 21000101
+    assert store == tmp_path
+    stages_taken = ["identify", "calibrate", "validate", "diagnose", "report"]
+    assert [name for name, _ in rest] == stages_taken
+    assert rest[2][1][0] == ["cc"]  # what was held out is validated
 
 
 def test_report_and_verdict_appear_among_the_artifacts(server, order, tmp_path):
@@ -126,19 +132,58 @@ def test_report_and_verdict_appear_among_the_artifacts(server, order, tmp_path):
     nightly(store=str(tmp_path))
     assert "report.html" in Artifact.get("report").data
     assert Artifact.get("verdict").data == "Nothing is missing."
+    assert json.loads(Artifact.get("calibrate").data) == [{"J1": 1.0}]
+    assert Artifact.get("campaign-progress").type == "progress"
+
+
+def _deployments() -> list[dict]:
+    return yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
 
 
 def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
     from importlib import import_module
 
-    declared = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
-    assert [d["name"] for d in declared] == ["nightly"]
-    for deployment in declared:
+    names = [d["name"] for d in _deployments()]
+    assert names[:3] == ["nightly", "monitor", "diagnose"]
+    for deployment in _deployments():
         module, _, name = deployment["entrypoint"].rpartition(".")
         flow = getattr(import_module(module), name)
-        flow.validate_parameters(deployment["parameters"])
-        file = ROOT / deployment["parameters"]["campaign_file"]
-        assert file.is_file()
+        known = set(flow.parameters.properties)
+        own = deployment.get("parameters", {})
+        more = [*deployment["schedules"], *deployment.get("triggers", [])]
+        for given in (own, *(each.get("parameters", {}) for each in more)):
+            assert set(given) <= known, deployment["name"]
+            file = given.get("campaign_file")
+            assert file is None or (ROOT / file).is_file()
+
+
+def test_the_events_of_the_deployments_are_those_that_flows_send(server):
+    from flows import events
+
+    expected = {
+        (d["name"], event, trigger["match"]["prefect.resource.id"])
+        for d in _deployments()
+        for trigger in d.get("triggers", ())
+        for event in trigger["expect"]
+    }
+    assert expected == {
+        ("monitor", events.COMMITTED, events.STORE),
+        ("diagnose", events.ALARM, events.STORE),
+    }
+
+
+def test_only_what_lies_outside_is_tried_again(server):
+    from prefect.states import Failed
+
+    from flows import tasks
+    from flows.cluster import ClusterLostError
+    from residual.errors import InputError
+
+    again = {
+        error: tasks.outside(None, None, Failed(data=error))
+        for error in (OSError(), ClusterLostError(), InputError(), ValueError())
+    }
+    assert [*again.values()] == [True, True, False, False]
 
 
 def _bare() -> dict[str, str]:

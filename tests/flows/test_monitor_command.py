@@ -10,8 +10,6 @@ from flows.cli.monitor import meaning
 from flows.spec import experiment_of
 from residual.monitor_record import from_record
 from warehouse.commit import read_record
-from warehouse.files import read_parquet
-from warehouse.layout import find
 from warehouse.store import open_store
 from warehouse.verdicts import store_verdict
 
@@ -67,10 +65,10 @@ def test_the_record_has_alarms_limits_and_lineage(made, watched):
     assert record["alarms"] == {fine: 0, bad: len(found.alarms[bad])}
     again = from_record(record["monitor"], found.monitor.model)
     assert again.limits["jump"].tolist() == found.monitor.limits["jump"].tolist()
-    table = read_parquet(find(store, id).folder / "alarms.parquet")
-    assert table.column("fault")[0].as_py() == "jump"
-    assert table.schema.field("time").metadata[b"unit"] == b"s"
     with open_store(store) as opened:
+        table = opened.sql(f"FROM alarms WHERE validation_id = '{id}'")
+        assert table.num_rows == len(found.alarms[bad])
+        assert (table["run_id"][0].as_py(), table["fault"][0].as_py()) == (bad, "jump")
         asked = f"SELECT parent, role FROM lineage WHERE child = '{id}'"
         rows = {(r["parent"], r["role"]) for r in opened.sql(asked).to_pylist()}
     roles = [("calibration", g) for g in good] + [("watched", r) for r in (fine, bad)]

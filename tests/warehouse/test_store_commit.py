@@ -23,9 +23,9 @@ from warehouse.seal import Sealed, open_seal, sealed_hash
 
 
 def tree(store):
-    """Every file of a store, without what is only an index."""
+    """Every file of a store, without its index and what all records share."""
     files = (p.relative_to(store).as_posix() for p in store.rglob("*") if p.is_file())
-    return sorted(f for f in files if not f.startswith("_index"))
+    return sorted(f for f in files if not f.startswith(("_index", "made_with")))
 
 
 def test_a_run_lies_where_the_layout_says(tmp_path):

@@ -13,13 +13,13 @@ from tests.warehouse import store_samples as made
 from warehouse import schema
 from warehouse.commit import commit_record, commit_run
 from warehouse.layout import find_run
+from warehouse.named import NAMED, TAKES
 from warehouse.quarantine import quarantine, tombstone
-from warehouse.queries import NAMED
 
 
-def ask(store, query):
+def ask(store, query, values=None):
     with warehouse.open(store) as opened:
-        return opened.sql(query).to_pylist()
+        return opened.sql(query, values).to_pylist()
 
 
 def listing(folder):
@@ -87,7 +87,7 @@ HELD = {"runs", "samples", "channels", "errors"}
 
 @pytest.mark.parametrize("name", NAMED)
 def test_every_named_query_runs_in_an_empty_store(tmp_path, name):
-    assert ask(tmp_path, NAMED[name][1]) == []
+    assert ask(tmp_path, NAMED[name][1], dict.fromkeys(TAKES.get(name, {}), "a")) == []
 
 
 def test_runs_are_listed_with_their_columns(store):
@@ -290,6 +290,35 @@ REFUSED = {
     "FROM 'STORE/**/truth.parquet'": "nothing else",
     "FROM made": "does not exist",
     "SELECT getenv('HOME')": "does not exist",
+    "FROM read_csv_auto('/etc/passwd')": "not 'read_csv_auto()'",
+    "FROM read_json('STORE/sealed/*/spec.json')": "not 'read_json()'",
+    "FROM read_json_auto('/proc/self/environ')": "not 'read_json_auto()'",
+    "FROM read_parquet('https://example.org/x.parquet')": "nothing else",
+    "FROM 's3://bucket/x.parquet'": "nothing else",
+    "FROM read_parquet(['STORE/samples/../../x.parquet'])": "nothing else",
+    "FROM read_parquet('/proc/self/fd/0')": "nothing else",
+    "SELECT * FROM runs, LATERAL (FROM read_text('/etc/hostname'))": "'read_text()'",
+    "SELECT (SELECT content FROM read_text('/etc/hostname'))": "not 'read_text()'",
+    "SELECT 1 WHERE EXISTS (FROM glob('STORE/sealed/*'))": "not 'glob()'",
+    "WITH RECURSIVE f AS (FROM glob('/etc/*') UNION ALL FROM f) FROM f": "'glob()'",
+    "FROM query_table('runs')": "not 'query_table()'",
+    "FROM sqlite_scan('x.db', 'a')": "not 'sqlite_scan()'",
+    "FROM duckdb_secrets()": "not 'duckdb_secrets()'",
+    "FROM duckdb_settings()": "not 'duckdb_settings()'",
+    "FROM pragma_database_list()": "not 'pragma_database_list()'",
+    "FROM duckdb_extensions()": "not 'duckdb_extensions()'",
+    "FROM which_secret('s3://a', 's3')": "not 'which_secret()'",
+    "CREATE SECRET a (TYPE s3)": "got",
+    "SET VARIABLE a = 1": "got",
+    "FORCE INSTALL httpfs": "got LOAD",
+    "LOAD '/tmp/evil.duckdb_extension'": "got LOAD",
+    "SELECT 1 /* ; */ ; /* */ COPY runs TO 'x.csv'": "got 2 statements",
+    "SELECT 1; -- one\n; DROP VIEW runs": "got 2 statements",
+    "EXECUTE a(1)": "got EXECUTE",
+    "MERGE INTO catalogue.runs USING runs ON true WHEN MATCHED THEN DELETE": "got",
+    "ALTER VIEW runs RENAME TO a": "got ALTER",
+    "COMMENT ON VIEW runs IS 'a'": "got",
+    "SELECT $a": "Values were not provided",
     "SELECT * FROM runs WHERE seed = 'x'": "Conversion Error",
 }
 

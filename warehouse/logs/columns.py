@@ -60,6 +60,21 @@ class CsvFormat:
 
 
 @dataclass(frozen=True, slots=True)
+class BagFormat:
+    """What of a bag is read.
+
+    Attributes:
+        topic: Topic with joint states, None where there is only one.
+        joints: Names of the joints in the bag, joint 1 first; empty for the URDF's.
+        time: "header" for the time in the messages, "record" for that of recording.
+    """
+
+    topic: str | None = None
+    joints: tuple[str, ...] = ()
+    time: str = "header"
+
+
+@dataclass(frozen=True, slots=True)
 class ColumnMap:
     """The checked content of a COLUMNS.toml.
 
@@ -68,12 +83,14 @@ class ColumnMap:
         time_unit: "s", "ms" or "us".
         signals: Joint signals that the map names; others keep their default columns.
         csv: How text logs are written.
+        bag: What of a bag is read.
     """
 
     time: str = "t"
     time_unit: str = "s"
     signals: Mapping[str, SignalMap] = field(default_factory=dict)
     csv: CsvFormat = CsvFormat()
+    bag: BagFormat = BagFormat()
 
 
 def load_columns(path: str | Path) -> ColumnMap:
@@ -96,7 +113,7 @@ def load_columns(path: str | Path) -> ColumnMap:
         raise InputError(f"Cannot read the map '{path}': {error.strerror}.") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path.name} is not valid TOML: {error}.") from error
-    check_keys(content, ("time", "csv", *JOINT_SIGNALS), path.name)
+    check_keys(content, ("time", "csv", "bag", *JOINT_SIGNALS), path.name)
     for key, table in content.items():
         if not isinstance(table, dict):
             raise InputError(f"{path.name}: '{key}' must be a table: {key} = {{...}}.")
@@ -111,6 +128,7 @@ def load_columns(path: str | Path) -> ColumnMap:
             if name in content
         },
         csv=_csv(content.get("csv", {}), path.name),
+        bag=_bag(content.get("bag", {}), path.name),
     )
 
 
@@ -156,6 +174,17 @@ def _csv(table: dict, where: str) -> CsvFormat:
     if not isinstance(skip, int) or isinstance(skip, bool) or skip < 0:
         raise InputError(f"{place}: skip must be a number of lines.")
     return CsvFormat(separator, decimal, skip)
+
+
+def _bag(table: dict, where: str) -> BagFormat:
+    place = f"bag of {where}"
+    check_keys(table, ("topic", "joints", "time"), place)
+    joints = table.get("joints", [])
+    if not _is_list(joints, str) or len(set(joints)) < len(joints):
+        raise InputError(f"{place}: joints must be a list of names, joint 1 first.")
+    topic = _text(table, "topic", "", place) or None
+    time = _one_of(table, "time", ("header", "record"), f"time in {place}")
+    return BagFormat(topic, tuple(joints), time)
 
 
 def _one_of(table: dict, key: str, valid: Mapping | tuple, what: str) -> str:

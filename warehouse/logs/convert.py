@@ -70,6 +70,19 @@ def _transmission(name: str, robot: Robot) -> Array:
     return robot.transmission
 
 
+def channels_of(name: str, signal: SignalMap) -> list[tuple[str, str, str, str]]:
+    """Return channel, column, unit and what is done to it, joint by joint."""
+    out = []
+    for i, column in enumerate(signal.columns):
+        done = ["from motor side"] if signal.side == "motor" else []
+        if signal.sign and signal.sign[i] < 0:
+            done.append("sign turned")
+        if signal.zero and signal.zero[i]:
+            done.append(f"zero at {signal.zero[i]:g}")
+        out.append((f"{name}{i + 1}", column, signal.unit, ", ".join(done)))
+    return out
+
+
 def describe(name: str, signal: SignalMap) -> str | None:
     """Return in words what was converted, None for nothing."""
     units = [unit for unit, factor in UNITS[name].items() if factor == 1]

@@ -2,6 +2,8 @@
 
 import csv
 import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,28 @@ Array = np.ndarray
 _SEPARATORS = ";\t,|"
 
 
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where the table in a text file is.
+
+    Attributes:
+        names: Line with the names of the columns, counted from 0.
+        samples: First line with samples.
+        separator: What stands between two columns.
+        units: Units that the file states, by name.
+        above: How many lines above the names are no part of the table.
+    """
+
+    names: int
+    samples: int
+    separator: str
+    units: Mapping[str, str] = field(default_factory=dict)
+    above: int = 0
+
+
+Find = Callable[[Sequence[str], CsvFormat], Layout | None]
+
+
 class CsvLog(LogFile):
     """A text file with a line of names.
 
@@ -24,9 +48,12 @@ class CsvLog(LogFile):
         path: The file.
         head: Its first bytes.
         form: How it is written.
+        find: Finds the table where more than a line of names stands above it.
     """
 
-    def __init__(self, path: Path, head: bytes, form: CsvFormat) -> None:
+    def __init__(
+        self, path: Path, head: bytes, form: CsvFormat, find: Find | None = None
+    ) -> None:
         self.name = path.name
         self._path = path
         self._form = form
@@ -37,11 +64,16 @@ class CsvLog(LogFile):
             raise InputError(
                 f"{self.name} has no line of names after {form.skip} lines."
             )
-        self._skip = rows[0] + 1
-        header = lines[rows[0]]
-        self._separator = form.separator or _sniff(header)
-        self.columns = tuple(name.strip() for name in _split(header, self._separator))
-        if all(_is_number(name) for name in self.columns):
+        found = find(lines, form) if find else None
+        if found is None:
+            separator = form.separator or sniff(lines[rows[0]])
+            found = Layout(rows[0], rows[0] + 1, separator)
+        self._skip, self._separator = found.samples, found.separator
+        header = split(lines[found.names], found.separator)
+        self.columns = tuple(name.strip() for name in header)
+        self.units = found.units
+        self.notes = _notes(found)
+        if all(is_number(name) for name in self.columns):
             raise InputError(
                 f"{self.name} starts with numbers, expected a line of column names "
                 "such as t,q1,tau1."
@@ -90,6 +122,16 @@ class CsvLog(LogFile):
         return f"{self.name} is not a readable CSV file: {error.splitlines()[0][:120]}"
 
 
+def _notes(found: Layout) -> tuple[str, ...]:
+    notes = []
+    if found.above:
+        notes.append(f"{found.above} lines above the names")
+    if found.units:
+        stated = ", ".join(f"{name}: {unit}" for name, unit in found.units.items())
+        notes.append(f"units as the file says ({stated})")
+    return tuple(notes)
+
+
 def _decode(head: bytes) -> tuple[str, str]:
     # The cut may fall inside a character; those up to the last line end are whole.
     whole = head[: head.rfind(b"\n") + 1] or head
@@ -99,18 +141,20 @@ def _decode(head: bytes) -> tuple[str, str]:
         return "latin-1", whole.decode("latin-1")
 
 
-def _sniff(header: str) -> str:
+def sniff(header: str) -> str:
     """Return the separator that splits the names into the most."""
-    best = max(_SEPARATORS, key=lambda s: len(_split(header, s)))
+    best = max(_SEPARATORS, key=lambda s: len(split(header, s)))
     # A blank separates only where nothing else does: names may have blanks in them.
     return best if best in header else " "
 
 
-def _split(line: str, separator: str) -> list[str]:
+def split(line: str, separator: str) -> list[str]:
+    """Return the fields of a line."""
     return next(csv.reader([line], delimiter=separator), [])
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Whether a text is a number, with a decimal point or comma."""
     try:
         float(text.replace(",", "."))
     except ValueError:

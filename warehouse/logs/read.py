@@ -7,8 +7,8 @@ from residual.recording import Recording
 from residual.robot import Robot
 from warehouse.logs.check import check_samples, check_time
 from warehouse.logs.columns import TIME_UNITS, ColumnMap
-from warehouse.logs.convert import describe, to_link_side
-from warehouse.logs.select import Selection, select
+from warehouse.logs.convert import channels_of, describe, to_link_side
+from warehouse.logs.select import Selection, check_units, select
 from warehouse.logs.tables import open_log
 from warehouse.logs.understood import Understood
 from warehouse.logs.window import split_spec
@@ -19,7 +19,7 @@ Array = np.ndarray
 def read_log(
     spec: str, robot: Robot, columns: ColumnMap | None = None, label: str | None = None
 ) -> tuple[Recording, Understood]:
-    """Read a log in CSV or Parquet.
+    """Read a log of any known format.
 
     Args:
         spec: "FILE" or "FILE@start:end".
@@ -37,8 +37,9 @@ def read_log(
     path, window = split_spec(spec)
     tail = "" if window is None else f"@{window.text}"
     label = label or f"{path.stem}{tail}"
-    log = open_log(path, columns.csv)
+    log = open_log(path, columns, tuple(robot.model.names)[1:])
     chosen = select(log.columns, columns, robot.dof, path.name)
+    check_units(chosen, columns.time_unit, log.units, path.name)
     table = log.read(chosen.used)
     t = table[chosen.time] * TIME_UNITS[columns.time_unit]
     check_time(t, path.name)
@@ -51,6 +52,8 @@ def read_log(
     words = [describe(name, signal) for name, signal in chosen.signals.items()]
     if columns.time_unit != "s":
         words.insert(0, f"t: {columns.time_unit} to s")
+    channels = [("t", chosen.time, columns.time_unit, "")]
+    channels += [c for n, s in chosen.signals.items() for c in channels_of(n, s)]
     understood = Understood(
         id=label,
         file=str(path),
@@ -62,6 +65,8 @@ def read_log(
         ignored=chosen.ignored,
         conversions=tuple(word for word in words if word),
         warnings=warnings,
+        notes=log.notes,
+        channels=tuple(channels),
     )
     return recording, understood
 

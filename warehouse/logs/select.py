@@ -73,6 +73,34 @@ def select(
     return Selection(column_map.time, signals, ignored)
 
 
+def check_units(
+    chosen: Selection, time_unit: str, stated: Mapping[str, str], where: str
+) -> None:
+    """Compare the units of the map, or the usual ones, with those of the file.
+
+    Args:
+        chosen: The columns that are read.
+        time_unit: Unit of time of the map.
+        stated: Units that the file states, by column.
+        where: File name, as messages begin.
+
+    Raises:
+        InputError: If they differ.
+    """
+    meant = {chosen.time: ("time", time_unit)}
+    for name, signal in chosen.signals.items():
+        unit = "N m" if signal.unit == "Nm" else signal.unit
+        meant |= dict.fromkeys(signal.columns, (name, unit))
+    for column, (name, unit) in meant.items():
+        said = stated.get(column, unit)
+        if said != unit:
+            key = "column" if name == "time" else "columns"
+            raise InputError(
+                f"{where}: column '{column}' is in {said} by the file, in {unit} by "
+                f"the map.\nSay so in --map: {name} = {{{key} = ..., unit = '{said}'}}."
+            )
+
+
 def _default(name: str, dof: int) -> SignalMap:
     columns = tuple(f"{name}{i}" for i in range(1, dof + 1))
     return SignalMap(columns, next(iter(UNITS[name])))

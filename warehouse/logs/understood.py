@@ -19,6 +19,8 @@ class Understood:
         ignored: Columns not read.
         conversions: Every change of unit, side, sign or zero, in words.
         warnings: What is odd but usable.
+        notes: What was understood of the file beyond its columns.
+        channels: Channel, column, unit and what else is done to it, one by one.
     """
 
     id: str
@@ -31,6 +33,8 @@ class Understood:
     ignored: tuple[str, ...]
     conversions: tuple[str, ...]
     warnings: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    channels: tuple[tuple[str, str, str, str], ...] = ()
 
     @property
     def text(self) -> str:
@@ -39,7 +43,7 @@ class Understood:
         parts = [f"{self.id}: {size}", f"read {shorten(self.used)}"]
         if self.ignored:
             parts.append(f"ignored {shorten(self.ignored)}")
-        parts += self.conversions
+        parts += [*self.conversions, *self.notes]
         return "; ".join(parts)
 
 

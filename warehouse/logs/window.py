@@ -128,8 +128,13 @@ def unique_ids(specs: Sequence[str]) -> list[str]:
 
 
 def _existing(path: Path) -> Path:
+    if path.is_dir() and (path / "metadata.yaml").is_file():
+        return path  # a bag of ROS 2
     if path.is_dir():
-        raise InputError(f"{path} is a folder, expected a log file.")
+        raise InputError(
+            f"{path} is a folder, expected a log file, or the folder of a "
+            "ROS 2 bag with its metadata.yaml."
+        )
     if not path.exists():
         raise InputError(f"No log file '{path}'. Give a CSV or Parquet file.")
     if not path.is_file():

@@ -1,0 +1,70 @@
+"""The same campaign bare and as a flow: its wall times [s] as JSON on the last line."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter, sleep
+from typing import Any
+from unittest.mock import patch
+
+_NAP = 1.0  # s that an experiment takes here
+
+
+def main(folder: Path, count: int) -> None:
+    """Time both, once each.
+
+    The experiments sleep for a second instead of simulating, so that the difference is
+    not in the noise of other programs; everything around them is as always.
+    """
+    from flows.settings import prefect_home, prepare_prefect
+
+    campaign = folder / "c.toml"
+    campaign.write_text(f"[grid]\nseed = {list(range(1, count + 1))}\n")
+    prepare_prefect(prefect_home(folder / "flow"))
+    from flows import watch
+    from flows.campaign_flow import campaign as flow
+
+    asked, store = watch.Campaign(str(campaign)), str(folder / "flow")
+    with patch.object(watch, "workers_of", _sleepers):
+        bare = _time(lambda: watch.run_campaign(asked, folder / "bare"))
+        coated = _time(lambda: flow(str(campaign), store=store))
+    print(json.dumps({"bare": bare, "flow": coated}))
+
+
+def _time(job: Callable[[], object]) -> float:
+    start = perf_counter()
+    job()
+    return perf_counter() - start
+
+
+class Sleepers:
+    """A pool whose experiments take a second and leave only their folder."""
+
+    def __init__(self, pool: Any) -> None:
+        self._pool = pool
+
+    def run(self, _work: object, jobs: Sequence[tuple]) -> Iterator:
+        """Yield jobs as they are done (`flows.pool.Pool.run`)."""
+        from flows.experiment import run_id_of
+        from flows.pool import Done
+        from warehouse.layout import record_folder
+
+        for done in self._pool.run(sleep, [_NAP] * len(jobs)):
+            spec, store = jobs[done.index]
+            id = run_id_of(spec)
+            record_folder(store, "runs", id, "irb140").mkdir(parents=True)
+            yield Done(done.index, id, done.error)
+
+
+@contextmanager
+def _sleepers(_runner: object, _jobs: int) -> Iterator[Sleepers]:
+    from flows.pool import Pool
+
+    with Pool(2) as pool:
+        yield Sleepers(pool)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,64 @@
+"""modelgap import: measured logs become runs of the store."""
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+_Flag = Annotated[bool, Parameter(negative="")]
+
+
+def import_(
+    *logs: Annotated[str, Parameter(name="LOG")],
+    robot: str,
+    map: str | None = None,
+    trajectory: str | None = None,
+    kind: str = "log",
+    dry_run: _Flag = False,
+    store: str | None = None,
+) -> None:
+    """Put measured logs into the store, as runs like any other.
+
+    Then their ids stand for them: in identify, calibrate, diagnose, monitor and SQL.
+
+    ```
+    modelgap import monday.csv --robot arm.urdf --dry-run
+    modelgap import monday.csv tuesday.mcap --robot arm.urdf --map COLUMNS.toml
+    modelgap import weld.bag@2:40 --robot arm_folder --trajectory welding
+    ```
+
+    CSV with any separator, also with lines above the names as RobotStudio's viewers
+    write them, Parquet, ROS 1 and ROS 2 bags, MCAP. Of bags the joint states are read,
+    joints by their names in the URDF. --dry-run shows what was understood and stores
+    nothing. A log that is in the store already is not stored again.
+
+    Args:
+        logs: Logs; FILE@0:16.5 takes a window in seconds from the first sample.
+        robot: Built-in name (irb140), URDF file, or folder with one *.urdf and an
+            optional robot.toml.
+        map: TOML file that says which column is what, in which unit; for bags which
+            topic, and which joint has which name.
+        trajectory: A word for the kind of motion, by which queries can group.
+        kind: A word for what it was recorded for.
+        dry_run: Only show what was understood, and the id it would have.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    from rich.console import Console
+
+    from flows import imports as steps
+    from flows.cli.imports_words import lines, table
+    from flows.settings import store_folder
+
+    place, console = store_folder(store), Console()
+    request = steps.Request(logs, robot, map, trajectory, kind)
+    arm, read = steps.read(request, place)
+    for log in read:
+        if dry_run:
+            console.print(table(log))
+        for line in lines(log, arm, dry_run):
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+        if dry_run:
+            continue
+        id = steps.store_log(log, request, arm, place)
+        word = "was in" if log.stored else "stored in"
+        text = f"{id}  {log.known.id}: {word} {place}"
+        console.print(text, markup=False, highlight=False, soft_wrap=True)

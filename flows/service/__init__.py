@@ -1,0 +1,1 @@
+"""The server, worker and schedules that `modelgap up` keeps running for a store."""

@@ -1,0 +1,73 @@
+"""Stop what runs for a store, and lose nothing of it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import monotonic, sleep
+
+from flows.errors import RunError
+from flows.server import answers
+from flows.service import api
+from flows.service.processes import Process, flow_processes, stop
+from flows.service.state import (
+    Running,
+    one_at_a_time,
+    read_running,
+    write_running,
+)
+
+ENDED = "Ended by modelgap down. What it had stored is kept; the next run goes on."
+Say = Callable[[str], None]
+
+
+def down(home: Path, wait: float, say: Say) -> Running | None:
+    """Let flow runs end, then stop workers and server; schedules and history stay.
+
+    Args:
+        home: Prefect's folder in the store.
+        wait: How long flow runs may go on [s]; then they are ended and marked.
+        say: Told each step, for people.
+
+    Returns:
+        What ran, None if nothing did.
+    """
+    with one_at_a_time(home):
+        running = read_running(home)
+        if running is None or not running.alive:
+            return None
+        if answers(running.url) and running.server:
+            _finish_runs(running, wait, say)
+        stop(running.workers)
+        if running.server:
+            stop([running.server])
+        # Port and database are those of the next start; not who may reach it.
+        write_running(home, replace(running, host="127.0.0.1", processes=()))
+        return running
+
+
+def _finish_runs(running: Running, wait: float, say: Say) -> None:
+    """Give out no new work, wait for what runs, end and mark what is left."""
+    api.open_pool(running.url, paused=True)
+    until, told = monotonic() + wait, False
+    while (active := _active(running.url)) and monotonic() < until:
+        if not told:
+            say(f"waiting up to {wait:g} s for {len(active)} flow run(s) to end")
+            told = True
+        sleep(0.5)
+    # Workers first, or they would report the end of their flows in words of their own.
+    stop(running.workers)
+    left = [p for processes in active.values() for p in processes]
+    stop(left)
+    for run in api.active_runs(running.url):
+        if run["id"] in active:
+            api.end_run(running.url, run["id"], ENDED)
+            say(f"ended: {run['name']}")
+
+
+def _active(url: str) -> dict[str, list[Process]]:
+    """Return the processes on this machine of flow runs of our pool, by id."""
+    try:
+        ids = {run["id"] for run in api.active_runs(url)}
+    except RunError:
+        return {}
+    return {id: ps for id, ps in flow_processes().items() if id in ids}

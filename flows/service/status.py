@@ -1,0 +1,87 @@
+"""What runs for a store, and whether it is well."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.errors import RunError
+from flows.server import answers
+from flows.service import api
+from flows.service.state import Running, read_running
+from flows.service.up import worker_name
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """State of the service of one store.
+
+    Attributes:
+        running: What was started, None if nothing was.
+        server: Whether the server answers.
+        workers: Each worker by name: "online", "starting" or "gone".
+        deployments: Each with when it is due (`api.deployments`).
+        runs: The last flow runs (`api.last_runs`).
+    """
+
+    running: Running | None
+    server: bool = False
+    workers: Mapping[str, str] | None = None
+    deployments: tuple[Mapping, ...] = ()
+    runs: tuple[Mapping, ...] = ()
+
+    @property
+    def healthy(self) -> bool:
+        """Whether the next schedule will fire and somebody will run it."""
+        states = (self.workers or {}).values()
+        online = bool(states) and all(state == "online" for state in states)
+        return self.server and online and bool(self.deployments)
+
+    def document(self) -> dict:
+        """Return it as JSON has it; times are UTC in ISO 8601."""
+        running = self.running
+        return {
+            "schema": 1,
+            "healthy": self.healthy,
+            "ui": running.ui if running else None,
+            "api": running.url if running else None,
+            "database": running.database if running else None,
+            "server": self.server,
+            "workers": dict(self.workers or {}),
+            "deployments": [
+                {
+                    "name": d["name"],
+                    "paused": d["paused"],
+                    "schedules": len(d["schedules"]),
+                    "due": d["due"].isoformat() if d["due"] else None,
+                }
+                for d in self.deployments
+            ],
+            "runs": list(self.runs),
+        }
+
+
+def status(home: Path, most: int = 10) -> Status:
+    """Look at everything that belongs to a store.
+
+    Args:
+        home: Prefect's folder in the store.
+        most: How many flow runs to list.
+    """
+    running = read_running(home)
+    if running is None or not running.processes:
+        return Status(None)
+    processes = [p for p in running.processes if p.name != "server"]
+    gone = {p.name: "starting" if p.lives else "gone" for p in processes}
+    if running.server is None or not answers(running.url):
+        return Status(running, workers=gone)
+    try:
+        online = api.workers_online(running.url)
+        deployments = tuple(api.deployments(running.url))
+        runs = tuple(api.last_runs(running.url, most))
+    except RunError:
+        return Status(running, workers=gone)
+    workers = {
+        p.name: "online" if p.lives and worker_name(p.name) in online else gone[p.name]
+        for p in processes
+    }
+    return Status(running, True, workers, deployments, runs)

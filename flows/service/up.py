@@ -1,0 +1,244 @@
+"""Start, or complete, what runs for a store: server, pool, deployments, workers."""
+
+import hashlib
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import monotonic, sleep
+
+from flows.errors import RunError
+from flows.server import answers
+from flows.service import api
+from flows.service.processes import Process, start, stop
+from flows.service.stale import close_stale, watch_for_stale
+from flows.service.state import Running, one_at_a_time, read_running, write_running
+from flows.service.wanted import (
+    DATABASE,
+    PORT,
+    ROOT,
+    Wanted,
+    check_host,
+    port_is_free,
+    server_environment,
+    shown_database,
+    worker_environment,
+)
+from flows.settings import prefect_home
+from residual.errors import InputError
+
+Say = Callable[[str], None]
+_EVERY = "every"  # slug of the schedule of --every
+_PATIENCE = 180.0  # s; the first start makes the database, on a busy machine slowly
+
+
+def up(wanted: Wanted, say: Say) -> tuple[Running, bool]:
+    """Bring up what does not run yet; what runs is left as it is.
+
+    Args:
+        wanted: What shall run (`wanted.checked`).
+        say: Told each step, for people.
+
+    Returns:
+        What runs now, and whether all of it ran before.
+
+    Raises:
+        InputError: If something runs that contradicts what is wanted.
+        RunError: If something does not start.
+    """
+    home = prefect_home(wanted.store)
+    with one_at_a_time(home):
+        before = read_running(home)
+        running = _agreed(wanted, before)
+        count = _count(wanted, before)
+        if _complete(running, count) and wanted.every is None:
+            return running, True
+        running = _with_server(running, home, wanted, say)
+        for closed in close_stale(running.url):
+            say(f"closed, since nobody runs it any more: {closed}")
+        running = _with_workers(running, home, wanted, count)
+        running = _deployed(running, home, wanted, say)
+        if wanted.every is not None:
+            start_every(running.url, "nightly/nightly", wanted.every)
+        watch_for_stale(running.url)
+        _wait(lambda: _online(running), f"No worker reports; see {home}/worker-1.log.")
+        return running, False
+
+
+def deployed_as() -> str:
+    """Return what tells whether the deployments on a server are those of now."""
+    content = (ROOT / "prefect.yaml").read_bytes() + str(ROOT).encode()
+    return hashlib.sha256(content).hexdigest()[:20]
+
+
+def _agreed(wanted: Wanted, before: Running | None) -> Running:
+    """Return the state to start from; InputError where it contradicts the wish."""
+    database = shown_database(wanted.database)
+    if before is None:
+        host, port = wanted.host or "127.0.0.1", wanted.port or PORT
+        return Running(host, port, database)
+    asked = {"--host": wanted.host, "--port": wanted.port}
+    has = {"--host": before.host, "--port": before.port}
+    for name, value in asked.items():
+        if before.server and value not in (None, has[name]):
+            raise InputError(
+                f"{wanted.store} is already served at {before.ui}, not with {name} "
+                f"{value}. Stop it first: modelgap down."
+            )
+    if database != before.database and before.alive:
+        raise InputError(
+            f"{wanted.store} is already served at {before.ui} with its history in "
+            f"{before.database}, not in {database}. Stop it first: modelgap down."
+        )
+    if before.server:
+        return before
+    if database != before.database and wanted.database is None:
+        raise InputError(
+            f"The history of {wanted.store} is in {before.database}. Give its address: "
+            f"${DATABASE}."
+        )
+    host, port = wanted.host or before.host, wanted.port or before.port
+    check_host(host, wanted.trust_network)
+    # The database may be another one, or have been emptied: deployed anew.
+    return Running(host, port, database, processes=before.processes)
+
+
+def _count(wanted: Wanted, before: Running | None) -> int:
+    known = len([p for p in before.processes if p.name != "server"]) if before else 0
+    alive = len(before.workers) if before else 0
+    if wanted.workers is not None and wanted.workers < alive:
+        raise InputError(
+            f"{alive} workers run for {wanted.store}, more than --workers "
+            f"{wanted.workers}. Stop them first: modelgap down."
+        )
+    return wanted.workers or known or 1
+
+
+def _complete(running: Running, count: int) -> bool:
+    return (
+        running.server is not None
+        and len(running.workers) == count
+        and running.deployed == deployed_as()
+        and answers(running.url)
+    )
+
+
+def _with_server(running: Running, home: Path, wanted: Wanted, say: Say) -> Running:
+    server = running.server
+    if server is None:
+        # Workers of a server that was killed may have turned to another address.
+        stop(running.workers)
+        _check_port(running)
+        say(f"starting the server on port {running.port}")
+        env = server_environment(running, home, wanted.database)
+        command = [sys.executable, "-m", "uvicorn", "--factory", "--log-level"]
+        command += ["warning", "prefect.server.api.server:create_app"]
+        command += ["--host", running.host, "--port", str(running.port)]
+        server = start("server", command, env, home / "server.log")
+        running = replace(running, processes=(server,))
+        write_running(home, running)
+    _wait_for_server(running, server, home)
+    api.open_pool(running.url)
+    return running
+
+
+def _check_port(running: Running) -> None:
+    if port_is_free(running.host, running.port):
+        return
+    what = "another Prefect server" if answers(running.url) else "another program"
+    raise InputError(
+        f"Port {running.port} of {running.host} is taken by {what}. Choose another: "
+        f"modelgap up --port {running.port + 1}."
+    )
+
+
+def _wait_for_server(running: Running, server: Process, home: Path) -> None:
+    def ready() -> bool:
+        if not server.lives:
+            raise RunError(f"The server ended at once; see {home}/server.log.")
+        return answers(running.url)
+
+    _wait(ready, f"The server does not answer; see {home}/server.log.")
+
+
+def _with_workers(running: Running, home: Path, wanted: Wanted, count: int) -> Running:
+    env = worker_environment(running, wanted.store, home)
+    taken = {p.name for p in running.workers}
+    free = [n for n in (f"worker-{i}" for i in range(1, count + 1)) if n not in taken]
+    made = [
+        start(name, _worker_command(name), env, home / f"{name}.log")
+        for name in free[: count - len(taken)]
+    ]
+    server = running.server
+    kept = (*([server] if server else []), *running.workers, *made)
+    running = replace(running, processes=kept)
+    write_running(home, running)
+    return running
+
+
+def _worker_command(name: str) -> list[str]:
+    command = [sys.executable, "-m", "prefect", "worker", "start", "--pool", api.POOL]
+    return [*command, "--type", "process", "--name", worker_name(name)]
+
+
+def worker_name(name: str) -> str:
+    """Return the name under which a worker of this machine reports."""
+    return f"{name}@{socket.gethostname()}"
+
+
+def _deployed(running: Running, home: Path, wanted: Wanted, say: Say) -> Running:
+    wish = deployed_as()
+    if running.deployed != wish:
+        say("putting the deployments of prefect.yaml on it")
+        env = worker_environment(running, wanted.store, home)
+        command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
+        log = home / "deploy.log"
+        with log.open("wb") as said:
+            done = subprocess.run(
+                command, cwd=ROOT, env=env, stdout=said, stderr=said, check=False
+            )
+        if done.returncode:
+            raise RunError(f"The deployments were refused; see {log}.")
+        running = replace(running, deployed=wish)
+        write_running(home, running)
+    return running
+
+
+def start_every(
+    url: str, deployment: str, seconds: int, parameters: dict | None = None
+) -> None:
+    """Give a deployment a further schedule from now on, instead of the one before.
+
+    Args:
+        url: Address of the API.
+        deployment: As "flow/name".
+        seconds: Time between two starts [s]; 0 for no such schedule any more.
+        parameters: Of the flow, instead of those of the deployment.
+    """
+    known = api.ask(url, f"/deployments/name/{deployment}")
+    place = f"/deployments/{known['id']}/schedules"
+    for old in known["schedules"]:
+        if old.get("slug") == _EVERY:
+            api.ask(url, f"{place}/{old['id']}", method="DELETE")
+    if seconds:
+        when = {"interval": float(seconds)}
+        new = {"schedule": when, "active": True, "slug": _EVERY}
+        api.ask(url, place, [{**new, "parameters": parameters or {}}])
+
+
+def _online(running: Running) -> bool:
+    for worker in running.processes:
+        if not worker.lives:
+            raise RunError(f"{worker.name} ended at once; see {worker.name}.log.")
+    names = {worker_name(p.name) for p in running.workers}
+    return names <= api.workers_online(running.url)
+
+
+def _wait(ready: Callable[[], bool], otherwise: str) -> None:
+    begun = monotonic()
+    while not ready():
+        if monotonic() - begun > _PATIENCE:
+            raise RunError(otherwise)
+        sleep(0.25)

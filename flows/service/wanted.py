@@ -1,0 +1,212 @@
+"""What `modelgap up` is asked for, checked; and the environments that follow."""
+
+import errno
+import ipaddress
+import os
+import socket
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from flows.service.state import Running
+from flows.settings import API, STORE, quiet_prefect
+from residual.errors import InputError
+
+DATABASE = "MODELGAP_DATABASE_URL"
+PORT = 4200
+ROOT = Path(__file__).resolve().parents[2]
+_DRIVERS = {
+    "postgresql": "postgresql+asyncpg",
+    "postgres": "postgresql+asyncpg",
+    "postgresql+asyncpg": "postgresql+asyncpg",
+}
+BEAT = 30  # s between signs of life of a flow run; the least that Prefect takes
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What shall run.
+
+    Attributes:
+        store: The store.
+        host: Address to listen on, None for the one before, else this machine only.
+        port: Port to listen on, None for the one before, else Prefect's usual one.
+        workers: How many workers, None for as many as before, else one.
+        every: Also start the nightly flow every so many seconds; 0 for no more, None
+            for as before.
+        database: Address of a PostgreSQL database; None for a file in the store.
+        trust_network: Whether others in the network may reach the server.
+    """
+
+    store: Path
+    host: str | None = None
+    port: int | None = None
+    workers: int | None = None
+    every: int | None = None
+    database: str | None = None
+    trust_network: bool = False
+
+
+def checked(wanted: Wanted) -> None:
+    """Refuse what cannot be, or what must be said twice.
+
+    Args:
+        wanted: What shall run.
+
+    Raises:
+        InputError: With what was expected.
+    """
+    if wanted.port is not None and not 1 <= wanted.port <= 65535:
+        raise InputError(f"--port {wanted.port}: expected 1 to 65535.")
+    if wanted.workers is not None and not 1 <= wanted.workers <= 64:
+        raise InputError(f"--workers {wanted.workers}: expected 1 to 64.")
+    if wanted.every is not None and wanted.every != 0 and wanted.every < 10:
+        raise InputError(f"--every {wanted.every}: expected 10 seconds or more, or 0.")
+    if wanted.database is not None:
+        database_url(wanted.database)
+    check_host(wanted.host or "127.0.0.1", wanted.trust_network)
+
+
+def check_host(host: str, trust_network: bool) -> None:
+    """Refuse to be reached by others unless that is said.
+
+    Raises:
+        InputError: With what to say.
+    """
+    if not is_loopback(host) and not trust_network:
+        raise InputError(
+            f"--host {host} lets others in the network reach the server, which has no "
+            "password and starts programs. If they may: --trust-network."
+        )
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only programs of this machine reach an address."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def database_url(given: str) -> str:
+    """Return the address of a database as Prefect takes it.
+
+    Raises:
+        InputError: If it is none of PostgreSQL; the message has no password.
+    """
+    try:
+        parts = urlsplit(given)
+        usable = parts.scheme in _DRIVERS and bool(parts.path.strip("/"))
+    except ValueError:
+        usable = False
+    if not usable:
+        raise InputError(
+            f"${DATABASE} or --database is not usable, expected "
+            "postgresql://USER:PASSWORD@HOST:PORT/NAME."
+        )
+    return _DRIVERS[parts.scheme] + given[given.index("://") :]
+
+
+def shown_database(given: str | None) -> str:
+    """Return where the history is, without user and password."""
+    if given is None:
+        return "sqlite"
+    parts = urlsplit(given)
+    place = parts.netloc.rpartition("@")[2] or "localhost"
+    return f"postgresql://{place}{parts.path}"
+
+
+def port_is_free(host: str, port: int) -> bool:
+    """Return whether nobody listens there.
+
+    Raises:
+        InputError: If this machine has no such address.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family) as probe:
+        # As the server will do it: what has just ended does not count.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except PermissionError:
+            raise InputError(
+                f"--port {port} is for the administrator; take 1024 or more."
+            ) from None
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                return False
+            raise InputError(f"--host {host}: {error.strerror}.") from error
+    return True
+
+
+def server_environment(running: Running, home: Path, database: str | None) -> dict:
+    """Return the environment of the server.
+
+    Args:
+        running: Where it listens.
+        home: Prefect's folder.
+        database: Address of a PostgreSQL database, with its password.
+    """
+    own = {
+        "PREFECT_SERVER_API_HOST": running.host,
+        "PREFECT_SERVER_API_PORT": str(running.port),
+        # Without it the page looks for the server at Prefect's usual port.
+        "PREFECT_SERVER_UI_API_URL": _shown_url(running),
+        "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
+        # Any page in a browser could otherwise give orders to a server of ours.
+        "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": _origins(running),
+        # In memory, the places that flows hold would be lost with a killed server.
+        "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (
+            "prefect.server.concurrency.lease_storage.filesystem"
+        ),
+        "PREFECT_API_BLOCKS_REGISTER_ON_START": "false",
+        # At its usual 60 s a new schedule is first thought of a minute later.
+        "PREFECT_SERVER_SERVICES_SCHEDULER_LOOP_SECONDS": "10",
+        "PREFECT__SERVER_FINAL": "1",
+    }
+    if database:
+        own["PREFECT_SERVER_DATABASE_CONNECTION_URL"] = database_url(database)
+    return _base(home) | own
+
+
+def worker_environment(running: Running, store: Path, home: Path) -> dict:
+    """Return the environment of a worker, which flows inherit; no password in it."""
+    # Its own python first: the shell may have none, or another one.
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    place = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    return _base(home) | {
+        API: running.url,
+        STORE: str(store),
+        "PATH": path,
+        "PYTHONPATH": place,
+        "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": str(BEAT),
+    }
+
+
+def _base(home: Path) -> dict[str, str]:
+    """The environment of ours without what others set for their own Prefect."""
+    kept = {
+        k: v
+        for k, v in os.environ.items()
+        if not k.startswith("PREFECT") and k != DATABASE
+    }
+    # Its log is a file that somebody reads when something is wrong.
+    level = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "WARNING"}
+    return kept | quiet_prefect(home) | level
+
+
+def _shown_url(running: Running) -> str:
+    """The API as the browser of somebody else finds it."""
+    if running.host in ("0.0.0.0", "::"):
+        return f"http://{socket.gethostname()}:{running.port}/api"
+    return running.url
+
+
+def _origins(running: Running) -> str:
+    names = {running.ui, _shown_url(running).removesuffix("/api")}
+    if is_loopback(running.host):
+        names.add(f"http://localhost:{running.port}")
+    return ",".join(sorted(names))

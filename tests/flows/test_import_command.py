@@ -1,0 +1,186 @@
+"""modelgap import: measured logs become runs like any other."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import warehouse
+from flows.cli import main
+from tests.residual.arms import urdf_text
+from tests.residual.identified import AXES, logs
+from tests.warehouse import log_files as files
+from warehouse.commit import read_record
+from warehouse.runs import read_run
+
+JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
+NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A working directory with an arm and its logs A.csv and B.csv."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
+    for name, log in zip("AB", logs(2, noise=0.5, duration=8.0), strict=True):
+        table = np.column_stack([log.t, log.q, log.tau])
+        np.savetxt(
+            f"{name}.csv",
+            table,
+            delimiter=",",
+            header=",".join(NAMES),
+            comments="",
+            fmt="%.17g",
+        )
+    return tmp_path
+
+
+@pytest.fixture
+def run(place, capsys):
+    def run(words):
+        code = main(words.split())
+        shown = capsys.readouterr()
+        return code, shown.out, shown.err
+
+    return run
+
+
+def ask(query):
+    with warehouse.open("store") as store:
+        return store.sql(query).to_pylist()
+
+
+def test_a_dry_run_shows_what_was_understood_and_stores_nothing(run, place):
+    Path("map.toml").write_text(
+        "tau = {columns = ['tau1', 'tau2', 'tau3'], sign = [1, -1, 1]}\n"
+    )
+    code, out, _ = run("import A.csv@1:6 --robot arm.urdf --map map.toml --dry-run")
+    assert code == 0
+    for told in (
+        "log: A.csv, window @1:6",
+        "robot: small_arm, 3 joints: " + ", ".join(f"{i} {n}" for i, n in JOINTS),
+        "gaps: none",
+        "ignored columns: none",
+        "sign turned",
+        "N m",
+        ", new; a dry run stores nothing",
+    ):
+        assert told in out
+    assert not Path("store").exists()
+
+
+def test_an_imported_log_is_a_run_with_all_that_is_known_of_it(run, place):
+    code, out, _ = run("import A.csv B.csv@0:6 --robot arm.urdf --trajectory welding")
+    assert code == 0
+    rows = ask("SELECT * FROM runs ORDER BY rows DESC")
+    assert [row["run_id"] in out for row in rows] == [True, True]
+    first = rows[0]
+    assert (first["source"], first["kind"], first["trajectory"]) == (
+        "imported",
+        "log",
+        "welding",
+    )
+    told = read_record(Path("store"), first["run_id"])["log"]
+    assert (told["file"], told["window"], told["map"]) == ("A.csv", None, None)
+    assert len(told["sha256"]) == 64
+    assert told["channels"][1] == {
+        "channel": "q1",
+        "column": "q1",
+        "unit": "rad",
+        "done": "",
+    }
+    assert str(place) not in json.dumps(read_record(Path("store"), first["run_id"]))
+    log = read_run(Path("store"), first["run_id"])
+    table = np.loadtxt("A.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(np.column_stack([log.t, log.q, log.tau]), table)
+
+
+def test_the_same_samples_are_the_same_run_whatever_the_file(run, place):
+    table = np.loadtxt("A.csv", delimiter=",", skiprows=1)
+    names = [name for _, name in JOINTS]
+    files.write_mcap(place / "A.mcap", {"/js": files.messages(table, names, 0)})
+    files.write_bag(place / "A.bag", {"/js": files.messages(table, names, 0)}, 1)
+    assert run("import A.mcap --robot arm.urdf")[0] == 0
+    (first,) = ask("SELECT run_id FROM runs")
+    code, out, _ = run("import A.bag --robot arm.urdf")
+    assert (code, ask("SELECT run_id FROM runs")) == (0, [first])
+    assert f"{first['run_id']}  A: was in" in out
+    code, out, _ = run("import A.bag --robot arm.urdf --dry-run")
+    assert f"run id: {first['run_id']}, in the store already" in out
+    # Another robot's description makes it another run.
+    Path("arm.urdf").write_text(urdf_text(AXES).replace('effort="', 'effort="1'))
+    assert run("import A.bag --robot arm.urdf")[0] == 0
+    assert len(ask("FROM runs")) == 2
+
+
+def test_imported_runs_are_identified_and_the_model_is_stored(run, place):
+    run("import A.csv B.csv --robot arm.urdf")
+    one, two = (row["run_id"] for row in ask("FROM runs ORDER BY run_id"))
+    words = f"identify {one} --holdout {two[:9]} --robot arm.urdf --json o.json"
+    code, out, _ = run(words)
+    assert code == 0
+    (model,) = ask("FROM models")
+    assert f"modelgap show {model['model_id']}" in out
+    assert model["stage"] == "identified"
+    told = json.loads(Path("o.json").read_text())
+    wanted = {(p["name"], p["value"], p["sd"], p["unit"]) for p in told["parameters"]}
+    rows = ask("SELECT name, value, std, unit FROM parameters")
+    assert {tuple(row.values()) for row in rows} == wanted
+    errors = ask(
+        "SELECT stage, value FROM errors WHERE metric = 'filtered' AND joint IS NULL "
+        f"AND run_id = '{two}' AND source_id = '{model['model_id']}'"
+    )
+    overall = {k: e["overall"] for k, e in told["error"]["filtered"].items()}
+    assert {row["stage"]: row["value"] for row in errors} == overall
+    lineage = {(r["parent"], r["role"]) for r in ask("FROM lineage")}
+    assert lineage == {(one, "fit"), (two, "held_out")}
+    assert read_record(Path("store"), model["model_id"])["request"]["logs"] == [one]
+    run(words)
+    assert len(ask("FROM models")) == 1
+
+
+def test_of_files_a_model_is_stored_only_where_a_store_is_named(run, place):
+    assert run("identify A.csv --holdout B.csv --robot arm.urdf")[0] == 0
+    assert not Path("store").exists()
+    words = "identify A.csv --holdout B.csv --robot arm.urdf --store store"
+    assert run(words)[0] == 0
+    (model,) = ask("FROM models")
+    request = read_record(Path("store"), model["model_id"])["request"]
+    assert (request["logs"], request["held_out"]) == (["A.csv"], ["B.csv"])
+
+
+def test_diagnose_takes_ids_of_runs(calls, run, place):
+    run("import A.csv B.csv --robot arm.urdf")
+    one, two = (row["run_id"] for row in ask("FROM runs ORDER BY run_id"))
+    code, out, _ = run(f"diagnose {one} --holdout {two} --robot arm.urdf")
+    assert code == 0
+    assert f"fit: {one[:8]} | baseline: – | held out: {two[:8]}" in out
+    assert [log.id for log in calls[0]["fit"]] == [one[:8]]
+    code, _, err = run(f"diagnose {one} A.csv B.csv --robot arm.urdf")
+    assert (code, "hold the same samples" in err) == (2, True)
+
+
+BAD = {
+    "import --robot arm.urdf": "No log to import",
+    "import A.csv": "--robot",
+    "import A.csv --robot arm": "Unknown robot 'arm'",
+    "import no.csv --robot arm.urdf": "No log file 'no.csv'",
+    "import A.csv A.csv --robot arm.urdf": "are one run",
+    "import A.csv --robot irb140": "missing column",
+    "import A.csv --robot arm.urdf --map no.toml": "Cannot read the map",
+    "import arm.urdf --robot arm.urdf": "arm.urdf",
+    "import . --robot arm.urdf": "is a folder, expected a log file",
+    f"import A.csv --robot arm.urdf --trajectory {'x' * 99}": "expected a short name",
+    "import A.csv --robot arm.urdf --store A.csv": "is a file, not a folder",
+}
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_bad_words_end_with_two_and_store_nothing(run, words):
+    code, out, err = run(words)
+    assert BAD[words] in err
+    assert (code, out) == (2, "")
+    assert 1 <= err.count("\n") <= 2
+    assert not Path("store").exists()

@@ -1,0 +1,362 @@
+"""A record made again: the same bits, or which value, from when, and why."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from flows import experiment, rerun, rerun_run
+from flows.cli import main
+from flows.diff import diff
+from flows.rerun_cause import cause_of
+from flows.spec import experiment_of
+from flows.study import Study, diagnose
+from residual.errors import InputError
+from residual.recording import Recording
+from sim.records import PlantRun
+from tests.warehouse import store_samples
+from warehouse import provenance
+from warehouse.bundle import write_bundle
+from warehouse.commit import commit_run, read_record
+from warehouse.files import write_parquet
+from warehouse.layout import find, list_folders
+from warehouse.lineage import RERUN_OF
+from warehouse.manifest import read_manifest
+from warehouse.seal import open_seal
+from warehouse.store import open_store
+from warehouse.unbundle import read_bundle
+
+EFFECTS = [
+    {"name": "payload", "joints": [6], "mass": 4, "com_x": 1 / 3, "onset": 0.5},
+    {"name": "coupled_friction", "joints": [5, 6], "level": 1.0},
+]
+
+
+def spec(**changes):
+    content = {
+        "seed": 7,
+        "start": 30.0,
+        "trajectory": {"kind": "welding", "duration": 2.0},
+        "plant": {"effect": EFFECTS, "salt": "ü"},
+    }
+    return experiment_of(content | changes, "SPEC.toml")
+
+
+@pytest.fixture
+def plant(monkeypatch):
+    """Replace plant and motion by noise of the seeds; more is added to its torque."""
+    more = {"tau": 0.0}
+
+    def simulate(spec, robot):
+        rng = np.random.default_rng([spec.reference().seed, spec.plant_spec().seed])
+        q, tau, error = rng.normal(size=(3, 50, robot.dof))
+        tau[20:, 2] += more["tau"]
+        log = Recording("", robot.name, spec.start + np.arange(50) / 250, q, tau)
+        run = PlantRun(log, {"tau_spring": 2 * q}, {"e_q": error})
+        return run, {"reference_s": 0.1, "plant_s": 0.2}
+
+    monkeypatch.setattr(experiment, "_simulate", simulate)
+    return more
+
+
+@pytest.fixture
+def other_code(monkeypatch):
+    """Let the code be another one, from now on."""
+
+    def change():
+        known = provenance.provenance()
+        told = replace(known, code_hash="f" * 64, program_hash="e" * 64)
+        hash = "warehouse.provenance.plant_code_hash"
+        monkeypatch.setattr(hash, lambda: told.code_hash)
+        for place in ("warehouse.provenance", "warehouse.commit"):
+            monkeypatch.setattr(f"{place}.provenance", lambda: told)
+
+    return change
+
+
+def tree(folder):
+    files = (p for p in folder.rglob("*") if p.is_file())
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
+
+
+def change_value(store, id, by=1e-9):
+    path = find(store, id).folder / "part-0.parquet"
+    table = pq.ParquetFile(path).read()
+    values = table.column("tau3").to_numpy().copy()
+    values[30] += by
+    at = table.column_names.index("tau3")
+    write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
+
+
+def test_a_spec_comes_back_from_its_two_halves(tmp_path, plant):
+    for wanted in (spec(), spec(seed=2**62, plant={}), spec(rates={"log": 500.0})):
+        id = experiment.run(wanted, tmp_path)
+        told, hidden = read_manifest(tmp_path, id), open_seal(tmp_path, id).spec
+        again = rerun_run.spec_of(told, hidden)
+        assert experiment.run_id_of(again) == id
+        assert again.plant_spec() == wanted.plant_spec()
+
+
+@pytest.mark.parametrize("words", [["--verify"], []])
+def test_the_same_code_gives_the_same_bits_and_stores_nothing(
+    tmp_path, plant, capsys, words
+):
+    id = experiment.run(spec(), tmp_path)
+    before = tree(tmp_path)
+    assert main(["rerun", id[:8], *words, "--store", str(tmp_path)]) == 0
+    assert "same, bit for bit" in capsys.readouterr().out
+    assert tree(tmp_path) == before
+
+
+def test_other_code_with_other_values_is_a_new_run_and_is_told(
+    tmp_path, plant, other_code, capsys
+):
+    id = experiment.run(spec(), tmp_path)
+    other_code()
+    plant["tau"] = 2.5
+    before = tree(tmp_path)
+    told = rerun.rerun(id, tmp_path, verify=True)
+    assert tree(tmp_path) == before
+    (bad,) = told.apart
+    assert (bad.name, bad.unit, bad.largest) == ("tau3", "N m", pytest.approx(2.5))
+    assert bad.first == pytest.approx(30.08)
+    assert (told.cause.kind, told.same_code) == ("code", False)
+    assert main(["rerun", id, "--verify", "--store", str(tmp_path)]) == 1
+    # Without --verify the new run is what was asked for.
+    assert main(["rerun", id, "--store", str(tmp_path)]) == 0
+    capsys.readouterr()
+    (new,) = set(list_folders(tmp_path, "runs")) - {id}
+    assert read_manifest(tmp_path, new)["parents"] == {RERUN_OF: [id]}
+    with open_store(tmp_path) as store:
+        rows = store.sql("FROM lineage").to_pylist()
+    assert {"child": new, "parent": id, "role": RERUN_OF} in rows
+    named = ["sql", "--named", "reruns_not_reproduced", "--format", "json"]
+    assert main([*named, "--store", str(tmp_path)]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["record"], row["rerun"]) == (id, new)
+    assert "tau3: differs from 30.08 s on, by at most 2.5 N m" in row["verdict"]
+
+
+def test_other_code_with_the_same_values_is_no_failure(tmp_path, plant, other_code):
+    id = experiment.run(spec(), tmp_path)
+    other_code()
+    told = rerun.rerun(id, tmp_path)
+    assert (told.reproduced, told.same_code, told.noted) == (True, False, None)
+    assert told.made != id
+
+
+def test_the_same_code_with_other_values_is_chance(tmp_path, plant, capsys):
+    id = experiment.run(spec(), tmp_path)
+    plant["tau"] = 1e-15
+    assert main(["rerun", id, "--store", str(tmp_path)]) == 1
+    out = capsys.readouterr().out
+    assert "nondeterminism" in out
+    assert "tau3: differs from 30.08 s on" in out
+    assert list(list_folders(tmp_path, "runs")) == [id]
+    assert len(list_folders(tmp_path, "validations")) == 1
+
+
+def test_a_value_that_was_tampered_with_is_found(tmp_path, plant):
+    id = experiment.run(spec(), tmp_path)
+    change_value(tmp_path, id)
+    told = rerun.rerun(id, tmp_path, verify=True)
+    (bad,) = told.apart
+    assert (bad.name, bad.differing, told.cause.kind) == ("tau3", 1, "damaged")
+    assert bad.largest == pytest.approx(1e-9, rel=1e-5)
+    assert bad.first == pytest.approx(30.12)
+
+
+def test_libraries_and_machine_are_causes_by_name(tmp_path):
+    now = provenance.as_record(provenance.provenance())
+    then = {**now, "environment_hash": "0" * 64}
+    then["versions"] = {**now["versions"], "numpy": "1.0"}
+    found = cause_of(then, now, "code_hash", (), tmp_path)
+    assert found.kind == "environment"
+    assert f"numpy 1.0 -> {now['versions']['numpy']}" in found.why
+    packages = provenance.packages()
+    import hashlib
+
+    lines = packages + b"\nzzz==1.0"
+    then["environment_hash"] = hashlib.sha256(lines).hexdigest()
+    then["versions"] = now["versions"]
+    (tmp_path / "made_with").mkdir()
+    for name, content in ((then, lines), (now, packages)):
+        path = tmp_path / "made_with" / f"packages-{name['environment_hash']}.txt"
+        path.write_bytes(content)
+    found = cause_of(then, now, "code_hash", (), tmp_path)
+    assert found.why == "zzz 1.0 -> none"
+    then = {**now, "machine": "another one"}
+    assert cause_of(then, now, "code_hash", (), tmp_path).kind == "machine"
+
+
+def test_a_spec_that_was_changed_is_the_cause(tmp_path, plant):
+    id = experiment.run(spec(), tmp_path)
+    row = find(tmp_path, id).row
+    table = pq.ParquetFile(row).read()
+    manifest = json.loads(table.column("manifest")[0].as_py())
+    manifest["spec"]["seed"] = manifest["spec"]["trajectory"]["seed"] = 1
+    at = table.column_names.index("manifest")
+    write_parquet(row, table.set_column(at, "manifest", [[json.dumps(manifest)]]))
+    told = rerun.rerun(id, tmp_path, verify=True)
+    assert told.cause.kind == "seed or spec"
+
+
+def test_a_measured_run_is_checked_and_not_made_again(tmp_path, capsys):
+    log = store_samples.recording()
+    id = commit_run(tmp_path, log, {"robot_hash": "a" * 64})
+    words = ["rerun", id, "--store", str(tmp_path)]
+    assert main(words) == 2
+    assert "measured, not simulated" in capsys.readouterr().err
+    assert main([*words, "--verify"]) == 0
+    assert "those that were imported" in capsys.readouterr().out
+    path = find(tmp_path, id).folder / "part-0.parquet"
+    table = pq.ParquetFile(path).read()
+    at = table.column_names.index("q1")
+    values = table.column("q1").to_numpy() + 1
+    write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
+    assert main([*words, "--verify"]) == 1
+
+
+def test_without_its_seal_a_run_cannot_be_made_again(tmp_path, plant):
+    id = experiment.run(spec(), tmp_path)
+    shutil.rmtree(tmp_path / "sealed")
+    with pytest.raises(InputError, match="no sealed half"):
+        rerun.rerun(id, tmp_path, verify=True)
+
+
+def test_a_bundle_is_reproduced_elsewhere(tmp_path, plant, capsys):
+    id = experiment.run(spec(), tmp_path / "here")
+    write_bundle(tmp_path / "here", id, tmp_path / "b.tar")
+    read_bundle(tmp_path / "b.tar", tmp_path / "there")
+    shutil.rmtree(tmp_path / "here")
+    assert main(["rerun", id, "--verify", "--store", str(tmp_path / "there")]) == 0
+
+
+def test_the_robot_of_a_run_is_kept_and_travels_with_it(tmp_path, plant, monkeypatch):
+    from residual.robot import load_robot
+
+    arm = tmp_path / "arm"
+    arm.mkdir()
+    (arm / "x.urdf").write_text(load_robot("irb140").urdf)
+    (arm / "robot.toml").write_text('[robot]\nname = "mine"\n')
+    id = experiment.run(spec(robot=str(arm)), tmp_path / "here")
+    write_bundle(tmp_path / "here", id, tmp_path / "b.tar")
+    shutil.rmtree(arm)
+    experiment._robot.cache_clear()
+    there = tmp_path / "there"
+    assert any(
+        "robots/sha256=" in p for p in read_bundle(tmp_path / "b.tar", there).added
+    )
+    assert rerun.rerun(id, there, verify=True).reproduced
+    shutil.rmtree(there / "robots")
+    with pytest.raises(InputError, match="robot that this was made with is not here"):
+        rerun.rerun(id, there, verify=True)
+
+
+@pytest.fixture
+def diagnosed(tmp_path, plant, calls, monkeypatch):
+    """A store with a diagnosis whose numbers are those of its runs."""
+    import sys
+
+    from residual.outcome import Outcome
+
+    def close_the_loop(robot, fit, **options):
+        made = store_samples.verdict([log.id for log in options["held_out"]])
+        made["robot"] = robot.name
+        made["nominal_scale"] = float(sum(log.tau.sum() for log in fit)) + plant["tau"]
+        return Outcome(made, (), (), (), ())
+
+    monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", close_the_loop)
+    monkeypatch.setattr("flows.records.errors_by_run", lambda outcome: _no_errors())
+    runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
+    ids = diagnose(Study("irb140", tuple(runs[:2]), (runs[2],)), tmp_path)
+    return tmp_path, runs, ids
+
+
+def _no_errors():
+    from warehouse.schema import VIEWS, arrow_schema
+
+    return arrow_schema(VIEWS["errors"][1:]).empty_table()
+
+
+def test_a_diagnosis_its_model_and_its_proof_are_made_again(diagnosed):
+    store, _runs, (diagnosis, proof) = diagnosed
+    before = tree(store)
+    model = read_record(store, diagnosis)["model_id"]
+    for id in (diagnosis, proof, model):
+        told = rerun.rerun(id, store)
+        assert (told.reproduced, told.same_code, told.made) == (True, True, None)
+    assert tree(store) == before
+
+
+def test_a_diagnosis_that_differs_is_told_and_kept(diagnosed, plant, other_code):
+    store, _runs, (diagnosis, _proof) = diagnosed
+    plant["tau"] = 0.5
+    told = rerun.rerun(diagnosis, store, verify=True)
+    assert (told.cause.kind, told.made) == ("nondeterminism", None)
+    assert {c.name for c in told.apart} == {"nominal_scale", "document.nominal_scale"}
+    assert told.apart[0].largest == pytest.approx(0.5)
+    other_code()
+    told = rerun.rerun(diagnosis, store)
+    assert told.cause.kind == "code"
+    made = read_record(store, told.made)
+    assert (
+        made["document"]["nominal_scale"]
+        != read_record(store, diagnosis)["nominal_scale"]
+    )
+    with open_store(store) as opened:
+        query = f"SELECT parent, role FROM lineage WHERE child = '{told.made}'"
+        rows = opened.sql(query).to_pylist()
+    assert {"parent": diagnosis, "role": RERUN_OF} in rows
+    assert {"parent": made["model_id"], "role": "model"} in rows
+    found = diff(diagnosis, told.made, store)
+    assert not found.same
+    assert "nominal_scale" in {name for name, _, _ in found.tables["values"]}
+
+
+def test_a_record_that_does_not_say_how_it_was_made_is_refused(tmp_path):
+    from warehouse.commit import commit_record
+
+    record = {"robot": "two_link", "kind": "other"}
+    id = commit_record(tmp_path, "validations", record)
+    with pytest.raises(InputError, match="does not say how it was made"):
+        rerun.rerun(id, tmp_path)
+    report = commit_record(tmp_path, "reports", record)
+    with pytest.raises(InputError, match="is a report"):
+        rerun.rerun(report, tmp_path)
+
+
+def test_two_runs_side_by_side(tmp_path, plant, capsys):
+    one = experiment.run(spec(), tmp_path)
+    two = experiment.run(spec(start=0.0), tmp_path)
+    store = ["--store", str(tmp_path)]
+    assert main(["diff", one, two, "--format", "json", *store]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert {"name": "start", "one": 30.0, "two": 0.0} in told["spec"]
+    assert told["code"] == told["environment"] == []
+    equal = {c["name"]: c["equal"] for c in told["data"]}
+    assert equal["tau1"]
+    assert not equal["t"]
+    assert told["same"] is False
+    assert main(["diff", one, two, *store]) == 0
+    assert "code: the same" in capsys.readouterr().out
+    assert main(["lineage", one, *store]) == 0
+    assert f"runs {one}, gave" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("id", ["../x", "/etc/passwd", "a/b", "..", "a" * 21, "A1", ""])
+@pytest.mark.parametrize("command", ["rerun", "diff", "lineage", "bundle"])
+def test_what_is_no_id_is_refused(tmp_path, capsys, command, id):
+    store_samples.commit(tmp_path)
+    words = {
+        "rerun": [id, "--verify"],
+        "diff": [id, id],
+        "lineage": [id],
+        "bundle": [id, "--out", str(tmp_path / "b.tar")],
+    }
+    assert main([command, *words[command], "--store", str(tmp_path)]) == 2
+    assert "is not an id" in capsys.readouterr().err
+    assert not (tmp_path / "b.tar").exists()

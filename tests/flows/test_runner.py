@@ -1,0 +1,104 @@
+"""Where experiments are computed: words, and a real Dask cluster."""
+
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from operator import attrgetter
+from pathlib import Path
+
+import pytest
+
+from flows.cluster import Cluster, ClusterLostError
+from flows.runner import RUNNER, Runner, chosen_runner, workers_of
+from residual.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_word_decides_then_the_setting_then_threads(monkeypatch):
+    monkeypatch.delenv(RUNNER, raising=False)
+    assert chosen_runner() == Runner("threads")
+    monkeypatch.setenv(RUNNER, "processes")
+    assert chosen_runner() == Runner("processes")
+    assert chosen_runner("dask://127.0.0.1:8786").address == "tcp://127.0.0.1:8786"
+    assert chosen_runner("dask://[::1]:8786").address == "tcp://[::1]:8786"
+
+
+@pytest.mark.parametrize(
+    "word", ["ray", "dask", "dask://", "dask://127.0.0.1", "dask://a:b", "tcp://a:1"]
+)
+def test_other_words_are_refused(word):
+    with pytest.raises(InputError, match="expected threads, processes or dask"):
+        chosen_runner(word)
+
+
+def test_a_cluster_on_the_network_needs_leave():
+    with pytest.raises(InputError, match="--trust-network"):
+        chosen_runner("dask://10.0.0.7:8786")
+    assert chosen_runner("dask://10.0.0.7:8786", True).address == "tcp://10.0.0.7:8786"
+
+
+def test_nothing_to_do_starts_nobody():
+    with workers_of(Runner("dask", "tcp://127.0.0.1:1"), 0) as nobody:
+        assert nobody is None
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_a_cluster_that_is_not_there_says_how_to_start_one(monkeypatch):
+    from flows import cluster
+
+    monkeypatch.setattr(cluster, "_PATIENCE", 1)
+    with pytest.raises(ClusterLostError, match="dask worker with --nthreads 1"):
+        Cluster(f"tcp://127.0.0.1:{_free_port()}")
+
+
+def _start(*words: str) -> subprocess.Popen:
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", *words, "--no-dashboard"]
+    return subprocess.Popen(command, env=env, stderr=subprocess.DEVNULL)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """A scheduler and two workers, a process each; gives address and workers."""
+    address = f"tcp://127.0.0.1:{_free_port()}"
+    port, place = address.rpartition(":")[2], str(tmp_path_factory.mktemp("dask"))
+    more = ["--host", "127.0.0.1", "--port", port]
+    scheduler = _start("distributed.cli.dask_scheduler", *more)
+    options = ["--nthreads", "1", "--no-nanny", "--local-directory", place]
+    workers = [_start("distributed.cli.dask_worker", address, *options) for _ in "12"]
+    yield address, workers
+    for process in (*workers, scheduler):
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.slow
+def test_a_cluster_answers_like_a_pool_and_a_lost_worker_costs_no_job(
+    cluster, monkeypatch
+):
+    from flows import cluster as module
+
+    monkeypatch.setattr(module, "_PATIENCE", 60)
+    address, workers = cluster
+    with Cluster(address) as many:
+        many._client.wait_for_workers(2, timeout=60)
+        done = sorted(many.run(math.sqrt, [4.0, -1.0, 9.0]), key=attrgetter("index"))
+        assert [d.value for d in done] == [2.0, None, 3.0]
+        assert isinstance(done[1].error, ValueError)
+
+        naps = many.run(time.sleep, [0.2] * 20)
+        first = next(naps)
+        workers[0].send_signal(signal.SIGKILL)
+        rest = list(naps)
+    assert {first.index, *(d.index for d in rest)} == set(range(20))
+    assert [d.error for d in rest if d.error] == []

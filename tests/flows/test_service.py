@@ -1,0 +1,186 @@
+"""What `up`, `status` and `down` decide, without starting a server."""
+
+import os
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from flows.cli import main
+from flows.errors import RunError
+from flows.service import up
+from flows.service.processes import Process, flow_processes, start, started_at, stop
+from flows.service.state import Running, one_at_a_time, read_running, write_running
+from flows.service.wanted import (
+    DATABASE,
+    Wanted,
+    checked,
+    database_url,
+    port_is_free,
+    server_environment,
+    shown_database,
+    worker_environment,
+)
+from residual.errors import InputError
+
+SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
+SECRET = "postgresql://ann:s3cret@db.lab:5432/prefect"
+
+
+@pytest.fixture
+def sleeper(tmp_path):
+    made = start("server", SLEEP, os.environ, tmp_path / "log")
+    yield made
+    stop([made], grace=1.0)
+
+
+def test_a_process_is_known_by_its_start_and_not_only_by_its_number(sleeper):
+    assert sleeper.lives
+    assert not replace(sleeper, started="another").lives
+    stop([sleeper])
+    assert not sleeper.lives
+    stop([sleeper])  # once more is no error
+
+
+def test_a_number_that_was_given_to_another_process_is_never_ended():
+    other = subprocess.Popen(SLEEP)
+    try:
+        stop([Process("server", other.pid, "04998d3f-1")], grace=0.0)
+        assert other.poll() is None
+    finally:
+        other.kill()
+        other.wait()
+
+
+def test_nobody_is_there_under_a_number_that_nobody_has():
+    assert started_at(2**22 + 1) is None
+
+
+def test_processes_of_flow_runs_are_found_by_the_id_that_they_carry(tmp_path):
+    env = {**os.environ, "PREFECT__FLOW_RUN_ID": "0-1-2"}
+    made = start("flow", SLEEP, env, tmp_path / "log")
+    try:
+        assert made.pid in [p.pid for p in flow_processes()["0-1-2"]]
+    finally:
+        stop([made], grace=1.0)
+
+
+def test_what_runs_is_read_back_as_it_was_written(tmp_path, sleeper):
+    running = Running("127.0.0.1", 4300, "sqlite", "ab", (sleeper,))
+    write_running(tmp_path, running)
+    assert read_running(tmp_path) == running
+    assert running.server == sleeper
+    assert running.workers == ()
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"host": 1}'])
+def test_a_damaged_note_is_as_good_as_none(tmp_path, content):
+    (tmp_path / "up.json").write_text(content)
+    assert read_running(tmp_path) is None
+
+
+def test_two_at_once_on_one_store_are_told_apart(tmp_path):
+    with one_at_a_time(tmp_path), pytest.raises(RunError, match="at work on"):  # noqa: SIM117
+        with one_at_a_time(tmp_path):
+            pass
+
+
+def test_an_address_is_one_that_a_browser_can_open():
+    assert Running("0.0.0.0", 4200, "").ui == "http://127.0.0.1:4200"
+    assert Running("::1", 4200, "").url == "http://[::1]:4200/api"
+
+
+@pytest.mark.parametrize(
+    ("wish", "words"),
+    [
+        ({"host": "0.0.0.0"}, "--trust-network"),
+        ({"host": "lab.example"}, "--trust-network"),
+        ({"port": 0}, "expected 1 to 65535"),
+        ({"workers": 0}, "expected 1 to 64"),
+        ({"every": 3}, "expected 10 seconds"),
+        ({"database": "mysql://a:s3cret@b/c"}, "expected postgresql://"),
+        ({"database": "postgresql://ann:s3cret@db"}, "expected postgresql://"),
+    ],
+)
+def test_what_cannot_be_or_must_be_said_twice_is_refused(tmp_path, wish, words):
+    with pytest.raises(InputError) as caught:
+        checked(Wanted(tmp_path, **wish))
+    assert words in str(caught.value)
+    assert "s3cret" not in str(caught.value)
+
+
+def test_the_network_is_open_once_it_is_said_so(tmp_path):
+    checked(Wanted(tmp_path, host="0.0.0.0", trust_network=True))
+    for host in ("127.0.0.1", "::1", "localhost"):
+        checked(Wanted(tmp_path, host=host))
+
+
+def test_a_password_goes_to_the_server_and_nowhere_else(tmp_path, monkeypatch):
+    monkeypatch.setenv(DATABASE, SECRET)
+    running = Running("127.0.0.1", 4300, shown_database(SECRET))
+    server = server_environment(running, tmp_path, SECRET)
+    with_it = [k for k, v in server.items() if "s3cret" in v]
+    assert with_it == ["PREFECT_SERVER_DATABASE_CONNECTION_URL"]
+    assert server[with_it[0]] == database_url(SECRET)
+    assert database_url(SECRET).startswith("postgresql+asyncpg://ann:s3cret@")
+    assert "s3cret" not in str(worker_environment(running, tmp_path, tmp_path))
+    write_running(tmp_path, running)
+    assert "s3cret" not in (tmp_path / "up.json").read_text()
+    assert running.database == "postgresql://db.lab:5432/prefect"
+
+
+def test_the_server_calls_nobody_and_obeys_only_its_own_page(tmp_path, monkeypatch):
+    monkeypatch.setenv("PREFECT_SERVER_ANALYTICS_ENABLED", "true")
+    env = server_environment(Running("127.0.0.1", 4300, "sqlite"), tmp_path, None)
+    assert env["PREFECT_SERVER_ANALYTICS_ENABLED"] == "false"
+    assert env["DO_NOT_TRACK"] == "1"
+    assert env["PREFECT_SERVER_UI_API_URL"] == "http://127.0.0.1:4300/api"
+    origins = env["PREFECT_SERVER_CORS_ALLOWED_ORIGINS"].split(",")
+    assert set(origins) == {"http://127.0.0.1:4300", "http://localhost:4300"}
+
+
+def test_a_taken_port_is_said_with_another_to_try(tmp_path, capsys):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert not port_is_free("127.0.0.1", port)
+        assert main(["up", "--store", str(tmp_path), "--port", str(port)]) == 2
+    told = capsys.readouterr().err
+    assert f"Port {port} of 127.0.0.1 is taken by another program" in told
+    assert f"modelgap up --port {port + 1}" in told
+
+
+def test_an_address_that_this_machine_lacks_is_said():
+    with pytest.raises(InputError, match=r"--host 192\.0\.2\.1"):
+        port_is_free("192.0.2.1", 4300)
+
+
+def test_a_second_up_must_not_contradict_the_first(tmp_path, sleeper):
+    home = tmp_path / "_prefect"
+    home.mkdir()
+    write_running(home, Running("127.0.0.1", 4300, "sqlite", "", (sleeper,)))
+    for wish in ({"port": 4301}, {"host": "::1"}, {"database": SECRET}):
+        with pytest.raises(InputError, match=r"served at .*4300.*modelgap down"):
+            up.up(Wanted(tmp_path, **wish), print)
+
+
+def test_a_history_elsewhere_is_not_silently_begun_anew(tmp_path):
+    home = tmp_path / "_prefect"
+    home.mkdir()
+    write_running(home, Running("127.0.0.1", 4300, shown_database(SECRET)))
+    with pytest.raises(InputError, match=r"db\.lab:5432.*MODELGAP_DATABASE_URL"):
+        up.up(Wanted(tmp_path), print)
+
+
+def test_status_of_nothing_is_1_and_down_of_nothing_is_0(tmp_path, capsys):
+    store = str(tmp_path / "store")
+    assert main(["status", "--store", store]) == 1
+    assert main(["status", "--json", "--store", store]) == 1
+    assert '"healthy": false' in capsys.readouterr().out
+    assert main(["down", "--store", store]) == 0
+    assert "nothing runs" in capsys.readouterr().out
+    assert not (tmp_path / "store").exists()
+    assert main(["down", "--store", store, "--wait", "-1"]) == 2

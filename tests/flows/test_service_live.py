@@ -1,0 +1,160 @@
+"""A real server, a real worker, a real schedule that fires: started once."""
+
+import json
+import os
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from flows.service import api
+from flows.service.state import read_running
+from flows.service.up import start_every
+
+ROOT = Path(__file__).parents[2]
+CAMPAIGN = """
+schema = 1
+robot = "irb140"
+[trajectory]
+duration = 4.0
+[grid]
+seed = [1, 2]
+"""
+
+pytestmark = [pytest.mark.prefect, pytest.mark.slow]
+
+
+def modelgap(*words: str, **options) -> subprocess.CompletedProcess:
+    bare = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
+    return subprocess.run(
+        [sys.executable, "-c", "from flows.cli import main; exit(main())", *words],
+        env={**bare, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=240,
+        **options,
+    )
+
+
+@pytest.fixture(scope="session")
+def service(tmp_path_factory):
+    """A store that was brought up as by a user, from another folder."""
+    folder = tmp_path_factory.mktemp("service")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
+    words = ["--store", str(folder / "store")]
+    try:
+        done = modelgap("up", "--port", port, *words, cwd=folder)
+        assert done.returncode == 0, done.stderr
+        (folder / "c.toml").write_text(CAMPAIGN)
+        yield SimpleNamespace(
+            words=words,
+            folder=folder,
+            home=folder / "store" / "_prefect",
+            said=done.stdout,
+            ui=f"http://127.0.0.1:{port}",
+            url=f"http://127.0.0.1:{port}/api",
+        )
+    finally:
+        modelgap("down", "--wait", "0", *words)
+
+
+def wait_for(what, seconds: float = 150.0):
+    until = time.monotonic() + seconds
+    while not (found := what()):
+        assert time.monotonic() < until, "did not happen in time"
+        time.sleep(0.5)
+    return found
+
+
+def runs_of(service, deployment: str) -> list[dict]:
+    wanted = {"deployments": {"name": {"any_": [deployment]}}}
+    return api.ask(service.url, "/flow_runs/filter", wanted)
+
+
+def completed(service, deployment: str) -> list[dict]:
+    runs = runs_of(service, deployment)
+    failed = [r["state"]["message"] for r in runs if r["state_type"] == "FAILED"]
+    assert not failed
+    return [r for r in runs if r["state_type"] == "COMPLETED"]
+
+
+def test_up_gives_the_address_and_a_second_one_changes_nothing(service):
+    assert service.ui in service.said
+    before = read_running(service.home)
+    again = modelgap("up", *service.words)
+    assert again.returncode == 0
+    assert f"already runs: {service.ui}" in again.stdout
+    assert read_running(service.home) == before
+    page = api.ask(service.ui, "/ui-settings")
+    assert page["api_url"] == service.url
+
+
+def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
+    given = {"campaign_file": str(service.folder / "c.toml")}
+    start_every(service.url, "campaign/campaign", 15, given)
+    wait_for(lambda: completed(service, "campaign"))
+    start_every(service.url, "campaign/campaign", 0)
+    asked = modelgap(
+        "sql", "SELECT run_id FROM runs", "--format", "json", *service.words
+    )
+    stored = {row["run_id"] for row in json.loads(asked.stdout)}
+    assert len(stored) == 2
+    (watched,) = wait_for(lambda: completed(service, "monitor"))
+    assert set(watched["parameters"]["runs"]) == stored
+
+
+def test_after_a_kill_up_starts_anew_and_closes_what_was_left(service):
+    given = {"deployments": {"name": {"any_": ["campaign"]}}}
+    (deployment,) = api.ask(service.url, "/deployments/filter", given)
+    left = {"type": "RUNNING", "name": "Running"}
+    place = f"/deployments/{deployment['id']}/create_flow_run"
+    pool = {"state": {"type": "SCHEDULED"}, "name": "left"}
+    api.ask(service.url, f"/work_pools/{api.POOL}", {"is_paused": True}, "PATCH")
+    run = api.ask(service.url, place, pool)
+    path = f"/flow_runs/{run['id']}/set_state"
+    api.ask(service.url, path, {"state": left, "force": True})
+    known = len(runs_of(service, "campaign"))
+    for process in read_running(service.home).processes:
+        os.kill(process.pid, signal.SIGKILL)
+    wait_for(lambda: not read_running(service.home).alive)
+    sick = modelgap("status", *service.words)
+    assert sick.returncode == 1
+    assert "does not answer" in sick.stdout
+
+    done = modelgap("up", *service.words)
+    assert done.returncode == 0, done.stderr
+    assert "nobody runs it any more: left" in done.stderr
+    assert service.ui in done.stdout  # where it was
+    assert len(runs_of(service, "campaign")) >= known
+    well = modelgap("status", "--json", *service.words)
+    told = json.loads(well.stdout)
+    assert (well.returncode, told["healthy"]) == (0, True)
+    assert told["workers"] == {"worker-1": "online"}
+    states = {r["name"]: r["state"] for r in told["runs"]}
+    assert states["left"] == "Crashed"
+    names = [d["name"] for d in told["deployments"]]
+    assert {"nightly/nightly", "monitor/monitor", "diagnose/diagnose"} <= set(names)
+
+
+def test_down_stops_all_and_the_schedules_stay(service):
+    processes = read_running(service.home).processes
+    assert modelgap("down", "--wait", "5", *service.words).returncode == 0
+    assert not any(p.lives for p in processes)
+    assert modelgap("status", *service.words).returncode == 1
+    with sqlite3.connect(service.home / "prefect.db") as history:
+        active = history.execute(
+            "SELECT count(*) FROM deployment_schedule WHERE active"
+        ).fetchone()
+        ended = history.execute(
+            "SELECT count(*) FROM flow_run WHERE state_type = 'COMPLETED'"
+        ).fetchone()
+    assert active[0] >= 1
+    assert ended[0] >= 2

@@ -1,0 +1,97 @@
+"""Uncommitted code: captured as a patch that git can put back, and kept once."""
+
+import gzip
+import hashlib
+import subprocess
+
+import pytest
+
+from residual.errors import InputError
+from tests.warehouse import store_samples as made
+from warehouse import changes, made_with
+from warehouse.made_with import about_changes, check_kept
+from warehouse.manifest import read_manifest
+
+GIT = ("git", "-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
+
+
+def git(root, *words):
+    return subprocess.run(
+        [*GIT, "-C", str(root), *words], check=True, capture_output=True, text=True
+    ).stdout
+
+
+def captured(root):
+    return changes.uncommitted.__wrapped__(root)  # past the cache
+
+
+@pytest.fixture
+def root(tmp_path):
+    """A checkout with two committed files."""
+    place = tmp_path / "checkout"
+    for name in ("warehouse/__init__.py", "sim/plant.py"):
+        (place / name).parent.mkdir(parents=True)
+        (place / name).write_text("a = 1\nb = 2\n")
+    git(tmp_path, "init", "-q", str(place))
+    git(place, "add", "-A")
+    git(place, "commit", "-q", "-m", "first")
+    return place
+
+
+def test_a_clean_checkout_has_no_changes(root):
+    (root / "notes.txt").write_text("not code")
+    assert captured(root) == changes.Changes((), b"", None)
+
+
+def test_without_a_checkout_the_changes_are_unknown(tmp_path):
+    assert captured(tmp_path) is None
+    assert "unknown" in about_changes(tmp_path, {"uncommitted": None})
+
+
+def test_the_patch_puts_every_change_back(root):
+    (root / "sim/plant.py").write_text("a = 1\nb = 3")
+    (root / "sim/new.py").write_bytes("ä = 'ü'\r\nlast line".encode())
+    (root / "flows").mkdir()
+    (root / "flows/__init__.py").write_text("")
+    found = captured(root)
+    assert set(found.files) == {"sim/plant.py", "sim/new.py", "flows/__init__.py"}
+    before = {name: (root / name).read_bytes() for name in found.files}
+    git(root, "stash", "-q", "-u")
+    assert not (root / "sim/new.py").exists()
+    (root / "p.patch").write_bytes(found.patch)
+    git(root, "apply", "p.patch")
+    assert {name: (root / name).read_bytes() for name in found.files} == before
+
+
+def test_a_large_change_keeps_only_its_hash(root):
+    (root / "sim/big.py").write_text("# x\n" * changes.LARGEST)
+    found = captured(root)
+    told = found.as_record()
+    assert (told["kept"], len(told["sha256"])) == (False, 64)
+    known = {"uncommitted": told, "commit": "c" * 40}
+    assert "too large to be kept" in about_changes(root, known)
+
+
+def test_the_change_is_kept_once_and_named_by_its_runs(tmp_path, monkeypatch):
+    patch = b"diff --git a/x b/x\n"
+    hash = hashlib.sha256(patch).hexdigest()
+    found = changes.Changes(("x",), patch, hash)
+    monkeypatch.setattr(made_with, "uncommitted", lambda: found)
+    made_with._own.cache_clear()
+    for seed in range(3):
+        id = made.commit(tmp_path, seed)
+    made_with._own.cache_clear()
+    kept = [p for p in (tmp_path / "made_with").iterdir() if "changes" in p.name]
+    assert [p.name for p in kept] == [f"changes-{hash}.patch.gz"]
+    assert gzip.decompress(kept[0].read_bytes()) == patch
+    check_kept(kept[0].name, kept[0].read_bytes())
+    known = read_manifest(tmp_path, id)["provenance"]
+    assert made_with.read_packages(tmp_path, known)["numpy"]
+    known["uncommitted"] = found.as_record()
+    assert kept[0].name in about_changes(tmp_path, known)
+
+
+def test_a_kept_file_that_unfolds_without_end_is_refused():
+    bomb = gzip.compress(bytes(50_000_000))
+    with pytest.raises(InputError, match="unfolds to more than"):
+        check_kept(f"changes-{'0' * 64}.patch.gz", bomb)

@@ -1,0 +1,132 @@
+"""Values side by side: every bit counts, and where they part is said."""
+
+import json
+
+import numpy as np
+import pytest
+
+from residual.errors import InputError
+from tests.warehouse import store_samples as made
+from warehouse.compare import compare, differing, values_apart
+from warehouse.files import read_parquet, write_parquet
+from warehouse.layout import find
+from warehouse.lineage import needed, tree
+from warehouse.store import open_store
+from warehouse.verdicts import store_verdict
+from warehouse.verify import faults
+
+T = np.arange(100) / 50
+
+
+def channels(**changes):
+    rng = np.random.default_rng(1)
+    return {"t": T, "q": rng.normal(size=(100, 2)), "tau": np.ones((100, 2)), **changes}
+
+
+def test_the_same_values_are_equal():
+    found = compare(channels(), channels())
+    assert [c.name for c in found] == ["t", "q1", "q2", "tau1", "tau2"]
+    assert all(c.equal and c.rows == 100 for c in found)
+
+
+def test_where_and_how_far_values_part():
+    tau = np.ones((100, 2))
+    tau[40:, 1] += 3e-3
+    tau[60, 1] -= 8e-3
+    (bad,) = differing(compare(channels(), channels(tau=tau)))
+    assert (bad.name, bad.unit, bad.differing) == ("tau2", "N m", 60)
+    assert bad.first == T[40]
+    assert bad.largest == pytest.approx(5e-3)
+    assert bad.rms == pytest.approx(np.sqrt((59 * 9e-6 + 25e-6) / 100))
+    assert "tau2: differs from 0.8 s on, by at most 0.005 N m" in bad.words
+
+
+@pytest.mark.parametrize(("one", "two"), [(0.0, -0.0), (1.0, np.nextafter(1, 2))])
+def test_one_bit_is_a_difference(one, two):
+    (bad,) = differing(compare({"t": np.array([one])}, {"t": np.array([two])}))
+    assert bad.differing == 1
+
+
+def test_two_nans_of_the_same_bits_are_equal_and_a_new_one_is_told():
+    nan = np.array([np.nan, 1.0])
+    assert compare({"x": nan}, {"x": nan})[0].equal
+    (bad,) = compare({"x": np.array([0.0, 1.0])}, {"x": nan})
+    assert (bad.equal, bad.largest) == (False, 0.0)
+    assert "not finite" in bad.note
+
+
+def test_other_lengths_and_missing_channels_are_told():
+    one, two = channels(), channels(q_ref=np.ones((100, 2)))
+    bad = differing(compare(one, two))
+    assert [(c.name, c.note) for c in bad] == [
+        ("q_ref1", "only the second has it"),
+        ("q_ref2", "only the second has it"),
+    ]
+    short = {"t": T[:90]}
+    (bad,) = compare({"t": T}, short)
+    assert (bad.equal, bad.rows, bad.note) == (False, 90, "100 and 90 samples")
+
+
+def test_records_are_compared_value_by_value():
+    one = {"a": {"b": [1.0, 2.0]}, "c": "x", "same": [{}]}
+    two = {"a": {"b": [1.0, 2.5]}, "c": None, "same": [{}]}
+    found = values_apart(one, two)
+    assert [(c.name, c.largest) for c in found] == [("a.b[1]", 0.5), ("c", None)]
+    assert values_apart(json.loads("[0.1]"), [0.1]) == []
+    assert len(values_apart({"x": 0.0}, {"x": -0.0})) == 1
+
+
+@pytest.fixture
+def store(tmp_path):
+    runs = [made.commit(tmp_path, seed) for seed in range(2)]
+    id = store_verdict(tmp_path, made.verdict([runs[1]]), {"theta": [1]}, runs)
+    return tmp_path, runs, id
+
+
+def test_a_record_comes_after_what_it_was_made_from(store):
+    folder, runs, id = store
+    kinds = [found.kind for found in needed(folder, id)]
+    assert kinds == ["runs", "runs", "models", "diagnoses"]
+    with open_store(folder) as opened:
+        up, down = tree(opened, id), tree(opened, runs[0], down=True)
+    assert {each.id for each in up.relatives} >= set(runs)
+    assert {each.kind for each in down.relatives} == {"models", "diagnoses"}
+    again = [each for each in down.relatives if each.again]
+    assert len(again) <= 1
+
+
+def test_a_lost_parent_is_named(store, tmp_path):
+    folder, runs, id = store
+    place = find(folder, runs[0]).folder
+    place.rename(tmp_path / "gone")
+    with pytest.raises(InputError, match=f"made from {runs[0]}, which is not in"):
+        needed(folder, id)
+    with open_store(folder) as opened:
+        kinds = {each.kind for each in tree(opened, id).relatives}
+    assert None in kinds
+
+
+def test_a_good_record_has_no_fault(store):
+    folder, _runs, id = store
+    assert [faults(f) for f in needed(folder, id)] == [()] * 4
+
+
+def test_a_changed_record_is_found(store):
+    folder, _runs, id = store
+    found = find(folder, id)
+    table = read_parquet(found.row)
+    text = table.column("record")[0].as_py().replace('"mass"', '"Mass"')
+    at = table.column_names.index("record")
+    write_parquet(found.row, table.set_column(at, "record", [[text]]))
+    assert "not the one that its id is the hash of" in faults(found)[0]
+
+
+def test_a_changed_sample_is_found(store):
+    folder, runs, _ = store
+    path = find(folder, runs[0]).folder / "part-0.parquet"
+    table = read_parquet(path)
+    values = table.column("tau1").to_numpy().copy()
+    values[7] = np.nextafter(values[7], 1)
+    at = table.column_names.index("tau1")
+    write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
+    assert "not those that were committed" in faults(find(folder, runs[0]))[0]

@@ -1,0 +1,205 @@
+"""The index and the packs: copies that make many runs quick, and nothing more."""
+
+import resource
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+import warehouse
+from residual.errors import InputError
+from tests.warehouse import store_samples as made
+from warehouse import segments
+from warehouse.commit import commit_run
+from warehouse.layout import find_run, list_folders
+from warehouse.schema import DEFAULT_DOF, NUMBER, WHOLE, all_views
+from warehouse.store import open_store
+
+SUMS = "SELECT run_id, count(*) AS n, sum(q1) AS q, sum(tau2) AS tau FROM samples"
+ASKED = f"{SUMS} GROUP BY run_id ORDER BY run_id"
+
+
+def ask(store, query=ASKED):
+    with warehouse.open(store) as opened:
+        return opened.sql(query).to_pylist()
+
+
+def fill(store, count, start=0):
+    return [made.commit(store, seed) for seed in range(start, start + count)]
+
+
+@pytest.fixture
+def rows_read(monkeypatch):
+    """Names of the catalogue rows that are read one by one."""
+    read = []
+    real = warehouse.catalogue.read_parquet
+
+    def spy(path, *more):
+        read.append(path.name)
+        return real(path, *more)
+
+    monkeypatch.setattr("warehouse.catalogue.read_parquet", spy)
+    return lambda: read.count("_run.parquet")
+
+
+def test_what_a_writer_left_for_the_index_is_not_read_again(
+    tmp_path, rows_read, monkeypatch
+):
+    monkeypatch.setattr(segments, "SIZE", 4)
+    ids = fill(tmp_path, 9)
+    assert len(list((tmp_path / "_index").glob("runs-*.parquet"))) == 2
+    assert sorted(r["run_id"] for r in ask(tmp_path)) == sorted(ids)
+    assert rows_read() == 1
+    # Merged now: one file, and nobody looks at a single row again.
+    assert [p.name for p in (tmp_path / "_index").iterdir()] == ["runs.parquet"]
+    ask(tmp_path)
+    assert rows_read() == 1
+
+
+def test_segments_may_be_torn_doubled_or_of_runs_that_are_gone(tmp_path, monkeypatch):
+    monkeypatch.setattr(segments, "SIZE", 3)
+    ids = fill(tmp_path, 9)
+    files = sorted((tmp_path / "_index").glob("runs-*.parquet"))
+    files[0].write_bytes(files[0].read_bytes()[:100])
+    shutil.copy(files[1], files[1].with_name("runs-copy.parquet"))
+    shutil.rmtree(find_run(tmp_path, ids[-1]).folder)
+    rows = ask(tmp_path, "FROM runs")
+    assert sorted(row["run_id"] for row in rows) == sorted(ids[:-1])
+
+
+def test_the_end_of_a_process_writes_what_it_kept(tmp_path):
+    fill(tmp_path, 3)
+    segments.flush()
+    (file,) = (tmp_path / "_index").glob("runs-*.parquet")
+    segments.flush()
+    assert file.is_file()
+
+
+@pytest.fixture
+def packed(tmp_path):
+    """A store with eight small runs and a large one, compacted."""
+    fill(tmp_path, 8)
+    large = commit_run(tmp_path, made.recording(50, 4000), made.manifest(50))
+    before = ask(tmp_path)
+    with open_store(tmp_path) as store:
+        done = store.compact(largest=50_000)
+    assert (done.runs, done.files, done.left) == (8, 1, 1)
+    return tmp_path, before, large
+
+
+def test_packed_samples_are_the_samples(packed):
+    store, before, _ = packed
+    assert ask(store) == before
+    new = made.commit(store, 90)
+    assert [r["run_id"] for r in ask(store)] == sorted(
+        [*(r["run_id"] for r in before), new]
+    )
+    one = before[0]
+    assert ask(store, f"{SUMS} WHERE run_id = '{one['run_id']}' GROUP BY ALL") == [one]
+
+
+def test_small_runs_are_read_from_the_pack_alone(packed):
+    store, _, large = packed
+    plan = ask(store, f"EXPLAIN ANALYZE {ASKED}")[0]["explain_value"]
+    assert "Scanning Files: 1/1" in plan or "Total Files Read: 1" in plan, plan
+    for id in list_folders(store, "runs"):
+        if id != large:
+            (find_run(store, id).folder / "part-0.parquet").write_bytes(b"")
+    assert len(ask(store)) == 9
+
+
+@pytest.mark.parametrize("how", ["deleted", "torn", "list", "evil", "gone"])
+def test_a_pack_that_is_no_good_costs_time_and_no_run(packed, how, tmp_path):
+    store, before, _ = packed
+    (file,) = (store / "_index").glob("packed-*.parquet")
+    listed = store / "_index" / "packed.json"
+    if how == "deleted":
+        shutil.rmtree(store / "_index")
+    elif how == "torn":
+        file.write_bytes(file.read_bytes()[:4000])
+    elif how == "list":
+        listed.write_text("[1, {")
+    elif how == "evil":
+        told = listed.read_text()
+        listed.write_text(told.replace(file.name, "../../secret.parquet"))
+    else:
+        gone = before.pop(0)["run_id"]
+        shutil.rmtree(find_run(store, gone).folder)
+    with warehouse.open(store) as opened:
+        assert opened.sql(ASKED).to_pylist() == before
+        assert opened.damaged == ()
+
+
+def test_a_pack_that_vanishes_under_a_reader_is_no_error(packed):
+    store, before, _ = packed
+    with warehouse.open(store) as reader, warehouse.open(store) as other:
+        assert reader.sql(ASKED).to_pylist() == before
+        other.compact(largest=50_000)
+        assert len(list((store / "_index").glob("packed-*.parquet"))) == 1
+        assert reader.sql(ASKED).to_pylist() == before
+        assert other.sql(ASKED).to_pylist() == before
+
+
+def test_a_damaged_run_is_not_packed(tmp_path):
+    ids = fill(tmp_path, 3)
+    path = find_run(tmp_path, ids[0]).folder / "part-0.parquet"
+    path.write_bytes(path.read_bytes()[:500])
+    with open_store(tmp_path) as store:
+        assert store.compact().runs == 2
+        assert sorted(r["run_id"] for r in store.sql(ASKED).to_pylist()) == sorted(
+            ids[1:]
+        )
+
+
+@contextmanager
+def files_up_to(size):
+    """Let no file grow beyond a size, as a full disk does."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_fails_the_run_and_not_the_store(tmp_path):
+    first = made.commit(tmp_path, 0)
+    with files_up_to(30_000), pytest.raises(OSError, match="too large"):
+        made.commit(tmp_path, 1, rows=5000)
+    assert [r["run_id"] for r in ask(tmp_path)] == [first]
+    assert list((tmp_path / "_staging").iterdir()) == []
+    again = made.commit(tmp_path, 1, rows=5000)
+    assert {r["run_id"]: r["n"] for r in ask(tmp_path)} == {first: 50, again: 5000}
+
+
+def test_a_full_disk_does_not_stop_questions(tmp_path):
+    ids = fill(tmp_path, 3)
+    with files_up_to(100):
+        assert [r["run_id"] for r in ask(tmp_path)] == sorted(ids)
+
+
+def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("warehouse.store._memory", lambda: 400_000_000)
+    with warehouse.open(tmp_path) as store:
+        with pytest.raises(InputError, match=r"larger than 0\.093 GB\. Ask"):
+            store.sql("FROM range(1000000000000)")
+        with pytest.raises(InputError, match="Out of Memory"):
+            store.sql("SELECT list(i) FROM range(1000000000) t(i)")
+        assert store.sql("SELECT 1 AS n").to_pylist() == [{"n": 1}]
+
+
+def test_values_are_never_a_part_of_the_query(tmp_path):
+    fill(tmp_path, 2)
+    with warehouse.open(tmp_path) as store:
+        evil = "' OR true; DROP VIEW runs; --"
+        asked = "SELECT count(*) AS n FROM runs WHERE run_id = $id"
+        assert store.sql(asked, {"id": evil}).to_pylist() == [{"n": 0}]
+        assert store.sql("FROM runs").num_rows == 2
+
+
+def test_every_quantity_of_every_view_has_its_unit():
+    for view, columns in all_views(DEFAULT_DOF).items():
+        for column in columns:
+            assert column.about, (view, column.name)
+            if column.type in (NUMBER, WHOLE) and column.name != "seed":
+                assert column.unit, (view, column.name)

@@ -1,0 +1,173 @@
+"""Two sets of values side by side, bit for bit: where they part, and how far."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from warehouse.schema import SIGNALS, channel_names
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One channel of two runs, or one value of two records.
+
+    Attributes:
+        name: Its name, such as tau3.
+        unit: Its unit, "" where it has none.
+        equal: Whether all bits are equal.
+        rows: How many samples were compared.
+        differing: How many of them differ.
+        first: Time of the first that differs [s]; None where none does.
+        largest: Largest difference, in the unit.
+        rms: Root mean square of the differences, in the unit.
+        note: What else there is to say, such as that only one of the two has it.
+    """
+
+    name: str
+    unit: str
+    equal: bool
+    rows: int = 0
+    differing: int = 0
+    first: float | None = None
+    largest: float | None = None
+    rms: float | None = None
+    note: str = ""
+
+    def as_record(self) -> dict:
+        """Return it as JSON can hold it."""
+        return asdict(self)
+
+    @property
+    def words(self) -> str:
+        """Where it parts and how far, for people."""
+        if self.equal:
+            return f"{self.name}: equal"
+        parts = []
+        if self.first is not None:
+            parts.append(f"from {self.first:g} s on")
+        if self.largest is not None:
+            parts.append(f"by at most {self.largest:.3g} {self.unit}".strip())
+        return f"{self.name}: differs {', '.join([*parts, *filter(None, [self.note])])}"
+
+
+def compare(one: Mapping[str, Array], two: Mapping[str, Array]) -> tuple[Channel, ...]:
+    """Compare the channels of two runs.
+
+    Args:
+        one: Signals by name, as ``runs.read_channels`` gives them; times are its.
+        two: Those of the other run.
+
+    Returns:
+        One entry for each channel of either, joint by joint, in the order of signals.
+    """
+    time = np.asarray(one["t"], dtype=float) if "t" in one else None
+    made = []
+    names = [n for n in SIGNALS if n in one or n in two]
+    names += sorted((set(one) | set(two)) - set(SIGNALS))
+    for name in names:
+        unit = SIGNALS[name].unit if name in SIGNALS else ""
+        parts = [_columns(name, side.get(name)) for side in (one, two)]
+        for channel in dict.fromkeys([*parts[0], *parts[1]]):
+            values = [part.get(channel) for part in parts]
+            made.append(_channel(channel, unit, *values, time))
+    return tuple(made)
+
+
+def differing(channels: Sequence[Channel]) -> tuple[Channel, ...]:
+    """Return the channels that differ, the earliest first."""
+    late = float("inf")
+    bad = [c for c in channels if not c.equal]
+    return tuple(sorted(bad, key=lambda c: late if c.first is None else c.first))
+
+
+def values_apart(one: object, two: object, at: str = "") -> list[Channel]:
+    """Compare two records as JSON holds them, value by value.
+
+    Args:
+        one: Record, or a part of it.
+        two: The other.
+        at: Where the parts are, such as "document.effects".
+
+    Returns:
+        One entry for each value that differs; none for those that do not.
+    """
+    if isinstance(one, Mapping) and isinstance(two, Mapping):
+        keys = dict.fromkeys([*one, *two])
+        pairs = [(f"{at}.{key}".lstrip("."), key) for key in keys]
+        return [
+            each
+            for name, key in pairs
+            for each in _item(one.get(key, _GONE), two.get(key, _GONE), name)
+        ]
+    if isinstance(one, list) and isinstance(two, list) and len(one) == len(two):
+        pairs = zip(one, two, strict=True)
+        return [c for i, (a, b) in enumerate(pairs) for c in _item(a, b, f"{at}[{i}]")]
+    return _item(one, two, at)
+
+
+_GONE = object()
+
+
+def _item(one: object, two: object, at: str) -> list[Channel]:
+    nested = (Mapping, list)
+    if isinstance(one, nested) and isinstance(two, nested) and one != two:
+        same = type(one) is type(two) and len(one) == len(two)
+        if same or isinstance(one, Mapping):
+            return values_apart(one, two, at)
+    # -0.0 == 0.0 and 1 == 1.0, yet they are not the same record.
+    if repr(one) == repr(two):
+        return []
+    number = (int, float)
+    if isinstance(one, number) and isinstance(two, number):
+        apart = abs(float(one) - float(two))
+        return [Channel(at, "", False, 1, 1, None, apart, apart)]
+    note = f"{_short(one)} and {_short(two)}"
+    return [Channel(at, "", False, 1, 1, note=note)]
+
+
+def _short(value: object) -> str:
+    text = "nothing" if value is _GONE else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _columns(name: str, values: Array | None) -> dict[str, Array]:
+    if values is None:
+        return {}
+    values = np.asarray(values, dtype=float)
+    if values.ndim == 1:
+        return {name: values}
+    count = values.shape[1]
+    names = (
+        channel_names(name, count)
+        if name in SIGNALS
+        else tuple(f"{name}{k}" for k in range(1, count + 1))
+    )
+    return {channel: values[:, k] for k, channel in enumerate(names)}
+
+
+def _channel(
+    name: str, unit: str, one: Array | None, two: Array | None, time: Array | None
+) -> Channel:
+    if one is None or two is None:
+        which = "second" if one is None else "first"
+        return Channel(name, unit, False, note=f"only the {which} has it")
+    rows = min(len(one), len(two))
+    note = "" if len(one) == len(two) else f"{len(one)} and {len(two)} samples"
+    a, b = (np.ascontiguousarray(side[:rows], dtype="<f8") for side in (one, two))
+    apart = a.view("<i8") != b.view("<i8")
+    count = int(apart.sum())
+    if count == 0:
+        return Channel(name, unit, not note, rows, note=note)
+    at = int(apart.argmax())
+    first = float(time[at]) if time is not None and at < len(time) else None
+    with np.errstate(invalid="ignore", over="ignore"):
+        gap = np.abs(a - b)
+    if not np.isfinite(gap).all():
+        note = ", ".join(filter(None, [note, "not finite in one of them"]))
+        gap = gap[np.isfinite(gap)]
+    largest = float(gap.max()) if len(gap) else None
+    rms = float(np.sqrt(np.mean(np.square(gap)))) if len(gap) else None
+    return Channel(name, unit, False, rows, count, first, largest, rms, note)

@@ -1,0 +1,179 @@
+"""Queries that have a name: what people ask most, in SQL over the views."""
+
+# What each answers, and how. $words stand for values that the asker gives.
+NAMED = {
+    "error_by_trajectory": (
+        "held-out error [%] by motion and joint (none: all together), all diagnoses",
+        """
+        SELECT trajectory, joint, metric, count(DISTINCT run_id) AS runs,
+               round(avg(value) FILTER (stage = 'nominal'), 2) AS nominal,
+               round(avg(value) FILTER (stage = 'identified'), 2) AS identified,
+               round(avg(value) FILTER (stage = 'augmented'), 2) AS augmented
+        FROM errors
+        WHERE run_id IS NOT NULL AND metric IN ('held_out', 'filtered', 'moving')
+              AND source_id IN (SELECT diagnosis_id FROM diagnoses)
+        GROUP BY ALL ORDER BY trajectory, metric, joint
+        """,
+    ),
+    "before_after": (
+        "error on held-out motion, all joints together, by diagnosis",
+        """
+        WITH proof AS (
+            SELECT source_id, stage,
+                   coalesce(any_value(value) FILTER (run_id IS NULL), avg(value)) AS v
+            FROM errors WHERE metric = 'held_out' AND joint IS NULL GROUP BY ALL
+        )
+        SELECT created, diagnosis_id, verdict,
+               round(any_value(v) FILTER (stage = 'nominal'), 2) AS nominal,
+               round(any_value(v) FILTER (stage = 'identified'), 2) AS identified,
+               round(any_value(v) FILTER (stage = 'augmented'), 2) AS augmented
+        FROM proof JOIN diagnoses ON diagnosis_id = source_id
+        GROUP BY ALL ORDER BY created, diagnosis_id
+        """,
+    ),
+    "worst_joints": (
+        "joints by the error that is left after the diagnosis",
+        """
+        SELECT robot, joint, round(avg(value), 2) AS mean, count(*) AS figures
+        FROM errors JOIN diagnoses ON diagnosis_id = source_id
+        WHERE stage = 'augmented' AND metric = 'held_out' AND joint IS NOT NULL
+        GROUP BY ALL ORDER BY mean DESC
+        """,
+    ),
+    "findings": (
+        "effects that were named, latest diagnosis first",
+        """
+        SELECT created, diagnosis_id, "order", name, joints, parameter, value, std,
+               unit, round(probability, 3) AS probability
+        FROM effects JOIN diagnoses USING (diagnosis_id)
+        ORDER BY created DESC, diagnosis_id, "order", parameter, joints
+        """,
+    ),
+    "twin_error": (
+        "torque error against the nominal twin by motion and joint",
+        """
+        SELECT trajectory, joint, round(avg(value), 3) AS rms_e_tau, count(*) AS runs
+        FROM errors WHERE stage = 'twin' AND metric = 'rms_e_tau'
+        GROUP BY ALL ORDER BY trajectory, joint
+        """,
+    ),
+    "blind_confusion": (
+        "what was hidden against what was named first, by the latest code",
+        """
+        SELECT drawn, coalesce(effect, 'none') AS hidden,
+               coalesce(named_first, blind.verdict) AS named, outcome, count(*) AS cases
+        FROM blind JOIN validations USING (validation_id)
+        WHERE method_hash = (
+            SELECT arg_max(method_hash, created)
+            FROM blind JOIN validations USING (validation_id)
+        )
+        GROUP BY ALL ORDER BY ALL
+        """,
+    ),
+    "reruns_not_reproduced": (
+        "reruns that gave other values: of which record, where, and why",
+        """
+        SELECT v.created, old.parent AS record, new.parent AS rerun, robot, verdict,
+               validation_id
+        FROM validations v
+        LEFT JOIN lineage old ON old.child = validation_id AND old.role = 'rerun of'
+        LEFT JOIN lineage new ON new.child = validation_id AND new.role = 'rerun'
+        WHERE kind = 'rerun' ORDER BY v.created DESC, validation_id
+        """,
+    ),
+    "runs_of_models": (
+        "which runs went into which model",
+        """
+        SELECT model_id, stage, role, run_id, trajectory, source
+        FROM models JOIN lineage ON child = model_id JOIN runs ON run_id = parent
+        ORDER BY models.created DESC, model_id, role, run_id
+        """,
+    ),
+    "runs_of_model": (
+        "which runs went into one model",
+        """
+        SELECT model_id, stage, role, run_id, trajectory, source, runs.created
+        FROM models JOIN lineage ON child = model_id JOIN runs ON run_id = parent
+        WHERE starts_with(model_id, $model)
+        ORDER BY model_id, role, runs.created, run_id
+        """,
+    ),
+    "made_from_run": (
+        "everything that was made from one run, directly or through others",
+        """
+        WITH RECURSIVE below(id, role, steps) AS (
+            SELECT child, role, 1 FROM lineage WHERE starts_with(parent, $run)
+            UNION
+            SELECT child, lineage.role, steps + 1 FROM lineage JOIN below ON parent = id
+            WHERE steps < 50
+        )
+        SELECT id, role, min(steps) AS steps FROM below GROUP BY ALL ORDER BY ALL
+        """,
+    ),
+    "identified_parameters": (
+        "parameters that were identified, latest model first",
+        """
+        SELECT created, model_id, robot, joint, name, value, std, nominal, unit, status
+        FROM parameters JOIN models USING (model_id)
+        ORDER BY created DESC, model_id, joint, name
+        """,
+    ),
+    "identified_error": (
+        "error before and after identification [%], all joints together",
+        """
+        SELECT created, model_id, robot, metric,
+               round(any_value(value) FILTER (errors.stage = 'nominal'), 2) AS nominal,
+               round(any_value(value) FILTER (errors.stage = 'identified'), 2)
+                   AS identified
+        FROM errors JOIN models ON model_id = source_id
+        WHERE joint IS NULL GROUP BY ALL ORDER BY created, model_id, metric
+        """,
+    ),
+    "parameter_drift": (
+        "one parameter over time, and by how many standard deviations it moved",
+        """
+        WITH found AS (
+            SELECT created, model_id AS source_id, robot, joint, name, value, std, unit
+            FROM parameters JOIN models USING (model_id)
+            UNION ALL
+            SELECT created, diagnosis_id, robot, joints[1],
+                   concat(name, ' ', parameter), value, std, unit
+            FROM effects JOIN diagnoses USING (diagnosis_id)
+        )
+        SELECT created, source_id, robot, joint, name, value, std, unit,
+               value - first(value) OVER one AS moved,
+               abs(value - first(value) OVER one)
+                   / nullif(sqrt(std ** 2 + first(std) OVER one ** 2), 0) AS deviations
+        FROM found WHERE name ILIKE concat('%', $name, '%') AND value IS NOT NULL
+        WINDOW one AS (PARTITION BY robot, joint, name ORDER BY created, source_id)
+        ORDER BY robot, joint, name, created, source_id
+        """,
+    ),
+    "calibration_errors": (
+        "error of validation of the correction tables [%], by scheme and form",
+        """
+        SELECT created, validation_id, substr(metric, 7) AS scheme, stage AS form,
+               round(value, 2) AS rmsev
+        FROM errors JOIN validations ON validation_id = source_id
+        WHERE kind = 'calibration' AND joint IS NULL AND run_id IS NULL
+              AND starts_with(metric, 'rmsev_')
+        ORDER BY created, validation_id, scheme, rmsev
+        """,
+    ),
+    "monitoring_alarms": (
+        "alarms of the sensors, latest monitoring first",
+        """
+        SELECT created, validation_id, robot, run_id, round(time, 3) AS time, joint,
+               sensor, fault, round(score, 2) AS score, round(until, 3) AS until
+        FROM alarms JOIN validations USING (validation_id)
+        ORDER BY created DESC, validation_id, run_id, time
+        """,
+    ),
+}
+
+# Values that a query needs, by query.
+TAKES: dict[str, dict[str, str]] = {
+    "runs_of_model": {"model": "id of the model, or its beginning"},
+    "made_from_run": {"run": "id of the run, or its beginning"},
+    "parameter_drift": {"name": "part of the parameter's name"},
+}
