@@ -23,7 +23,6 @@ from residual.diagnose import (
 )
 from residual.effects import registry
 from residual.errors import InputError
-from residual.evidence import Prior
 from residual.findings import findings
 from residual.holdout import Verdicts, held_out_verdicts, unproven
 from residual.leftover import depends_on
@@ -146,7 +145,7 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
         errors=errors,
         held_out=[r.id for r in held_out],
         same_run=same_run,
-        minimum=minimum_detectable(diagnosis.task, judged.fit, _alike(diagnosis)),
+        minimum=_minimum(diagnosis, judged),
         depends_on=depends_on(left.joints),
         kinds=[one.kind for one in left.joints],
         p_value=null.p_value if null else None,
@@ -168,6 +167,11 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
     )
 
 
+def _minimum(diagnosis: Diagnosis, judged: Verdicts) -> list[dict]:
+    every = priors(diagnosis.task.design, diagnosis.nominal)
+    return minimum_detectable(diagnosis.task, judged.fit, every)
+
+
 def _models(diagnosis: Diagnosis, judged: Verdicts) -> dict[str, Model]:
     """The three models; identified and augmented differ by nothing but the effects."""
     augmented = diagnosis.model(judged.fit if judged.kept else diagnosis.plain)
@@ -176,13 +180,6 @@ def _models(diagnosis: Diagnosis, judged: Verdicts) -> dict[str, Model]:
         identified = diagnosis.model(diagnosis.plain, like=augmented)
     nominal = diagnosis.nominal.model
     return {"nominal": nominal, "identified": identified, "augmented": augmented}
-
-
-def _alike(diagnosis: Diagnosis) -> list[Prior]:
-    """The other priors that the search might have chosen, assumptions kept."""
-    task = diagnosis.task
-    prior, every = task.prior, priors(task.design, diagnosis.nominal)
-    return [p for p in every if p.assumed == prior.assumed and p.scale != prior.scale]
 
 
 def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:

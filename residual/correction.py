@@ -49,7 +49,10 @@ class Tables:
     def torque(self, state: State, load: Array) -> Array:
         """Correction under the model's torque `load` [N m]. Shape (n,)."""
         X = np.column_stack([*_read(state, self.columns), load])
-        return self.lookup.predict(X[:, : len(self.lookup.names)])[:, 0]
+        X = X[:, : len(self.lookup.names)]
+        # Beyond what it was drawn on a table knows nothing.
+        inside = ~self.lookup.outside(X).any(axis=1)
+        return inside * self.lookup.predict(X)[:, 0]
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -235,11 +235,18 @@ def _without_structure(model: Model) -> Model:
 
 
 def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
-    """A name on a flagged joint that explains less than 3/4 of what was left."""
+    """A name on a joint that keeps more than it may be a part of what is not known.
+
+    On a flagged joint it must explain 3/4 of what was left; on a doubted one, more of
+    the torque than it leaves beyond noise.
+    """
     effect = tested.group.effect
     local = effect.scope in ("local", "pair")
-    joints = tested.group.joints if local else (tested.joint,)
-    return bool(set(joints) & set(enough.flagged)) and tested.share < 0.75
+    joints = set(tested.group.joints if local else (tested.joint,))
+    if joints & set(enough.flagged) and tested.share < 0.75:
+        return True
+    doubted = joints & set(enough.doubted)
+    return any(tested.fall < enough.structured[j] for j in doubted)
 
 
 def as_model(nominal: Nominal, fitted: Fit) -> Model:

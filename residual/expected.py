@@ -18,6 +18,8 @@ from residual.recording import Array
 from residual.search import Task
 from residual.select import PER_NAME
 
+HOPELESS = 60.0  # nats that a prior may be behind and still be turned to
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bench:
@@ -52,13 +54,10 @@ class Bench:
             fitted: The fit.
             priors: Other priors that the search may change to.
         """
-        design, counted = task.design, fitted.counted
-        every = [task.prior, *(p for p in priors if p is not task.prior)]
+        design = task.design
+        every, scores = _near(task, fitted, priors)
         systems = [System.of(design, p, fitted.members) for p in every]
-        weight = counted / design.rows / fitted.variance
-        scores = [
-            fit(design, p, fitted.members, counted, rounds=4).score for p in every
-        ]
+        weight = fitted.counted / design.rows / fitted.variance
         folds, others, grams = np.arange(design.folds), [], []
         for left in folds:
             rest = System.of(design, task.prior, fitted.members, folds[folds != left])
@@ -166,7 +165,7 @@ def _lowers(bench: Bench, fall: Array) -> Array:
     """Whether the error falls by enough under each prior. Shape (priors,)."""
     design, rules = bench.task.design, bench.task.rules
     relative = np.sqrt(fall / design.rows) / design.rms
-    share = fall / (bench.fitted.sse + fall)
+    share = fall / np.maximum(bench.fitted.sse + fall, 1e-300)
     return rules.lower(relative, share).any(axis=1)
 
 
@@ -178,12 +177,24 @@ def _confirmed(bench: Bench, one: Expected, size: float) -> bool:
     caught = one.count / max(acts.sum(), 1) * fitted.sse / fitted.counted
     fall = np.maximum(size**2 * one.out.sum(axis=0) - acts * caught, 0)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
-    enough = rules.lower(np.sqrt(fall / power), fall / (bench.left + fall))
+    share = fall / np.maximum(bench.left + fall, 1e-300)
+    enough = rules.lower(np.sqrt(fall / power), share)
     # A fold is better with it by a normal chance of this many standard deviations.
     sure = 0.5 * size * np.sqrt(np.maximum(one.out, 0) * bench.weight)
     folds = one.out > 1e-3 * np.maximum(one.out.max(axis=0), 1e-300)
     better = np.where(folds, ndtr(sure), 0).sum(axis=0) / np.maximum(folds.sum(0), 1)
     return bool(np.any(enough & (better >= MOST_FOLDS)))
+
+
+def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
+    """The chosen prior and those that the search could turn to, with their evidence."""
+    design, own = task.design, (task.prior.scale, task.prior.assumed)
+    every = [task.prior, *(p for p in priors if (p.scale, p.assumed) != own)]
+    scores = [
+        fit(design, p, fitted.members, fitted.counted, rounds=4).score for p in every
+    ]
+    near = [i for i, s in enumerate(scores) if i == 0 or s > max(scores) - HOPELESS]
+    return [every[i] for i in near], [scores[i] for i in near]
 
 
 def _covariance(system: System, weight: Array) -> Array:

@@ -19,5 +19,7 @@ EFFECT = Effect(
     parameters={"coefficient": "1"},
     columns=local(_feature),
     uses_model=True,
+    # A load presses teeth and bearings together; none of them runs easier for it.
+    possible=lambda theta, shape: theta[0] > 0,
     variable=_over_load,
 )

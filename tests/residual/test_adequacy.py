@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from residual import diagnose, gate
 from residual.adequacy import adequacy, repeat
 from residual.close import session_clock
 from residual.diagnose import ready
@@ -91,6 +92,29 @@ def test_what_the_baseline_left_already_is_no_news(rng):
     left = judge(found).structured
     assert judge(found, baseline=left).flagged == ()
     assert judge(found, baseline=left / 3).flagged == (1,)
+
+
+@pytest.mark.parametrize(
+    ("fall", "share", "left", "void"),
+    [
+        (0.04, 0.6, 0.03, False),  # it explains more than it leaves
+        (0.02, 0.3, 0.03, True),  # less: it may be a part of what is not known
+        (0.02, 0.3, 0.01, False),  # what it leaves is no more than noise
+        (0.09, 0.7, 0.06, True),  # much is left: three quarters are asked for
+        (0.20, 0.9, 0.06, False),
+    ],
+)
+def test_a_name_on_a_joint_that_keeps_more_is_void(rng, fall, share, left, void):
+    found = problem(rng)
+    (group,) = found.design.add([(LINE, (1,), ())])
+    tested = gate.Tested(group, 99.0, "fit", 1, fall, share, 1)
+    told = replace(
+        judge(found),
+        structured=np.array([0.0, left]),
+        flagged=(1,) if left > 0.05 else (),
+        doubted=(1,) if left > 0.02 else (),
+    )
+    assert diagnose._resembles(found.task([group]), tested, told) is void
 
 
 # -- repeats -----------------------------------------------------------------------

@@ -53,7 +53,7 @@ def made():
 
 
 def test_what_the_position_makes_is_corrected_on_logs_that_nobody_saw(made):
-    diagnosis, left, tables, errors = made[WALL]
+    _, left, tables, errors = made[WALL]
     assert [one.joint for one in left] == [1]
     assert (left[0].curves[0].variable.on, left[0].kind) == ("q", "repeatable")
     assert tables.helpless == ()
@@ -62,7 +62,7 @@ def test_what_the_position_makes_is_corrected_on_logs_that_nobody_saw(made):
 
 
 def test_what_time_makes_is_left_alone(made):
-    diagnosis, left, tables, errors = made[KNOCK]
+    _, left, tables, errors = made[KNOCK]
     assert [one.joint for one in left] == [1]
     assert (left[0].curves, left[0].kind) == ((), "time-driven")
     assert tables.helpless == (1,)

@@ -1,4 +1,4 @@
-"""A spring and ripples that draw a curve are no names; a spring and a ripple are two."""
+"""A spring and ripples that draw a curve are no names; those that are there are."""
 
 import numpy as np
 import pytest
