@@ -21,23 +21,29 @@ def to_record(outcome: Outcome) -> tuple[dict, dict[str, pa.Table]]:
     Returns:
         What `from_record` needs.
     """
+    # A cloud without a name is what a joint keeps.
+    clouds = (*outcome.clouds, *outcome.left)
     record = {
         "whole": outcome.verdict,
         "sentences": list(outcome.sentences),
         "notes": list(outcome.notes),
         "proofs": [p.id for p in outcome.proofs],
         "models": list(outcome.proofs[0].tau_hat) if outcome.proofs else [],
-        "clouds": [[c.name, c.joint, c.variable] for c in outcome.clouds],
+        "clouds": [[c.name, c.joint, c.variable] for c in clouds],
     }
     tables = {PROOFS: _stacked(map(_proof_columns, outcome.proofs))}
-    tables[CLOUDS] = _stacked(map(_cloud_columns, outcome.clouds))
+    tables[CLOUDS] = _stacked(map(_cloud_columns, clouds))
     return record, {name: t for name, t in tables.items() if t is not None}
 
 
 def from_record(record: Mapping, tables: Mapping[str, pa.Table]) -> Outcome:
     """Return the outcome that `to_record` was given."""
     proofs = _parts(tables.get(PROOFS), len(record["proofs"]))
-    clouds = _parts(tables.get(CLOUDS), len(record["clouds"]))
+    parts = _parts(tables.get(CLOUDS), len(record["clouds"]))
+    clouds = [
+        Cloud(*about, part["x"], part["residual"], part["fitted"], part["log"])
+        for about, part in zip(record["clouds"], parts, strict=True)
+    ]
     return Outcome(
         verdict=record["whole"],
         sentences=tuple(record["sentences"]),
@@ -45,11 +51,9 @@ def from_record(record: Mapping, tables: Mapping[str, pa.Table]) -> Outcome:
             _proof(id, record["models"], part)
             for id, part in zip(record["proofs"], proofs, strict=True)
         ),
-        clouds=tuple(
-            Cloud(*about, part["x"], part["residual"], part["fitted"], part["log"])
-            for about, part in zip(record["clouds"], clouds, strict=True)
-        ),
+        clouds=tuple(c for c in clouds if c.name),
         notes=tuple(record["notes"]),
+        left=tuple(c for c in clouds if not c.name),
     )
 
 

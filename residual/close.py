@@ -232,7 +232,7 @@ def _warnings(diagnosis: Diagnosis, judged: Verdicts, same_run: bool) -> list[st
                 "explained by it",
             )
         )
-    return out
+    return list(dict.fromkeys(out))  # two ripples of a joint make one sentence
 
 
 def session_clock(recordings: Sequence[Recording]) -> float | None:

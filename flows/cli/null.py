@@ -70,7 +70,10 @@ def calibrate_null(
     files = {Path(out): steps.null_json(made.null)} if out else {}
     write_all(files)
     console = Console()
-    for line in (*_lines(made, draws, store_folder(store)), *map(_wrote, files)):
+    for line in (
+        *_lines(made, draws, store_folder(store)),
+        *(f"wrote {f}" for f in files),
+    ):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     if not made.complete:
         raise KeyboardInterrupt
@@ -99,7 +102,3 @@ def _lines(made, draws: int, store) -> list[str]:
             "goes on"
         )
     return lines
-
-
-def _wrote(path) -> str:
-    return f"wrote {path}"

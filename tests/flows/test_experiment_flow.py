@@ -180,6 +180,7 @@ def test_curves_come_back_from_the_store_as_they_were():
         ),
         clouds=(cloud,),
         notes=("n",),
+        left=(Cloud("", 1, "t [s]", x, x - 1, 0 * x, np.array(["a", "b", "b"])),),
     )
     record, tables = to_record(before)
     after = from_record(json.loads(json.dumps(record)), tables)
@@ -196,6 +197,9 @@ def test_curves_come_back_from_the_store_as_they_were():
             np.testing.assert_array_equal(hat, other.tau_hat[name])
     np.testing.assert_array_equal(after.clouds[0].fitted, cloud.fitted)
     assert list(after.clouds[0].log) == ["a", "a", "b"]
+    (left,), (told,) = after.left, after.clouds
+    assert (left.joint, left.variable, told.name) == (1, "t [s]", "spring")
+    np.testing.assert_array_equal(left.residual, x - 1)
 
 
 def test_an_outcome_without_findings_or_held_out_logs_comes_back_too():

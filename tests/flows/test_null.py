@@ -54,6 +54,35 @@ def test_what_an_interrupted_run_finished_is_kept_and_gone_on_with(place):
     assert kept[0].key == whole.null.key
 
 
+class InThisProcess(Here):
+    """A pool that starts no process."""
+
+    def __init__(self, workers):
+        assert workers == 1
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+def test_the_command_says_the_rate_and_writes_the_file(place, monkeypatch, capsys):
+    from flows.cli import main
+
+    monkeypatch.setattr(steps, "Pool", InThisProcess)
+    wanted = asked(place)
+    words = [*wanted.logs, "--robot", wanted.robot, "--draws", "4", "--workers", "1"]
+    assert main(["calibrate-null", *words, "--out", str(place / "n.json")]) == 0
+    told = capsys.readouterr().out
+    assert "of 4 recordings with nothing missing were given a name" in told
+    assert "an extrapolation" in told
+    id = steps.read_null(str(place / "n.json")).id
+    assert f"modelgap show {id}" in told
+    assert main(["show", id]) == 0
+    assert main(["calibrate-null", *words, "--workers", "0"]) == 2
+
+
 def test_a_null_in_a_file_is_the_same_null(place):
     made = steps.calibrate(asked(place, draws=4), pool=Here()).null
     file = place / "null.json"

@@ -5,6 +5,7 @@ import copy
 import pytest
 
 from flows.report import quantity
+from flows.report.outlook import unexplained_words
 from flows.report.phrases import joint_words, listing, noun, phrase
 from flows.report.words import headline, rising, sureness
 from residual.vocabulary import VOCABULARY
@@ -221,3 +222,19 @@ def test_percentages_and_probabilities() -> None:
     assert quantity.fraction(0.04) == "4.0 %"
     found = [quantity.probability(p) for p in (0.97, 1.0, 0.001, None)]
     assert found == ["97 %", "> 99 %", "< 1 %", "–"]
+
+
+def test_what_the_rest_depends_on_is_said_joint_by_joint() -> None:
+    told = {"joint": 4, "of": [], "form": "curve", "share": 0.97, "frequency": None}
+    left = {
+        "joints": [2, 4, 5],
+        "depends_on": [
+            told | {"on": "frequency", "frequency": 5.4634},
+            told | {"joint": 5, "on": "q", "of": [5, 6], "form": "difference"},
+            told | {"joint": 5, "on": "t", "form": "by direction", "share": 0.2},
+        ],
+    }
+    said = " ".join(unexplained_words({"unexplained": left}))
+    assert "Of what joint 4 keeps, 97.0 % swings at 5.46 Hz." in said
+    assert "joint 5 keeps, 97.0 % follows q5 - q6 and 20.0 % drifts with time" in said
+    assert "What the rest on joint 2 depends on is not known." in said
