@@ -8,8 +8,6 @@ import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
 
-from flows.rates import wilson  # noqa: F401  for all benchmarks
-
 ROOT = Path(__file__).resolve().parents[1]
 
 Figures = dict[str, dict]

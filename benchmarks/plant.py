@@ -6,37 +6,20 @@
 The last line is one JSON object; exit code 1 for a missed bar.
 """
 
-import argparse
 import sys
 from pathlib import Path
-from time import perf_counter
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import (
-    Figures,
-    circumstances,
-    finish,
-    one_blas_thread,
-    save,
-)
+from benchmarks.figures import Figures
+from benchmarks.groups import run_groups
 
 _GROUPS = ("identity", "energy", "stability", "determinism", "speed", "excitation")
 
 
 def main() -> int:
     """Run the groups and return the exit code."""
-    args = _arguments()
-    # Before NumPy is loaded, here and in the pool.
-    one_blas_thread()
-    figures: Figures = {}
-    for name in args.groups:
-        start = perf_counter()
-        figures |= _measure(name, args.quick)
-        print(f"{name}: {perf_counter() - start:.1f} s", flush=True)
-    if args.full_json:
-        save(args.full_json, {**circumstances(quick=args.quick), "figures": figures})
-    return finish(figures)
+    return run_groups(__doc__, _GROUPS, _measure)
 
 
 def _measure(name: str, quick: bool) -> Figures:
@@ -54,16 +37,6 @@ def _measure(name: str, quick: bool) -> Figures:
     if name == "speed":
         return speed.speed_figures(3 if quick else 11)
     return excitation.excitation_figures(quick)
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
-    parser.add_argument("--groups", nargs="+", choices=_GROUPS, default=_GROUPS)
-    parser.add_argument("--full-json", type=Path, metavar="OUT", help="results file")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

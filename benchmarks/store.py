@@ -7,21 +7,14 @@ The last line is one JSON object; exit code 1 for a missed bar. Bars of time nee
 idle machine: where its load was above 1 before, a missed one is null and says so.
 """
 
-import argparse
 import os
 import sys
 from pathlib import Path
-from time import perf_counter
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import (
-    Figures,
-    circumstances,
-    finish,
-    one_blas_thread,
-    save,
-)
+from benchmarks.figures import Figures
+from benchmarks.groups import run_groups
 
 _GROUPS = ("commit", "many", "together", "kills")
 _TIMED = ("commit", "many")
@@ -30,20 +23,13 @@ BUSY = 1.0
 
 def main() -> int:
     """Run the groups and return the exit code."""
-    args = _arguments()
-    # Before NumPy is loaded, here and in other processes.
-    one_blas_thread()
-    figures: Figures = {}
     load = os.getloadavg()[0]
-    for name in args.groups:
-        start = perf_counter()
-        found = _measure(name, args.quick)
-        figures |= _judged(found, load) if name in _TIMED else found
-        print(f"{name}: {perf_counter() - start:.1f} s", flush=True)
-    if args.full_json:
-        about = circumstances(quick=args.quick, load_before=load)
-        save(args.full_json, {**about, "figures": figures})
-    return finish(figures)
+
+    def measure(name: str, quick: bool) -> Figures:
+        found = _measure(name, quick)
+        return _judged(found, load) if name in _TIMED else found
+
+    return run_groups(__doc__, _GROUPS, measure, load_before=load)
 
 
 def _measure(name: str, quick: bool) -> Figures:
@@ -68,16 +54,6 @@ def _judged(figures: Figures, load: float) -> Figures:
         else entry
         for name, entry in figures.items()
     }
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
-    parser.add_argument("--groups", nargs="+", choices=_GROUPS, default=_GROUPS)
-    parser.add_argument("--full-json", type=Path, metavar="OUT", help="results file")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

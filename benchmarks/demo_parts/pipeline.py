@@ -4,10 +4,11 @@ import shutil
 from pathlib import Path
 from time import perf_counter
 
-from benchmarks.figures import ROOT, Figures, figure, wilson
+from benchmarks.figures import ROOT, Figures, figure
 from benchmarks.logs_parts.singles import judge, told
 from flows import demo
 from flows.pool import Here
+from flows.rates import wilson
 from flows.records import read_outcome
 
 RIGHT_OF_20, WRONG_OF_20 = 16, 1

@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from benchmarks.figures import Figures, figure, wilson
+from benchmarks.figures import Figures, figure
 from flows.blind_score import WRONG
 from flows.blind_sums import both_clear, is_clear, is_right
+from flows.rates import wilson
 
 Rows = Sequence[Mapping]
 _FEW = "not the deciding draws; the full run decides"

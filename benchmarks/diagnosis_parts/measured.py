@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.figures import Figures, figure, missing, wilson
+from benchmarks.figures import Figures, figure, missing
 from benchmarks.logs_parts.measured import data_folder
 from flows.blind_score import Name, Said, members
+from flows.rates import wilson
 from residual.close import close_the_loop, session_clock
 from residual.compare import witnesses
 from residual.diagnose import as_model, diagnose, ready, start_nominal

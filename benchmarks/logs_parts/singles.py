@@ -3,7 +3,8 @@
 from collections import Counter, defaultdict
 from time import perf_counter
 
-from benchmarks.figures import Figures, figure, wilson
+from benchmarks.figures import Figures, figure
+from flows.rates import wilson
 from residual.close import close_the_loop
 from sim.synthetic.effects import NAMED
 from sim.synthetic.logs import standard_case

@@ -1,7 +1,8 @@
 import pytest
 
-from benchmarks.figures import figure, finish, missing, partial, wilson
+from benchmarks.figures import figure, finish, missing, partial
 from benchmarks.logs_parts.singles import judge, singles_figures
+from flows.rates import wilson
 
 
 def verdict(*effects, flagged=()):
