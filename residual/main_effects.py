@@ -167,36 +167,18 @@ def root_of(groups: Sequence[Array]) -> Array:
     return vectors[:, kept] * np.sqrt(values[kept])
 
 
-def fit_main_effects(
-    X: Array, Y: Array, pyramid: Pyramid, ridges: Sequence[float] = RIDGES
+def main_effects(
+    normal: Normal, pyramid: Pyramid, ridges: Sequence[float] = RIDGES
 ) -> tuple[MainEffects, ...]:
     """Fit all tables by ridge regression, for several ridges at once.
 
-    min |Y - ybar - (Z - zbar) beta|^2 + ridge n / 20000 |beta|^2, Z one column per
-    level of every width. With D mapping levels of the union to those columns, tables
-    are g = D beta; D D' = L L' gives the same g from columns Z L, which are fewer.
-
     Args:
-        X: Variables. Shape (n, d).
-        Y: Responses. Shape (n, j).
-        pyramid: The levels.
-        ridges: Ridges per 20 000 rows, at least 0.
+        normal: The equations (`normal_equations`).
+        pyramid: Their levels.
+        ridges: Ridges per 20 000 rows, above 0.
 
     Returns:
         One fit per ridge.
-
-    Raises:
-        InputError: On blocks of different length or a ridge that is not positive.
-    """
-    X, Y = as_pair(X, Y)
-    normal = normal_equations(X, Y, pyramid)
-    return main_effects(normal, pyramid, ridges)
-
-
-def main_effects(
-    normal: Normal, pyramid: Pyramid, ridges: Sequence[float]
-) -> tuple[MainEffects, ...]:
-    """Solve equations that are there already, for several ridges.
 
     Raises:
         InputError: If a ridge is not positive.
@@ -214,7 +196,21 @@ def main_effects(
 
 
 def normal_equations(X: Array, Y: Array, pyramid: Pyramid) -> Normal:
-    """Return the equations of the main effects, ready for any ridge."""
+    """Return the equations of the main effects, ready for any ridge.
+
+    min |Y - ybar - (Z - zbar) beta|^2 + ridge n / 20000 |beta|^2, Z one column per
+    level of every width. With D mapping levels of the union to those columns, tables
+    are g = D beta; D D' = L L' gives the same g from columns Z L, which are fewer.
+
+    Args:
+        X: Variables. Shape (n, d).
+        Y: Responses. Shape (n, j).
+        pyramid: The levels.
+
+    Raises:
+        InputError: On blocks of different length.
+    """
+    X, Y = as_pair(X, Y)
     codes = pyramid.levels.encode(X)
     count, sums = _joint_sums(codes, Y)
     n, y_mean = len(Y), Y.mean(axis=0)

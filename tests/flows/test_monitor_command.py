@@ -167,4 +167,5 @@ def test_what_cannot_be_watched_is_said_in_two_lines(made, capsys, words, said):
 
 
 def test_the_record_is_plain_json(made, watched):
-    json.dumps(read_record(made[0], watched[0]), allow_nan=False)
+    record = read_record(made[0], watched[0])
+    assert json.loads(json.dumps(record, allow_nan=False)) == record

@@ -21,7 +21,12 @@ from residual.importance import split_pair, table_importance
 from residual.levels import quantile_levels
 from residual.load_tables import WIDTHS
 from residual.lookup import Table
-from residual.main_effects import ROWS, fit_main_effects, make_pyramid
+from residual.main_effects import (
+    ROWS,
+    main_effects,
+    make_pyramid,
+    normal_equations,
+)
 from residual.named_pairs import add_pairs, pair_levels, read_pairs
 from residual.nominal_folds import strict_errors
 from residual.nominal_pls import NominalForm
@@ -38,7 +43,7 @@ def test_main_effects_solve_the_ridge_equations_of_all_widths(rng):
     X[:80, 1] = 0.0  # a dwell makes ties
     widths = (3, 5, 8)
     pyramid = make_pyramid(X, widths)
-    fit = fit_main_effects(X, Y, pyramid, (7.0,))[0]
+    fit = main_effects(normal_equations(X, Y, pyramid), pyramid, (7.0,))[0]
     columns = []
     for k in widths:
         codes = make_pyramid(X, (k,)).levels.encode(X)

@@ -241,44 +241,45 @@ def changed(files, ending, change, tmp_path):
     return {**files, name: content}
 
 
-def test_records_that_are_not_what_their_id_says_are_refused(bundle, tmp_path):
-    files = unpacked(bundle)
+def louder(table):
+    at = table.column_names.index("tau1")
+    values = table.column("tau1").to_numpy() * 2
+    return table.set_column(at, table.schema.field(at), [values])
 
-    def louder(table):
-        at = table.column_names.index("tau1")
-        values = table.column("tau1").to_numpy() * 2
-        return table.set_column(at, table.schema.field(at), [values])
 
-    def other(column, before, after):
-        def change(table):
-            at = table.column_names.index(column)
-            text = table.column(column)[0].as_py().replace(before, after)
-            return table.set_column(at, column, [[text]])
+def other(column, before, after):
+    def change(table):
+        at = table.column_names.index(column)
+        text = table.column(column)[0].as_py().replace(before, after)
+        return table.set_column(at, column, [[text]])
 
-        return change
+    return change
 
-    def mistyped(table):
-        at = table.column_names.index("created")
-        return table.set_column(at, "created", [["yesterday"]])
 
-    def row(column, value):
-        def change(table):
-            at = table.column_names.index(column)
-            field = table.schema.field(at)
-            return table.set_column(at, field, pa.array([value], field.type))
+def mistyped(table):
+    at = table.column_names.index("created")
+    return table.set_column(at, "created", [["yesterday"]])
 
-        return change
 
-    deep = "[" * 100_000
-    cases = [
-        (
-            "_run.parquet",
-            row("signals", ["t", "q", "tau) FROM x --"]),
-            "names channels",
-        ),
+def row(column, value):
+    def change(table):
+        at = table.column_names.index(column)
+        field = table.schema.field(at)
+        return table.set_column(at, field, pa.array([value], field.type))
+
+    return change
+
+
+CHANNELS = ["t", "q", "tau) FROM x --"]
+
+
+@pytest.mark.parametrize(
+    ("ending", "change", "match"),
+    [
+        ("_run.parquet", row("signals", CHANNELS), "names channels"),
         ("_run.parquet", row("dof", 1_000_000), "other numbers"),
         ("_run.parquet", row("robot", "other"), "another robot"),
-        ("_run.parquet", row("manifest", deep), "recursion depth"),
+        ("_run.parquet", row("manifest", "[" * 100_000), "recursion depth"),
         ("part-0.parquet", louder, "not those that were committed"),
         (
             "_run.parquet",
@@ -288,10 +289,17 @@ def test_records_that_are_not_what_their_id_says_are_refused(bundle, tmp_path):
         ("_diagnosis.parquet", other("record", "payload", "nothing"), "its id is"),
         ("_run.parquet", mistyped, "another form"),
         ("truth.parquet", lambda table: table.slice(1), "its truth is not"),
-    ]
-    for ending, change, match in cases:
-        bad = changed(dict(files), ending, change, tmp_path)
-        refused(repacked(tmp_path / "bad.tar", bad), tmp_path, match)
+    ],
+)
+def test_records_that_are_not_what_their_id_says_are_refused(
+    bundle, tmp_path, ending, change, match
+):
+    bad = changed(unpacked(bundle), ending, change, tmp_path)
+    refused(repacked(tmp_path / "bad.tar", bad), tmp_path, match)
+
+
+def test_a_seal_with_another_spec_is_refused(bundle, tmp_path):
+    files = unpacked(bundle)
     name = next(n for n in files if n.endswith("spec.json"))
     bad = {**files, name: b'{"effects":["none"],"salt":"s0"}'}
     refused(repacked(tmp_path / "bad.tar", bad), tmp_path, "not the seal")

@@ -26,7 +26,7 @@ def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLo
         InputError: If the extra is not installed or the bag is not usable.
     """
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise extra_needed(f"Reading {path.name}, a ROS bag,") from error
@@ -41,8 +41,6 @@ def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLo
             return JointStateLog(path.name, topic, messages, joints, form)
     except InputError:
         raise
-    except AnyReaderError as error:
-        raise InputError(_broken(path, error)) from error
     except Exception as error:
         # What a damaged file makes a parser raise is not on any list.
         raise InputError(_broken(path, error)) from error

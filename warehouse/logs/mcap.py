@@ -30,7 +30,6 @@ def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateL
         InputError: If the extra is not installed or the file is not usable.
     """
     try:
-        from mcap.exceptions import McapError
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
     except ImportError as error:
@@ -43,8 +42,6 @@ def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateL
             return JointStateLog(path.name, topic, messages, joints, form)
     except InputError:
         raise
-    except McapError as error:
-        raise InputError(_broken(path, error)) from error
     except Exception as error:
         # What a damaged file makes a parser raise is not on any list.
         raise InputError(_broken(path, error)) from error
