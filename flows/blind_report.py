@@ -7,6 +7,7 @@ from rich.table import Table
 
 from flows.blind_draw import Asked
 from flows.blind_run import Study
+from flows.say import say
 
 
 def store_page(asked: Asked, study: Study, store: Path) -> Path:
@@ -49,4 +50,4 @@ def tell_study(study: Study, console: Console) -> None:
     if study.known:
         console.print(f"\n{known}", markup=False, highlight=False)
     for line in study.failed:
-        console.print(f"failed: {line}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"failed: {line}")

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from flows.output import check_writable, write_all
+from flows.logs import read_words
+from flows.output import check_new_folder, check_writable, read_files, write_all
 from flows.robots import load
+from flows.say import say
 from flows.settings import store_folder
-from flows.steps import Progress, echo
+from flows.steps import Progress, check_declared, echo
 from residual.errors import InputError
-from residual.names import check_name
 from residual.robot import Robot
 
 if TYPE_CHECKING:
@@ -110,10 +111,9 @@ def calibrate(
     """
     _check_files(request)
     robot = load(request.robot)
-    _check_declared(request.declared)
+    check_declared(request.declared)
     read = read_runs(request, robot)
-    for line in (echo(tuple(r.log for r in read.runs), (), ()), *read.lines):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *(echo(tuple(r.log for r in read.runs), (), ()), *read.lines))
     # Late, so that a wrong word is answered before the numerics are loaded.
     from threadpoolctl import threadpool_limits
 
@@ -180,8 +180,7 @@ def tell(outcome: Outcome, request: Request, console: Console) -> None:
             f"stored: model {ids['model']}, validation {ids['validation']}: "
             f"modelgap show {ids['validation'][:8]}"
         )
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *lines)
     if request.json == "-":
         print(text, end="")
 
@@ -193,53 +192,33 @@ def read_runs(request: Request, robot: Robot) -> Read:
         InputError: If a log is not usable or shares samples with another.
     """
     from residual.calibrate_rows import Run
-    from warehouse.logs import check_distinct, load_columns, read_log, unique_ids
 
     if not request.logs:
         raise InputError(
             "No log to calibrate on. Name it first: modelgap calibrate LOG ... "
             "--robot R."
         )
-    columns = load_columns(request.columns) if request.columns else None
     place = store_folder(request.store)
-    files = [word for word in request.logs if not _is_run(word)]
-    labels = dict(zip(files, unique_ids(files), strict=True))
-    runs, ids, lines, warnings = [], [], [], []
-    for word in request.logs:
-        if word not in labels:
-            run, id = _stored_run(place, word, robot)
-            runs, ids = [*runs, run], [*ids, id]
-            lines.append(_told(run))
-            continue
-        log, known = read_log(word, robot, columns, labels[word])
-        runs, lines = [*runs, Run(log)], [*lines, known.text]
-        warnings += known.warnings
-    check_distinct([run.log for run in runs])
-    return Read(tuple(runs), tuple(ids), tuple(lines), tuple(warnings))
+    logs = read_words(request.logs, robot, request.columns, place)
+    runs, lines = [], []
+    for log, line in zip(logs.recordings, logs.lines, strict=True):
+        id = logs.runs.get(log.id)
+        run = Run(log, *_beside(place, id)) if id else Run(log)
+        runs.append(run)
+        lines.append(_told(run) if id else line)
+    return Read(tuple(runs), tuple(logs.runs.values()), tuple(lines), logs.warnings)
 
 
-def _is_run(word: str) -> bool:
-    """Whether a word can only be the id of a run: no such file, and only hex digits."""
-    return not Path(word).exists() and not set(word) - set("0123456789abcdef")
-
-
-def _stored_run(store: Path, word: str, robot: Robot) -> "tuple[Run, str]":
-    from residual.calibrate_rows import Run
+def _beside(store: Path, id: str) -> tuple[str | None, dict]:
+    """Family of a stored run, and its errors against the twin."""
     from warehouse.files import read_parquet
     from warehouse.layout import find_run
-    from warehouse.runs import read_channels, read_run
+    from warehouse.runs import read_channels
 
-    log = read_run(store, word)
-    if log.dof != robot.dof:
-        raise InputError(
-            f"Run {log.id} has {log.dof} joints, {robot.name} has {robot.dof}. Give "
-            "the run's own robot with --robot."
-        )
-    row = read_parquet(find_run(store, log.id).row, ["trajectory"])
-    family = row.column("trajectory")[0].as_py()
-    channels = read_channels(store, log.id)
+    row = read_parquet(find_run(store, id).row, ["trajectory"])
+    channels = read_channels(store, id)
     twin = {name: c for name, c in channels.items() if name.startswith("e_")}
-    return Run(replace(log, id=log.id[:8]), family, twin), log.id
+    return row.column("trajectory")[0].as_py(), twin
 
 
 def _told(run: "Run") -> str:
@@ -250,29 +229,8 @@ def _told(run: "Run") -> str:
     )
 
 
-def _check_declared(names: tuple[str, ...] | None) -> None:
-    from residual.effects import registry
-
-    for name in names or ():
-        check_name(name, registry(), "effect in --declared")
-
-
 def _check_files(request: Request) -> None:
     words = (*request.logs, request.robot)
-    files = [*words, *(word.rpartition("@")[0] for word in words)]
-    read = [Path(word) for word in [*files, request.columns or ""] if word]
-    check_writable(request.files, read)
-    if request.export is None:
-        return
-    place = Path(request.export)
-    if place.exists() and not place.is_dir():
-        raise InputError(f"--export {place} is a file, expected a folder.")
-    if place.is_dir() and any(place.iterdir()):
-        raise InputError(
-            f"--export {place} is not empty. Name a new folder, so that nothing is "
-            "overwritten."
-        )
-    if not place.resolve().parent.is_dir():
-        raise InputError(
-            f"--export {place}: there is no folder '{place.parent}'. Make it first."
-        )
+    check_writable(request.files, read_files(words, request.columns))
+    if request.export is not None:
+        check_new_folder("--export", Path(request.export))

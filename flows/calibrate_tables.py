@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flows.calibrate import Outcome
+from flows.say import say
 from residual.calibrate import Calibration
 from residual.calibrate_models import WORDS as MODELS
 from residual.calibrate_rows import PAPER
@@ -28,8 +29,7 @@ def print_outcome(outcome: Outcome, console: Console) -> None:
     lines = [about_rows(outcome.made), chosen_words(outcome.made), *outcome.words]
     lines += [f"note: {n}" for n in outcome.made.notes]
     lines += [f"warning: {w}" for w in outcome.warnings]
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *lines)
 
 
 def about_rows(made: Calibration) -> str:

@@ -1,6 +1,6 @@
 """Identify a robot's model from logs or runs: read, fit, prove, export."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from flows.logs import is_run, read_words
-from flows.output import check_writable, write_all
+from flows.output import check_new_folder, check_writable, read_files, write_all
 from flows.robots import load
+from flows.say import say
 from flows.settings import store_folder
-from flows.steps import echo
+from flows.steps import check_declared, echo
 from residual.errors import InputError
 from residual.robot import Robot
 
@@ -117,8 +118,7 @@ def identify(request: Request, console: Console) -> Outcome:
     count = len(request.logs)
     fit, held_out = logs.recordings[:count], logs.recordings[count:]
     warnings = list(logs.warnings)
-    for line in (echo(fit, (), held_out), *logs.lines):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *(echo(fit, (), held_out), *logs.lines))
     # Late, so that a wrong word is answered before the numerics are loaded.
     from threadpoolctl import threadpool_limits
 
@@ -160,24 +160,21 @@ def tell(outcome: Outcome, request: Request, console: Console) -> None:
         Path(request.export).mkdir(exist_ok=True)
     write_all(files)
     for path in files:
-        console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"wrote {path}")
     if outcome.kept is not None:
         line = f"stored as a model: modelgap show {outcome.kept}"
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        say(console, line)
     if request.json == "-":
         print(text, end="")
 
 
 def _options(request: Request):
     from residual.consistency import solver
-    from residual.effects import registry
     from residual.identify import Options
-    from residual.names import check_name
 
     if request.consistent:
         solver()  # missing, it should be missed before the work
-    for name in request.declared or ():
-        check_name(name, registry(), "effect in --declared")
+    check_declared(request.declared)
     return Options(request.method, "huber", request.prior, request.essential)
 
 
@@ -271,24 +268,10 @@ def _whole(word: str, runs: Mapping[str, str]) -> str:
 
 
 def _check_files(request: Request) -> None:
-    words: Sequence[str] = (*request.logs, *request.held_out, request.robot)
-    files = [*words, *(word.rpartition("@")[0] for word in words)]
-    read = [Path(word) for word in [*files, request.columns or ""] if word]
+    words = (*request.logs, *request.held_out, request.robot)
     written = {}
     if request.json not in (None, "-"):
         written["--json"] = Path(request.json)
-    check_writable(written, read)
-    if request.export is None:
-        return
-    place = Path(request.export)
-    if place.exists() and not place.is_dir():
-        raise InputError(f"--export {place} is a file, expected a folder.")
-    if place.is_dir() and any(place.iterdir()):
-        raise InputError(
-            f"--export {place} is not empty. Name a new folder, so that nothing is "
-            "overwritten."
-        )
-    if not place.resolve().parent.is_dir():
-        raise InputError(
-            f"--export {place}: there is no folder '{place.parent}'. Make it first."
-        )
+    check_writable(written, read_files(words, request.columns))
+    if request.export is not None:
+        check_new_folder("--export", Path(request.export))

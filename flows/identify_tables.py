@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flows.identify import Outcome
+from flows.say import say
 
 _KINDS = (("raw", "as logged"), ("filtered", "filtered"), ("moving", "moving"))
 _NARROW = 58
@@ -24,11 +25,9 @@ def print_outcome(outcome: Outcome, console: Console) -> None:
         # Into a file or a pipe: as wide as it needs, nothing is cut.
         console = Console(file=console.file, width=200)
     console.print(_parameters(outcome))
-    for line in (*_told(outcome), *(f"warning: {w}" for w in outcome.warnings)):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *_told(outcome), *(f"warning: {w}" for w in outcome.warnings))
     console.print(_errors(outcome))
-    for line in _proof(outcome):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *_proof(outcome))
 
 
 def _parameters(outcome: Outcome) -> Table:

@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from flows.logs import read_words
 from flows.pool import Here, Pool
 from flows.settings import cores, store_folder
-from flows.steps import Progress
+from flows.steps import Progress, check_declared
 from residual.errors import InputError, ModelgapError
 from residual.null import Null, from_record, to_record
 from residual.recording import Recording
-from residual.robot import Robot, load_robot
+from residual.robot import load_robot
 
 KIND = "null"  # of validations
 OF_A_BLOCK = 4  # draws that share their encoder noise
@@ -156,8 +157,9 @@ def _records(store: Path) -> list[tuple[str, Mapping]]:
 def _begun(asked: Asked) -> dict[int, dict]:
     """Return the blocks of the same null that the store has, by number."""
     out: dict[int, dict] = {}
+    identity = _identity(asked)
     for _, record in _records(store_folder(asked.store)):
-        if record["asked"] != _identity(asked):
+        if record["asked"] != identity:
             continue
         for number in sorted(set(record["block"])):
             rows = [i for i, b in enumerate(record["block"]) if b == number]
@@ -245,10 +247,6 @@ def _read(
     asked: Asked,
 ) -> tuple[tuple[Recording, ...], tuple[Recording, ...], tuple[str, ...]]:
     """Return the logs, those of the baseline, and the ids of those that are runs."""
-    from residual.effects import registry
-    from residual.names import check_name
-    from warehouse.logs import check_distinct
-
     if not asked.logs:
         raise InputError(
             "No log to calibrate for. Name it first: modelgap calibrate-null LOG ... "
@@ -256,41 +254,9 @@ def _read(
         )
     if asked.draws < 1:
         raise InputError(f"--draws is {asked.draws}, expected 1 or more; 200 is usual.")
-    for name in asked.declared or ():
-        check_name(name, registry(), "effect in --declared")
-    robot = load_robot(asked.robot)
-    read = _each(asked, robot)
-    check_distinct([log for log, _ in read])
-    logs, ids = tuple(log for log, _ in read), tuple(id for _, id in read if id)
+    check_declared(asked.declared)
+    words, place = (*asked.logs, *asked.baseline), store_folder(asked.store)
+    logs = read_words(words, load_robot(asked.robot), asked.columns, place)
     count = len(asked.logs)
-    return logs[:count], logs[count:], ids
-
-
-def _each(asked: Asked, robot: Robot) -> list[tuple[Recording, str | None]]:
-    """Return every log, and its id where it is a run of the store."""
-    from warehouse.logs import load_columns, read_log, unique_ids
-    from warehouse.runs import read_run
-
-    columns = load_columns(asked.columns) if asked.columns else None
-    words = (*asked.logs, *asked.baseline)
-    files = [w for w in words if not _is_run(w)]
-    labels = dict(zip(files, unique_ids(files), strict=True))
-    out = []
-    for word in words:
-        if word in labels:
-            log, _ = read_log(word, robot, columns, labels[word])
-            out.append((log, None))
-            continue
-        log = read_run(store_folder(asked.store), word)
-        if log.dof != robot.dof:
-            raise InputError(
-                f"Run {log.id} has {log.dof} joints, {robot.name} has {robot.dof}. "
-                "Give the run's own robot with --robot."
-            )
-        out.append((log, log.id))
-    return out
-
-
-def _is_run(word: str) -> bool:
-    """Whether a word can only be the id of a run: no such file, and only hex digits."""
-    return not Path(word).exists() and not set(word) - set("0123456789abcdef")
+    ids = tuple(logs.runs.values())
+    return logs.recordings[:count], logs.recordings[count:], ids

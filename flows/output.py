@@ -38,6 +38,41 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
         seen[place] = option
 
 
+def check_new_folder(option: str, place: Path) -> None:
+    """Refuse early a folder for export in which something could be overwritten.
+
+    Args:
+        option: The option that names it.
+        place: The folder, which need not be there.
+
+    Raises:
+        InputError: If it is a file or not empty, or the folder around it is not there.
+    """
+    if place.exists() and not place.is_dir():
+        raise InputError(f"{option} {place} is a file, expected a folder.")
+    if place.is_dir() and any(place.iterdir()):
+        raise InputError(
+            f"{option} {place} is not empty. Name a new folder, so that nothing is "
+            "overwritten."
+        )
+    if not place.resolve().parent.is_dir():
+        raise InputError(
+            f"{option} {place}: there is no folder '{place.parent}'. Make it first."
+        )
+
+
+def read_files(words: Iterable[str], *files: str | None) -> list[Path]:
+    """Return what a command may read, with and without the window of a log.
+
+    Args:
+        words: Logs and robots as the user wrote them.
+        files: Other files, where they were named.
+    """
+    words = list(words)
+    windowless = (word.rpartition("@")[0] for word in words)
+    return [Path(word) for word in (*words, *windowless, *files) if word]
+
+
 def _can_write(place: Path) -> bool:
     """Try it: permission bits say little of /sys, /proc and read-only mounts."""
     if place.exists() and not os.access(place, os.W_OK):

@@ -8,8 +8,9 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.logs import read_words
-from flows.output import check_writable, write_all
+from flows.output import check_writable, read_files, write_all
 from flows.robots import load
+from flows.say import say
 from flows.settings import store_folder
 from residual.errors import InputError
 from residual.names import check_name
@@ -90,12 +91,12 @@ def diagnose(
     Raises:
         InputError: If the request or a log is not usable.
     """
-    check_writable(request.files, _inputs(request))
+    words = (*request.logs, *request.baseline, *request.held_out, request.robot)
+    check_writable(request.files, read_files(words, request.columns, request.null))
     robot = load(request.robot)
-    _check_declared(request.declared)
+    check_declared(request.declared)
     logs = read_logs(request, robot)
-    for line in logs.lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *logs.lines)
     # Late, so that a wrong word is answered before the numerics are loaded.
     from threadpoolctl import threadpool_limits
 
@@ -112,8 +113,7 @@ def diagnose(
             progress=progress,
             null=_nulls(request),
         )
-    for note in outcome.notes:
-        console.print(note, markup=False, highlight=False, soft_wrap=True)
+    say(console, *outcome.notes)
     return _with_reading(outcome, logs)
 
 
@@ -142,7 +142,7 @@ def tell(outcome: Outcome, request: Request, console: Console) -> None:
     write_all(texts)
     print_outcome(outcome, console)
     for path in texts:
-        console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"wrote {path}")
     if request.json == "-":
         print(verdict, end="")
 
@@ -205,7 +205,12 @@ def verdict_json(verdict: Mapping) -> str:
     return json.dumps(verdict, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _check_declared(names: tuple[str, ...] | None) -> None:
+def check_declared(names: tuple[str, ...] | None) -> None:
+    """Refuse names in --declared that no effect has.
+
+    Raises:
+        UnknownNameError: With the nearest one.
+    """
     from residual.effects import registry
 
     for name in names or ():
@@ -219,16 +224,6 @@ def _nulls(request: Request):
     if request.null is not None:
         return read_null(request.null)
     return nulls_in(store_folder(request.store))
-
-
-def _inputs(request: Request) -> tuple[Path, ...]:
-    words = (*request.logs, *request.baseline, *request.held_out, request.robot)
-    files = [*words, *(word.rpartition("@")[0] for word in words)]
-    return tuple(
-        Path(word)
-        for word in [*files, request.columns or "", request.null or ""]
-        if word
-    )
 
 
 def _split(items: list, sizes: list[int]) -> list[tuple]:

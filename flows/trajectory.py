@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flows.output import check_writable, write_all
+from flows.say import say
 from residual.robot import Robot, load_robot
 from sim.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
@@ -76,13 +77,12 @@ def preview(wanted: Wanted, console: Console) -> Reference:
         contents[Path(wanted.gif)] = animate(robot, reference)
     # Before anything is printed, which may go into a pipe that closes.
     write_all(contents)
-    for line in _summary(robot, reference, wanted):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *_summary(robot, reference, wanted))
     used = usage(robot, reference)
     console.print(_table(used))
-    console.print(_excited(used), markup=False, highlight=False, soft_wrap=True)
+    say(console, _excited(used))
     for path in contents:
-        console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"wrote {path}")
     return reference
 
 

@@ -4,6 +4,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from flows.say import say
+
 
 def blind(
     *,
@@ -58,6 +60,6 @@ def blind(
     tell_study(study, console)
     if report:
         write_all({Path(report): page.read_text(encoding="utf-8")})
-    console.print(f"\nreport: {report or page}", markup=False, soft_wrap=True)
+    say(console, f"\nreport: {report or page}")
     if study.failed:
         raise RunError(f"{len(study.failed)} of {n} cases failed: {study.failed[0]}")

@@ -4,6 +4,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from flows.say import say
+
 _Flag = Annotated[bool, Parameter(negative="")]
 
 
@@ -46,15 +48,11 @@ def demo(
     asked = steps.Asked(seed, effect)
     # Before anything is started, so that a wrong word is answered at once.
     count = len(steps.specs(asked))
-    _line(console, f"{count} experiments on the simulated {steps.ROBOT}, into {place}")
+    say(console, f"{count} experiments on the simulated {steps.ROBOT}, into {place}")
     with progress_bar() as bar:
         made = (run_plain if plain else run_flow)(asked, place, bar)
     outcome = read_outcome(place, made.proof)
     print_outcome(outcome, console)
     hidden = steps.as_hidden(made.hidden)
     print_truth(Staged(b"", "", hidden, outcome.verdict), console)
-    _line(console, f"\nreport: {made.page}")
-
-
-def _line(console, text: str) -> None:
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    say(console, f"\nreport: {made.page}")

@@ -6,6 +6,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.tree import Tree
 
+from flows.say import say
+
 _SHOWN = 40  # lines of one table
 
 
@@ -17,10 +19,10 @@ def print_diff(found) -> None:
     """
     console = _console()
     same = "the same values" if found.same else "other values"
-    _say(console, f"{found.kind} {found.ids[0]} and {found.ids[1]}: {same}")
+    say(console, f"{found.kind} {found.ids[0]} and {found.ids[1]}: {same}")
     for heading, rows in found.tables.items():
         if not rows:
-            _say(console, f"{heading}: the same")
+            say(console, f"{heading}: the same")
             continue
         table = _table(heading, *(id[:8] for id in found.ids))
         for row in rows[:_SHOWN]:
@@ -32,7 +34,7 @@ def print_diff(found) -> None:
         return
     # Numbers of the record stand in its table already; files and tables do not.
     for channel in found.channels[:_SHOWN]:
-        _say(console, channel.words)
+        say(console, channel.words)
     _more(console, len(found.channels))
 
 
@@ -101,11 +103,7 @@ def _console() -> Console:
 
 def _more(console: Console, count: int) -> None:
     if count > _SHOWN:
-        _say(console, f"and {count - _SHOWN} more; --format json has all")
-
-
-def _say(console: Console, text: str) -> None:
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
+        say(console, f"and {count - _SHOWN} more; --format json has all")
 
 
 def _word(value: object) -> str:

@@ -4,6 +4,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from flows.say import say
+
 _Flag = Annotated[bool, Parameter(negative="")]
 
 
@@ -34,7 +36,7 @@ def experiment(spec: str, *, store: str | None = None, dry_run: _Flag = False) -
     _list([planned], console)
     if not dry_run and not planned.stored:
         steps.run(planned.spec, place)
-        _line(console, f"stored in {place}: modelgap show {planned.run_id}")
+        say(console, f"stored in {place}: modelgap show {planned.run_id}")
 
 
 def campaign(
@@ -82,15 +84,15 @@ def campaign(
     if dry_run:
         _list(planned, console)
     missing = sum(not p.stored for p in planned)
-    _line(console, f"{missing} to run, {len(planned) - missing} in {place}")
+    say(console, f"{missing} to run, {len(planned) - missing} in {place}")
     if dry_run:
         return
     with workers_of(where, missing) as workers, progress_bar() as bar:
         summary = run_all(planned, place, bar, workers)
     for failure in summary.failures:
-        _line(console, f"failed: {failure.planned.label}: {failure.why}")
+        say(console, f"failed: {failure.planned.label}: {failure.why}")
     failed = len(summary.failures)
-    _line(console, f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
+    say(console, f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
     if failed:
         raise RunError(f"{failed} of {len(planned)} experiments failed.")
 
@@ -98,8 +100,4 @@ def campaign(
 def _list(planned: list, console) -> None:
     for each in planned:
         word = "is there" if each.stored else "to run"
-        _line(console, f"{each.run_id}  {word:8}  {each.label}")
-
-
-def _line(console, text: str) -> None:
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
+        say(console, f"{each.run_id}  {word:8}  {each.label}")

@@ -4,6 +4,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from flows.say import say
+
 _Flag = Annotated[bool, Parameter(negative="")]
 
 
@@ -54,11 +56,9 @@ def import_(
     for log in read:
         if dry_run:
             console.print(table(log))
-        for line in lines(log, arm, dry_run):
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+        say(console, *lines(log, arm, dry_run))
         if dry_run:
             continue
         id = steps.store_log(log, request, arm, place)
         word = "was in" if log.stored else "stored in"
-        text = f"{id}  {log.known.id}: {word} {place}"
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        say(console, f"{id}  {log.known.id}: {word} {place}")

@@ -4,6 +4,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from flows.say import say
+
 _Runs = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negative="")]
 
 
@@ -57,8 +59,7 @@ def monitor(
 
         write_all({path: draw(found, watched)})
         lines.append(f"wrote {path}")
-    for line in (*lines, f"stored in {place}: modelgap show {id}"):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *lines, f"stored in {place}: modelgap show {id}")
 
 
 def meaning(found) -> str:

@@ -4,6 +4,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from flows.say import say
+
 _Logs = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negative="")]
 
 
@@ -54,14 +56,13 @@ def calibrate_null(
     from flows import null as steps
     from flows.cli.diagnose import parse_declared
     from flows.cli.progress import progress_bar
-    from flows.output import check_writable, write_all
+    from flows.output import check_writable, read_files, write_all
     from flows.settings import store_folder
     from residual.errors import InputError
 
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}, expected 1 or more.")
-    files = [*logs, *baseline, *(w.rpartition("@")[0] for w in logs)]
-    read = [Path(word) for word in files if word]
+    read = read_files((*logs, *baseline))
     check_writable({"--out": Path(out)} if out else {}, read)
     names = parse_declared(declared)
     asked = steps.Asked(logs, robot, tuple(baseline), names, map, draws, seed, store)
@@ -70,11 +71,8 @@ def calibrate_null(
     files = {Path(out): steps.null_json(made.null)} if out else {}
     write_all(files)
     console = Console()
-    for line in (
-        *_lines(made, draws, store_folder(store)),
-        *(f"wrote {f}" for f in files),
-    ):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    wrote = (f"wrote {f}" for f in files)
+    say(console, *_lines(made, draws, store_folder(store)), *wrote)
     if not made.complete:
         raise KeyboardInterrupt
 

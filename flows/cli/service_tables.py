@@ -8,6 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from flows.say import say
 from flows.service.status import Status
 
 
@@ -23,13 +24,12 @@ def print_status(found: Status, store: Path) -> None:
         console = Console(width=200)
     running = found.running
     if running is None:
-        console.print(f"{store}: nothing runs", highlight=False, soft_wrap=True)
+        say(console, f"{store}: nothing runs")
         return
     word = "answers" if found.server else "does not answer"
     lines = [f"server   {word}: {running.ui} (history: {running.database})"]
     lines += [f"{name:8} {state}" for name, state in (found.workers or {}).items()]
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, *lines)
     if found.deployments:
         rows = [(d["name"], _due(d)) for d in found.deployments]
         console.print(_table(("deployment", "due next (UTC)"), rows))

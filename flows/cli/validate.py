@@ -1,5 +1,7 @@
 """modelgap validate: how far the nominal model gets by itself on a run."""
 
+from flows.say import say
+
 
 def validate(run: str, /, *, window: float = 0.25, store: str | None = None) -> None:
     """Try the nominal model on a run of the store, without fitting anything.
@@ -27,8 +29,8 @@ def validate(run: str, /, *, window: float = 0.25, store: str | None = None) -> 
     place, console = store_folder(store), Console()
     id, made = steps.validate(run, window, place)
     console.print(_table(made))
-    for line in (meaning(made), *made.notes, f"stored in {place}: modelgap show {id}"):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    stored = f"stored in {place}: modelgap show {id}"
+    say(console, meaning(made), *made.notes, stored)
 
 
 def meaning(made) -> str:
