@@ -25,6 +25,7 @@ from residual.effects import registry
 from residual.errors import InputError
 from residual.findings import findings
 from residual.holdout import Verdicts, held_out_verdicts, unproven
+from residual.instruments import freed, told
 from residual.leftover import depends_on
 from residual.leftover_words import look_at_leftovers
 from residual.model import Model
@@ -43,6 +44,7 @@ from residual.source import delayed_at_source, filtered_at_source
 from residual.verdict import Case, complaint, write
 from residual.vocabulary import VOCABULARY
 
+NOISE = "withdrawn: noise of the angles; the reference (q_ref) shows nothing of it"
 BASELINE_MOST = 12  # names that a baseline may need: it shows all that the URDF lacks
 
 
@@ -129,6 +131,7 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
     tell("proof", 0.0)
     proof = witnesses(held_out, diagnosis.nominal.model)
     judged = held_out_verdicts(diagnosis, proof)
+    judged, checks, noise = freed(diagnosis, judged, fit)
     tested = [t for t, _ in judged.kept]
     models = _models(diagnosis, judged)
     diagnosis = without_refuted(diagnosis, judged.fit)
@@ -136,7 +139,7 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
     if left.correction is not None:
         models["plsr"] = left.correction
     errors, proofs = compare(models, proof, diagnosis.logs.filters)
-    found = findings(diagnosis, judged.fit, tested)
+    found = findings(diagnosis, judged.fit, tested, checks)
     warned, noted = said(null, Rules().threshold)
     case = Case(
         diagnosis=diagnosis,
@@ -151,6 +154,7 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
         p_value=null.p_value if null else None,
         warnings=[
             *_warnings(diagnosis, judged, same_run),
+            *(complaint(t, NOISE) for t in noise),
             *warned,
             *unproven(diagnosis, errors["augmented"]),
             *left.said,
@@ -162,7 +166,11 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
         sentences=tuple(f.effect.sentence for f in found),
         proofs=proofs,
         clouds=clouds(diagnosis, judged.fit, found),
-        notes=(*_notes(diagnosis, fit, models["augmented"]), *noted),
+        notes=(
+            *_notes(diagnosis, fit, models["augmented"]),
+            *((told(checks, tested),) if checks else ()),
+            *noted,
+        ),
         left=tuple(one.cloud for one in left.joints),
     )
 

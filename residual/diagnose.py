@@ -126,12 +126,12 @@ def diagnose(
         rules: Thresholds.
         progress: Told the stage and the share done.
     """
-    design = _first_look(logs, nominal)
+    design = first_look(logs, nominal)
     selection = _search(design, logs, nominal, (rules, progress))
     if _needs_second_look(selection):
         settled = _looked_again(logs, nominal, selection)
-        named = _without_structure(as_model(nominal, settled))
-        design = _first_look(logs, nominal, named)
+        named = physical(as_model(nominal, settled))
+        design = first_look(logs, nominal, named)
         prior = selection.task.prior
         again = replace(nominal, scale=prior.scale, assumed=prior.assumed)
         wide = selection.wide
@@ -155,8 +155,14 @@ def diagnose(
     )
 
 
-def _first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
-    """Nominal columns, and features seen with a model that fits these logs roughly."""
+def first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
+    """Nominal columns, and features seen with a model that fits these logs roughly.
+
+    Args:
+        logs: The logs.
+        nominal: The model to be doubted.
+        named: A model to see features with instead, such as one with what was named.
+    """
     states = [nominal.model.observe(t) for t in logs.tracks]
     design = Design(list(zip(logs.tracks, states, strict=True)), nominal.model)
     if named is None:
@@ -209,7 +215,7 @@ def _looked_again(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     task, fitted = selection.task, selection.fit
     design = task.design
     for _ in range(LOOKS):
-        named = _without_structure(as_model(nominal, fitted))
+        named = physical(as_model(nominal, fitted))
         states = [s.regressor for s in design.states]
         design.look(
             [named.observe(t, r) for t, r in zip(logs.tracks, states, strict=True)]
@@ -224,7 +230,7 @@ def _looked_again(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     return fitted
 
 
-def _without_structure(model: Model) -> Model:
+def physical(model: Model) -> Model:
     """Only what has a physical parameter in it: loads, friction levels, rotors.
 
     A feature that reads the model's torque must not carry the shape of another finding:

@@ -10,6 +10,7 @@ from residual.diagnose import Diagnosis
 from residual.effects.base import Effect
 from residual.evidence import Fit, fit
 from residual.gate import Tested, alternatives
+from residual.instruments import INSTRUMENTS, Checked
 from residual.recording import Array
 
 STEP = 1e-3  # relative step of the numerical derivatives
@@ -50,7 +51,10 @@ class Finding:
 
 
 def findings(
-    diagnosis: Diagnosis, fitted: Fit, tested: Sequence[Tested]
+    diagnosis: Diagnosis,
+    fitted: Fit,
+    tested: Sequence[Tested],
+    checks: Checked | None = None,
 ) -> list[Finding]:
     """Merge members of one name into one finding; what explains most comes first.
 
@@ -58,8 +62,10 @@ def findings(
         diagnosis: The diagnosis.
         fitted: Fit of exactly these members.
         tested: The members that are named.
+        checks: What noise of the angles does to the fit; None where nobody looked.
     """
-    stds = _standard_deviations(diagnosis, fitted)
+    sizes = {id(t.group): _size(fitted, t, checks) for t in tested}
+    stds = _standard_deviations(diagnosis, fitted, sizes)
     near = {id(t): alternatives(diagnosis.task, fitted, t.group) for t in tested}
     out = []
     for members in _merged(tested):
@@ -68,7 +74,7 @@ def findings(
             Finding(
                 tuple(members),
                 tuple(j for t in members for j in public_joints(t.group)),
-                _parameters(diagnosis, fitted, members, stds),
+                _parameters(diagnosis, members, sizes, stds),
                 _equivalents(members, [o[0] for o in options]),
                 min(o[1] for o in options),
             )
@@ -115,11 +121,26 @@ def _equivalents(members, near) -> tuple:
     return tuple((k, joints) for k in shared)
 
 
-def _parameters(diagnosis: Diagnosis, fitted: Fit, members, stds) -> dict:
+def _size(fitted: Fit, tested: Tested, checks: Checked | None) -> tuple[Array, Array]:
+    """Coefficients of a member and what is doubtful beside its noise. (k,), (k, k).
+
+    Where the reference contradicts least squares, it is believed.
+    """
+    theta = fitted.of(tested.group)
+    if checks is None:
+        return theta, np.zeros((len(theta), len(theta)))
+    shift, spread = checks.doubt(tested)
+    if checks.differs(tested):
+        return theta + shift, spread
+    reference = checks.how == INSTRUMENTS
+    return theta, 0 * spread if reference else np.outer(shift, shift)
+
+
+def _parameters(diagnosis: Diagnosis, members, sizes, stds) -> dict:
     robot = diagnosis.logs.robot
     effect = members[0].group.effect
     values = np.array(
-        [effect.values(fitted.of(t.group), t.group.shape, robot) for t in members]
+        [effect.values(sizes[id(t.group)][0], t.group.shape, robot) for t in members]
     )
     sds = np.array([stds[id(t.group)] for t in members])
     keys = list(effect.parameters.items())
@@ -130,7 +151,7 @@ def _parameters(diagnosis: Diagnosis, fitted: Fit, members, stds) -> dict:
     }
 
 
-def _standard_deviations(diagnosis: Diagnosis, fitted: Fit) -> dict[int, Array]:
+def _standard_deviations(diagnosis: Diagnosis, fitted: Fit, sizes) -> dict[int, Array]:
     """Standard deviation of every parameter of every member.
 
     A searched shape is uncertain too: its derivative columns join the fit
@@ -154,8 +175,10 @@ def _standard_deviations(diagnosis: Diagnosis, fitted: Fit) -> dict[int, Array]:
         slots = full.slots(g)
         if slope is not None:
             slots = np.concatenate([slots, full.slots(slope)])
-        jacobian = _jacobian(g, fitted.of(g), diagnosis.logs.robot, slope is not None)
+        theta, doubt = sizes[id(g)]
+        jacobian = _jacobian(g, theta, diagnosis.logs.robot, slope is not None)
         own = covariance[np.ix_(slots, slots)]
+        own[: len(theta), : len(theta)] += doubt
         variance = np.einsum("ij,jk,ik->i", jacobian, own, jacobian)
         out[id(g)] = np.sqrt(np.maximum(variance, 0))
     return out

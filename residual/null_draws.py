@@ -17,7 +17,7 @@ from residual.candidates import Candidates
 from residual.choices import allowed, every_candidate
 from residual.colour import coloured
 from residual.design import Design
-from residual.diagnose import Logs, _first_look, ready
+from residual.diagnose import Logs, first_look, ready
 from residual.evidence import Fit, fit, gain
 from residual.gate import passed, simplest
 from residual.null_source import Source, null_recordings, redrawn
@@ -50,7 +50,7 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
     rng = np.random.default_rng([seed, index])
     logs, hiss = _noisy(source, rng)
     nominal = redrawn(source, rng)
-    design = _first_look(logs, nominal)
+    design = first_look(logs, nominal)
     candidates = every_candidate(design, nominal, logs.span, logs.clock is not None)
     out = [_searched(design, nominal, candidates)]
     for _ in range(count - 1):

@@ -8,14 +8,15 @@ import numpy as np
 from residual.close import from_baseline, session_clock
 from residual.colour import autocovariance
 from residual.diagnose import Logs, diagnose, ready, start_nominal
-from residual.model import Model, at_samples
+from residual.encoder import encoder_noise, smooth
+from residual.model import Model
 from residual.nominal import declared_names
 from residual.null_key import Key, key_of
 from residual.prior import ASSUMED, Nominal, inertial_precision
 from residual.recording import Array, Recording
 from residual.robot import Robot
 from residual.search import Rules
-from residual.signals import Filters, prepare, sample_rate
+from residual.signals import Filters
 from residual.standstill import SMOOTH, Standstill
 
 FARTHEST = 0.3  # of the inertial parameters: a prior that is wider is as good as none
@@ -86,7 +87,7 @@ def source(
         scale=made.task.prior.scale,
         assumed=made.task.prior.assumed,
         noise=autocovariance(made.task.design, made.fit),
-        encoder=np.array([_encoder_noise(r, filters) for r in recordings]),
+        encoder=np.array([encoder_noise(r, filters) for r in recordings]),
         key=key_of(logs, nominal),
     )
 
@@ -100,7 +101,7 @@ def null_recordings(
     """
     clean, read = [], []
     for recording, sd in zip(source.recordings, source.encoder, strict=True):
-        q = _smooth(recording, source.logs.filters)
+        q = smooth(recording, source.logs.filters)
         own = replace(recording, q=q, qd=None, qdd=None, q_ref=None)
         own = replace(own, tau=source.truth.predict(own))
         clean.append(own)
@@ -150,24 +151,6 @@ def _out_of_sight(model: Model, logs: Logs) -> tuple[Standstill, ...]:
         replace(s, size=min(s.size, float(w))) if s.kind == "bristle" else SMOOTH
         for s, w in zip(shapes, way, strict=True)
     )
-
-
-def _smooth(recording: Recording, filters: Filters) -> Array:
-    """Positions through the filter of the kinematics, at the log's own times."""
-    (track,), _ = prepare([recording], filters, full_rate=True)
-    return at_samples(track.q, track, recording)
-
-
-def _encoder_noise(recording: Recording, filters: Filters) -> Array:
-    """Level of the noise of the angles, from above the filter, taken as white [rad].
-
-    By the median, so that jerks of the motion do not count. Shape (dof,).
-    """
-    rate = sample_rate(recording.t)
-    high = recording.q - _smooth(recording, filters)
-    passed_on = min(filters.kinematics, 0.12 * rate) / (rate / 2)
-    level = np.median(np.abs(high), axis=0) / 0.6745
-    return level / np.sqrt(1 - passed_on)
 
 
 def _symmetric(matrix: Array) -> Array:

@@ -16,9 +16,9 @@ from residual.design import Design
 from residual.diagnose import (
     Diagnosis,
     Logs,
-    _first_look,
-    _without_structure,
     as_model,
+    first_look,
+    physical,
     ready,
     start_nominal,
 )
@@ -67,11 +67,11 @@ def oracle(
     else:
         nominal = start_nominal(logs, names)
     wanted = [pair for told in effects for pair in _placed(told, robot.dof)]
-    task, fitted = _best(_first_look(logs, nominal), logs, nominal, wanted)
+    task, fitted = _best(first_look(logs, nominal), logs, nominal, wanted)
     if wanted:
         # As after a find: features that read the model's torque are made of the better.
-        named = _without_structure(as_model(nominal, fitted))
-        design = _first_look(logs, nominal, named)
+        named = physical(as_model(nominal, fitted))
+        design = first_look(logs, nominal, named)
         task, fitted = _best(design, logs, nominal, wanted)
     # Without an adequacy: nobody asks this one what is left.
     found = Diagnosis(

@@ -1,0 +1,233 @@
+"""Noise of the angles in the regressor: what it does to a fit, and the remedy.
+
+Least squares takes the regressor for exact. It is made of measured angles, so it holds
+their noise, and where a controller fed that noise back, so does the torque. A reference
+knows nothing of either: columns made of it are instruments (two-stage least squares;
+Janot, Vandanjon, Gautier 2014), and where both estimates differ by more than chance
+least squares was biased (Durbin, Wu, Hausman; Janot et al. 2016). Without a reference
+the noise is redrawn as it was measured, and what that moves is counted as doubt
+(effective variance).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from residual.design import Design
+from residual.diagnose import Diagnosis, Logs, as_model, first_look, physical, refit
+from residual.encoder import encoder_noise
+from residual.evidence import Fit, System
+from residual.gate import Tested
+from residual.holdout import Verdicts
+from residual.recording import Array, Recording
+from residual.signals import prepare
+
+INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
+CHANCE = 1e-3  # under which a difference is no chance
+NOTHING = 0.05  # above which what the instruments see may be nothing
+FLAT = 1e-9  # of the largest singular value: a column that moves nothing
+LEAST = 1e-3  # of its variance: what a difference is never known better than
+SEED = 0  # of the redrawn noise: a diagnosis says the same twice
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Checked:
+    """A fit, held against the noise of the angles.
+
+    Attributes:
+        how: "instruments" or "effective variance".
+        fit: The fit that was checked.
+        theta: Coefficients by instruments; without them the fit's own, freed of what
+            the noise took. Shape (m,).
+        covariance: Of ``theta``. Shape (m, m).
+        spread: Of the difference that chance makes; zero without instruments. (m, m).
+        share: Part of each joint's residual variance that the angles' noise makes; NaN
+            with instruments. Shape (dof,).
+    """
+
+    how: str
+    fit: Fit
+    theta: Array
+    covariance: Array
+    spread: Array
+    share: Array
+
+    def differs(self, tested: Tested) -> bool:
+        """Whether least squares and the instruments disagree beyond chance."""
+        slots = self.fit.slots(tested.group)
+        gap = (self.theta - self.fit.theta)[slots]
+        return self.how == INSTRUMENTS and _chance(gap, self._spread(slots)) < CHANCE
+
+    def is_noise(self, tested: Tested) -> bool:
+        """Whether it disagrees, and the instruments see nothing of the effect."""
+        slots = self.fit.slots(tested.group)
+        own = self.covariance[np.ix_(slots, slots)]
+        return self.differs(tested) and _chance(self.theta[slots], own) > NOTHING
+
+    def doubt(self, tested: Tested) -> tuple[Array, Array]:
+        """Shift of a member's coefficients, and its covariance. (k,), (k, k)."""
+        slots = self.fit.slots(tested.group)
+        shift = (self.theta - self.fit.theta)[slots]
+        return shift, self.spread[np.ix_(slots, slots)]
+
+    def _spread(self, slots: Array) -> Array:
+        own = self.spread[np.ix_(slots, slots)]
+        return own + LEAST * np.diag(np.diag(self.covariance)[slots])
+
+
+def freed(
+    diagnosis: Diagnosis, judged: Verdicts, recordings: Sequence[Recording]
+) -> tuple[Verdicts, Checked | None, tuple[Tested, ...]]:
+    """Drop the names that noise of the angles made.
+
+    Args:
+        diagnosis: The diagnosis of the logs.
+        judged: Its names, after the held-out logs had their say.
+        recordings: The fit logs, in the diagnosis' order.
+
+    Returns:
+        The names that stand, how their fit was checked (None where there are none), and
+        the names that are noise.
+    """
+    gone: list[Tested] = []
+    while judged.kept:
+        checks = checked(diagnosis, judged.fit, recordings)
+        noise = [t for t, _ in judged.kept if checks.is_noise(t)]
+        if not noise:
+            return judged, checks, tuple(gone)
+        gone += noise
+        kept = tuple((t, gain) for t, gain in judged.kept if t not in noise)
+        fit = refit(diagnosis, [t for t, _ in kept])
+        judged = replace(judged, fit=fit, kept=kept)
+    return judged, None, tuple(gone)
+
+
+def told(checks: Checked, tested: Sequence[Tested]) -> str:
+    """One sentence on what noise of the angles did to the named effects."""
+    if checks.how == EFFECTIVE:
+        share = 100 * np.nanmax(checks.share)
+        return (
+            "no reference (q_ref) in every log: noise of the angles, redrawn as it was "
+            f"measured, makes {share:.1f} % of a joint's residual variance at most; "
+            "standard deviations allow for it (effective variance)"
+        )
+    off = [t.group for t in tested if checks.differs(t)]
+    if not off:
+        return (
+            "errors in variables: instruments made of the reference agree with least "
+            "squares on every named effect (Durbin-Wu-Hausman)"
+        )
+    names = ", ".join(sorted({g.effect.name for g in off}))
+    return (
+        f"errors in variables: the reference contradicts least squares on {names} "
+        "(Durbin-Wu-Hausman, 0.1 %); parameters there are those by instruments"
+    )
+
+
+def checked(
+    diagnosis: Diagnosis, fitted: Fit, recordings: Sequence[Recording]
+) -> Checked:
+    """Check a fit by its reference where every log has one, else by redrawn noise.
+
+    Args:
+        diagnosis: The diagnosis of the logs.
+        fitted: Fit of the names that stand.
+        recordings: The fit logs, in the diagnosis' order.
+    """
+    if all(r.q_ref is not None for r in recordings):
+        asked = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
+        return _by_instruments(diagnosis, fitted, asked)
+    rng, filters = np.random.default_rng(SEED), diagnosis.logs.filters
+    noisier = []
+    for r in recordings:
+        noise = encoder_noise(r, filters) * rng.normal(size=r.q.shape)
+        noisier.append(replace(r, q=r.q + noise, qd=None, qdd=None))
+    return _by_redrawing(diagnosis, fitted, noisier)
+
+
+def _by_instruments(diagnosis: Diagnosis, fitted: Fit, asked) -> Checked:
+    """Two-stage least squares under the fit's own prior and noise."""
+    design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, asked)
+    system, weight = _system(diagnosis, fitted)
+    precision, pull = system.precision.copy(), np.zeros(len(ids))
+    for j in range(design.dof):
+        place, have = design.present(j, fitted.ids)
+        x = design.columns(j, place)
+        z = other.columns(j, other.present(j, ids)[0])
+        kept = _projected(z, x)
+        precision[np.ix_(have, have)] += weight[j] * kept.T @ kept
+        pull[have] += weight[j] * kept.T @ design.target[j]
+    covariance = _inverse(precision)
+    return Checked(
+        how=INSTRUMENTS,
+        fit=fitted,
+        theta=covariance @ pull,
+        covariance=covariance,
+        spread=covariance - fitted.covariance(),
+        share=np.full(design.dof, np.nan),
+    )
+
+
+def _by_redrawing(diagnosis: Diagnosis, fitted: Fit, noisier) -> Checked:
+    """What one more helping of the noise moves, the first one moved as well."""
+    design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, noisier)
+    _, weight = _system(diagnosis, fitted)
+    whole = fitted.theta.copy()
+    start = diagnosis.nominal.model.coefficients()
+    whole[: len(start)] += start
+    pull, share = np.zeros(len(ids)), np.zeros(design.dof)
+    for j in range(design.dof):
+        place, have = design.present(j, fitted.ids)
+        moved = other.columns(j, other.present(j, ids)[0]) - design.columns(j, place)
+        torque = moved @ whole[have]
+        share[j] = torque @ torque / max(fitted.sse[j], 1e-300)
+        pull[have] += weight[j] * moved.T @ torque
+    covariance = fitted.covariance()
+    theta = fitted.theta + covariance @ pull
+    nothing = np.zeros_like(covariance)
+    return Checked(EFFECTIVE, fitted, theta, covariance, nothing, share)
+
+
+def _seen(diagnosis: Diagnosis, fitted: Fit, recordings) -> tuple[Design, Array]:
+    """The fit's columns as other angles give them, on the very same rows."""
+    logs, nominal = diagnosis.logs, diagnosis.nominal
+    tracks, _ = prepare(recordings, logs.filters, logs.speed_floor)
+    same = tuple(
+        replace(t, tau=real.tau, inner=real.inner, moving=real.moving)
+        for t, real in zip(tracks, logs.tracks, strict=True)
+    )
+    other: Logs = replace(logs, tracks=same)
+    design = first_look(other, nominal, physical(as_model(nominal, fitted)))
+    members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
+    return design, np.concatenate([design.nominal, *(g.ids for g in members)])
+
+
+def _system(diagnosis: Diagnosis, fitted: Fit) -> tuple[System, Array]:
+    design = diagnosis.task.design
+    system = System.of(design, diagnosis.task.prior, fitted.members)
+    return system, fitted.counted / design.rows / fitted.variance
+
+
+def _projected(z: Array, x: Array) -> Array:
+    """What of the columns ``x`` lies in the span of the instruments ``z``."""
+    size = np.linalg.norm(z, axis=0)
+    z = z[:, size > 0] / size[size > 0]
+    values, vectors = np.linalg.eigh(z.T @ z)
+    real = values > FLAT * values.max(initial=0.0)
+    basis = z @ (vectors[:, real] / np.sqrt(values[real]))
+    return basis @ (basis.T @ x)
+
+
+def _inverse(precision: Array) -> Array:
+    size = np.sqrt(np.diag(precision))
+    return np.linalg.inv(precision / np.outer(size, size)) / np.outer(size, size)
+
+
+def _chance(gap: Array, covariance: Array) -> float:
+    """Chance of a gap this large or larger, were there none."""
+    size = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    along = vectors.T @ (gap / size)
+    return float(chi2.sf(np.sum(along**2 / np.maximum(values, LEAST)), len(gap)))
