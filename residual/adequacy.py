@@ -41,15 +41,19 @@ def adequacy(
     before: Fit,
     after: Fit,
     baseline: Array | None = None,
+    angles: Array | None = None,
 ) -> Adequacy:
-    """Compare what is left on the moving rows with the noise of the torque channel.
+    """Compare what is left on the moving rows with the noise of torque and angles.
 
-    The noise is measured above the identification filter and taken as white. A joint
+    That of the torque is measured above the identification filter and taken as white,
+    that of the angles is given as the torque it makes [N m]. A joint
     is flagged above 5 % of torque rms, unless the names halved it, and above 10 % in
     any case; against a baseline, only beyond what the baseline left by itself. More
     than 2 % of torque rms and three times the noise is not nothing, and is said.
     """
     squares = np.mean([t.torque_noise**2 for t in tracks], axis=0)
+    if angles is not None:
+        squares = squares + angles**2
     noise = np.sqrt(squares) / design.rms
     structured = _structured(design, after, noise)
     first = _structured(design, before, noise)

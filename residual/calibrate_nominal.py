@@ -14,10 +14,10 @@ import numpy as np
 from residual.calibrate_rows import Run, torque_at
 from residual.candidates import Candidates
 from residual.design import Design
-from residual.diagnose import Logs, as_model, ready, start_nominal
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, Shape
 from residual.evidence import fit
+from residual.look import Logs, as_model, ready, start_nominal
 from residual.model import Model
 from residual.nominal import declared_names
 from residual.prior import priors

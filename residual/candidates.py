@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -65,6 +65,28 @@ def collect(
             groups.append(Design.union(parts, label))
             price[groups[-1].key] = sum(price[g.key] for g in some)
     return Candidates(tuple(groups), price)
+
+
+def renewed(design: Design, known: Candidates) -> Candidates:
+    """The same candidates, seen with the model that the design looks with now.
+
+    Only columns that read the model's torque are made anew.
+    """
+    old = [g for g in known.groups if g.effect.uses_model and not g.parts]
+    fresh = design.add([(g.effect, g.joints, g.shape) for g in old])
+    new = {_place(g): made for g, made in zip(old, fresh, strict=True)}
+
+    def of(group: Group) -> Group:
+        if not any(_place(p) in new for p in group.parts):
+            return new.get(_place(group), group)
+        parts = [new.get(_place(p), p) for p in group.parts]
+        return Design.union(parts, group.label)
+
+    return replace(known, groups=tuple(of(g) for g in known.groups))
+
+
+def _place(group: Group) -> tuple:
+    return group.effect.name, group.joints, group.shape, len(group.parts)
 
 
 def _on_all_joints(groups: Sequence[Group], dof: int) -> list[Group]:

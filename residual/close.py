@@ -12,15 +12,7 @@ import numpy as np
 
 from residual.clouds import clouds
 from residual.compare import compare, witnesses
-from residual.diagnose import (
-    Diagnosis,
-    Logs,
-    Progress,
-    diagnose,
-    ready,
-    start_nominal,
-    without_refuted,
-)
+from residual.diagnose import Diagnosis, Progress, diagnose, without_refuted
 from residual.effects import registry
 from residual.errors import InputError
 from residual.findings import findings
@@ -28,6 +20,7 @@ from residual.holdout import Verdicts, held_out_verdicts, unproven
 from residual.instruments import freed, told
 from residual.leftover import depends_on
 from residual.leftover_words import look_at_leftovers
+from residual.look import Logs, ready, start_nominal
 from residual.model import Model
 from residual.names import check_name
 from residual.nominal import declared_names

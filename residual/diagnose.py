@@ -6,41 +6,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.adequacy import Adequacy, adequacy
-from residual.candidates import Candidates
+from residual.candidates import Candidates, renewed
 from residual.choices import allowed, every_candidate
 from residual.design import Design
 from residual.effects import registry
-from residual.effects.base import Span
+from residual.encoder import carried
 from residual.evidence import Fit, Prior, fit
 from residual.gate import Tested, passed, simplest
-from residual.model import Model, Term
-from residual.nominal import build_nominal
-from residual.prior import Nominal, priors, relative_prior
-from residual.recording import Recording
-from residual.robot import Robot
-from residual.search import Rules, Task, refined, start
+from residual.look import Logs, as_model, first_look, look_with, physical
+from residual.model import Model
+from residual.prior import Nominal
+from residual.search import Rules, Task, refined
 from residual.select import Selection, select
 from residual.series import only_curves
 from residual.settle import with_standstill
-from residual.signals import Filters, Track, prepare
 
 Progress = Callable[[str, float], None]
-ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
 LOOKS = 4  # at what was named, before the second search
 STEADY = 0.1  # nats by which one more look at it changes nothing
 LARGE = 0.05  # an effect of this share of torque rms shifts model-based features
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Logs:
-    """Fit logs, ready: signals, session clock and how far they move the arm."""
-
-    robot: Robot
-    tracks: tuple[Track, ...]
-    clock: float | None
-    span: Span
-    speed_floor: np.ndarray
-    filters: Filters
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -85,36 +69,6 @@ class Diagnosis:
         return _refitted(self, fitted, rough)
 
 
-def ready(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    clock: float | None,
-    filters: Filters,
-) -> Logs:
-    """Prepare the signals of the fit logs."""
-    tracks, floor = prepare(recordings, filters)
-    q = np.concatenate([t.q for t in tracks])
-    qd = np.concatenate([t.qd for t in tracks])
-    tau = np.concatenate([t.tau for t in tracks])
-    last = max(t.t[-1] for t in tracks)
-    span = Span(
-        speed=np.quantile(np.abs(qd), 0.95, axis=0),
-        travel=np.ptp(q, axis=0),
-        duration=0.0 if clock is None else float(last - clock),
-        cutoff=min(t.cutoff for t in tracks),
-        torque=np.quantile(np.abs(tau), 0.995, axis=0),
-    )
-    return Logs(robot, tracks, clock, span, floor, filters)
-
-
-def start_nominal(logs: Logs, names: Sequence[str]) -> Nominal:
-    """The user's model, on the clock and thresholds of these logs."""
-    nominal = build_nominal(
-        logs.robot, names, logs.span, logs.speed_floor, logs.filters
-    )
-    return replace(nominal, model=replace(nominal.model, clock=logs.clock))
-
-
 def diagnose(
     logs: Logs, nominal: Nominal, rules: Rules, progress: Progress
 ) -> Diagnosis:
@@ -127,15 +81,18 @@ def diagnose(
         progress: Told the stage and the share done.
     """
     design = first_look(logs, nominal)
-    selection = _search(design, logs, nominal, (rules, progress))
+    progress("features", 0.0)
+    everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
+    selection = _search(design, nominal, everything, (rules, progress))
     if _needs_second_look(selection):
         settled = _looked_again(logs, nominal, selection)
-        named = physical(as_model(nominal, settled))
-        design = first_look(logs, nominal, named)
-        prior = selection.task.prior
+        look_with(design, logs, physical(as_model(nominal, settled)))
+        progress("features", 0.5)
+        everything = renewed(design, everything)
+        prior, wide = selection.task.prior, selection.wide
         again = replace(nominal, scale=prior.scale, assumed=prior.assumed)
-        wide = selection.wide
-        selection = replace(_search(design, logs, again, (rules, progress)), wide=wide)
+        selection = _search(design, again, everything, (rules, progress))
+        selection = replace(selection, wide=wide)
     progress("gate", 0.0)
     task = selection.task
     fitted, tested = passed(task, simplest(task, selection.fit))
@@ -144,7 +101,7 @@ def diagnose(
         real = [t.group for t in tested if t not in curved]
         fitted = task.settle(task.fit(real, fitted))
     plain = task.settle(task.fit((), fitted, rounds=4))
-    enough = adequacy(design, logs.tracks, plain, fitted, nominal.baseline_unexplained)
+    enough = _adequacy(logs, nominal, design, (plain, fitted))
     kept = [t for t in tested if t not in curved and not _resembles(task, t, enough)]
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
@@ -155,40 +112,19 @@ def diagnose(
     )
 
 
-def first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
-    """Nominal columns, and features seen with a model that fits these logs roughly.
-
-    Args:
-        logs: The logs.
-        nominal: The model to be doubted.
-        named: A model to see features with instead, such as one with what was named.
-    """
-    states = [nominal.model.observe(t) for t in logs.tracks]
-    design = Design(list(zip(logs.tracks, states, strict=True)), nominal.model)
-    if named is None:
-        if nominal.covariance is None:
-            prior = relative_prior(design, nominal, ROUGH_SCALE)
-        else:
-            (prior,) = priors(design, nominal)
-        named = as_model(nominal, _rough_fit(design, prior))
-    design.look(
-        [
-            named.observe(t, s.regressor)
-            for t, s in zip(logs.tracks, states, strict=True)
-        ]
-    )
-    return design
+def _adequacy(
+    logs: Logs, nominal: Nominal, design: Design, fits: tuple[Fit, Fit]
+) -> Adequacy:
+    """What is left of the logs, beside the noise of torque and angles."""
+    angles = carried(as_model(nominal, fits[1]), logs.tracks, logs.shaken)
+    told = nominal.baseline_unexplained
+    return adequacy(design, logs.tracks, *fits, told, angles)
 
 
-def _rough_fit(design: Design, prior) -> Fit:
-    return start(Task(design, prior, Candidates((), {}), Rules()))
-
-
-def _search(design: Design, logs: Logs, nominal: Nominal, options) -> Selection:
+def _search(
+    design: Design, nominal: Nominal, everything: Candidates, options
+) -> Selection:
     rules, progress = options
-    progress("features", 0.0)
-    clocked = logs.clock is not None
-    everything = every_candidate(design, nominal, logs.span, clocked)
     pairs = allowed(design, nominal, everything)
     return select(design, pairs, rules, lambda share: progress("search", share))
 
@@ -215,11 +151,7 @@ def _looked_again(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     task, fitted = selection.task, selection.fit
     design = task.design
     for _ in range(LOOKS):
-        named = physical(as_model(nominal, fitted))
-        states = [s.regressor for s in design.states]
-        design.look(
-            [named.observe(t, r) for t, r in zip(logs.tracks, states, strict=True)]
-        )
+        look_with(design, logs, physical(as_model(nominal, fitted)))
         members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
         for group in [g for g in members if g.effect.uses_model and g.effect.refine]:
             others = [g for g in members if g is not group]
@@ -228,16 +160,6 @@ def _looked_again(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
         if abs(fitted.score - before) < STEADY:
             break
     return fitted
-
-
-def physical(model: Model) -> Model:
-    """Only what has a physical parameter in it: loads, friction levels, rotors.
-
-    A feature that reads the model's torque must not carry the shape of another finding:
-    a torque gain times a found warm-up would explain the warm-up.
-    """
-    terms = tuple(t for t in model.terms if t.effect.is_parameter)
-    return replace(model, terms=terms)
 
 
 def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
@@ -253,17 +175,6 @@ def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
         return True
     doubted = joints & set(enough.doubted)
     return any(tested.fall < enough.structured[j] for j in doubted)
-
-
-def as_model(nominal: Nominal, fitted: Fit) -> Model:
-    """Nominal model moved by a fit's coefficients, its members added as terms."""
-    base = nominal.model
-    count = len(base.coefficients())
-    moved = base.with_coefficients(base.coefficients() + fitted.theta[:count])
-    found = tuple(
-        Term(g.effect, g.joints, g.shape, fitted.of(g)) for g in fitted.members
-    )
-    return replace(moved, terms=(*moved.terms, *found))
 
 
 def _refitted(diagnosis: Diagnosis, fitted: Fit, rough: Model) -> Model:
@@ -285,13 +196,9 @@ def without_refuted(diagnosis: Diagnosis, fitted: Fit) -> Diagnosis:
     """The diagnosis with fewer names: what remains is measured anew."""
     if len(fitted.members) == len(diagnosis.fit.members):
         return diagnosis
-    enough = adequacy(
-        diagnosis.task.design,
-        diagnosis.logs.tracks,
-        diagnosis.plain,
-        fitted,
-        diagnosis.nominal.baseline_unexplained,
-    )
+    fits = diagnosis.plain, fitted
+    design = diagnosis.task.design
+    enough = _adequacy(diagnosis.logs, diagnosis.nominal, design, fits)
     return replace(diagnosis, fit=fitted, adequacy=enough)
 
 

@@ -1,10 +1,15 @@
 """The noise of the angles, as their own high frequencies show it."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
-from residual.model import at_samples
+from residual.model import Model, at_samples
 from residual.recording import Array, Recording
-from residual.signals import Filters, prepare, sample_rate
+from residual.signals import Filters, Track, prepare, sample_rate
+
+SEED = 0  # of the redrawn noise: a diagnosis says the same twice
 
 
 def smooth(recording: Recording, filters: Filters) -> Array:
@@ -31,3 +36,49 @@ def encoder_noise(recording: Recording, filters: Filters) -> Array:
     passed_on = min(filters.kinematics, 0.12 * rate) / (rate / 2)
     level = np.median(np.abs(high), axis=0) / 0.6745
     return level / np.sqrt(1 - passed_on)
+
+
+def shaken(
+    recordings: Sequence[Recording], filters: Filters, speed_floor: Array
+) -> tuple[Track, ...]:
+    """The logs with one more helping of the noise of their angles.
+
+    Rows and torque are those of the logs themselves.
+    """
+    rng, noisier = np.random.default_rng(SEED), []
+    for r in recordings:
+        noise = encoder_noise(r, filters) * rng.normal(size=r.q.shape)
+        noisier.append(replace(r, q=r.q + noise, qd=None, qdd=None))
+    real, _ = prepare(recordings, filters, speed_floor)
+    return on_rows_of(real, prepare(noisier, filters, speed_floor)[0])
+
+
+def on_rows_of(real: Sequence[Track], others: Sequence[Track]) -> tuple[Track, ...]:
+    """Other angles in the place of the measured ones, on the very same rows."""
+    return tuple(
+        replace(t, tau=own.tau, inner=own.inner, moving=own.moving)
+        for own, t in zip(real, others, strict=True)
+    )
+
+
+def carried(model: Model, tracks: Sequence[Track], moved: Sequence[Track]) -> Array:
+    """Torque noise that the angles' noise makes of a model, on moving rows.
+
+    Effective variance (Orear 1982): what scatters about a model is the noise of what is
+    measured and that of what it is held against.
+
+    Args:
+        model: The model.
+        tracks: The logs.
+        moved: The same, ``shaken``.
+
+    Returns:
+        Root mean square behind the identification filter [N m]. Shape (dof,).
+    """
+    squares, rows = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
+    for own, other in zip(tracks, moved, strict=True):
+        torque = [model.torque(model.observe(t)) for t in (own, other)]
+        gap = own.filter(torque[1] - torque[0]) * own.moving
+        squares += (gap**2).sum(axis=0)
+        rows += own.moving.sum(axis=0)
+    return np.sqrt(squares / np.maximum(rows, 1))

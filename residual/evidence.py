@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
 from residual.design import Design, Group
@@ -218,67 +217,3 @@ def gain(design: Design, prior: Prior, big: Fit, small: Fit) -> tuple[float, Fit
     first = fit(design, prior, big.members, counted, big.variance, rounds=2)
     second = fit(design, prior, small.members, counted, small.variance, rounds=2)
     return first.score - second.score, first, second
-
-
-def screen(design: Design, prior: Prior, base: Fit, groups: Sequence[Group]) -> Array:
-    """Quadratic evidence gain of every group on top of a fit [nats]. Shape (g,).
-
-    Noise is held at the fit's own, rows at a quarter of their number or more:
-    optimistic, so that nothing worth an exact look is lost. Groups of one shape go as
-    one stack.
-    """
-    weight = np.maximum(0.25, base.counted / design.rows) / base.variance
-    system = System.of(design, prior, base.members)
-    theta, lower = system.solve(weight)
-    pull = np.zeros(design.size)
-    shared = np.zeros((len(system.ids), design.size))
-    for j in range(design.dof):
-        _, have = design.present(j, system.ids)
-        gram, cross = design.total(j)
-        every = np.flatnonzero(design.place[j] >= 0)
-        columns = design.place[j][every]
-        mine = gram[np.ix_(design.place[j][system.ids[have]], columns)]
-        shared[np.ix_(have, every)] += weight[j] * mine
-        pull[every] += weight[j] * (cross[columns] - theta[have] @ mine)
-    half = solve_triangular(lower, shared, lower=True, check_finite=False)
-    out = np.empty(len(groups))
-    for members, ids in _stacks(groups):
-        own = half[:, ids].transpose(1, 0, 2)
-        c = np.stack([groups[i].precision for i in members])
-        c = c + _information(design, weight, ids) - own.transpose(0, 2, 1) @ own
-        log_det = np.array([groups[i].log_det for i in members])
-        out[members] = _quadratic(c, pull[ids], log_det)
-    return out
-
-
-def _stacks(groups: Sequence[Group]) -> list[tuple[Array, Array]]:
-    """Groups of as many columns on the same joints: their indices and columns."""
-    alike: dict[tuple, list[int]] = {}
-    for i, g in enumerate(groups):
-        alike.setdefault((len(g.ids), g.effect.scope, g.joints), []).append(i)
-    return [(np.array(m), np.stack([groups[i].ids for i in m])) for m in alike.values()]
-
-
-def _information(design: Design, weight: Array, ids: Array) -> Array:
-    """Weighted Gram of each row of columns. Shape (g, k, k) from (g, k)."""
-    out = np.zeros((*ids.shape, ids.shape[1]))
-    for j in range(design.dof):
-        place = design.place[j][ids]
-        have = place >= 0
-        if have.any():
-            gram, _ = design.total(j)
-            block = gram[place[:, :, None], place[:, None, :]]
-            out += weight[j] * block * (have[:, :, None] & have[:, None, :])
-    return out
-
-
-def _quadratic(c: Array, u: Array, log_det: Array) -> Array:
-    """u'c^-1 u / 2 less the Occam factor, for stacks. Shape (g,)."""
-    size = np.sqrt(np.maximum(np.diagonal(c, axis1=1, axis2=2), 1e-300))
-    scaled = c / size[:, :, None] / size[:, None, :]
-    values, vectors = np.linalg.eigh(scaled)
-    values = np.maximum(values, 1e-12)
-    projected = np.einsum("gij,gi->gj", vectors, u / size)
-    fit_part = 0.5 * np.sum(projected**2 / values, axis=1)
-    log_c = np.log(values).sum(axis=1) + 2 * np.log(size).sum(axis=1)
-    return fit_part - 0.5 * log_c + 0.5 * log_det

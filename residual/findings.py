@@ -168,7 +168,7 @@ def _standard_deviations(diagnosis: Diagnosis, fitted: Fit, sizes) -> dict[int, 
         fitted.variance,
         rounds=1,
     )
-    covariance = full.covariance()
+    covariance, between = full.covariance(), _between_logs(task.design, full)
     out = {}
     for g in fitted.members:
         slope = extra[id(g)]
@@ -177,11 +177,31 @@ def _standard_deviations(diagnosis: Diagnosis, fitted: Fit, sizes) -> dict[int, 
             slots = np.concatenate([slots, full.slots(slope)])
         theta, doubt = sizes[id(g)]
         jacobian = _jacobian(g, theta, diagnosis.logs.robot, slope is not None)
-        own = covariance[np.ix_(slots, slots)]
-        own[: len(theta), : len(theta)] += doubt
-        variance = np.einsum("ij,jk,ik->i", jacobian, own, jacobian)
-        out[id(g)] = np.sqrt(np.maximum(variance, 0))
+        own = [c[np.ix_(slots, slots)] for c in (covariance, between)]
+        for c in own:
+            c[: len(theta), : len(theta)] += doubt
+        variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in own]
+        out[id(g)] = np.sqrt(np.maximum.reduce([*variance, np.zeros(len(jacobian))]))
     return out
+
+
+def _between_logs(design: Design, full: Fit) -> Array:
+    """Covariance by how much the logs disagree on the coefficients. Shape (m, m).
+
+    No effect has the very form of a textbook, and what is left of it pulls each log its
+    own way: a sandwich of the scores of the folds (Liang & Zeger 1986), with the usual
+    correction for their small number.
+    """
+    weight = full.counted / design.rows / full.variance
+    pulls = np.zeros((design.folds, len(full.ids)))
+    for j in range(design.dof):
+        place, have = design.present(j, full.ids)
+        gram = design.gram[j][:, place[:, None], place]
+        left = design.cross[j][:, place] - gram @ full.theta[have]
+        pulls[:, have] += weight[j] * left
+    pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
+    moved = pulls @ full.covariance()
+    return design.folds / max(design.folds - 1, 1) * moved.T @ moved
 
 
 def _slope(design: Design, group: Group, theta: Array) -> Group | None:

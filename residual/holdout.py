@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.compare import Errors, Witness, moving_error
-from residual.diagnose import Diagnosis, as_model, refit
+from residual.diagnose import Diagnosis, refit
 from residual.evidence import Fit
 from residual.gate import Tested
+from residual.look import as_model
 from residual.recording import Array
 from residual.search import least
 

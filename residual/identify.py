@@ -12,11 +12,11 @@ import numpy as np
 
 from residual import solve
 from residual.base import BaseParameters, random_states
-from residual.diagnose import Logs, ready, start_nominal
 from residual.effects import registry
 from residual.errors import InputError
 from residual.essential import Essential, reduce
 from residual.estimate import METHODS, Estimate, Options, estimated, weights_of
+from residual.look import Logs, ready, start_nominal
 from residual.model import Model
 from residual.names import check_name
 from residual.nominal import declared_names

@@ -16,11 +16,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from residual.design import Design
-from residual.diagnose import Diagnosis, Logs, as_model, first_look, physical, refit
-from residual.encoder import encoder_noise
+from residual.diagnose import Diagnosis, refit
+from residual.encoder import on_rows_of
 from residual.evidence import Fit, System
 from residual.gate import Tested
 from residual.holdout import Verdicts
+from residual.look import as_model, first_look, physical
 from residual.recording import Array, Recording
 from residual.signals import prepare
 
@@ -29,7 +30,6 @@ CHANCE = 1e-3  # under which a difference is no chance
 NOTHING = 0.05  # above which what the instruments see may be nothing
 FLAT = 1e-9  # of the largest singular value: a column that moves nothing
 LEAST = 1e-3  # of its variance: what a difference is never known better than
-SEED = 0  # of the redrawn noise: a diagnosis says the same twice
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -137,19 +137,16 @@ def checked(
         recordings: The fit logs, in the diagnosis' order.
     """
     if all(r.q_ref is not None for r in recordings):
+        logs = diagnosis.logs
         asked = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
-        return _by_instruments(diagnosis, fitted, asked)
-    rng, filters = np.random.default_rng(SEED), diagnosis.logs.filters
-    noisier = []
-    for r in recordings:
-        noise = encoder_noise(r, filters) * rng.normal(size=r.q.shape)
-        noisier.append(replace(r, q=r.q + noise, qd=None, qdd=None))
-    return _by_redrawing(diagnosis, fitted, noisier)
+        tracks, _ = prepare(asked, logs.filters, logs.speed_floor)
+        return _by_instruments(diagnosis, fitted, on_rows_of(logs.tracks, tracks))
+    return _by_redrawing(diagnosis, fitted, diagnosis.logs.shaken)
 
 
-def _by_instruments(diagnosis: Diagnosis, fitted: Fit, asked) -> Checked:
+def _by_instruments(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
     """Two-stage least squares under the fit's own prior and noise."""
-    design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, asked)
+    design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, tracks)
     system, weight = _system(diagnosis, fitted)
     precision, pull = system.precision.copy(), np.zeros(len(ids))
     for j in range(design.dof):
@@ -170,9 +167,9 @@ def _by_instruments(diagnosis: Diagnosis, fitted: Fit, asked) -> Checked:
     )
 
 
-def _by_redrawing(diagnosis: Diagnosis, fitted: Fit, noisier) -> Checked:
+def _by_redrawing(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
     """What one more helping of the noise moves, the first one moved as well."""
-    design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, noisier)
+    design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, tracks)
     _, weight = _system(diagnosis, fitted)
     whole = fitted.theta.copy()
     start = diagnosis.nominal.model.coefficients()
@@ -190,15 +187,10 @@ def _by_redrawing(diagnosis: Diagnosis, fitted: Fit, noisier) -> Checked:
     return Checked(EFFECTIVE, fitted, theta, covariance, nothing, share)
 
 
-def _seen(diagnosis: Diagnosis, fitted: Fit, recordings) -> tuple[Design, Array]:
+def _seen(diagnosis: Diagnosis, fitted: Fit, tracks) -> tuple[Design, Array]:
     """The fit's columns as other angles give them, on the very same rows."""
-    logs, nominal = diagnosis.logs, diagnosis.nominal
-    tracks, _ = prepare(recordings, logs.filters, logs.speed_floor)
-    same = tuple(
-        replace(t, tau=real.tau, inner=real.inner, moving=real.moving)
-        for t, real in zip(tracks, logs.tracks, strict=True)
-    )
-    other: Logs = replace(logs, tracks=same)
+    nominal = diagnosis.nominal
+    other = replace(diagnosis.logs, tracks=tracks)
     design = first_look(other, nominal, physical(as_model(nominal, fitted)))
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
     return design, np.concatenate([design.nominal, *(g.ids for g in members)])

@@ -17,9 +17,9 @@ from residual.candidates import Candidates
 from residual.choices import allowed, every_candidate
 from residual.colour import coloured
 from residual.design import Design
-from residual.diagnose import Logs, first_look, ready
 from residual.evidence import Fit, fit, gain
 from residual.gate import passed, simplest
+from residual.look import Logs, first_look, ready
 from residual.null_source import Source, null_recordings, redrawn
 from residual.prior import Nominal
 from residual.recording import Array

@@ -7,8 +7,9 @@ import numpy as np
 
 from residual.close import from_baseline, session_clock
 from residual.colour import autocovariance
-from residual.diagnose import Logs, diagnose, ready, start_nominal
+from residual.diagnose import diagnose
 from residual.encoder import encoder_noise, smooth
+from residual.look import Logs, ready, start_nominal
 from residual.model import Model
 from residual.nominal import declared_names
 from residual.null_key import Key, key_of

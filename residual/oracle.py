@@ -13,18 +13,11 @@ from residual.candidates import Candidates
 from residual.close import from_baseline, session_clock
 from residual.compare import Errors, compare, witnesses
 from residual.design import Design
-from residual.diagnose import (
-    Diagnosis,
-    Logs,
-    as_model,
-    first_look,
-    physical,
-    ready,
-    start_nominal,
-)
+from residual.diagnose import Diagnosis
 from residual.effects import registry
 from residual.effects.base import Effect, Joints
 from residual.evidence import Fit, fit
+from residual.look import Logs, as_model, first_look, physical, ready, start_nominal
 from residual.names import check_name
 from residual.nominal import declared_names
 from residual.prior import Nominal, priors

@@ -1,10 +1,12 @@
 """The smallest effect that these logs would have shown."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
+from residual.confusable import lookalikes
 from residual.design import Group
 from residual.effects.base import Effect
 from residual.evidence import Fit, Prior
@@ -14,6 +16,7 @@ from residual.search import Task
 
 WIDEST, STEPS = 300.0, 24  # times the size that is worth a nat: where to look
 HALVINGS = 7
+CLEAR = 3.0  # times the smallest size: where a name should be sure
 CLIPS = (0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the largest torque: plateaus to try
 
 
@@ -32,23 +35,27 @@ def minimum_detectable(
         priors: Other priors that the search may change to.
 
     Returns:
-        One entry per effect and joints: name, joints (from 1), value, unit. Of several
+        One entry per effect and joints: name, joints (from 1), value, unit, and what
+        these logs would not tell from it at three times that size. Of several
         parameters of one unit the value is the length (cos and sin), of a searched
         shape the usual one counts.
     """
     bench = Bench.of(task, fitted, priors)
-    out = []
+    out: list[dict] = []
+    sizes: list[_Least] = []
     for groups in _per_key(task):
         first = groups[0]
         if first.key in {g.key for g in fitted.members}:
             continue
-        value = _value(bench, groups)
-        if np.isfinite(value):
+        least = _least(bench, groups)
+        if least is not None:
             unit = next(iter(first.effect.parameters.values()))
             joints = [j + 1 for j in first.joints]
             entry = {"name": first.effect.name, "joints": joints}
-            out.append({**entry, "value": float(value), "unit": unit})
-    return out
+            sizes.append(least)
+            out.append({**entry, "value": float(least.value), "unit": unit})
+    alike = lookalikes(task, fitted, [(x.group, CLEAR * x.theta) for x in sizes])
+    return [{**e, "confusable": near} for e, near in zip(out, alike, strict=True)]
 
 
 def _per_key(task: Task) -> list[list[Group]]:
@@ -59,21 +66,37 @@ def _per_key(task: Task) -> list[list[Group]]:
     return list(keys.values())
 
 
-def _value(bench: Bench, groups: Sequence[Group]) -> float:
-    """The size as its first parameter tells it."""
+@dataclass(frozen=True, eq=False, slots=True)
+class _Least:
+    """The smallest effect that is found: as it is told, and as coefficients."""
+
+    value: float
+    group: Group
+    theta: Array
+
+
+def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:
+    """The size as its first parameter tells it; None where no size is found."""
     effect, middle = groups[0].effect, groups[len(groups) // 2]
     if _by_shape_alone(effect, middle):
         return _plateau(bench, groups[-1])
     if _of_its_own_shape(effect, middle):
         sizes = np.array([_smallest(bench, g) for g in groups])
         shapes = np.abs([g.shape[0] for g in groups])
-        return float(sizes[np.argmin(np.abs(np.log(sizes / shapes)))])
+        i = int(np.argmin(np.abs(np.log(sizes / shapes))))
+        return _known(sizes[i], sizes[i], bench, groups[i])
     size = _smallest(bench, middle)
     if len(middle.ids) > 1 or not np.isfinite(size):
-        return size
+        return _known(size, size, bench, middle)
     robot = bench.task.design.states[0].robot
     told = effect.values(np.array([size]), middle.shape, robot)
-    return float(abs(told[0]))
+    return _known(abs(told[0]), size, bench, middle)
+
+
+def _known(value: float, size: float, bench: Bench, group: Group) -> _Least | None:
+    if not np.isfinite(value):
+        return None
+    return _Least(float(value), group, size * directions(bench, group)[0])
 
 
 def _smallest(bench: Bench, group: Group) -> float:
@@ -142,11 +165,11 @@ def _by_shape_alone(effect: Effect, group: Group) -> bool:
     return bool(values[0] == values[1])
 
 
-def _plateau(bench: Bench, group: Group) -> float:
+def _plateau(bench: Bench, group: Group) -> _Least | None:
     """Highest plateau of those tried at which a clip to just that level is found."""
     levels = [(group.effect, group.joints, (c * group.shape[0],)) for c in CLIPS]
     for made in bench.task.design.add(levels):
         (one,) = expected(bench, made, [np.ones(1)])
         if one.torque.any() and found(bench, one, 1.0):
-            return made.shape[0]
-    return np.inf
+            return _Least(made.shape[0], made, np.ones(1))
+    return None

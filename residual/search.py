@@ -7,8 +7,9 @@ import numpy as np
 
 from residual.candidates import Candidates
 from residual.design import Design, Group
-from residual.evidence import Fit, Prior, effective_rows, fit, gain, screen
+from residual.evidence import Fit, Prior, effective_rows, fit, gain
 from residual.recording import Array
+from residual.screen import screen
 
 HARMONIC = 1.5  # ratio of orders from which two ripples are two
 

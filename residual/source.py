@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import welch
 
-from residual.diagnose import Logs
+from residual.look import Logs
 from residual.model import Model
 from residual.recording import Recording
 from residual.signals import low_pass, sample_rate

@@ -16,7 +16,8 @@ from flows.blind_score import Name, Said, members
 from flows.rates import wilson
 from residual.close import close_the_loop, session_clock
 from residual.compare import witnesses
-from residual.diagnose import as_model, diagnose, ready, start_nominal
+from residual.diagnose import diagnose
+from residual.look import as_model, ready, start_nominal
 from residual.model import at_samples
 from residual.nominal import declared_names
 from residual.recording import Recording

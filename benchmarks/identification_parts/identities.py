@@ -10,10 +10,10 @@ from benchmarks.figures import Figures, figure
 from benchmarks.identification_parts.plant_logs import ROBOT, plant_logs
 from residual import dynamics
 from residual.base import base_parameters
-from residual.diagnose import ready, start_nominal
 from residual.energy import power_miss
 from residual.export import robot_files
 from residual.identify import identify
+from residual.look import ready, start_nominal
 from residual.robot import load_robot
 
 STATES = 1000

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.figures import Figures, figure, missing, partial
 from benchmarks.plsr_parts.monitor_runs import ROBOT, Case, good_run, run_of
 from flows.rates import wilson
-from residual.diagnose import ready, start_nominal
+from residual.look import ready, start_nominal
 from residual.monitor import Alarm, calibrate
 from residual.nominal import declared_names
 from residual.signals import Filters

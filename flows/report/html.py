@@ -88,6 +88,7 @@ def _context(outcome: Outcome, robot_name: str) -> dict[str, Any]:
         "left_charts": charts.left_charts(outcome),
         "size_heads": heads,
         "sizes": sizes,
+        "confusable": outlook.confusable_words(verdict),
         "warnings": texts(verdict.get("warnings")),
         "plan": outlook.next_words(verdict.get("next_experiment")),
         "notes": outcome.notes,

@@ -52,6 +52,33 @@ def detectable_rows(
     return ["Effect", "Unit", *heads], rows
 
 
+def confusable_words(verdict: Mapping) -> str | None:
+    """Return what these logs could not tell apart, in a sentence; None if nothing."""
+    pairs: dict[tuple[str, str], set[int]] = {}
+    for item in records(verdict.get("minimum_detectable")):
+        joints = as_list(item.get("joints"))
+        for other in records(item.get("confusable")):
+            alike = as_list(other.get("joints")) == joints
+            names = (item, other) if alike else ()
+            nouns = sorted(noun(n["name"]) for n in names) or [
+                phrase(item),
+                phrase(other),
+            ]
+            pairs.setdefault((nouns[0], nouns[1]), set()).update(
+                joints if alike else ()
+            )
+    if not pairs:
+        return None
+    told = [
+        f"{one} and {two}{f' on {joint_words(sorted(on))}' if on else ''}"
+        for (one, two), on in pairs.items()
+    ]
+    return (
+        "Even three times as large, these logs would not tell apart: "
+        f"{'; '.join(told)}."
+    )
+
+
 def unexplained_words(verdict: Mapping) -> list[str]:
     """Return what is left after the findings, in sentences."""
     left = verdict.get("unexplained") or {}

@@ -162,6 +162,9 @@ def _detectable(outcome: Outcome, console: Console) -> None:
     for line in lines:
         _row(console, table, map(Text, line))
     _print(console, table)
+    alike = outlook.confusable_words(outcome.verdict)
+    if alike:
+        _line(console, alike)
 
 
 def _warnings(outcome: Outcome, console: Console) -> None:

@@ -236,7 +236,10 @@ def detectable() -> list[dict]:
     sizes += [("stribeck", [j], 0.4 * j, "N m") for j in range(1, DOF + 1)]
     sizes += [("spring", [j], 14.2 / j, "N m/rad") for j in range(1, DOF + 1)]
     keys = ("name", "joints", "value", "unit")
-    return [dict(zip(keys, size, strict=True)) for size in sizes]
+    entries = [dict(zip(keys, size, strict=True), confusable=[]) for size in sizes]
+    entries[0]["confusable"] = [{"name": "link_inertia", "joints": [6]}]
+    entries[1]["confusable"] = [{"name": "encoder_offset", "joints": [2]}]
+    return entries
 
 
 def nothing() -> Outcome:

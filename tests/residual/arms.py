@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from residual.close import close_the_loop, from_baseline, session_clock
-from residual.diagnose import Diagnosis, diagnose, ready, start_nominal
+from residual.diagnose import Diagnosis, diagnose
 from residual.dynamics import inverse_dynamics
 from residual.findings import Finding, findings
+from residual.look import ready, start_nominal
 from residual.outcome import Outcome
 from residual.recording import Recording
 from residual.robot import Robot, load_robot

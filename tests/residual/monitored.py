@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 
-from residual.diagnose import ready, start_nominal
 from residual.dynamics import inverse_dynamics
+from residual.look import ready, start_nominal
 from residual.monitor import Monitor, calibrate
 from residual.recording import Recording
 from residual.signals import Filters

@@ -8,9 +8,9 @@ import pytest
 from residual import diagnose, gate
 from residual.adequacy import adequacy, repeat
 from residual.close import session_clock
-from residual.diagnose import ready
 from residual.dynamics import inertial_parameters, inverse_dynamics
 from residual.evidence import fit
+from residual.look import ready
 from residual.model import Model
 from residual.signals import Filters, low_pass, prepare
 from residual.source import delayed_at_source, filtered_at_source

@@ -14,10 +14,10 @@ from residual.consistency import (
     least_mass_matrix,
     pseudo_inertias,
 )
-from residual.diagnose import ready, start_nominal
 from residual.errors import InputError
 from residual.export import robot_files
 from residual.identify import identify
+from residual.look import ready, start_nominal
 from residual.robot import load_robot
 from residual.signals import Filters
 from tests.residual.identified import logs, truth

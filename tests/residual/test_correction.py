@@ -6,9 +6,10 @@ import pytest
 from residual.close import session_clock
 from residual.compare import compare, witnesses
 from residual.correction import corrected
-from residual.diagnose import diagnose, ready, start_nominal
+from residual.diagnose import diagnose
 from residual.leftover import leftovers
 from residual.leftover_words import shared_source
+from residual.look import ready, start_nominal
 from residual.search import Rules
 from residual.signals import Filters
 from residual.vocabulary import DEFAULT_DECLARED

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from residual.design import Design
-from residual.evidence import NOISE_FLOOR, System, effective_rows, fit, gain, screen
+from residual.evidence import NOISE_FLOOR, System, effective_rows, fit, gain
+from residual.screen import screen
 from tests.residual.linear import (
     DOF,
     GEAR,

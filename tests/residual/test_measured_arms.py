@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from residual.close import close_the_loop
-from residual.diagnose import as_model, diagnose, ready, start_nominal
+from residual.diagnose import diagnose
+from residual.look import as_model, ready, start_nominal
 from residual.robot import load_robot
 from residual.search import Rules
 from residual.signals import Filters

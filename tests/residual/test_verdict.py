@@ -150,7 +150,8 @@ def test_every_key_is_there_and_no_other(outcome_of, kind):
         for parameter in effect["parameters"].values():
             assert set(parameter) == {"value", "std", "unit"}
     for entry in verdict["minimum_detectable"]:
-        assert set(entry) == {"name", "joints", "value", "unit"}
+        assert set(entry) == {"name", "joints", "value", "unit", "confusable"}
+        assert all(set(e) == {"name", "joints"} for e in entry["confusable"])
     for entry in verdict["unexplained"]["depends_on"]:
         assert set(entry) == DEPENDENCE
         assert entry["joint"] in verdict["unexplained"]["joints"]

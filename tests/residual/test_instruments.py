@@ -1,0 +1,180 @@
+"""Noise of the angles: what it does to a fit, and what the reference can mend."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual import instruments
+from residual.close import close_the_loop
+from residual.confusable import lookalikes
+from residual.dynamics import inverse_dynamics
+from residual.encoder import encoder_noise
+from residual.evidence import fit
+from residual.gate import Tested
+from residual.holdout import Verdicts
+from residual.instruments import EFFECTIVE, INSTRUMENTS, Checked, freed, told
+from residual.recording import Recording
+from residual.search import start
+from residual.signals import Filters
+from tests.residual.arms import arm, names
+from tests.residual.linear import LINE, OTHER, PLANE, Problem
+
+RATE, SECONDS = 125.0, 20.0
+ROTOR = 0.5  # kg m^2 on joint 2, of which the model knows nothing
+COARSE = 6e-3  # rad: an encoder of ten bits
+
+
+def log(name, seed, noise, rotor=ROTOR):
+    """Harmonics on both joints; the reference is where the arm is."""
+    rng, t = np.random.default_rng(seed), np.arange(0, SECONDS, 1 / RATE)
+    q, qd, qdd = (np.zeros((len(t), 2)) for _ in range(3))
+    for j in range(2):
+        for order in range(1, 5):
+            size, phase = rng.uniform(0.1, 0.3), rng.uniform(0, 6)
+            w = 2 * np.pi * order * rng.uniform(0.15, 0.4)
+            q[:, j] += size * np.sin(w * t + phase)
+            qd[:, j] += size * w * np.cos(w * t + phase)
+            qdd[:, j] -= size * w**2 * np.sin(w * t + phase)
+    tau = inverse_dynamics(arm().model, q, qd, qdd)
+    tau[:, 1] += rotor * qdd[:, 1]
+    tau += 0.05 * rng.normal(size=q.shape)
+    read = q + noise * rng.normal(size=q.shape)
+    t += 30.0 * seed
+    return Recording(id=name, robot=arm().name, t=t, q=read, tau=tau, q_ref=q)
+
+
+def diagnose(noise, reference=True, rotor=ROTOR):
+    logs = [log(f"log {i}", i, noise, rotor) for i in range(4)]
+    if not reference:
+        logs = [replace(r, q_ref=None) for r in logs]
+    held_out = [log("held out", 9, noise, rotor)]
+    return close_the_loop(arm(), logs, (), held_out, declared=())
+
+
+def inertia(outcome):
+    assert names(outcome.verdict) == [("rotor_inertia", (2,))]
+    (found,) = outcome.verdict["effects"]
+    value = found["parameters"]["inertia"]
+    return value["value"], value["std"]
+
+
+def said(outcome, words):
+    return any(words in note for note in outcome.notes)
+
+
+def test_instruments_free_a_parameter_of_the_noise_of_a_coarse_encoder():
+    outcome = diagnose(COARSE)
+    value, std = inertia(outcome)
+    assert said(outcome, "contradicts least squares on rotor_inertia")
+    assert abs(value - ROTOR) < 3 * std
+    # Least squares, which a log without reference is left to, takes too little.
+    plain, wide = inertia(diagnose(COARSE, reference=False))
+    assert plain < ROTOR - 4 * abs(value - ROTOR)
+    assert abs(plain - ROTOR) < 2 * wide
+
+
+def test_with_a_fine_encoder_both_agree_and_it_is_said():
+    outcome = diagnose(0.0)
+    value, _ = inertia(outcome)
+    assert said(outcome, "agree with least squares")
+    assert value == pytest.approx(ROTOR, rel=0.01)
+
+
+def test_without_a_reference_the_share_of_the_noise_is_said():
+    assert said(diagnose(COARSE, reference=False), "effective variance")
+
+
+@pytest.mark.parametrize("reference", [True, False])
+def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
+    verdict = diagnose(COARSE, reference, rotor=0.0).verdict
+    assert verdict["verdict"] == "none"
+    assert verdict["unexplained"]["joints"] == []
+
+
+def test_the_noise_of_the_angles_is_measured():
+    own = encoder_noise(log("a", 1, COARSE), Filters())
+    np.testing.assert_allclose(own, COARSE, rtol=0.05)
+
+
+def member(group):
+    return Tested(group, 50.0, "fit", 0, 0.1, 0.5, 0)
+
+
+def checked_as(fitted, group, by_instruments, sd):
+    """A check in which one member has that estimate by instruments."""
+    theta, size = fitted.theta.copy(), len(fitted.theta)
+    slots = fitted.slots(group)
+    theta[slots] = by_instruments
+    covariance = np.eye(size) * sd**2
+    share = np.full(2, np.nan)
+    return Checked(INSTRUMENTS, fitted, theta, covariance, covariance / 2, share)
+
+
+@pytest.mark.parametrize(
+    ("by_instruments", "differs", "is_noise"),
+    [(2.0, False, False), (1.4, True, False), (0.05, True, True), (-1.0, True, False)],
+)
+def test_a_name_is_noise_where_the_reference_sees_nothing_of_it(
+    rng, by_instruments, differs, is_noise
+):
+    problem = Problem.draw(rng, [(LINE, (0,), [2.0])], noise=0.1)
+    (group,) = problem.design.add([(LINE, (0,), ())])
+    task = problem.task([group])
+    fitted = task.fit([group], start(task))
+    checks = checked_as(fitted, group, by_instruments, 0.1)
+    assert checks.differs(member(group)) == differs
+    assert checks.is_noise(member(group)) == is_noise
+    assert (LINE.name in told(checks, [member(group)])) == differs
+    # Without instruments nothing is ever refuted.
+    assert not replace(checks, how=EFFECTIVE).differs(member(group))
+
+
+def test_a_name_that_is_noise_is_dropped_and_the_rest_is_fitted_again(rng, monkeypatch):
+    truth = [(LINE, (0,), [2.0]), (OTHER, (1,), [2.0])]
+    problem = Problem.draw(rng, truth, noise=0.1)
+    one, two = groups = problem.design.add([(LINE, (0,), ()), (OTHER, (1,), ())])
+    task = problem.task(groups)
+    fitted = task.fit(groups, start(task))
+    monkeypatch.setattr(
+        instruments, "refit", lambda _, kept: task.fit([t.group for t in kept], fitted)
+    )
+    monkeypatch.setattr(
+        instruments,
+        "checked",
+        lambda _, f, logs: checked_as(
+            f, f.members[0], [0.0, 2.0][len(f.members) < 2], 0.1
+        ),
+    )
+    judged = Verdicts(fitted, ((member(one), 0.1), (member(two), 0.2)), (), ())
+    left, checks, gone = freed(None, judged, [])
+    assert [t.group for t in gone] == [one]
+    assert [t.group for t, _ in left.kept] == [two]
+    assert left.fit.members == checks.fit.members == (two,)
+
+
+def test_only_what_moves_alike_is_confusable(rng):
+    """PLANE holds all that OTHER does, so OTHER cannot be told from it."""
+    problem = Problem.draw(rng)
+    shapes = [(LINE, (0,), ()), (OTHER, (0,), ()), (PLANE, (0,), ()), (LINE, (1,), ())]
+    groups = problem.design.add(shapes)
+    task = problem.task(groups)
+    fitted = fit(task.design, task.prior, (), task.design.rows)
+    told_of = [(g, 3.0 * np.eye(len(g.ids))[0]) for g in groups]
+    line, other, plane, far = lookalikes(task, fitted, told_of)
+    assert line == far == []
+    assert other == [{"name": "plane", "joints": [1]}]
+    # Of a plane in the direction that OTHER has too.
+    assert plane == [{"name": "other", "joints": [1]}]
+
+
+def test_a_large_effect_is_confused_with_less_than_a_small_one(rng):
+    problem = Problem.draw(rng)
+    groups = problem.design.add([(LINE, (0,), ()), (OTHER, (0,), ())])
+    task = problem.task(groups)
+    fitted = fit(task.design, task.prior, (), task.design.rows)
+    small, large = lookalikes(
+        task, fitted, [(groups[0], np.array([x])) for x in (1e-3, 3.0)]
+    )
+    assert small == [{"name": "other", "joints": [1]}]
+    assert large == []
