@@ -12,6 +12,7 @@ from residual.evidence import Fit, fit
 from residual.gate import Tested, alternatives
 from residual.instruments import INSTRUMENTS, Checked
 from residual.recording import Array
+from residual.search import refined
 
 STEP = 1e-3  # relative step of the numerical derivatives
 
@@ -181,7 +182,8 @@ def _standard_deviations(diagnosis: Diagnosis, fitted: Fit, sizes) -> dict[int, 
         for c in own:
             c[: len(theta), : len(theta)] += doubt
         variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in own]
-        out[id(g)] = np.sqrt(np.maximum.reduce([*variance, np.zeros(len(jacobian))]))
+        variance.append(_form_doubt(diagnosis, fitted, g) ** 2)
+        out[id(g)] = np.sqrt(np.maximum.reduce(variance))
     return out
 
 
@@ -202,6 +204,30 @@ def _between_logs(design: Design, full: Fit) -> Array:
     pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
     moved = pulls @ full.covariance()
     return design.folds / max(design.folds - 1, 1) * moved.T @ moved
+
+
+def _form_doubt(diagnosis: Diagnosis, fitted: Fit, group: Group) -> Array:
+    """Half of what another form of the same effect would change. Shape (parameters,).
+
+    Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: what
+    logs hold of it does not reach down to standstill, where its level is said.
+    """
+    task, effect = diagnosis.task, group.effect
+    robot = diagnosis.logs.robot
+    own = np.asarray(effect.values(fitted.of(group), group.shape, robot), dtype=float)
+    anchor = group.joints[0] if group.joints else 0
+    forms = {shape[1:] for shape in effect.shapes(diagnosis.logs.span, anchor)}
+    doubt = np.zeros_like(own)
+    for form in sorted(forms - {group.shape[1:]}):
+        shape = (group.shape[0], *form)
+        made = task.design.add([(effect, group.joints, shape)])
+        rest = [g for g in fitted.members if g is not group]
+        *_, best = refined(task, (*rest, *made), fitted)
+        theta = task.fit((*rest, best), fitted).of(best)
+        doubt = np.maximum(
+            doubt, abs(effect.values(theta, best.shape, robot) - own) / 2
+        )
+    return doubt
 
 
 def _slope(design: Design, group: Group, theta: Array) -> Group | None:

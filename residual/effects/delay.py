@@ -10,7 +10,7 @@ from residual.effects.base import Effect, Refinement
 
 LARGEST = 0.05  # s: beyond it the two channels have lost each other
 LEAST = 1e-4  # s: below it the difference is a derivative
-FIRST = 0.006  # s
+FIRST = (0.006, 0.02)  # s: each finds delays of up to four times its own size
 
 
 def _columns(state, joints, shape):
@@ -35,7 +35,7 @@ EFFECT = Effect(
     scope="global",
     values=lambda theta, shape, robot: theta,
     from_values=lambda values, robot: (values, (float(values[0]),)),
-    shapes=lambda span, j: ((FIRST,), (-FIRST,)),
+    shapes=lambda span, j: tuple((sign * a,) for a in FIRST for sign in (1, -1)),
     refine=Refinement("shift", 0.015, lower=-LARGEST, upper=LARGEST),
     uses_model=True,
     of_report=True,

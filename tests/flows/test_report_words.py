@@ -5,7 +5,7 @@ import copy
 import pytest
 
 from flows.report import quantity
-from flows.report.outlook import unexplained_words
+from flows.report.outlook import confusable_words, unexplained_words
 from flows.report.phrases import joint_words, listing, noun, phrase
 from flows.report.words import headline, rising, sureness
 from residual.vocabulary import VOCABULARY
@@ -238,3 +238,26 @@ def test_what_the_rest_depends_on_is_said_joint_by_joint() -> None:
     assert "Of what joint 4 keeps, 97.0 % swings at 5.46 Hz." in said
     assert "joint 5 keeps, 97.0 % follows q5 - q6 and 20.0 % drifts with time" in said
     assert "What the rest on joint 2 depends on is not known." in said
+
+
+def test_what_logs_cannot_tell_apart_is_said_once_for_all_joints() -> None:
+    def size(name: str, joints: list[int], other: str, where: list[int]) -> dict:
+        return {
+            "name": name,
+            "joints": joints,
+            "confusable": [{"name": other, "joints": where}],
+        }
+
+    told = verdict()
+    told["minimum_detectable"] = [
+        *(size("spring", [j], "offset", [j]) for j in (1, 2)),
+        *(size("offset", [j], "spring", [j]) for j in (1, 2)),
+        size("base_tilt", [], "encoder_offset", [2]),
+    ]
+    assert confusable_words(told) == (
+        "Even three times as large, these logs would not tell apart: a constant torque "
+        "offset and a spring on joints 1 and 2; a tilted base and an encoder offset on "
+        "joint 2."
+    )
+    told["minimum_detectable"] = []
+    assert confusable_words(told) is None

@@ -303,3 +303,12 @@ def test_bristles_are_forgotten_far_from_a_reversal():
     fast = speed > 0.9 * speed.max()
     assert np.abs(column[fast]).max() < 1e-3
     assert np.abs(column).max() > 0.5
+
+
+@pytest.mark.parametrize("late", [1e-3, 6e-3, 0.02, 0.03, 0.045, -0.03])
+def test_the_search_for_a_delay_starts_where_it_may_go_on(late):
+    """What no start allows to be so large would never be looked at."""
+    delay = registry()["delay"]
+    starts = delay.shapes(None, 0)
+    assert any(delay.possible(np.array([late]), shape) for shape in starts)
+    assert not any(delay.possible(np.array([0.2]), shape) for shape in starts)
