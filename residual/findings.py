@@ -5,16 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.design import Design, Group
+from residual.design import Group
+from residual.deviations import standard_deviations
 from residual.diagnose import Diagnosis
 from residual.effects.base import Effect
-from residual.evidence import Fit, fit
+from residual.evidence import Fit
 from residual.gate import Tested, alternatives
-from residual.instruments import INSTRUMENTS, Checked
+from residual.instruments import Checked
 from residual.recording import Array
-from residual.search import refined
-
-STEP = 1e-3  # relative step of the numerical derivatives
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -65,8 +63,11 @@ def findings(
         tested: The members that are named.
         checks: What noise of the angles does to the fit; None where nobody looked.
     """
-    sizes = {id(t.group): _size(fitted, t, checks) for t in tested}
-    stds = _standard_deviations(diagnosis, fitted, sizes)
+    sizes = {
+        id(t.group): checks.estimate(t) if checks else _exactly(fitted.of(t.group))
+        for t in tested
+    }
+    stds = standard_deviations(diagnosis, fitted, sizes)
     near = {id(t): alternatives(diagnosis.task, fitted, t.group) for t in tested}
     out = []
     for members in _merged(tested):
@@ -81,6 +82,10 @@ def findings(
             )
         )
     return sorted(out, key=lambda f: (-f.fall, -f.nats))
+
+
+def _exactly(theta: Array) -> tuple[Array, Array]:
+    return theta, np.zeros((len(theta), len(theta)))
 
 
 def public_joints(group: Group) -> tuple[int, ...]:
@@ -122,21 +127,6 @@ def _equivalents(members, near) -> tuple:
     return tuple((k, joints) for k in shared)
 
 
-def _size(fitted: Fit, tested: Tested, checks: Checked | None) -> tuple[Array, Array]:
-    """Coefficients of a member and what is doubtful beside its noise. (k,), (k, k).
-
-    Where the reference contradicts least squares, it is believed.
-    """
-    theta = fitted.of(tested.group)
-    if checks is None:
-        return theta, np.zeros((len(theta), len(theta)))
-    shift, spread = checks.doubt(tested)
-    if checks.differs(tested):
-        return theta + shift, spread
-    reference = checks.how == INSTRUMENTS
-    return theta, 0 * spread if reference else np.outer(shift, shift)
-
-
 def _parameters(diagnosis: Diagnosis, members, sizes, stds) -> dict:
     robot = diagnosis.logs.robot
     effect = members[0].group.effect
@@ -150,120 +140,3 @@ def _parameters(diagnosis: Diagnosis, members, sizes, stds) -> dict:
         for i, (key, unit) in enumerate(keys)
         if effect.reports is None or effect.reports(key, values[0], sds[0])
     }
-
-
-def _standard_deviations(diagnosis: Diagnosis, fitted: Fit, sizes) -> dict[int, Array]:
-    """Standard deviation of every parameter of every member.
-
-    A searched shape is uncertain too: its derivative columns join the fit
-    (Gauss-Newton), and the parameters' covariance follows by linearisation.
-    """
-    task = diagnosis.task
-    extra = {id(g): _slope(task.design, g, fitted.of(g)) for g in fitted.members}
-    slopes = [s for s in extra.values() if s is not None]
-    full = fit(
-        task.design,
-        diagnosis.wide,
-        (*fitted.members, *slopes),
-        fitted.counted,
-        fitted.variance,
-        rounds=1,
-    )
-    covariance, between = full.covariance(), _between_logs(task.design, full)
-    out = {}
-    for g in fitted.members:
-        slope = extra[id(g)]
-        slots = full.slots(g)
-        if slope is not None:
-            slots = np.concatenate([slots, full.slots(slope)])
-        theta, doubt = sizes[id(g)]
-        jacobian = _jacobian(g, theta, diagnosis.logs.robot, slope is not None)
-        own = [c[np.ix_(slots, slots)] for c in (covariance, between)]
-        for c in own:
-            c[: len(theta), : len(theta)] += doubt
-        variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in own]
-        variance.append(_form_doubt(diagnosis, fitted, g) ** 2)
-        out[id(g)] = np.sqrt(np.maximum.reduce(variance))
-    return out
-
-
-def _between_logs(design: Design, full: Fit) -> Array:
-    """Covariance by how much the logs disagree on the coefficients. Shape (m, m).
-
-    No effect has the very form of a textbook, and what is left of it pulls each log its
-    own way: a sandwich of the scores of the folds (Liang & Zeger 1986), with the usual
-    correction for their small number.
-    """
-    weight = full.counted / design.rows / full.variance
-    pulls = np.zeros((design.folds, len(full.ids)))
-    for j in range(design.dof):
-        place, have = design.present(j, full.ids)
-        gram = design.gram[j][:, place[:, None], place]
-        left = design.cross[j][:, place] - gram @ full.theta[have]
-        pulls[:, have] += weight[j] * left
-    pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
-    moved = pulls @ full.covariance()
-    return design.folds / max(design.folds - 1, 1) * moved.T @ moved
-
-
-def _form_doubt(diagnosis: Diagnosis, fitted: Fit, group: Group) -> Array:
-    """Half of what another form of the same effect would change. Shape (parameters,).
-
-    Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: what
-    logs hold of it does not reach down to standstill, where its level is said.
-    """
-    task, effect = diagnosis.task, group.effect
-    robot = diagnosis.logs.robot
-    own = np.asarray(effect.values(fitted.of(group), group.shape, robot), dtype=float)
-    anchor = group.joints[0] if group.joints else 0
-    forms = {shape[1:] for shape in effect.shapes(diagnosis.logs.span, anchor)}
-    doubt = np.zeros_like(own)
-    for form in sorted(forms - {group.shape[1:]}):
-        shape = (group.shape[0], *form)
-        made = task.design.add([(effect, group.joints, shape)])
-        rest = [g for g in fitted.members if g is not group]
-        *_, best = refined(task, (*rest, *made), fitted)
-        theta = task.fit((*rest, best), fitted).of(best)
-        doubt = np.maximum(
-            doubt, abs(effect.values(theta, best.shape, robot) - own) / 2
-        )
-    return doubt
-
-
-def _slope(design: Design, group: Group, theta: Array) -> Group | None:
-    """Column of the derivative to the searched shape, as a group of its own."""
-    effect = group.effect
-    if effect.refine is None:
-        return None
-    x, rest = group.shape[0], group.shape[1:]
-    step = STEP * abs(x)
-
-    def columns(state, joints, shape):
-        above = effect.columns(state, joints, (x + step, *rest))
-        below = effect.columns(state, joints, (x - step, *rest))
-        return ((above - below) @ theta / (2 * step))[:, :, None]
-
-    derivative = Effect(effect.name, "", {}, columns, effect.scope)
-    (made,) = design.add([(derivative, group.joints, ())])
-    # The search was confined to the shape's own scale: 100 % of it, one sigma.
-    width = abs(x)
-    return Group(
-        derivative, group.joints, (), made.ids, np.eye(1) / width**2, -2 * np.log(width)
-    )
-
-
-def _jacobian(group: Group, theta: Array, robot, with_shape: bool) -> Array:
-    """Derivative of the parameter values to coefficients (and the first shape)."""
-    effect = group.effect
-    start = np.concatenate([theta, group.shape[:1] if with_shape else []])
-
-    def values(x: Array) -> Array:
-        shape = (x[-1], *group.shape[1:]) if with_shape else group.shape
-        return np.asarray(effect.values(x[: len(theta)], shape, robot), dtype=float)
-
-    columns = []
-    for i, x in enumerate(start):
-        step = STEP * max(abs(x), 1e-6)
-        shift = np.eye(len(start))[i] * step
-        columns.append((values(start + shift) - values(start - shift)) / (2 * step))
-    return np.column_stack(columns)

@@ -5,14 +5,15 @@ their noise, and where a controller fed that noise back, so does the torque. A r
 knows nothing of either: columns made of it are instruments (two-stage least squares;
 Janot, Vandanjon, Gautier 2014), and where both estimates differ by more than chance
 least squares was biased (Durbin, Wu, Hausman; Janot et al. 2016). Without a reference
-the noise is redrawn as it was measured, and what that moves is counted as doubt
-(effective variance).
+the noise is redrawn as it was measured and taken out of the normal equations; what that
+moves is counted as doubt (effective variance).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
 from residual.design import Design
@@ -27,7 +28,9 @@ from residual.signals import prepare
 
 INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
 CHANCE = 1e-3  # under which a difference is no chance
-NOTHING = 0.05  # above which what the instruments see may be nothing
+NOTHING = 0.05  # above which what is left of an effect may be nothing
+QUARTER = 0.25  # of an effect
+MOST = 0.9  # of the information in one direction that is taken for noise at most
 FLAT = 1e-9  # of the largest singular value: a column that moves nothing
 LEAST = 1e-3  # of its variance: what a difference is never known better than
 
@@ -42,7 +45,7 @@ class Checked:
         theta: Coefficients by instruments; without them the fit's own, freed of what
             the noise took. Shape (m,).
         covariance: Of ``theta``. Shape (m, m).
-        spread: Of the difference that chance makes; zero without instruments. (m, m).
+        spread: By how much it exceeds that of the fit. (m, m).
         share: Part of each joint's residual variance that the angles' noise makes; NaN
             with instruments. Shape (dof,).
     """
@@ -55,22 +58,42 @@ class Checked:
     share: Array
 
     def differs(self, tested: Tested) -> bool:
-        """Whether least squares and the instruments disagree beyond chance."""
-        slots = self.fit.slots(tested.group)
-        gap = (self.theta - self.fit.theta)[slots]
-        return self.how == INSTRUMENTS and _chance(gap, self._spread(slots)) < CHANCE
+        """Whether the fit without the noise is another one, beyond chance."""
+        shift, slots = self._shift(tested)
+        return _chance(shift, self._spread(slots)) < CHANCE
 
     def is_noise(self, tested: Tested) -> bool:
-        """Whether it disagrees, and the instruments see nothing of the effect."""
-        slots = self.fit.slots(tested.group)
-        own = self.covariance[np.ix_(slots, slots)]
-        return self.differs(tested) and _chance(self.theta[slots], own) > NOTHING
+        """Whether the effect is made of the noise, or too much of it to believe.
 
-    def doubt(self, tested: Tested) -> tuple[Array, Array]:
-        """Shift of a member's coefficients, and its covariance. (k,), (k, k)."""
+        A reference says what is left of an effect. A redrawn noise is known by its
+        level alone: what it moves by more than a quarter is not believed.
+        """
+        shift, slots = self._shift(tested)
+        own = self.covariance[np.ix_(slots, slots)]
+        nothing = _chance(self.theta[slots], own) > NOTHING
+        if self.how == INSTRUMENTS:
+            return nothing and self.differs(tested)
+        sd = np.sqrt(np.diag(self.fit.covariance())[slots])
+        part = np.linalg.norm(shift / sd) / np.linalg.norm(self.fit.theta[slots] / sd)
+        return nothing or (bool(part > QUARTER) and self.differs(tested))
+
+    def estimate(self, tested: Tested) -> tuple[Array, Array]:
+        """Coefficients of a member, and their doubt beside the fit's. (k,), (k, k).
+
+        Where the noise makes a difference they are those without it. Of what a redrawn
+        noise moves, a half is doubted.
+        """
+        shift, slots = self._shift(tested)
+        theta, square = self.fit.theta[slots], np.outer(shift, shift)
+        redrawn = self.how == EFFECTIVE
+        if self.differs(tested):
+            spread = self.spread[np.ix_(slots, slots)]
+            return theta + shift, spread + redrawn * square / 4
+        return theta, redrawn * square
+
+    def _shift(self, tested: Tested) -> tuple[Array, Array]:
         slots = self.fit.slots(tested.group)
-        shift = (self.theta - self.fit.theta)[slots]
-        return shift, self.spread[np.ix_(slots, slots)]
+        return (self.theta - self.fit.theta)[slots], slots
 
     def _spread(self, slots: Array) -> Array:
         own = self.spread[np.ix_(slots, slots)]
@@ -106,20 +129,21 @@ def freed(
 
 def told(checks: Checked, tested: Sequence[Tested]) -> str:
     """One sentence on what noise of the angles did to the named effects."""
+    off = sorted({t.group.effect.name for t in tested if checks.differs(t)})
+    names = ", ".join(off)
     if checks.how == EFFECTIVE:
         share = 100 * np.nanmax(checks.share)
+        moved = f"parameters of {names} are corrected for it, " if off else ""
         return (
             "no reference (q_ref) in every log: noise of the angles, redrawn as it was "
             f"measured, makes {share:.1f} % of a joint's residual variance at most; "
-            "standard deviations allow for it (effective variance)"
+            f"{moved}standard deviations allow for it (effective variance)"
         )
-    off = [t.group for t in tested if checks.differs(t)]
     if not off:
         return (
             "errors in variables: instruments made of the reference agree with least "
             "squares on every named effect (Durbin-Wu-Hausman)"
         )
-    names = ", ".join(sorted({g.effect.name for g in off}))
     return (
         f"errors in variables: the reference contradicts least squares on {names} "
         "(Durbin-Wu-Hausman, 0.1 %); parameters there are those by instruments"
@@ -168,23 +192,37 @@ def _by_instruments(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
 
 
 def _by_redrawing(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
-    """What one more helping of the noise moves, the first one moved as well."""
+    """The normal equations without the noise that one more helping of it shows.
+
+    Least squares solves (S + N) x = S b, with S what exact columns would give and N the
+    noise's own: b is had back where N is known.
+    """
     design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, tracks)
     _, weight = _system(diagnosis, fitted)
-    whole = fitted.theta.copy()
-    start = diagnosis.nominal.model.coefficients()
-    whole[: len(start)] += start
-    pull, share = np.zeros(len(ids)), np.zeros(design.dof)
+    start, size = np.zeros(len(ids)), len(ids)
+    start[: len(design.nominal)] = diagnosis.nominal.model.coefficients()
+    noise, share = np.zeros((size, size)), np.zeros(design.dof)
     for j in range(design.dof):
         place, have = design.present(j, fitted.ids)
         moved = other.columns(j, other.present(j, ids)[0]) - design.columns(j, place)
-        torque = moved @ whole[have]
+        noise[np.ix_(have, have)] += weight[j] * moved.T @ moved
+        torque = moved @ (start + fitted.theta)[have]
         share[j] = torque @ torque / max(fitted.sse[j], 1e-300)
-        pull[have] += weight[j] * moved.T @ torque
-    covariance = fitted.covariance()
-    theta = fitted.theta + covariance @ pull
-    nothing = np.zeros_like(covariance)
-    return Checked(EFFECTIVE, fitted, theta, covariance, nothing, share)
+    lower = np.tril(fitted.cholesky)
+    half = solve_triangular(lower, noise, lower=True)
+    values, vectors = np.linalg.eigh(solve_triangular(lower, half.T, lower=True))
+    turned = solve_triangular(lower, vectors, lower=True, trans=1)
+    left = 1 - np.clip(values, 0, MOST)
+    pull = vectors.T @ (lower.T @ fitted.theta) + values * (vectors.T @ lower.T @ start)
+    covariance = (turned / left) @ turned.T
+    return Checked(
+        how=EFFECTIVE,
+        fit=fitted,
+        theta=turned @ (pull / left),
+        covariance=covariance,
+        spread=covariance - fitted.covariance(),
+        share=share,
+    )
 
 
 def _seen(diagnosis: Diagnosis, fitted: Fit, tracks) -> tuple[Design, Array]:

@@ -9,10 +9,11 @@ import pytest
 from residual import holdout
 from residual.candidates import collect
 from residual.design import Design
+from residual.deviations import standard_deviations
 from residual.effects import registry
 from residual.effects.base import Effect, Refinement, Span, local
 from residual.evidence import fit
-from residual.findings import _standard_deviations, findings
+from residual.findings import findings
 from residual.gate import alternatives, gate, leave_out, passed, simplest
 from residual.power import minimum_detectable
 from residual.search import (
@@ -61,7 +62,7 @@ WAVE = Effect(
 
 def judged_by(task):
     """As much of a diagnosis as the findings read."""
-    logs = SimpleNamespace(robot=arm())
+    logs = SimpleNamespace(robot=arm(), span=None)
     return SimpleNamespace(task=task, logs=logs, wide=task.prior)
 
 
@@ -467,7 +468,7 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
         fitted = task.settle(task.fit(members, start(task)))
         diagnosis = judged_by(task)
         exact = {id(members[0]): (fitted.of(members[0]), np.zeros((2, 2)))}
-        (sd,) = _standard_deviations(diagnosis, fitted, exact).values()
+        (sd,) = standard_deviations(diagnosis, fitted, exact).values()
         values = [*fitted.of(members[0]), members[0].shape[0]]
         inside += list(np.abs(np.array(values) - [2.0, -1.0, 7.37]) < 2 * sd)
     assert 0.85 <= np.mean(inside) <= 1.0
