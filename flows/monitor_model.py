@@ -75,7 +75,7 @@ def model_of(source: Source, robot: Robot, runs: Sequence[Recording]) -> Model:
         robot: The robot.
         runs: Good runs: what counts as standing is learnt from them.
     """
-    from residual.diagnose import ready, start_nominal
+    from residual.look import ready, start_nominal
     from residual.nominal import declared_names
     from residual.signals import Filters
 

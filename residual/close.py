@@ -16,6 +16,7 @@ from residual.diagnose import Diagnosis, Progress, diagnose, without_refuted
 from residual.effects import registry
 from residual.errors import InputError
 from residual.findings import findings
+from residual.gate import Tested
 from residual.holdout import Verdicts, held_out_verdicts, unproven
 from residual.instruments import freed, told
 from residual.leftover import depends_on
@@ -123,8 +124,7 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
     fit, tell, null = context
     tell("proof", 0.0)
     proof = witnesses(held_out, diagnosis.nominal.model)
-    judged = held_out_verdicts(diagnosis, proof)
-    judged, checks, noise = freed(diagnosis, judged, fit)
+    judged, checks, noise = freed(diagnosis, held_out_verdicts(diagnosis, proof), fit)
     tested = [t for t, _ in judged.kept]
     models = _models(diagnosis, judged)
     diagnosis = without_refuted(diagnosis, judged.fit)
@@ -146,8 +146,7 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
         kinds=[one.kind for one in left.joints],
         p_value=null.p_value if null else None,
         warnings=[
-            *_warnings(diagnosis, judged, same_run),
-            *(complaint(t, NOISE) for t in noise),
+            *_warnings(diagnosis, judged, same_run, noise),
             *warned,
             *unproven(diagnosis, errors["augmented"]),
             *left.said,
@@ -161,7 +160,7 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
         clouds=clouds(diagnosis, judged.fit, found),
         notes=(
             *_notes(diagnosis, fit, models["augmented"]),
-            *((told(checks, tested),) if checks else ()),
+            *told(checks, tested),
             *noted,
         ),
         left=tuple(one.cloud for one in left.joints),
@@ -200,8 +199,10 @@ def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:
     return (*notes, *(s for s in more if s))
 
 
-def _warnings(diagnosis: Diagnosis, judged: Verdicts, same_run: bool) -> list[str]:
-    out = []
+def _warnings(
+    diagnosis: Diagnosis, judged: Verdicts, same_run: bool, noise: Sequence[Tested]
+) -> list[str]:
+    out = [complaint(tested, NOISE) for tested in noise]
     if same_run:
         out.append(
             "no --holdout given: the last quarter of the longest log was held out; "

@@ -127,27 +127,30 @@ def freed(
     return judged, None, tuple(gone)
 
 
-def told(checks: Checked, tested: Sequence[Tested]) -> str:
-    """One sentence on what noise of the angles did to the named effects."""
-    off = sorted({t.group.effect.name for t in tested if checks.differs(t)})
-    names = ", ".join(off)
+def told(checks: Checked | None, tested: Sequence[Tested]) -> tuple[str, ...]:
+    """What noise of the angles did to the named effects: one sentence, or none."""
+    if checks is None:
+        return ()
+    off = ", ".join(sorted({t.group.effect.name for t in tested if checks.differs(t)}))
     if checks.how == EFFECTIVE:
         share = 100 * np.nanmax(checks.share)
-        moved = f"parameters of {names} are corrected for it, " if off else ""
-        return (
+        moved = f"parameters of {off} are corrected for it, " if off else ""
+        said = (
             "no reference (q_ref) in every log: noise of the angles, redrawn as it was "
             f"measured, makes {share:.1f} % of a joint's residual variance at most; "
             f"{moved}standard deviations allow for it (effective variance)"
         )
-    if not off:
-        return (
+    elif off:
+        said = (
+            f"errors in variables: the reference contradicts least squares on {off} "
+            "(Durbin-Wu-Hausman, 0.1 %); parameters there are those by instruments"
+        )
+    else:
+        said = (
             "errors in variables: instruments made of the reference agree with least "
             "squares on every named effect (Durbin-Wu-Hausman)"
         )
-    return (
-        f"errors in variables: the reference contradicts least squares on {names} "
-        "(Durbin-Wu-Hausman, 0.1 %); parameters there are those by instruments"
-    )
+    return (said,)
 
 
 def checked(

@@ -11,7 +11,7 @@ from residual.evidence import NOISE_FLOOR
 from residual.prior import TINY, Nominal
 
 if TYPE_CHECKING:
-    from residual.diagnose import Logs
+    from residual.look import Logs
 
 LIKE = 1.5  # factor within which noise, speeds and durations count as the same
 SHARE = 0.15  # by which the shares of moving rows may differ
