@@ -158,11 +158,7 @@ def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
         sentences=tuple(f.effect.sentence for f in found),
         proofs=proofs,
         clouds=clouds(diagnosis, judged.fit, found),
-        notes=(
-            *_notes(diagnosis, fit, models["augmented"]),
-            *told(checks, tested),
-            *noted,
-        ),
+        notes=(*_notes(diagnosis, fit, models), *told(checks, tested), *noted),
         left=tuple(one.cloud for one in left.joints),
     )
 
@@ -182,7 +178,7 @@ def _models(diagnosis: Diagnosis, judged: Verdicts) -> dict[str, Model]:
     return {"nominal": nominal, "identified": identified, "augmented": augmented}
 
 
-def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:
+def _notes(diagnosis: Diagnosis, fit, models) -> tuple[str, ...]:
     logs = diagnosis.logs
     rows = diagnosis.task.design.rows
     every = sum(int(t.inner.sum()) for t in logs.tracks)
@@ -195,7 +191,7 @@ def _notes(diagnosis: Diagnosis, fit, augmented) -> tuple[str, ...]:
     ]
     if logs.clock is None:
         notes.append("the order of the logs in time is not known: warm-up not tested")
-    more = (filtered_at_source(fit), delayed_at_source(augmented, logs))
+    more = (filtered_at_source(fit), delayed_at_source(models["augmented"], logs))
     return (*notes, *(s for s in more if s))
 
 
