@@ -68,14 +68,14 @@ class Checked:
         A reference says what is left of an effect. A redrawn noise is known by its
         level alone: what it moves by more than a quarter is not believed.
         """
+        if not self.differs(tested):
+            return False
         shift, slots = self._shift(tested)
         own = self.covariance[np.ix_(slots, slots)]
         nothing = _chance(self.theta[slots], own) > NOTHING
-        if self.how == INSTRUMENTS:
-            return nothing and self.differs(tested)
         sd = np.sqrt(np.diag(self.fit.covariance())[slots])
         part = np.linalg.norm(shift / sd) / np.linalg.norm(self.fit.theta[slots] / sd)
-        return nothing or (bool(part > QUARTER) and self.differs(tested))
+        return nothing or (self.how == EFFECTIVE and bool(part > QUARTER))
 
     def estimate(self, tested: Tested) -> tuple[Array, Array]:
         """Coefficients of a member, and their doubt beside the fit's. (k,), (k, k).
