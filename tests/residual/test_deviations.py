@@ -1,0 +1,135 @@
+"""How sure a parameter is: by noise, by logs that disagree, by other textbook forms."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from residual.candidates import Candidates, renewed
+from residual.design import Design
+from residual.deviations import standard_deviations
+from residual.dynamics import inertial_parameters, inverse_dynamics
+from residual.effects.base import Effect, Refinement, local
+from residual.encoder import carried, shaken
+from residual.model import Model
+from residual.search import start
+from residual.signals import Filters, prepare
+from tests.residual.arms import SEVEN, arm, recording, smooth_motion
+from tests.residual.linear import LINE, OTHER, Problem, build
+
+DRAWS = 20
+FADE = Effect(
+    "fade",
+    "fades with speed, as one of two textbooks has it",
+    {"level": "1", "speed": "1", "exponent": "1"},
+    local(lambda s, j, x: [s.sign[:, j] * np.exp(-(abs(s.qd[:, j] / x[0]) ** x[1]))]),
+    values=lambda theta, shape, robot: np.array([theta[0], *shape]),
+    shapes=lambda span, j: ((1.0, 1.0), (1.0, 2.0)),
+    refine=Refinement("ratio", 0.6),
+)
+READS = Effect(
+    "reads", "reads the model", {"a": "1"}, local(lambda s, j, x: [s.tau_model[:, j]])
+)
+READS = replace(READS, uses_model=True, groupable=True)
+
+
+def deviation(problem, shape):
+    """Coefficient and deviation of the first parameter of one effect on joint 1."""
+    effect, form = shape
+    (group,) = problem.design.add([(effect, (0,), form)])
+    task = problem.task([group])
+    fitted = task.settle(task.fit([group], start(task)))
+    logs = SimpleNamespace(robot=arm(), span=None)
+    diagnosis = SimpleNamespace(task=task, logs=logs, wide=task.prior)
+    theta = fitted.of(group)
+    exact = {id(group): (theta, np.zeros((len(theta), len(theta))))}
+    (sd,) = standard_deviations(diagnosis, fitted, exact).values()
+    return theta[0], sd, np.sqrt(np.diag(fitted.covariance())[fitted.slots(group)])
+
+
+def disagreeing(seed, scatter):
+    """An effect whose size differs from log to log, about 2."""
+    rng = np.random.default_rng(seed)
+    problem = Problem.draw(rng, noise=0.1, logs=6)
+    sizes = 2.0 + scatter * rng.normal(size=6)
+    logs = []
+    for (own, state), size in zip(problem.logs, sizes, strict=True):
+        tau = own.tau.copy()
+        tau[:, 0] += size * state.q[:, 0]
+        logs.append((replace(own, tau=tau), state))
+    return Problem(logs, build(logs), problem.prior)
+
+
+def test_logs_that_disagree_make_a_parameter_less_sure():
+    """Two deviations hold the common size in nine of ten draws; noise's own do not."""
+    inside, by_noise = [], []
+    for seed in range(DRAWS):
+        value, sd, own = deviation(disagreeing(seed, 0.3), (LINE, ()))
+        inside.append(abs(value - 2.0) < 2 * sd[0])
+        by_noise.append(abs(value - 2.0) < 2 * own[0])
+    assert np.mean(inside) >= 0.85
+    assert np.mean(by_noise) < 0.6
+
+
+def test_logs_that_agree_leave_it_to_the_noise():
+    ratios = []
+    for seed in range(DRAWS):
+        _, sd, own = deviation(disagreeing(seed, 0.0), (LINE, ()))
+        ratios.append(sd[0] / own[0])
+    assert min(ratios) > 0.99
+    assert np.median(ratios) < 1.5
+
+
+def test_the_other_textbook_form_is_a_part_of_the_doubt(rng):
+    truth = 3.0
+    problem = Problem.draw(rng, noise=0.1, rows=300)
+    logs = []
+    for own, state in problem.logs:
+        tau = own.tau.copy()
+        tau[:, 0] += truth * state.sign[:, 0] / (1 + state.qd[:, 0] ** 2)
+        logs.append((replace(own, tau=tau), state))
+    problem = Problem(logs, build(logs), problem.prior)
+    value, sd, own = deviation(problem, (FADE, (1.0, 1.0)))
+    # Neither form is the truth's: the noise alone would be far too sure.
+    assert abs(value - truth) > 3 * own[0]
+    assert abs(value - truth) < 2.5 * sd[0]
+    assert sd[2] >= 0.5  # of the exponent: the other is one away
+
+
+def test_only_columns_that_read_the_model_are_made_anew(rng):
+    problem = Problem.draw(rng)
+    design: Design = problem.design
+    groups = design.add([(LINE, (0,), ()), (READS, (0,), ()), (READS, (1,), ())])
+    every = Design.union(groups[1:])
+    plain = Design.union(design.add([(OTHER, (0,), ()), (OTHER, (1,), ())]))
+    known = Candidates((*groups, every, plain), {g.key: 1.0 for g in groups})
+    design.look([replace(s, tau_model=s.q + 1.0) for s in design.states])
+    line, one, two, both, same = renewed(design, known).groups
+    assert line is groups[0]
+    assert same.parts == plain.parts
+    for j, made in enumerate((one, two)):
+        place, _ = design.present(j, made.ids)
+        column = design.columns(j, place)[:, 0]
+        said = np.concatenate([s.q[:, j] + 1.0 for s in design.states])
+        use = np.concatenate([t.moving[:, j] for t, _ in problem.logs])
+        np.testing.assert_allclose(column, said[use])
+    np.testing.assert_array_equal(both.ids, [*one.ids, *two.ids])
+    assert (both.fellows, [p.fellows for p in both.parts]) == (1, [2, 2])
+
+
+@pytest.mark.parametrize("axes", [(), SEVEN])
+def test_torque_noise_of_the_angles_goes_with_their_noise(rng, axes):
+    robot = arm(axes) if axes else arm()
+    t = np.arange(0, 8, 0.01)
+    q, qd, qdd = smooth_motion(robot, t)
+    clean = recording(t, q, inverse_dynamics(robot.model, q, qd, qdd))
+    model = Model(robot, inertial_parameters(robot.model))
+    found = []
+    for size in (1e-4, 2e-4):
+        log = replace(clean, q=clean.q + size * rng.normal(size=clean.q.shape))
+        tracks, floor = prepare([log], Filters())
+        model = replace(model, speed_floor=floor)
+        found.append(carried(model, tracks, shaken([log], Filters(), floor)))
+    assert (found[0] > 0).all()
+    np.testing.assert_allclose(found[1] / found[0], 2.0, rtol=0.3)
