@@ -146,14 +146,15 @@ def _hidden(task: Task, minimum: Sequence[Mapping]) -> tuple[str, list[PlantEffe
 def _clear(rng, name: str, multiples: Sequence[float], minimum) -> PlantEffect:
     """Draw an effect that is so many times detectable, on a joint where it can be.
 
-    Where noise and motion hide even three times what arms usually have, no arm would
-    have so much of it: another joint is drawn. If there is none, it stays too small.
+    Where noise and motion hide even three times what arms usually have, or any size,
+    another joint is drawn. If there is none, it stays too small.
     """
     robot = the_arm()
     for _ in range(_TRIES):
         one = draw_sized(robot, rng, name, float(rng.choice(multiples)), minimum)
-        size = measured(one, minimum, robot, None).multiple
-        if size is None or size >= CLEAR - 1e-6:
+        found = measured(one, minimum, robot, None)
+        # In proportion to no parameter, or large enough; not where no size would show.
+        if found.size is None or (found.multiple or 0.0) >= CLEAR - 1e-6:
             break
     return one
 
