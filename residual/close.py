@@ -38,7 +38,7 @@ from residual.source import delayed_at_source, filtered_at_source
 from residual.verdict import Case, complaint, write
 from residual.vocabulary import VOCABULARY
 
-NOISE = "withdrawn: freed of the noise of the angles, nothing of it is left"
+NOISE = "withdrawn: noise of the angles makes all of it, or too much to believe it"
 BASELINE_MOST = 12  # names that a baseline may need: it shows all that the URDF lacks
 
 

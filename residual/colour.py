@@ -57,7 +57,7 @@ def _products(line: Array) -> Array:
 
 def _taken(design: Design, fitted: Fit) -> Array:
     """How many parameters each joint's rows decide (trace of the hat). (dof,)."""
-    weight = fitted.counted / design.rows / fitted.variance
+    weight = fitted.weight(design.rows)
     covariance, out = fitted.covariance(), np.zeros(design.dof)
     for j in range(design.dof):
         place, have = design.present(j, fitted.ids)

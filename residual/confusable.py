@@ -36,7 +36,7 @@ def lookalikes(
         Names and joints (from 1) for each effect, nearest first.
     """
     design = task.design
-    weight = fitted.counted / design.rows / fitted.variance
+    weight = fitted.weight(design.rows)
     system = System.of(design, task.prior, fitted.members)
     shared = overlap(design, system, weight)
     half = solve_triangular(system.solve(weight)[1], shared, lower=True)

@@ -71,7 +71,7 @@ def _between_logs(design: Design, full: Fit) -> Array:
     own way: a sandwich of the scores of the folds (Liang & Zeger 1986). Of so few, two
     standard deviations are made to hold what Student's t holds.
     """
-    weight = full.counted / design.rows / full.variance
+    weight = full.weight(design.rows)
     pulls = np.zeros((design.folds, len(full.ids)))
     for j in range(design.dof):
         place, have = design.present(j, full.ids)

@@ -39,18 +39,24 @@ def encoder_noise(recording: Recording, filters: Filters) -> Array:
 
 
 def shaken(
-    recordings: Sequence[Recording], filters: Filters, speed_floor: Array
+    recordings: Sequence[Recording],
+    tracks: Sequence[Track],
+    filters: Filters,
+    speed_floor: Array,
 ) -> tuple[Track, ...]:
     """The logs with one more helping of the noise of their angles.
 
-    Rows and torque are those of the logs themselves.
+    Args:
+        recordings: The logs.
+        tracks: The same, prepared: their rows and torque are kept.
+        filters: The signal path.
+        speed_floor: Standstill thresholds [rad/s]. Shape (dof,).
     """
     rng, noisier = np.random.default_rng(SEED), []
     for r in recordings:
         noise = encoder_noise(r, filters) * rng.normal(size=r.q.shape)
         noisier.append(replace(r, q=r.q + noise, qd=None, qdd=None))
-    real, _ = prepare(recordings, filters, speed_floor)
-    return on_rows_of(real, prepare(noisier, filters, speed_floor)[0])
+    return on_rows_of(tracks, prepare(noisier, filters, speed_floor)[0])
 
 
 def on_rows_of(real: Sequence[Track], others: Sequence[Track]) -> tuple[Track, ...]:

@@ -74,6 +74,10 @@ class Fit:
             start += len(member.ids)
         raise KeyError(group.key)
 
+    def weight(self, rows: Array) -> Array:
+        """Information of a unit of squared error, of so many rows each. (dof,)."""
+        return self.counted / rows / self.variance
+
     def covariance(self) -> Array:
         """Posterior covariance. Shape (m, m)."""
         lower = np.tril(dpotri(self.cholesky, lower=1)[0])
@@ -183,6 +187,12 @@ class System:
         """Squared error of each joint on the gathered rows. Shape (dof,)."""
         left = self.power - 2 * self.cross @ theta + (self.gram @ theta) @ theta
         return np.maximum(left, 0.0)
+
+
+def scaled_inverse(matrix: Array) -> Array:
+    """Inverse of a positive definite matrix whose scales differ widely."""
+    size = np.sqrt(np.diag(matrix))
+    return np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
 
 
 def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from residual.design import Group
-from residual.evidence import Fit, Prior, System, fit
+from residual.evidence import Fit, Prior, System, fit, scaled_inverse
 from residual.gate import MOST_FOLDS, leave_out
 from residual.recording import Array
 from residual.search import Task
@@ -57,7 +57,7 @@ class Bench:
         design = task.design
         every, scores = _near(task, fitted, priors)
         systems = [System.of(design, p, fitted.members) for p in every]
-        weight = fitted.counted / design.rows / fitted.variance
+        weight = fitted.weight(design.rows)
         folds, others, grams = np.arange(design.folds), [], []
         for left in folds:
             rest = System.of(design, task.prior, fitted.members, folds[folds != left])
@@ -77,7 +77,7 @@ class Bench:
     @property
     def weight(self) -> Array:
         """Information of a unit of squared error [1 / N^2 m^2]. Shape (dof,)."""
-        return self.fitted.counted / self.task.design.rows / self.fitted.variance
+        return self.fitted.weight(self.task.design.rows)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -198,9 +198,9 @@ def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]
 
 
 def _covariance(system: System, weight: Array) -> Array:
-    a = system.precision + np.einsum("j,jmn->mn", weight, system.gram)
-    size = np.sqrt(np.diag(a))
-    return np.linalg.inv(a / np.outer(size, size)) / np.outer(size, size)
+    return scaled_inverse(
+        system.precision + np.einsum("j,jmn->mn", weight, system.gram)
+    )
 
 
 def _blocks(bench: Bench, group: Group, fold: int | None) -> tuple[Array, Array]:

@@ -43,7 +43,7 @@ class Tested:
 def leave_out(task: Task, fitted: Fit) -> Array:
     """Squared error of each fold, predicted from the others. Shape (folds, dof)."""
     design = task.design
-    weight = fitted.counted / design.rows / fitted.variance
+    weight = fitted.weight(design.rows)
     out = []
     for left in range(design.folds):
         others = np.flatnonzero(np.arange(design.folds) != left)

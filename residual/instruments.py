@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from residual.design import Design
 from residual.diagnose import Diagnosis, refit
 from residual.encoder import on_rows_of
-from residual.evidence import Fit, System
+from residual.evidence import Fit, System, scaled_inverse
 from residual.gate import Tested
 from residual.holdout import Verdicts
 from residual.look import as_model, first_look, physical
@@ -174,7 +174,8 @@ def checked(
 def _by_instruments(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
     """Two-stage least squares under the fit's own prior and noise."""
     design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, tracks)
-    system, weight = _system(diagnosis, fitted)
+    system = System.of(design, diagnosis.task.prior, fitted.members)
+    weight = fitted.weight(design.rows)
     precision, pull = system.precision.copy(), np.zeros(len(ids))
     for j in range(design.dof):
         place, have = design.present(j, fitted.ids)
@@ -183,7 +184,7 @@ def _by_instruments(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
         kept = _projected(z, x)
         precision[np.ix_(have, have)] += weight[j] * kept.T @ kept
         pull[have] += weight[j] * kept.T @ design.target[j]
-    covariance = _inverse(precision)
+    covariance = scaled_inverse(precision)
     return Checked(
         how=INSTRUMENTS,
         fit=fitted,
@@ -201,7 +202,7 @@ def _by_redrawing(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
     noise's own: b is had back where N is known.
     """
     design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, tracks)
-    _, weight = _system(diagnosis, fitted)
+    weight = fitted.weight(design.rows)
     start, size = np.zeros(len(ids)), len(ids)
     start[: len(design.nominal)] = diagnosis.nominal.model.coefficients()
     noise, share = np.zeros((size, size)), np.zeros(design.dof)
@@ -237,12 +238,6 @@ def _seen(diagnosis: Diagnosis, fitted: Fit, tracks) -> tuple[Design, Array]:
     return design, np.concatenate([design.nominal, *(g.ids for g in members)])
 
 
-def _system(diagnosis: Diagnosis, fitted: Fit) -> tuple[System, Array]:
-    design = diagnosis.task.design
-    system = System.of(design, diagnosis.task.prior, fitted.members)
-    return system, fitted.counted / design.rows / fitted.variance
-
-
 def _projected(z: Array, x: Array) -> Array:
     """What of the columns ``x`` lies in the span of the instruments ``z``."""
     size = np.linalg.norm(z, axis=0)
@@ -251,11 +246,6 @@ def _projected(z: Array, x: Array) -> Array:
     real = values > FLAT * values.max(initial=0.0)
     basis = z @ (vectors[:, real] / np.sqrt(values[real]))
     return basis @ (basis.T @ x)
-
-
-def _inverse(precision: Array) -> Array:
-    size = np.sqrt(np.diag(precision))
-    return np.linalg.inv(precision / np.outer(size, size)) / np.outer(size, size)
 
 
 def _chance(gap: Array, covariance: Array) -> float:

@@ -56,7 +56,7 @@ def ready(
         cutoff=min(t.cutoff for t in tracks),
         torque=np.quantile(np.abs(tau), 0.995, axis=0),
     )
-    moved = shaken(recordings, filters, floor)
+    moved = shaken(recordings, tracks, filters, floor)
     return Logs(robot, tracks, clock, span, floor, filters, moved)
 
 
@@ -84,12 +84,7 @@ def first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Desi
         else:
             (prior,) = priors(design, nominal)
         named = as_model(nominal, _rough_fit(design, prior))
-    design.look(
-        [
-            named.observe(t, s.regressor)
-            for t, s in zip(logs.tracks, states, strict=True)
-        ]
-    )
+    look_with(design, logs, named)
     return design
 
 

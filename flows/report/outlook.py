@@ -58,15 +58,11 @@ def confusable_words(verdict: Mapping) -> str | None:
     for item in records(verdict.get("minimum_detectable")):
         joints = as_list(item.get("joints"))
         for other in records(item.get("confusable")):
-            alike = as_list(other.get("joints")) == joints
-            names = (item, other) if alike else ()
-            nouns = sorted(noun(n["name"]) for n in names) or [
-                phrase(item),
-                phrase(other),
-            ]
-            pairs.setdefault((nouns[0], nouns[1]), set()).update(
-                joints if alike else ()
-            )
+            if as_list(other.get("joints")) == joints:
+                one, two = sorted(noun(x["name"]) for x in (item, other))
+                pairs.setdefault((one, two), set()).update(joints)
+            else:
+                pairs.setdefault((phrase(item), phrase(other)), set())
     if not pairs:
         return None
     told = [

@@ -51,7 +51,7 @@ def moved(state, joint, motion):
     return dynamics.inverse_dynamics(state.robot.model, *parts) - state.rigid
 
 
-def near(ours, truth, share):
+def assert_near(ours, truth, share):
     """Equal but for a share of the truth's rms on each joint."""
     size = np.sqrt(np.mean(truth**2, axis=0)).max()
     assert size > 0
@@ -66,7 +66,7 @@ def test_an_encoder_offset_is_the_torque_of_the_arm_where_it_really_is(robot):
     for j in range(1, robot.dof):
         shifted = (state.q[:, j] + angle, state.qd[:, j], state.qdd[:, j])
         ours = torque("encoder_offset", (j,), angle, state)
-        near(ours, moved(state, j, shifted), 2e-3)
+        assert_near(ours, moved(state, j, shifted), 2e-3)
 
 
 def test_an_upright_first_axis_does_not_show_where_its_encoder_starts():
@@ -85,7 +85,7 @@ def test_an_eccentric_encoder_moves_the_arm_with_all_derivatives(robot):
         bend = -c * np.cos(r) - s * np.sin(r)
         true = (x, slope * rd, slope * rdd + bend * rd**2)
         ours = torque("encoder_eccentricity", (j,), (c, s), state)
-        near(ours, moved(state, j, true), 2e-3)
+        assert_near(ours, moved(state, j, true), 2e-3)
 
 
 def test_an_eccentric_encoder_shakes_the_drive_it_sits_on():
@@ -101,7 +101,7 @@ def test_an_eccentric_encoder_shakes_the_drive_it_sits_on():
     first = np.gradient(lead, 1 / RATE)
     second = np.gradient(first, 1 / RATE)
     own = (full - bare)[INNER, 1]
-    near(own[:, None], (3.0 * first + 0.5 * second)[INNER, None], 0.01)
+    assert_near(own[:, None], (3.0 * first + 0.5 * second)[INNER, None], 0.01)
     np.testing.assert_array_equal((full - bare)[:, 0], 0)
 
 
@@ -118,7 +118,7 @@ def test_a_soft_gear_lags_behind_its_load(robot):
         truth = moved(state, j, true)[INNER]
         ours = torque("elasticity", (j,), theta, state)[INNER]
         if np.abs(truth).max() > 1e-7:
-            near(ours, truth, 0.02)
+            assert_near(ours, truth, 0.02)
 
 
 def test_play_is_an_offset_of_the_encoder_while_the_load_keeps_its_side():
@@ -133,7 +133,7 @@ def test_play_is_an_offset_of_the_encoder_while_the_load_keeps_its_side():
     settled[: INNER.start] = settled[INNER.stop :] = False
     assert settled.sum() > 100
     assert {-1.0, 1.0} == set(side)
-    near(ours[settled], (-side[:, None] * offset)[settled], 0.05)
+    assert_near(ours[settled], (-side[:, None] * offset)[settled], 0.05)
 
 
 def test_a_link_flies_across_its_play_and_is_late():
@@ -247,7 +247,7 @@ def test_a_late_report_is_the_torque_of_a_while_ago(late):
     before = seen(robot, smooth_motion(robot, T - late)).rigid
     theta, shape = registry()["delay"].from_values(np.array([late]), robot)
     ours = torque("delay", (), theta, state, shape)
-    near(ours[INNER], (before - state.rigid)[INNER], 0.01)
+    assert_near(ours[INNER], (before - state.rigid)[INNER], 0.01)
 
 
 def test_a_delay_is_one_only_where_it_bends_as_its_size_does():

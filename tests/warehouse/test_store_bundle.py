@@ -72,7 +72,7 @@ def repacked(path, files, **more):
     return packed(path, [(CONTENTS, text), *files.items()])
 
 
-def refused(path, tmp_path, match):
+def assert_refused(path, tmp_path, match):
     there = tmp_path / "there"
     with pytest.raises(InputError, match=match):
         read_bundle(path, there)
@@ -164,7 +164,7 @@ def test_only_paths_of_the_store_are_taken(bundle, tmp_path, name):
     assert kind_of(name) is None
     files = unpacked(bundle)
     path = repacked(tmp_path / "bad.tar", {**files, name or "a": b"x"})
-    refused(path, tmp_path, "is no path of a store's file")
+    assert_refused(path, tmp_path, "is no path of a store's file")
 
 
 @pytest.mark.parametrize(
@@ -176,29 +176,29 @@ def test_links_and_folders_are_refused(bundle, tmp_path, type):
     link = tarfile.TarInfo(name)
     link.type, link.linkname = type, "/etc/passwd"
     members = [(link if n == name else n, data) for n, data in files.items()]
-    refused(packed(tmp_path / "bad.tar", members), tmp_path, "not a plain file")
+    assert_refused(packed(tmp_path / "bad.tar", members), tmp_path, "not a plain file")
 
 
 def test_a_file_that_is_not_on_the_list_or_twice_is_refused(bundle, tmp_path):
     files = unpacked(bundle)
     extra = "models/model_id=00000000000000000000/_model.parquet"
     path = packed(tmp_path / "bad.tar", [*files.items(), (extra, b"x")])
-    refused(path, tmp_path, "own list")
+    assert_refused(path, tmp_path, "own list")
     last = list(files.items())[-1]
     path = packed(tmp_path / "bad.tar", [*files.items(), last])
-    refused(path, tmp_path, "there twice")
+    assert_refused(path, tmp_path, "there twice")
 
 
 def test_a_bundle_that_was_cut_off_or_is_none_is_refused(bundle, tmp_path):
     bad = tmp_path / "bad.tar"
     bad.write_bytes(bundle.read_bytes()[:30_000])
-    refused(bad, tmp_path, "no bundle|missing|hash")
+    assert_refused(bad, tmp_path, "no bundle|missing|hash")
     bad.write_bytes(b"hello" * 400)
-    refused(bad, tmp_path, "is no bundle")
+    assert_refused(bad, tmp_path, "is no bundle")
     bad.write_bytes(gzip.compress(bundle.read_bytes()))
-    refused(bad, tmp_path, "is no bundle")
+    assert_refused(bad, tmp_path, "is no bundle")
     packed(bad, [("other.txt", b"x")])
-    refused(bad, tmp_path, "first file is not")
+    assert_refused(bad, tmp_path, "first file is not")
     with pytest.raises(InputError, match="There is no file"):
         read_bundle(tmp_path / "none.tar", tmp_path / "there")
 
@@ -216,7 +216,7 @@ def test_a_bundle_that_was_cut_off_or_is_none_is_refused(bundle, tmp_path):
 )
 def test_a_list_of_another_form_is_refused(tmp_path, text):
     path = packed(tmp_path / "bad.tar", [(CONTENTS, text)])
-    refused(path, tmp_path, "is no bundle")
+    assert_refused(path, tmp_path, "is no bundle")
 
 
 def test_sizes_that_would_fill_a_disk_are_refused_unread(tmp_path):
@@ -226,7 +226,7 @@ def test_sizes_that_would_fill_a_disk_are_refused_unread(tmp_path):
         contents["files"] = {name: {"sha256": "0", "bytes": size}}
         text = json.dumps(contents).encode()
         path = packed(tmp_path / "bad.tar", [(CONTENTS, text), (name, b"x")])
-        refused(path, tmp_path, "no usable size")
+        assert_refused(path, tmp_path, "no usable size")
 
 
 def changed(files, ending, change, tmp_path):
@@ -295,22 +295,24 @@ def test_records_that_are_not_what_their_id_says_are_refused(
     bundle, tmp_path, ending, change, match
 ):
     bad = changed(unpacked(bundle), ending, change, tmp_path)
-    refused(repacked(tmp_path / "bad.tar", bad), tmp_path, match)
+    assert_refused(repacked(tmp_path / "bad.tar", bad), tmp_path, match)
 
 
 def test_a_seal_with_another_spec_is_refused(bundle, tmp_path):
     files = unpacked(bundle)
     name = next(n for n in files if n.endswith("spec.json"))
     bad = {**files, name: b'{"effects":["none"],"salt":"s0"}'}
-    refused(repacked(tmp_path / "bad.tar", bad), tmp_path, "not the seal")
+    assert_refused(repacked(tmp_path / "bad.tar", bad), tmp_path, "not the seal")
 
 
 def test_a_wrong_hash_is_refused(bundle, tmp_path):
     files = unpacked(bundle)
     name = next(n for n in files if n.endswith("packages-") or "packages-" in n)
     bad = {**files, name: files[name][:-1] + b"!"}
-    refused(packed(tmp_path / "bad.tar", bad.items()), tmp_path, "hash is another one")
-    refused(repacked(tmp_path / "bad.tar", bad), tmp_path, "another hash")
+    assert_refused(
+        packed(tmp_path / "bad.tar", bad.items()), tmp_path, "hash is another one"
+    )
+    assert_refused(repacked(tmp_path / "bad.tar", bad), tmp_path, "another hash")
 
 
 def test_names_of_the_file_are_checked(store, tmp_path):
