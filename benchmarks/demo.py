@@ -28,9 +28,9 @@ from benchmarks.figures import (
     one_blas_thread,
     save,
 )
-from flows import demo
-from flows.pool import Pool
 from flows.settings import cores
+from flows.steps import demo
+from flows.workers.pool import Pool
 
 _SEEDS, _NULLS = "1001:1020", 10
 _QUICK = "the full run decides"

@@ -29,7 +29,7 @@ from benchmarks.figures import (
     save,
 )
 from benchmarks.logs_parts import shell
-from flows.pool import Pool
+from flows.workers.pool import Pool
 
 _SEEDS, _QUICK_SEEDS = "5001:5010", "1:1"
 _CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection")

@@ -6,40 +6,38 @@ that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PL
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
-import numpy as np
-
-from residual.clouds import clouds
-from residual.compare import compare, witnesses
-from residual.diagnose import Diagnosis, Progress, diagnose, without_refuted
+from residual.diagnosis.angle_noise import freed, told
+from residual.diagnosis.baseline import from_baseline
+from residual.diagnosis.clouds import clouds
+from residual.diagnosis.detectable import minimum_detectable
+from residual.diagnosis.diagnose import Diagnosis, Progress, diagnose, without_refuted
+from residual.diagnosis.findings import findings
+from residual.diagnosis.gate import Tested
+from residual.diagnosis.held_out import Verdicts, held_out_verdicts, unproven
+from residual.diagnosis.leftover.leftover import depends_on
+from residual.diagnosis.leftover.words import look_at_leftovers
+from residual.diagnosis.log_checks import delayed_at_source, filtered_at_source
+from residual.diagnosis.null_key import key_of
+from residual.diagnosis.null_record import Null, fitting, said
+from residual.diagnosis.result import Outcome
+from residual.diagnosis.search import Rules
+from residual.diagnosis.verdict import Case, complaint, write
 from residual.effects import registry
 from residual.errors import InputError
-from residual.findings import findings
-from residual.gate import Tested
-from residual.holdout import Verdicts, held_out_verdicts, unproven
-from residual.instruments import freed, told
-from residual.leftover import depends_on
-from residual.leftover_words import look_at_leftovers
-from residual.look import Logs, ready, start_nominal
-from residual.model import Model
+from residual.evidence.priors import ROUGH, priors
+from residual.model.compare import compare, witnesses
+from residual.model.fit_logs import ready, start_nominal
+from residual.model.model import Model
+from residual.model.nominal import declared_names
 from residual.names import check_name
-from residual.nominal import declared_names
-from residual.null import Null, fitting, said
-from residual.null_key import key_of
-from residual.outcome import Outcome
-from residual.power import minimum_detectable
-from residual.prior import ROUGH, Nominal, posterior_of, priors
 from residual.recording import Recording
-from residual.robot import Robot
-from residual.search import Rules
-from residual.signals import Filters
-from residual.source import delayed_at_source, filtered_at_source
-from residual.verdict import Case, complaint, write
-from residual.vocabulary import VOCABULARY
+from residual.robot.robot import Robot
+from residual.robot.vocabulary import VOCABULARY
+from residual.signals.split import hold_out_end, session_clock
+from residual.signals.track import Filters
 
 NOISE = "withdrawn: noise of the angles makes all of it, or too much to believe it"
-BASELINE_MOST = 12  # names that a baseline may need: it shows all that the URDF lacks
 
 
 def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
@@ -95,29 +93,6 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     outcome = _prove(diagnosis, held_out, same_run, (fit, tell, null))
     tell("proof", 1.0)
     return outcome
-
-
-def from_baseline(
-    robot: Robot, baseline: Sequence[Recording], names, logs: Logs, tell: Progress
-) -> Nominal:
-    """Diagnose the baseline first; what it shows is declared from then on."""
-    own = ready(robot, baseline, session_clock(baseline), logs.filters)
-    first = diagnose(
-        own,
-        start_nominal(own, names),
-        replace(Rules(), most=BASELINE_MOST),
-        lambda stage, share: tell(f"baseline: {stage}", share),
-    )
-    model = replace(
-        first.model(first.fit), speed_floor=logs.speed_floor, clock=logs.clock
-    )
-    count = len(model.coefficients())
-    return Nominal(
-        model,
-        (None,) * len(model.terms),
-        covariance=posterior_of(first.fit, count),
-        baseline_unexplained=first.adequacy.structured,
-    )
 
 
 def _prove(diagnosis: Diagnosis, held_out, same_run: bool, context) -> Outcome:
@@ -231,39 +206,6 @@ def _warnings(
             )
         )
     return list(dict.fromkeys(out))  # two ripples of a joint make one sentence
-
-
-def session_clock(recordings: Sequence[Recording]) -> float | None:
-    """Start of the session if the logs' times show their order, else None [s]."""
-    spans = sorted((float(r.t[0]), float(r.t[-1])) for r in recordings)
-    ordered = all(a[1] < b[0] for a, b in pairwise(spans))
-    return spans[0][0] if ordered else None
-
-
-def hold_out_end(
-    fit: Sequence[Recording],
-) -> tuple[list[Recording], list[Recording]]:
-    """Cut the last quarter off the longest log and hold it out."""
-    longest = max(fit, key=lambda r: r.duration)
-    cut = longest.t[0] + 0.75 * longest.duration
-    head, tail = (_part(longest, longest.t < cut), _part(longest, longest.t >= cut))
-    tail = replace(tail, id=f"{longest.id} (last quarter)")
-    return [head if r is longest else r for r in fit], [tail]
-
-
-def _part(recording: Recording, rows: np.ndarray) -> Recording:
-    optional = {
-        name: getattr(recording, name)[rows]
-        for name in ("qd", "qdd", "q_ref")
-        if getattr(recording, name) is not None
-    }
-    return replace(
-        recording,
-        t=recording.t[rows],
-        q=recording.q[rows],
-        tau=recording.tau[rows],
-        **optional,
-    )
 
 
 def _check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:

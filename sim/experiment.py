@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque

@@ -3,7 +3,7 @@
 import numpy as np
 
 from residual.recording import Recording
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.plant import tables as at
 from sim.plant.sensor_faults import hold_frozen
 from sim.plant.signal_faults import reported

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from residual.recording import Recording
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque, FeedForward, Replay

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from flows.cli.app import app
-from residual.robot_toml import parse_robot_toml
-from residual.vocabulary import DEFAULT_DECLARED, VOCABULARY
+from residual.robot.toml import parse_robot_toml
+from residual.robot.vocabulary import DEFAULT_DECLARED, VOCABULARY
 from warehouse.logs.columns import load_columns
 
 ROOT = Path(__file__).parents[1]

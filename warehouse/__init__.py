@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from warehouse.store import Store
+    from warehouse.query.store import Store
 
 __all__ = ["open"]
 
 
 def open(path: Path | str) -> Store:
-    """Open a store for reading (``warehouse.store.open_store``)."""
+    """Open a store for reading (``warehouse.query.store.open_store``)."""
     # Late, so that who only reads logs does not wait for the database.
-    from warehouse.store import open_store
+    from warehouse.query.store import open_store
 
     return open_store(path)

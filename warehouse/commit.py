@@ -24,12 +24,12 @@ from warehouse.files import (
     write_parquet,
 )
 from warehouse.layout import KINDS, SAMPLES_FILE, find, record_folder
-from warehouse.made_with import keep_made_with
 from warehouse.manifest import Parents, about_run, lineage_rows
-from warehouse.provenance import Provenance, as_record, provenance
+from warehouse.origin.made_with import keep_made_with
+from warehouse.origin.provenance import Provenance, as_record, provenance
+from warehouse.query.segments import remember
 from warehouse.schema import SIGNALS
 from warehouse.seal import Sealed, commit_seal, sealed_hash
-from warehouse.segments import remember
 
 Array = np.ndarray
 

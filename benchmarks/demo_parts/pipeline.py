@@ -6,10 +6,10 @@ from time import perf_counter
 
 from benchmarks.figures import ROOT, Figures, figure
 from benchmarks.logs_parts.singles import judge, told
-from flows import demo
-from flows.pool import Here
-from flows.rates import wilson
-from flows.records import read_outcome
+from flows.blind.rates import wilson
+from flows.keep.diagnosis import read_outcome
+from flows.steps import demo
+from flows.workers.pool import Here
 
 RIGHT_OF_20, WRONG_OF_20 = 16, 1
 _FEW = "not the deciding seeds; the full run decides"

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from flows.blind_row import true_parameters
+from flows.blind.row import true_parameters
 from residual.recording import Recording
-from residual.robot import Robot, load_robot
+from residual.robot.robot import Robot, load_robot
 from sim.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
 from sim.synthetic.effects import FORMS
 from sim.synthetic.motion import make_motion

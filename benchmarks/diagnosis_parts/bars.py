@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from benchmarks.figures import Figures, figure
-from flows.blind_score import WRONG
-from flows.blind_sums import both_clear, is_clear, is_right
-from flows.rates import wilson
+from flows.blind.rates import wilson
+from flows.blind.score import WRONG
+from flows.blind.sums import both_clear, is_clear, is_right
 
 Rows = Sequence[Mapping]
 _FEW = "not the deciding draws; the full run decides"

@@ -5,14 +5,14 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 
 from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC, as_form, make, the_arm
-from flows.blind_draw import MULTIPLES, OF_A_PAIR, vocabulary
-from flows.blind_row import case_row
-from flows.blind_score import NOTHING, PAIR, SINGLE, UNKNOWN
-from flows.blind_size import draw_sized, measured
-from flows.blind_sums import CLEAR
-from flows.spec import derived_seed
+from flows.blind.draw import MULTIPLES, OF_A_PAIR, vocabulary
+from flows.blind.row import case_row
+from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
+from flows.blind.size import draw_sized, measured
+from flows.blind.sums import CLEAR
+from flows.specs.experiment import derived_seed
 from residual.close import close_the_loop
-from residual.oracle import oracle
+from residual.diagnosis.oracle import oracle
 from sim.records import PlantEffect
 from sim.synthetic.effects import FORMS, UNNAMED
 from sim.synthetic.seeds import stream

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.figures import ROOT, code_hash
-from flows import blind_draw
-from flows.blind import method_hash
+from flows.blind import draw as blind_draw
+from flows.blind.steps import method_hash
 
 _HERE = Path(__file__).parent
 _PLAN = tuple(_HERE / name for name in ("arms.py", "cases.py", "measured.py"))
@@ -48,7 +48,7 @@ class Kept:
         """Do what is not known yet; return the results of all, by name.
 
         Args:
-            pool: Processes (``flows.pool``).
+            pool: Processes (``flows.workers.pool``).
             work: A function of a module, of one argument.
             jobs: Its argument for each name.
         """

@@ -12,18 +12,19 @@ import numpy as np
 
 from benchmarks.figures import Figures, figure, missing
 from benchmarks.logs_parts.measured import data_folder
-from flows.blind_score import Name, Said, members
-from flows.rates import wilson
-from residual.close import close_the_loop, session_clock
-from residual.compare import witnesses
-from residual.diagnose import diagnose
-from residual.look import as_model, ready, start_nominal
-from residual.model import at_samples
-from residual.nominal import declared_names
+from flows.blind.rates import wilson
+from flows.blind.score import Name, Said, members
+from residual.close import close_the_loop
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.search import Rules
+from residual.evidence.states import as_model
+from residual.model.compare import witnesses
+from residual.model.fit_logs import ready, start_nominal
+from residual.model.nominal import declared_names
 from residual.recording import Recording
-from residual.robot import Robot, load_robot
-from residual.search import Rules
-from residual.signals import Filters
+from residual.robot.robot import Robot, load_robot
+from residual.signals.split import session_clock
+from residual.signals.track import Filters, at_samples
 from warehouse.logs import read_log
 
 KR300, UR10 = "kr300", "ur10"

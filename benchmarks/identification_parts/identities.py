@@ -8,13 +8,13 @@ import numpy as np
 
 from benchmarks.figures import Figures, figure
 from benchmarks.identification_parts.plant_logs import ROBOT, plant_logs
-from residual import dynamics
-from residual.base import base_parameters
-from residual.energy import power_miss
-from residual.export import robot_files
-from residual.identify import identify
-from residual.look import ready, start_nominal
-from residual.robot import load_robot
+from residual.identification.identify import identify
+from residual.model.export import robot_files
+from residual.model.fit_logs import ready, start_nominal
+from residual.robot import dynamics
+from residual.robot.base_parameters import base_parameters
+from residual.robot.energy import power_miss
+from residual.robot.robot import load_robot
 
 STATES = 1000
 

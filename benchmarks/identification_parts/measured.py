@@ -2,10 +2,10 @@
 
 from benchmarks.figures import Figures, figure, missing
 from benchmarks.logs_parts.measured import data_folder
-from residual.consistency import consistent
-from residual.identify import identify
-from residual.robot import load_robot
-from residual.validation import torque_errors
+from residual.identification.consistency import consistent
+from residual.identification.identify import identify
+from residual.identification.validation import torque_errors
+from residual.robot.robot import load_robot
 from warehouse.logs import read_log
 
 _SPLITS = {

@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 
-from residual.dynamics import inertial_parameters
-from residual.model import Model
+from residual.model.model import Model
 from residual.recording import Recording
-from residual.robot import load_robot
+from residual.robot.dynamics import inertial_parameters
+from residual.robot.robot import load_robot
 from sim.experiment import run_experiment
 from sim.plant.arm import build_arm
 from sim.records import Noise, PlantSpec, Rates, Reference

@@ -8,12 +8,12 @@ from benchmarks.identification_parts.plant_logs import (
     plant_logs,
     true_coefficients,
 )
-from residual.consistency import consistent
-from residual.estimate import Options
-from residual.identify import Identification, identify
-from residual.model import Model
-from residual.signals import prepare
-from residual.validation import torque_errors
+from residual.identification.consistency import consistent
+from residual.identification.estimate import Options
+from residual.identification.identify import Identification, identify
+from residual.identification.validation import torque_errors
+from residual.model.model import Model
+from residual.signals.track import prepare
 
 
 def recovery_figures(seeds: int) -> Figures:

@@ -9,14 +9,14 @@ from sklearn.linear_model import HuberRegressor
 
 from benchmarks.figures import Figures, figure
 from benchmarks.identification_parts.plant_logs import ROBOT, plant_logs
-from residual import solve
-from residual.base import base_columns
-from residual.dynamics import inverse_dynamics
-from residual.estimate import Options, estimated
-from residual.identify import identify
-from residual.normal import normal_equations
-from residual.solve import Start
-from residual.structure import rows_of
+from residual.identification import solve
+from residual.identification.estimate import Options, estimated
+from residual.identification.identify import identify
+from residual.identification.solve import Start
+from residual.identification.structure import rows_of
+from residual.robot.base_parameters import base_columns
+from residual.robot.dynamics import inverse_dynamics
+from residual.robot.normal_equations import normal_equations
 
 SAMPLES = 60_000
 

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.figures import ROOT, Figures, figure, missing, partial
 from benchmarks.logs_parts.peer import peer_errors
 from residual.close import close_the_loop
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from warehouse.logs import read_log
 
 ROTATIONS = ("AB|C", "AC|B", "BC|A")

@@ -7,10 +7,10 @@ no mask, no prior and no knowledge of the robot but its kinematics.
 
 import numpy as np
 
-from residual.dynamics import regressor
 from residual.recording import Recording
-from residual.robot import Robot
-from residual.signals import Filters, Track, prepare
+from residual.robot.dynamics import regressor
+from residual.robot.robot import Robot
+from residual.signals.track import Filters, Track, prepare
 
 Array = np.ndarray
 

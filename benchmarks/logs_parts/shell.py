@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks.figures import ROOT, Figures, figure, missing
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.synthetic.logs import standard_case
 
 _SECONDS, _GIGABYTES = 15.0, 1.5

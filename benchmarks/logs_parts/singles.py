@@ -4,7 +4,7 @@ from collections import Counter, defaultdict
 from time import perf_counter
 
 from benchmarks.figures import Figures, figure
-from flows.rates import wilson
+from flows.blind.rates import wilson
 from residual.close import close_the_loop
 from sim.synthetic.effects import NAMED
 from sim.synthetic.logs import standard_case

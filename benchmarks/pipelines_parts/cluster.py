@@ -37,10 +37,10 @@ def cluster_figures(folder: Path, quick: bool) -> Figures:
 
 
 def _run(store: Path, word: str, count: int, victim: subprocess.Popen | None) -> None:
-    from flows.campaign import run_all
-    from flows.experiment import plan
-    from flows.runner import chosen_runner, workers_of
-    from flows.spec import experiment_of
+    from flows.specs.experiment import experiment_of
+    from flows.steps.experiment import plan
+    from flows.workers.campaign import run_all
+    from flows.workers.runner import chosen_runner, workers_of
 
     motion = {"kind": "fourier", "duration": 5.0}
     contents = [{"seed": seed, "trajectory": motion} for seed in range(count)]
@@ -57,7 +57,7 @@ def _run(store: Path, word: str, count: int, victim: subprocess.Popen | None) ->
 
 
 def _hashes(store: Path) -> dict[str, str]:
-    from warehouse.store import open_store
+    from warehouse.query.store import open_store
 
     with open_store(store) as opened:
         rows = opened.sql("SELECT run_id, data_hash FROM runs").to_pylist()

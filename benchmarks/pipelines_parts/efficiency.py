@@ -31,11 +31,11 @@ def efficiency_figures(folder: Path, quick: bool) -> Figures:
 
 
 def _seconds(store: Path, processes: int, count: int) -> float:
-    from flows.campaign import run_all
-    from flows.demo_run import load_engine
-    from flows.experiment import plan
-    from flows.pool import Pool
-    from flows.spec import experiment_of
+    from flows.scheduled.demo_run import load_engine
+    from flows.specs.experiment import experiment_of
+    from flows.steps.experiment import plan
+    from flows.workers.campaign import run_all
+    from flows.workers.pool import Pool
 
     specs = [experiment_of({"seed": seed}, "C") for seed in range(count)]
     planned = plan(((str(s.seed), s) for s in specs), store)
@@ -49,6 +49,6 @@ def _seconds(store: Path, processes: int, count: int) -> float:
 
 
 def _ready(_: str) -> None:
-    from flows.demo_run import load_engine
+    from flows.scheduled.demo_run import load_engine
 
     load_engine()

@@ -23,8 +23,8 @@ def main(folder: Path, count: int) -> None:
     campaign = folder / "c.toml"
     campaign.write_text(f"[grid]\nseed = {list(range(1, count + 1))}\n")
     prepare_prefect(prefect_home(folder / "flow"))
-    from flows import watch
-    from flows.campaign_flow import campaign as flow
+    from flows.scheduled import night as watch
+    from flows.scheduled.campaign import campaign as flow
 
     asked, store = watch.Campaign(str(campaign)), str(folder / "flow")
     with patch.object(watch, "workers_of", _sleepers):
@@ -46,9 +46,9 @@ class Sleepers:
         self._pool = pool
 
     def run(self, _work: object, jobs: Sequence[tuple]) -> Iterator:
-        """Yield jobs as they are done (`flows.pool.Pool.run`)."""
-        from flows.experiment import run_id_of
-        from flows.pool import Done
+        """Yield jobs as they are done (`flows.workers.pool.Pool.run`)."""
+        from flows.steps.experiment import run_id_of
+        from flows.workers.pool import Done
         from warehouse.layout import record_folder
 
         for done in self._pool.run(sleep, [_NAP] * len(jobs)):
@@ -60,7 +60,7 @@ class Sleepers:
 
 @contextmanager
 def _sleepers(_runner: object, _jobs: int) -> Iterator[Sleepers]:
-    from flows.pool import Pool
+    from flows.workers.pool import Pool
 
     with Pool(2) as pool:
         yield Sleepers(pool)

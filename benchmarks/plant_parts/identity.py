@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from benchmarks.figures import Figures, figure
 from benchmarks.plant_parts.runs import ROBOT, drawn, drive, reference
-from sim.bullet import World
+from sim.engine.bullet import World
 from sim.plant import tables as at
 from sim.plant.arm import Phase, build_arm, new_state, phases
 from sim.plant.perturbations import KINDS

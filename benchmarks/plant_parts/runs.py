@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from benchmarks.figures import Figures, figure
 from benchmarks.plant_parts.runs import ROBOT, drawn, drive, reference
-from sim.bullet import World
+from sim.engine.bullet import World
 from sim.experiment import run_experiment
 from sim.plant.controller import KD, KP
 from sim.records import PlantSpec, Rates, Reference

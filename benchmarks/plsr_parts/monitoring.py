@@ -14,11 +14,11 @@ import numpy as np
 
 from benchmarks.figures import Figures, figure, missing, partial
 from benchmarks.plsr_parts.monitor_runs import ROBOT, Case, good_run, run_of
-from flows.rates import wilson
-from residual.look import ready, start_nominal
-from residual.monitor import Alarm, calibrate
-from residual.nominal import declared_names
-from residual.signals import Filters
+from flows.blind.rates import wilson
+from residual.model.fit_logs import ready, start_nominal
+from residual.model.nominal import declared_names
+from residual.monitoring.monitor import Alarm, calibrate
+from residual.signals.track import Filters
 from sim.trajectories import KINDS
 
 # Within how many seconds each fault is to be found; None: told, without a bar.

@@ -13,12 +13,12 @@ import numpy as np
 
 from benchmarks.figures import Figures, figure, missing
 from benchmarks.logs_parts.measured import data_folder
-from residual.calibrate import Calibration, Settings, calibrate
-from residual.calibrate_models import DEFAULT, LS, NONE, PAPER_FORM
-from residual.calibrate_rows import Run
-from residual.calibrate_schemes import RANDOM, RUN
-from residual.calibrate_scores import find
-from residual.robot import Robot, load_robot
+from residual.calibration.calibrate import Calibration, Settings, calibrate
+from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
+from residual.calibration.rows import Run
+from residual.calibration.schemes import RANDOM, RUN
+from residual.calibration.scores import find
+from residual.robot.robot import Robot, load_robot
 from sim.experiment import run_experiment
 from sim.plant import tables as at
 from sim.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec

@@ -4,9 +4,9 @@ import numpy as np
 
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.plsr_parts.rows import repeated_rows, seconds
-from residual.crossval import leave_one_out, random_blocks, systematic
-from residual.nominal_folds import nominal_errors
-from residual.nominal_pls import NominalForm
+from residual.tables.crossval import leave_one_out, random_blocks, systematic
+from residual.tables.nominal.crossval import nominal_errors
+from residual.tables.nominal.pls import NominalForm
 
 _SECONDS = 60.0
 _LEVELS = range(2, 41)

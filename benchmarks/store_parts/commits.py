@@ -73,8 +73,8 @@ def commit_figures(rounds: int, simulated: bool) -> Figures:
 
 
 def _plant() -> tuple[Recording, dict]:
-    from flows.experiment import make
-    from flows.spec import load_spec
+    from flows.specs.experiment import load_spec
+    from flows.steps.experiment import make
 
     with folder() as place:
         path = place / "spec.toml"

@@ -16,13 +16,13 @@ import numpy as np
 import warehouse
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.store_parts.made import folder
-from flows import experiment
-from flows.campaign import run_all
-from flows.design import load_campaign
-from flows.pool import Here
+from flows.specs.campaign import load_campaign
+from flows.steps import experiment
+from flows.workers.campaign import run_all
+from flows.workers.pool import Here
 from residual.recording import Recording
 from warehouse.layout import list_folders
-from warehouse.provenance import provenance
+from warehouse.origin.provenance import provenance
 from warehouse.runs import read_run
 from warehouse.seal import open_seal
 

@@ -40,12 +40,12 @@ def blind(
 
     from rich.console import Console
 
-    from flows.blind_draw import Asked
-    from flows.blind_report import store_page, tell_study
-    from flows.blind_run import run_study
-    from flows.cli.progress import progress_bar
+    from flows.blind.draw import Asked
+    from flows.blind.run import run_study
     from flows.errors import RunError
-    from flows.output import check_writable, write_all
+    from flows.outputs import check_writable, write_all
+    from flows.progress import progress_bar
+    from flows.report.study import store_page, tell_study
     from flows.settings import store_folder
     from residual.errors import InputError
 

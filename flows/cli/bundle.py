@@ -40,7 +40,7 @@ def bundle(
     from pathlib import Path
 
     from flows.settings import store_folder
-    from warehouse.bundle import write_bundle
+    from warehouse.exchange.bundle import write_bundle
 
     place = store_folder(store)
     made = write_bundle(place, id, Path(out), not without_seal)
@@ -75,7 +75,7 @@ def unbundle(file: str, /, *, store: str | None = None) -> None:
     from pathlib import Path
 
     from flows.settings import store_folder
-    from warehouse.unbundle import read_bundle
+    from warehouse.exchange.unbundle import read_bundle
 
     place = store_folder(store)
     done = read_bundle(Path(file), place)

@@ -50,8 +50,8 @@ def calibrate(
     """
     from rich.console import Console
 
-    from flows import calibrate as steps
-    from flows.cli.progress import progress_bar
+    from flows.progress import progress_bar
+    from flows.steps import calibrate as steps
 
     request = steps.Request(
         logs=logs,

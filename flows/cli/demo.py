@@ -36,13 +36,13 @@ def demo(
     """
     from rich.console import Console
 
-    from flows import demo as steps
-    from flows.cli.progress import progress_bar
-    from flows.demo_run import run_flow, run_plain
-    from flows.records import read_outcome
-    from flows.report.staged import Staged
-    from flows.report.terminal import print_outcome, print_truth
+    from flows.keep.diagnosis import read_outcome
+    from flows.progress import progress_bar
+    from flows.report.terminal.diagnosis import print_outcome, print_truth
+    from flows.report.words.staged import Staged
+    from flows.scheduled.demo_run import run_flow, run_plain
     from flows.settings import store_folder
+    from flows.steps import demo as steps
 
     place, console = store_folder(store), Console()
     asked = steps.Asked(seed, effect)

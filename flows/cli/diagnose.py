@@ -65,8 +65,8 @@ def diagnose(
     """
     from rich.console import Console
 
-    from flows import steps
-    from flows.cli.progress import progress_bar
+    from flows.progress import progress_bar
+    from flows.steps import diagnose as steps
 
     request = steps.Request(
         logs=logs,

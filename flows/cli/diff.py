@@ -27,9 +27,9 @@ def diff(
         format: How to print it.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from flows import diff as steps
-    from flows.cli.diff_words import as_record, print_diff
+    from flows.report.terminal.diff import as_record, print_diff
     from flows.settings import store_folder
+    from flows.steps import diff as steps
 
     found = steps.diff(one, two, store_folder(store))
     if format == "json":
@@ -65,10 +65,10 @@ def lineage(
     """
     import json
 
-    from flows.cli.diff_words import print_tree
+    from flows.report.terminal.diff import print_tree
     from flows.settings import store_folder
-    from warehouse.lineage import tree
-    from warehouse.store import open_store
+    from warehouse.origin.lineage import tree
+    from warehouse.query.store import open_store
 
     wanted = {"made from": up or not down, "gave": down or not up}
     with open_store(store_folder(store)) as opened:

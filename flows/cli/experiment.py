@@ -27,9 +27,9 @@ def experiment(spec: str, *, store: str | None = None, dry_run: _Flag = False) -
     """
     from rich.console import Console
 
-    from flows import experiment as steps
     from flows.settings import store_folder
-    from flows.spec import load_spec
+    from flows.specs.experiment import load_spec
+    from flows.steps import experiment as steps
 
     place, console = store_folder(store), Console()
     (planned,) = steps.plan([(spec, load_spec(spec))], place)
@@ -70,13 +70,13 @@ def campaign(
     """
     from rich.console import Console
 
-    from flows import experiment as steps
-    from flows.campaign import run_all
-    from flows.cli.progress import progress_bar
-    from flows.design import load_campaign
     from flows.errors import RunError
-    from flows.runner import chosen_runner, workers_of
+    from flows.progress import progress_bar
     from flows.settings import store_folder
+    from flows.specs.campaign import load_campaign
+    from flows.steps import experiment as steps
+    from flows.workers.campaign import run_all
+    from flows.workers.runner import chosen_runner, workers_of
 
     place, console = store_folder(store), Console()
     where = chosen_runner(runner, trust_network)

@@ -58,7 +58,7 @@ def identify(
     """
     from rich.console import Console
 
-    from flows import identify as steps
+    from flows.steps import identify as steps
 
     request = steps.Request(
         logs=logs,

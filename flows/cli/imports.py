@@ -46,9 +46,9 @@ def import_(
     """
     from rich.console import Console
 
-    from flows import imports as steps
-    from flows.cli.imports_words import lines, table
+    from flows.report.terminal.imports import lines, table
     from flows.settings import store_folder
+    from flows.steps import imports as steps
 
     place, console = store_folder(store), Console()
     request = steps.Request(logs, robot, map, trajectory, kind)

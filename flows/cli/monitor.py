@@ -43,9 +43,9 @@ def monitor(
 
     from rich.console import Console
 
-    from flows import monitor as steps
-    from flows.output import check_writable, write_all
+    from flows.outputs import check_writable, write_all
     from flows.settings import store_folder
+    from flows.steps import monitor as steps
 
     place, console = store_folder(store), Console()
     files = {"--plot": Path(plot)} if plot else {}
@@ -55,7 +55,7 @@ def monitor(
         console.print(_table(found, watched))
     lines = [meaning(found), *found.notes]
     for path in files.values():
-        from flows.monitor_plot import plot as draw
+        from flows.report.page.monitor_plot import plot as draw
 
         write_all({path: draw(found, watched)})
         lines.append(f"wrote {path}")
@@ -66,7 +66,7 @@ def meaning(found) -> str:
     """Return what was found, in one sentence.
 
     Args:
-        found: A ``flows.monitor.Watched``.
+        found: A ``flows.steps.monitor.Watched``.
     """
     alarms = [alarm for each in found.alarms.values() for alarm in each]
     count, runs = len(alarms), len(found.alarms)

@@ -53,11 +53,11 @@ def calibrate_null(
 
     from rich.console import Console
 
-    from flows import null as steps
     from flows.cli.diagnose import parse_declared
-    from flows.cli.progress import progress_bar
-    from flows.output import check_writable, read_files, write_all
+    from flows.outputs import check_writable, read_files, write_all
+    from flows.progress import progress_bar
     from flows.settings import store_folder
+    from flows.steps import null as steps
     from residual.errors import InputError
 
     if workers is not None and workers < 1:
@@ -79,7 +79,7 @@ def calibrate_null(
 
 def _lines(made, draws: int, store) -> list[str]:
     """Return what a null says, a sentence each."""
-    from residual.search import Rules
+    from residual.diagnosis.search import Rules
 
     null = made.null
     least = Rules().threshold

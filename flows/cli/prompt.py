@@ -6,11 +6,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from flows.cli.store_work import tell_damage
-from flows.cli.tables import print_table
+from flows.report.terminal.answers import print_table
 from residual.errors import InputError
-from warehouse.named import NAMED, TAKES
+from warehouse.query.named import NAMED, TAKES
+from warehouse.query.store import Store
 from warehouse.schema import all_views
-from warehouse.store import Store
 
 HISTORY, KEPT = "_sql_history", 2000
 FIRST, NEXT = "modelgap> ", "     ...> "

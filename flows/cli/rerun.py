@@ -41,10 +41,10 @@ def rerun(
         format: How to print the outcome.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from flows import rerun as steps
-    from flows.cli.rerun_words import lines, record
     from flows.errors import RunError
+    from flows.report.terminal.rerun import lines, record
     from flows.settings import store_folder
+    from flows.steps.rerun import rerun as steps
 
     place = store_folder(store)
     made = steps.rerun(id, place, verify)

@@ -8,14 +8,14 @@ from pathlib import Path
 import pyarrow as pa
 
 from flows.cli.store_work import tell_damage
-from flows.cli.tables import as_bytes, check_shown, print_table
-from flows.output import check_writable, write_all
+from flows.outputs import check_writable, write_all
+from flows.report.terminal.answers import as_bytes, check_shown, print_table
 from flows.settings import store_folder
 from residual.errors import InputError
 from residual.names import check_name
-from warehouse.named import NAMED, TAKES
+from warehouse.query.named import NAMED, TAKES
+from warehouse.query.store import open_store
 from warehouse.schema import all_views
-from warehouse.store import open_store
 
 LIST = "list"
 

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import pyarrow as pa
 
-from flows.cli.tables import check_shown, print_table
+from flows.report.terminal.answers import check_shown, print_table
 from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse.commit import read_record
 from warehouse.layout import find
 from warehouse.quarantine import tombstone
-from warehouse.queries import text as quoted
-from warehouse.store import Store, open_store
+from warehouse.query.store import Store, open_store
+from warehouse.query.views import text as quoted
 
 _COLUMNS = (
     "run_id, robot, source, kind, trajectory, duration_s, rows, seed, created, "

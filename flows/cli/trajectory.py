@@ -40,7 +40,7 @@ def trajectory(
     """
     from rich.console import Console
 
-    from flows.trajectory import Wanted, preview
+    from flows.steps.trajectory import Wanted, preview
     from sim.records import TrajectorySpec
 
     spec = TrajectorySpec(kind, duration, periods, seed)

@@ -23,8 +23,8 @@ def validate(run: str, /, *, window: float = 0.25, store: str | None = None) -> 
     """
     from rich.console import Console
 
-    from flows import validate as steps
     from flows.settings import store_folder
+    from flows.steps import validate as steps
 
     place, console = store_folder(store), Console()
     id, made = steps.validate(run, window, place)
@@ -37,7 +37,7 @@ def meaning(made) -> str:
     """Return what a validation shows, in one sentence.
 
     Args:
-        made: A ``flows.validate.Validation``.
+        made: A ``flows.steps.validate.Validation``.
     """
     worst = int(made.open_loop.argmax())
     told = (

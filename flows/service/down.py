@@ -6,9 +6,9 @@ from pathlib import Path
 from time import monotonic, sleep
 
 from flows.errors import RunError
-from flows.server import answers
 from flows.service import api
 from flows.service.processes import Process, flow_processes, stop
+from flows.service.server import answers
 from flows.service.state import (
     Running,
     one_at_a_time,

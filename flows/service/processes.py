@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -115,3 +116,8 @@ def _signal(process: Process, number: int) -> None:
         return
     with suppress(ProcessLookupError):
         os.kill(process.pid, number)
+
+
+def worker_name(name: str) -> str:
+    """Return the name under which a worker of this machine reports."""
+    return f"{name}@{socket.gethostname()}"

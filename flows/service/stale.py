@@ -1,7 +1,7 @@
 """Flow runs that are said to run and that nobody runs: found and closed."""
 
 from flows.service import api
-from flows.service.processes import flow_processes
+from flows.service.processes import flow_processes, worker_name
 from flows.service.wanted import BEAT
 
 GONE = "Its process is gone; closed when modelgap up found it."
@@ -64,7 +64,5 @@ def watch_for_stale(url: str) -> None:
 
 
 def _elsewhere(url: str) -> bool:
-    from flows.service.up import worker_name
-
     here = worker_name("")
     return any(not name.endswith(here) for name in api.workers_online(url))

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.errors import RunError
-from flows.server import answers
 from flows.service import api
+from flows.service.processes import worker_name
+from flows.service.server import answers
 from flows.service.state import Running, read_running
-from flows.service.up import worker_name
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """Start, or complete, what runs for a store: server, pool, deployments, workers."""
 
 import hashlib
-import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,9 +9,9 @@ from pathlib import Path
 from time import monotonic, sleep
 
 from flows.errors import RunError
-from flows.server import answers
 from flows.service import api
-from flows.service.processes import Process, start, stop
+from flows.service.processes import Process, start, stop, worker_name
+from flows.service.server import answers
 from flows.service.stale import close_stale, watch_for_stale
 from flows.service.state import Running, one_at_a_time, read_running, write_running
 from flows.service.wanted import (
@@ -181,11 +180,6 @@ def _with_workers(running: Running, home: Path, wanted: Wanted, count: int) -> R
 def _worker_command(name: str) -> list[str]:
     command = [sys.executable, "-m", "prefect", "worker", "start", "--pool", api.POOL]
     return [*command, "--type", "process", "--name", worker_name(name)]
-
-
-def worker_name(name: str) -> str:
-    """Return the name under which a worker of this machine reports."""
-    return f"{name}@{socket.gethostname()}"
 
 
 def _deployed(running: Running, home: Path, wanted: Wanted, say: Say) -> Running:

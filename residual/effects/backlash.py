@@ -8,8 +8,8 @@ catches it: a late crossing, and the later the wider the play.
 import numba
 import numpy as np
 
+from residual.effects._sensitivity import moved, rates, sensitivity
 from residual.effects.base import Effect, Refinement
-from residual.sensitivity import moved, rates, sensitivity
 
 # The coefficient is the half gap, the shape the one that the flight is drawn for.
 LEAST, MOST = 0.5, 2.0

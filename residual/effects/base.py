@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from residual.recording import Array
-from residual.robot import Robot
+from residual.robot.robot import Robot
 
 Joints = tuple[int, ...]
 Shape = tuple[float, ...]

@@ -5,9 +5,9 @@ To first order |g| (tilt_x, tilt_y, 0) is added to gravity in the base frame.
 
 import numpy as np
 
-from residual.dynamics import gravity_torque
+from residual.effects._sensitivity import model_of
 from residual.effects.base import Effect, against_position
-from residual.sensitivity import model_of
+from residual.robot.dynamics import gravity_torque
 
 
 def _columns(state, joints, shape):

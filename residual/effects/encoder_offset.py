@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from residual.effects._sensitivity import sensitivity
 from residual.effects.base import Effect, against_position
-from residual.sensitivity import sensitivity
 
 
 def _columns(state, joints, shape):

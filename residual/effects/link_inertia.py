@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from residual.dynamics import inertial_parameters
 from residual.effects.base import Effect, against_position
+from residual.robot.dynamics import inertial_parameters
 
 
 def _columns(state, joints, shape):

@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 
-from residual.dynamics import flange_placement
 from residual.effects.base import Effect, against_position
+from residual.robot.dynamics import flange_placement
 
 ARM = 0.1  # m from the flange to the centre of a usual load
 

@@ -7,7 +7,7 @@ Coulomb friction of the model it makes friction that takes some way to turn roun
 import numpy as np
 
 from residual.effects.base import Effect, Refinement, local
-from residual.standstill import bristle
+from residual.signals.direction import bristle
 
 
 def _feature(state, j, shape):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from residual.dynamics import flange_jacobian
 from residual.effects.base import Effect, against_position
+from residual.robot.dynamics import flange_jacobian
 
 
 def _columns(state, joints, shape):

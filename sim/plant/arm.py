@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.plant.bodies import scattered, with_effects
 from sim.plant.controller import Maker, maker_of
 from sim.plant.perturbations import check_effect, parameters

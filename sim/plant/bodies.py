@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.plant.perturbations import parameters
 from sim.records import PlantEffect
 from sim.synthetic.body import scatter, with_payload

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import pinocchio as pin
 
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.plant.compiled import compiled
 from sim.records import Reference
 from sim.synthetic.sizes import sizes

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from residual.names import check_name
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.plant.perturbations import KINDS
 from sim.records import PlantEffect
 from sim.synthetic import effects

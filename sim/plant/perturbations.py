@@ -11,7 +11,7 @@ from typing import Literal
 
 from residual.errors import InputError
 from residual.names import check_keys, check_name
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.records import PlantEffect
 
 Scope = Literal["joint", "pair", "flange", "global"]

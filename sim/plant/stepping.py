@@ -7,9 +7,9 @@ import numpy as np
 import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
-from residual.dynamics import flange_frame
 from residual.errors import ModelgapError
-from sim.bullet import World
+from residual.robot.dynamics import flange_frame
+from sim.engine.bullet import World
 from sim.plant import tables as at
 from sim.plant.arm import Arm, Phase, new_state, phases
 from sim.plant.controller import Controller

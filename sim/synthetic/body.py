@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from residual.dynamics import flange_placement
+from residual.robot.dynamics import flange_placement
 from sim.synthetic.state import Hidden
 
 Array = np.ndarray

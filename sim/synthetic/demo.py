@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from residual.recording import Recording
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.synthetic.draw import draw
 from sim.synthetic.logs import LogPlan, make
 from sim.synthetic.plant import Plant

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
-from residual.dynamics import flange_placement
+from residual.robot.dynamics import flange_placement
 from sim.synthetic.effects.forms import soft_limit
 from sim.synthetic.state import Hidden
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.synthetic.body import outward
 from sim.synthetic.room import room
 from sim.synthetic.sizes import Sizes, sizes

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from residual.recording import Recording
-from residual.robot import Robot, load_robot
+from residual.robot.robot import Robot, load_robot
 from sim.synthetic.draw import draw
 from sim.synthetic.motion import make_motion
 from sim.synthetic.plant import Plant, true_friction, true_torque

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from residual.dynamics import inverse_dynamics
-from residual.robot import Robot
+from residual.robot.dynamics import inverse_dynamics
+from residual.robot.robot import Robot
 from sim.synthetic.body import scatter, with_payload
 from sim.synthetic.bristle import deflection
 from sim.synthetic.disguise import changed_body, motor, pushed, reading, reported

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.robot import Robot
+from residual.robot.robot import Robot
 
 Array = np.ndarray
 

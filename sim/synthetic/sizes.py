@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.dynamics import gravity_torque, inverse_dynamics
-from residual.robot import Robot
+from residual.robot.dynamics import gravity_torque, inverse_dynamics
+from residual.robot.robot import Robot
 from sim.synthetic.room import room
 from sim.synthetic.seeds import stream
 

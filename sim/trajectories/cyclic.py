@@ -7,8 +7,8 @@ smooth, so the joint angles along it are a Fourier series, exact to rounding.
 
 import numpy as np
 
-from residual.robot import Robot
-from sim.kinematics import follow
+from residual.robot.robot import Robot
+from sim.engine.kinematics import follow
 from sim.synthetic.series import Series, evaluate
 from sim.trajectories.limits import LimitError
 from sim.trajectories.plan import Plan, check

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.linalg import null_space
 
 from residual.errors import InputError
-from residual.robot import Robot
-from sim.clearance import MARGIN, Body, body, clearances
+from residual.robot.robot import Robot
+from sim.engine.clearance import MARGIN, Body, body, clearances
 from sim.synthetic.room import draw_centre, room
 from sim.synthetic.series import Series, derivative, peaks
 from sim.trajectories.limits import Limits, between, largest_torque, plan_limits

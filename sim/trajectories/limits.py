@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.dynamics import inverse_dynamics
 from residual.errors import InputError
-from residual.robot import Robot
+from residual.robot.dynamics import inverse_dynamics
+from residual.robot.robot import Robot
 from sim.synthetic.room import room
 
 Array = np.ndarray

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.errors import InputError
-from residual.robot import Robot
-from sim.clearance import MARGIN, Body, body, clearances
+from residual.robot.robot import Robot
+from sim.engine.clearance import MARGIN, Body, body, clearances
 from sim.synthetic.room import Room, draw_centre, room
 from sim.synthetic.stops import move_time
 from sim.trajectories.limits import LimitError, Limits, largest_torque, plan_limits

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.robot import Robot
-from sim.clearance import MARGIN, Body, body, clearances
+from residual.robot.robot import Robot
+from sim.engine.clearance import MARGIN, Body, body, clearances
 from sim.trajectories.limits import LimitError, between, check_limits
 
 Array = np.ndarray

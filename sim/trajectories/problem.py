@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.base import base_columns
-from residual.dynamics import inertial_parameters, regressor
-from sim.clearance import MARGIN, clearances
-from sim.excitation import cost
+from residual.robot.base_parameters import base_columns
+from residual.robot.dynamics import inertial_parameters, regressor
+from sim.engine.clearance import MARGIN, clearances
 from sim.synthetic.series import Series
+from sim.trajectories.excitation import cost
 from sim.trajectories.fourier import FREE, Arena, harmonics, sampled
 from sim.trajectories.limits import Friction, declared_friction
 

@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from residual.errors import InputError
 from residual.names import check_name
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from sim.records import Reference, TrajectorySpec
 from sim.synthetic.seeds import stream
 from sim.trajectories.cyclic import RAMP, plan_cyclic

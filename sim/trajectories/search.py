@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.optimize import minimize
 
-from sim.excitation import excitation
 from sim.synthetic.series import Series
+from sim.trajectories.excitation import excitation
 from sim.trajectories.fourier import (
     Arena,
     draw,

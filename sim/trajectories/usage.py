@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.robot import Robot
-from sim.excitation import Excitation, excitation
+from residual.robot.robot import Robot
 from sim.records import Reference
+from sim.trajectories.excitation import Excitation, excitation
 from sim.trajectories.limits import largest_torque
 
 Array = np.ndarray

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from residual.robot import Robot
-from sim.kinematics import follow
+from residual.robot.robot import Robot
+from sim.engine.kinematics import follow
 from sim.trajectories.limits import LimitError, Limits
 from sim.trajectories.plan import Plan, check
 from sim.trajectories.program import (

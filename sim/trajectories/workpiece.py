@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError
-from residual.robot import Robot
-from sim.clearance import MARGIN, Body, body, clearances
-from sim.kinematics import (
+from residual.robot.robot import Robot
+from sim.engine.clearance import MARGIN, Body, body, clearances
+from sim.engine.kinematics import (
     NEAR_SINGULAR,
     Kinematics,
     dexterity,

@@ -1,8 +1,8 @@
 """Bars of the diagnosis benchmark, and results that outlive a kill."""
 
 from benchmarks.diagnosis_parts import bars, cases, kept, measured
-from flows.blind_score import Name, Said
-from flows.pool import Here
+from flows.blind.score import Name, Said
+from flows.workers.pool import Here
 
 ROW = {
     "outcome": "right",

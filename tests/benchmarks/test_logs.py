@@ -2,7 +2,7 @@ import pytest
 
 from benchmarks.figures import figure, finish, missing, partial
 from benchmarks.logs_parts.singles import judge, singles_figures
-from flows.rates import wilson
+from flows.blind.rates import wilson
 
 
 def verdict(*effects, flagged=()):

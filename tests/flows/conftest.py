@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from residual.outcome import Outcome
+from residual.diagnosis.result import Outcome
 
 JOINTS = range(1, 7)
 NAMES = ("t", *(f"q{i}" for i in JOINTS), *(f"tau{i}" for i in JOINTS))
@@ -37,10 +37,10 @@ def calls(monkeypatch):
 
     fakes = {
         "residual.close": SimpleNamespace(close_the_loop=close_the_loop),
-        "flows.report.terminal": SimpleNamespace(
+        "flows.report.terminal.diagnosis": SimpleNamespace(
             print_outcome=print_outcome, print_truth=None
         ),
-        "flows.report.html": SimpleNamespace(render=render),
+        "flows.report.page.diagnosis": SimpleNamespace(render=render),
     }
     for name, module in fakes.items():
         monkeypatch.setitem(sys.modules, name, module)

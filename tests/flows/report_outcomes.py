@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from residual.outcome import Cloud, LogProof, Outcome
+from residual.diagnosis.result import Outcome
+from residual.model.curves import Cloud, LogProof
 
 DOF = 6
 STAGES = ("nominal", "identified", "augmented")

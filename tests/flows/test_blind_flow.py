@@ -11,8 +11,8 @@ pytestmark = pytest.mark.prefect
 
 
 def test_the_flow_runs_a_study_and_links_its_page(server, monkeypatch, tmp_path):  # noqa: F811
-    from flows import blind_flow
-    from flows.blind_sums import summary
+    from flows.blind.sums import summary
+    from flows.scheduled import blind as blind_flow
 
     asked = []
     rows = [row("single", "right", multiple=3.0)]

@@ -2,15 +2,15 @@
 
 import pytest
 
-from flows.blind_draw import Asked, drafts
-from flows.blind_row import case_row, estimate
-from flows.blind_score import Name, members, score
-from flows.blind_size import Hidden, draw_sized, measured
-from flows.blind_sums import summary
-from flows.rates import wilson
+from flows.blind.draw import Asked, drafts
+from flows.blind.rates import wilson
+from flows.blind.row import case_row, estimate
+from flows.blind.score import Name, members, score
+from flows.blind.size import Hidden, draw_sized, measured
+from flows.blind.sums import summary
 from residual.effects import registry
 from residual.errors import InputError
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.records import PlantEffect
 from sim.streams import stream
 from tests.flows.blind_rows import entry, row, verdict

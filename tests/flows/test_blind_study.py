@@ -4,16 +4,18 @@ import shutil
 
 import pytest
 
-from flows import blind as steps
-from flows import blind_draw, blind_report, blind_run
-from flows.blind_draw import Asked, Draft, Excitation, Wish
-from flows.blind_sums import summary
+from flows.blind import draw as blind_draw
+from flows.blind import run as blind_run
+from flows.blind import steps
+from flows.blind.draw import Asked, Draft, Excitation, Wish
+from flows.blind.sums import summary
 from flows.errors import RunError
-from flows.pool import Here
-from flows.report.blind import render
+from flows.report import study as blind_report
+from flows.report.page.study import render
+from flows.workers.pool import Here
 from tests.flows.blind_rows import row
 from warehouse import seal
-from warehouse.store import open_store
+from warehouse.query.store import open_store
 
 # Short motions that need no optimisation, so that all of it takes some seconds.
 SHORT = Excitation(0, ("cyclic", "cyclic"), ("cyclic",), 0.005, 1e-4)

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from flows import campaign, experiment, runner
-from flows.campaign import run_all
 from flows.cli import main
-from flows.experiment import plan
-from flows.pool import Done, Here, Pool
-from flows.spec import experiment_of
+from flows.specs.experiment import experiment_of
+from flows.steps import experiment
+from flows.steps.experiment import plan
+from flows.workers import campaign, runner
+from flows.workers.campaign import run_all
+from flows.workers.pool import Done, Here, Pool
 from residual.errors import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -139,7 +140,7 @@ def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
 
 _SLEEPERS = """
 import sys, time
-from flows.pool import Pool
+from flows.workers.pool import Pool
 if __name__ == "__main__":
     with Pool(2) as pool:
         for done in pool.run(time.sleep, [0.0, 0.0, 600.0, 600.0]):

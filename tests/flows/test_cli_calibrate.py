@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows import experiment
 from flows.cli import main
-from flows.report import calibration_words
-from flows.spec import experiment_of
-from residual import calibrate as core
-from residual.calibrate_models import DEFAULT, LS, NONE, PAPER_FORM
-from residual.calibrate_schemes import RANDOM, RUN
-from residual.calibrate_scores import Score
-from residual.nominal_pls import NominalForm
+from flows.report.words import calibration as calibration_words
+from flows.specs.experiment import experiment_of
+from flows.steps import experiment
+from residual.calibration import calibrate as core
+from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
+from residual.calibration.schemes import RANDOM, RUN
+from residual.calibration.scores import Score
+from residual.tables.nominal.pls import NominalForm
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
-from warehouse.store import open_store
+from warehouse.query.store import open_store
 
 NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 KEYS = (

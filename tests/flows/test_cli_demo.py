@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from flows import demo as steps
 from flows.cli import main
-from flows.cli.progress import progress_bar
-from flows.report.staged import Hidden, Staged, judge
-from flows.report.terminal import print_truth
+from flows.progress import progress_bar
+from flows.report.terminal.diagnosis import print_truth
+from flows.report.words.staged import Hidden, Staged, judge
+from flows.steps import demo as steps
 
 ROOT = Path(__file__).parents[2]
 RUN = "from flows.cli import main; raise SystemExit(main())"
@@ -46,7 +46,7 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(tmp_path):
 
 
 def _the_verdict_needs_no_seal(store: Path, verdict: dict) -> None:
-    from flows.records import read_outcome
+    from flows.keep.diagnosis import read_outcome
 
     shutil.rmtree(store / "sealed")
     asked = steps.Asked(7, "payload")

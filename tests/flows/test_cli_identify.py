@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 

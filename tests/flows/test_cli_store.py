@@ -12,10 +12,10 @@ import pytest
 
 from flows.cli import main, prompt
 from tests.warehouse import store_samples as made
-from warehouse.named import NAMED
 from warehouse.quarantine import quarantine
+from warehouse.query.named import NAMED
+from warehouse.query.store import open_store
 from warehouse.schema import all_views
-from warehouse.store import open_store
 from warehouse.verdicts import store_verdict
 
 ROOT = Path(__file__).parents[2]

@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from flows import demo as steps
-from flows import server as server_of
-from flows import stages, watch
-from flows.around import Around, surrounded
+from flows.scheduled import night as watch
+from flows.scheduled import stages
+from flows.scheduled.surroundings import Around, surrounded
+from flows.service import server as server_of
+from flows.steps import demo as steps
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,7 +73,7 @@ def order(monkeypatch, tmp_path):
 
 
 def test_the_seal_is_opened_after_the_verdict_is_stored(server, order, tmp_path):
-    from flows.demo_flow import demo
+    from flows.scheduled.demo import demo
 
     done = demo(3, None, str(tmp_path))
     names = [name for name, _ in order]
@@ -83,7 +84,7 @@ def test_the_seal_is_opened_after_the_verdict_is_stored(server, order, tmp_path)
 
 
 def test_the_steps_of_a_flow_get_progress_and_processes_of_its_command(server, order):
-    from flows.demo_flow import demo
+    from flows.scheduled.demo import demo
 
     told, pool = print, object()
     with surrounded(Around(told, pool)):
@@ -94,8 +95,8 @@ def test_the_steps_of_a_flow_get_progress_and_processes_of_its_command(server, o
 
 
 def test_a_failing_step_fails_the_flow_with_its_own_error(server, order, monkeypatch):
-    from flows.demo_flow import demo
     from flows.errors import RunError
+    from flows.scheduled.demo import demo
 
     def fail(*_):
         raise RunError("Experiment welding failed: joint 2 at 1.2 s")
@@ -109,7 +110,7 @@ def test_a_failing_step_fails_the_flow_with_its_own_error(server, order, monkeyp
 def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
     server, order, tmp_path, monkeypatch
 ):
-    from flows.nightly import nightly
+    from flows.scheduled.nightly import nightly
 
     monkeypatch.setenv("MODELGAP_STORE", str(tmp_path))
     assert nightly() == str(tmp_path / "report.html")
@@ -127,7 +128,7 @@ def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
 def test_report_and_verdict_appear_among_the_artifacts(server, order, tmp_path):
     from prefect.artifacts import Artifact
 
-    from flows.nightly import nightly
+    from flows.scheduled.nightly import nightly
 
     nightly(store=str(tmp_path))
     assert "report.html" in Artifact.get("report").data
@@ -158,7 +159,7 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
 
 
 def test_the_events_of_the_deployments_are_those_that_flows_send(server):
-    from flows import events
+    from flows.scheduled import events
 
     expected = {
         (d["name"], event, trigger["match"]["prefect.resource.id"])
@@ -175,8 +176,8 @@ def test_the_events_of_the_deployments_are_those_that_flows_send(server):
 def test_only_what_lies_outside_is_tried_again(server):
     from prefect.states import Failed
 
-    from flows import tasks
-    from flows.cluster import ClusterLostError
+    from flows.scheduled import tasks
+    from flows.workers.cluster import ClusterLostError
     from residual.errors import InputError
 
     again = {
@@ -214,7 +215,7 @@ def test_prefect_is_prepared_to_be_quiet_and_at_home_in_the_store(tmp_path):
 def test_our_server_answers_and_ends_when_its_owner_is_killed(tmp_path):
     code = (
         "import time; from pathlib import Path; from flows.settings import "
-        f"prepare_prefect; from flows.server import start_server; home = "
+        f"prepare_prefect; from flows.service.server import start_server; home = "
         f"Path({str(tmp_path)!r}); prepare_prefect(home); own = start_server(home); "
         "own.wait(); print(own.url, own.process.pid, flush=True); time.sleep(600)"
     )

@@ -6,10 +6,10 @@ import shutil
 import numpy as np
 import pytest
 
-from flows import experiment
 from flows.cli import main
-from flows.spec import experiment_of
-from flows.study import Study, diagnose
+from flows.specs.experiment import experiment_of
+from flows.steps import experiment
+from flows.steps.study import Study, diagnose
 from residual.errors import InputError
 from residual.recording import Recording
 from sim.records import PlantRun
@@ -127,7 +127,7 @@ def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
 def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypatch):
     import pickle
 
-    from flows import campaign
+    from flows.workers import campaign
     from sim.plant.stepping import DivergedError
 
     def diverge(spec, store):
@@ -163,8 +163,9 @@ def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
 
 
 def test_curves_come_back_from_the_store_as_they_were():
-    from flows.outcome_tables import from_record, to_record
-    from residual.outcome import Cloud, LogProof, Outcome
+    from flows.keep.diagnosis_tables import from_record, to_record
+    from residual.diagnosis.result import Outcome
+    from residual.model.curves import Cloud, LogProof
 
     rng = np.random.default_rng(0)
     t, tau, moving = np.arange(4.0), rng.normal(size=(4, 2)), np.ones((4, 2), bool)
@@ -203,8 +204,8 @@ def test_curves_come_back_from_the_store_as_they_were():
 
 
 def test_an_outcome_without_findings_or_held_out_logs_comes_back_too():
-    from flows.outcome_tables import from_record, to_record
-    from residual.outcome import Outcome
+    from flows.keep.diagnosis_tables import from_record, to_record
+    from residual.diagnosis.result import Outcome
 
     empty = Outcome({"verdict": "none"}, (), (), (), ())
     assert from_record(*to_record(empty)).clouds == ()

@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from flows import experiment, monitor
 from flows.cli import main
 from flows.cli.monitor import meaning
-from flows.spec import experiment_of
-from residual.monitor_record import from_record
+from flows.specs.experiment import experiment_of
+from flows.steps import experiment, monitor
+from residual.monitoring.record import from_record
 from warehouse.commit import read_record
-from warehouse.store import open_store
+from warehouse.query.store import open_store
 from warehouse.verdicts import store_verdict
 
 ROBOT = "irb140"

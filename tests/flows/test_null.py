@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from flows import null as steps
-from flows.pool import Here
+from flows.steps import null as steps
+from flows.workers.pool import Here
 from residual.errors import InputError
 from tests.residual.arms import arm, short_case, urdf_text
 

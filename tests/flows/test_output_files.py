@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.output import check_writable, write_all
+from flows.outputs import check_writable, write_all
 from residual.errors import InputError
 
 

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from flows.report import charts
-from flows.report.html import render
-from flows.report.terminal import print_outcome
-from residual.outcome import Cloud, LogProof, Outcome
+from flows.report.page import charts
+from flows.report.page.diagnosis import render
+from flows.report.terminal.diagnosis import print_outcome
+from residual.diagnosis.result import Outcome
+from residual.model.curves import Cloud, LogProof
 from tests.flows import report_outcomes as made
 
 NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"

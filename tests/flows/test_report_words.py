@@ -4,11 +4,11 @@ import copy
 
 import pytest
 
-from flows.report import quantity
-from flows.report.outlook import confusable_words, unexplained_words
-from flows.report.phrases import joint_words, listing, noun, phrase
-from flows.report.words import headline, rising, sureness
-from residual.vocabulary import VOCABULARY
+from flows.report.words import quantity
+from flows.report.words.outlook import confusable_words, unexplained_words
+from flows.report.words.phrases import joint_words, listing, noun, phrase
+from flows.report.words.verdict import headline, rising, sureness
+from residual.robot.vocabulary import VOCABULARY
 from tests.flows import report_outcomes as made
 
 SPRING = {"name": "spring", "joints": [2]}

@@ -8,26 +8,28 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from flows import experiment, rerun, rerun_run
 from flows.cli import main
-from flows.diff import diff
-from flows.rerun_cause import cause_of
-from flows.spec import experiment_of
-from flows.study import Study, diagnose
+from flows.specs.experiment import experiment_of
+from flows.steps import experiment
+from flows.steps.diff import diff
+from flows.steps.rerun import rerun
+from flows.steps.rerun import runs as rerun_run
+from flows.steps.rerun.cause import cause_of
+from flows.steps.study import Study, diagnose
 from residual.errors import InputError
 from residual.recording import Recording
 from sim.records import PlantRun
 from tests.warehouse import store_samples
-from warehouse import provenance
-from warehouse.bundle import write_bundle
 from warehouse.commit import commit_run, read_record
+from warehouse.exchange.bundle import write_bundle
+from warehouse.exchange.unbundle import read_bundle
 from warehouse.files import write_parquet
 from warehouse.layout import find, list_folders
-from warehouse.lineage import RERUN_OF
 from warehouse.manifest import read_manifest
+from warehouse.origin import provenance
+from warehouse.origin.lineage import RERUN_OF
+from warehouse.query.store import open_store
 from warehouse.seal import open_seal
-from warehouse.store import open_store
-from warehouse.unbundle import read_bundle
 
 EFFECTS = [
     {"name": "payload", "joints": [6], "mass": 4, "com_x": 1 / 3, "onset": 0.5},
@@ -69,9 +71,9 @@ def other_code(monkeypatch):
     def change():
         known = provenance.provenance()
         told = replace(known, code_hash="f" * 64, program_hash="e" * 64)
-        hash = "warehouse.provenance.plant_code_hash"
+        hash = "warehouse.origin.provenance.plant_code_hash"
         monkeypatch.setattr(hash, lambda: told.code_hash)
-        for place in ("warehouse.provenance", "warehouse.commit"):
+        for place in ("warehouse.origin.provenance", "warehouse.commit"):
             monkeypatch.setattr(f"{place}.provenance", lambda: told)
 
     return change
@@ -236,7 +238,7 @@ def test_a_bundle_is_reproduced_elsewhere(tmp_path, plant, capsys):
 
 
 def test_the_robot_of_a_run_is_kept_and_travels_with_it(tmp_path, plant, monkeypatch):
-    from residual.robot import load_robot
+    from residual.robot.robot import load_robot
 
     arm = tmp_path / "arm"
     arm.mkdir()
@@ -261,7 +263,7 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
     """A store with a diagnosis whose numbers are those of its runs."""
     import sys
 
-    from residual.outcome import Outcome
+    from residual.diagnosis.result import Outcome
 
     def close_the_loop(robot, fit, **options):
         made = store_samples.verdict([log.id for log in options["held_out"]])
@@ -270,7 +272,9 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
         return Outcome(made, (), (), (), ())
 
     monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", close_the_loop)
-    monkeypatch.setattr("flows.records.errors_by_run", lambda outcome: _no_errors())
+    monkeypatch.setattr(
+        "flows.keep.diagnosis.errors_by_run", lambda outcome: _no_errors()
+    )
     runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
     ids = diagnose(Study("irb140", tuple(runs[:2]), (runs[2],)), tmp_path)
     return tmp_path, runs, ids

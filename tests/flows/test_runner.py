@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.cluster import Cluster, ClusterLostError
-from flows.runner import RUNNER, Runner, chosen_runner, workers_of
+from flows.workers.cluster import Cluster, ClusterLostError
+from flows.workers.runner import RUNNER, Runner, chosen_runner, workers_of
 from residual.errors import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -54,7 +54,7 @@ def _free_port() -> int:
 
 
 def test_a_cluster_that_is_not_there_says_how_to_start_one(monkeypatch):
-    from flows import cluster
+    from flows.workers import cluster
 
     monkeypatch.setattr(cluster, "_PATIENCE", 1)
     with pytest.raises(ClusterLostError, match="dask worker with --nthreads 1"):
@@ -86,7 +86,7 @@ def cluster(tmp_path_factory):
 def test_a_cluster_answers_like_a_pool_and_a_lost_worker_costs_no_job(
     cluster, monkeypatch
 ):
-    from flows import cluster as module
+    from flows.workers import cluster as module
 
     monkeypatch.setattr(module, "_PATIENCE", 60)
     address, workers = cluster

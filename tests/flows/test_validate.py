@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flows import experiment, validate
 from flows.cli import main
 from flows.cli.validate import meaning
-from flows.spec import experiment_of
+from flows.specs.experiment import experiment_of
+from flows.steps import experiment, validate
 from residual.errors import InputError
 from residual.recording import Recording
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.plant.stepping import DivergedError
 from sim.records import Noise, PlantEffect, PlantSpec
 from warehouse.commit import commit_run, read_record
 from warehouse.ids import canonical
 from warehouse.manifest import read_manifest
+from warehouse.query.store import open_store
 from warehouse.runs import read_run
-from warehouse.store import open_store
 
 LOAD = {"name": "payload", "joints": [6], "mass": 4.0, "com_x": 0.1}
 ROBOT = load_robot("irb140")
@@ -165,7 +165,7 @@ def test_a_run_of_another_description_is_refused(made, tmp_path):
 
 def test_changed_code_of_the_plant_is_told(made, monkeypatch):
     manifest = read_manifest(*made[:2])
-    monkeypatch.setattr("warehouse.provenance.plant_code_hash", lambda: "other")
+    monkeypatch.setattr("warehouse.origin.provenance.plant_code_hash", lambda: "other")
     assert "has changed since" in validate._notes(manifest, True)[0]
 
 

@@ -7,17 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from residual.close import close_the_loop, from_baseline, session_clock
-from residual.diagnose import Diagnosis, diagnose
-from residual.dynamics import inverse_dynamics
-from residual.findings import Finding, findings
-from residual.look import ready, start_nominal
-from residual.outcome import Outcome
+from residual.close import close_the_loop
+from residual.diagnosis.baseline import from_baseline
+from residual.diagnosis.diagnose import Diagnosis, diagnose
+from residual.diagnosis.findings import Finding, findings
+from residual.diagnosis.result import Outcome
+from residual.diagnosis.search import Rules
+from residual.model.fit_logs import ready, start_nominal
 from residual.recording import Recording
-from residual.robot import Robot, load_robot
-from residual.search import Rules
-from residual.signals import Filters
-from residual.vocabulary import DEFAULT_DECLARED
+from residual.robot.dynamics import inverse_dynamics
+from residual.robot.robot import Robot, load_robot
+from residual.robot.vocabulary import DEFAULT_DECLARED
+from residual.signals.split import session_clock
+from residual.signals.track import Filters
 from sim.synthetic.draw import draw
 from sim.synthetic.logs import CHANGES, Case, LogPlan, make
 from sim.synthetic.plant import Plant

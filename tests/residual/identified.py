@@ -8,13 +8,13 @@ from functools import cache
 
 import numpy as np
 
-from residual.dynamics import (
+from residual.recording import Recording
+from residual.robot.dynamics import (
     inertial_parameters,
     inverse_dynamics,
     with_inertial_parameters,
 )
-from residual.recording import Recording
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from tests.residual.arms import arm
 
 AXES = ("0 0 1", "0 1 0", "0 1 0")

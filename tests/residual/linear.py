@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.candidates import Candidates
-from residual.design import Design, Group
+from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.search import Rules, Task
 from residual.effects.base import Effect, State, local
-from residual.evidence import Prior
-from residual.model import Model
-from residual.search import Rules, Task
-from residual.signals import Track
+from residual.evidence.design import Design, Group
+from residual.evidence.fit import Prior
+from residual.model.model import Model
+from residual.signals.track import Track
 from tests.residual.arms import arm
 
 DOF, NOMINAL = 2, 20

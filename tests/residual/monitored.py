@@ -5,11 +5,11 @@ from functools import cache
 
 import numpy as np
 
-from residual.dynamics import inverse_dynamics
-from residual.look import ready, start_nominal
-from residual.monitor import Monitor, calibrate
+from residual.model.fit_logs import ready, start_nominal
+from residual.monitoring.monitor import Monitor, calibrate
 from residual.recording import Recording
-from residual.signals import Filters
+from residual.robot.dynamics import inverse_dynamics
+from residual.signals.track import Filters
 from tests.residual.arms import arm
 
 RATE, PERIOD, STEP = 125.0, 3.0, 1e-4

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual import diagnose, gate
-from residual.adequacy import adequacy, repeat
-from residual.close import session_clock
-from residual.dynamics import inertial_parameters, inverse_dynamics
-from residual.evidence import fit
-from residual.look import ready
-from residual.model import Model
-from residual.signals import Filters, low_pass, prepare
-from residual.source import delayed_at_source, filtered_at_source
+from residual.diagnosis import diagnose, gate
+from residual.diagnosis.adequacy import adequacy, repeat
+from residual.diagnosis.log_checks import delayed_at_source, filtered_at_source
+from residual.evidence.fit import fit
+from residual.model.fit_logs import ready
+from residual.model.model import Model
+from residual.robot.dynamics import inertial_parameters, inverse_dynamics
+from residual.signals.split import session_clock
+from residual.signals.track import Filters, low_pass, prepare
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion
 from tests.residual.linear import DOF, LINE, Problem, build
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from residual.close import close_the_loop
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.experiment import run_experiment
 from sim.records import PlantSpec, TrajectorySpec
 from sim.trajectories import make_reference

@@ -5,9 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual import dynamics
-from residual.base import base_columns, base_parameters, express, standard_inertial
-from residual.robot import load_robot
+from residual.robot import dynamics
+from residual.robot.base_parameters import (
+    base_columns,
+    base_parameters,
+    express,
+    standard_inertial,
+)
+from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, TWO, arm
 
 MODEL = load_robot("irb140").model

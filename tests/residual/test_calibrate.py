@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from residual.calibrate import Settings, calibrate
-from residual.calibrate_models import (
+from residual.calibration.calibrate import Settings, calibrate
+from residual.calibration.methods import (
     DEFAULT,
     EFFECTS,
     LS,
@@ -18,9 +18,9 @@ from residual.calibrate_models import (
     chosen_model,
     fixed_lookup,
 )
-from residual.calibrate_nominal import identified_without, named_effects, prepare_runs
-from residual.calibrate_rows import Run, cut_single, paper_rows, repeat_period
-from residual.calibrate_schemes import (
+from residual.calibration.nominal import identified_without, named_effects, prepare_runs
+from residual.calibration.rows import Run, cut_single, paper_rows, repeat_period
+from residual.calibration.schemes import (
     FAMILY,
     RANDOM,
     REPEATS,
@@ -28,11 +28,11 @@ from residual.calibrate_schemes import (
     SYSTEMATIC,
     make_schemes,
 )
-from residual.calibrate_scores import find
-from residual.effect_choice import fit_effect_tables
-from residual.effect_tables import MAIN, NAMED, PAIRS, EffectForm, Option
+from residual.calibration.scores import find
 from residual.errors import InputError
-from residual.nominal_pls import NominalForm
+from residual.tables.choose import fit_effect_tables
+from residual.tables.form import MAIN, NAMED, PAIRS, EffectForm, Option
+from residual.tables.nominal.pls import NominalForm
 from tests.residual.identified import logs, truth
 
 SMALL = NominalForm(8, 6)

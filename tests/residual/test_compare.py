@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.close import hold_out_end, session_clock
-from residual.compare import Errors, compare, moving_error, witnesses
-from residual.dynamics import inertial_parameters, inverse_dynamics
-from residual.model import Model
-from residual.signals import Filters
+from residual.model.compare import Errors, compare, moving_error, witnesses
+from residual.model.model import Model
+from residual.robot.dynamics import inertial_parameters, inverse_dynamics
+from residual.signals.split import hold_out_end, session_clock
+from residual.signals.track import Filters
 from tests.residual.arms import arm, recording, smooth_motion
 
 

@@ -7,19 +7,19 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual import dynamics
-from residual.consistency import (
+from residual.errors import InputError
+from residual.identification.consistency import (
     consistent,
     least_eigenvalues,
     least_mass_matrix,
     pseudo_inertias,
 )
-from residual.errors import InputError
-from residual.export import robot_files
-from residual.identify import identify
-from residual.look import ready, start_nominal
-from residual.robot import load_robot
-from residual.signals import Filters
+from residual.identification.identify import identify
+from residual.model.export import robot_files
+from residual.model.fit_logs import ready, start_nominal
+from residual.robot import dynamics
+from residual.robot.robot import load_robot
+from residual.signals.track import Filters
 from tests.residual.identified import logs, truth
 
 EFFECTS = ("viscous", "coulomb", "rotor_inertia")

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from residual.close import session_clock
-from residual.compare import compare, witnesses
-from residual.correction import corrected
-from residual.diagnose import diagnose
-from residual.leftover import leftovers
-from residual.leftover_words import shared_source
-from residual.look import ready, start_nominal
-from residual.search import Rules
-from residual.signals import Filters
-from residual.vocabulary import DEFAULT_DECLARED
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.leftover.correction import corrected
+from residual.diagnosis.leftover.leftover import leftovers
+from residual.diagnosis.leftover.words import shared_source
+from residual.diagnosis.search import Rules
+from residual.model.compare import compare, witnesses
+from residual.model.fit_logs import ready, start_nominal
+from residual.robot.vocabulary import DEFAULT_DECLARED
+from residual.signals.split import session_clock
+from residual.signals.track import Filters
 from tests.residual.arms import arm, plain_logs, quiet
 
 WALL, KNOCK = "a stop", "a knock"

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual.crossval import (
+from residual.errors import InputError
+from residual.tables.crossval import (
     HeldOut,
     held_out,
     leave_one_out,
@@ -14,11 +15,10 @@ from residual.crossval import (
     systematic,
     systematic_repeats,
 )
-from residual.errors import InputError
-from residual.jackknife import jackknife, jackknife_nominal
-from residual.nominal_pls import NominalForm
-from residual.outliers import pls_distances, spe_limit
-from residual.pls import fit_pls
+from residual.tables.jackknife import jackknife, jackknife_nominal
+from residual.tables.nominal.pls import NominalForm
+from residual.tables.outliers import pls_distances, spe_limit
+from residual.tables.pls import fit_pls
 from tests.residual.motion_blocks import motion
 
 

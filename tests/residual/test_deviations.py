@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from residual.candidates import Candidates, renewed
-from residual.design import Design
-from residual.deviations import standard_deviations
-from residual.dynamics import inertial_parameters, inverse_dynamics
+from residual.diagnosis.adequacy import carried
+from residual.diagnosis.candidates import Candidates, renewed
+from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, local
-from residual.encoder import carried, shaken
-from residual.model import Model
-from residual.search import start
-from residual.signals import Filters, prepare
+from residual.evidence.design import Design
+from residual.model.model import Model
+from residual.robot.dynamics import inertial_parameters, inverse_dynamics
+from residual.signals.encoder_noise import shaken
+from residual.signals.track import Filters, prepare
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion
 from tests.residual.linear import LINE, OTHER, Problem, build
 
@@ -39,7 +39,7 @@ def deviation(problem, shape):
     effect, form = shape
     (group,) = problem.design.add([(effect, (0,), form)])
     task = problem.task([group])
-    fitted = task.settle(task.fit([group], start(task)))
+    fitted = task.settle(task.fit([group], task.start()))
     logs = SimpleNamespace(robot=arm(), span=None)
     diagnosis = SimpleNamespace(task=task, logs=logs, wide=task.prior)
     theta = fitted.of(group)

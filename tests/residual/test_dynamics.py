@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual import dynamics
-from residual.robot import load_robot
+from residual.robot import dynamics
+from residual.robot.robot import load_robot
 
 MODEL = load_robot("irb140").model
 seeds = st.integers(0, 2**31)

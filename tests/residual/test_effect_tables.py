@@ -3,9 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.crossval import leave_one_out
-from residual.effect_choice import fit_effect_tables, list_options, nested_errors
-from residual.effect_tables import (
+from residual.errors import InputError
+from residual.tables.choose import fit_effect_tables, list_options, nested_errors
+from residual.tables.crossval import leave_one_out
+from residual.tables.form import (
     LEAST_SQUARES,
     LOADED,
     MAIN,
@@ -16,20 +17,19 @@ from residual.effect_tables import (
     fit_base,
     fit_linear,
 )
-from residual.errors import InputError
-from residual.importance import split_pair, table_importance
-from residual.levels import quantile_levels
-from residual.load_tables import WIDTHS
-from residual.lookup import Table
-from residual.main_effects import (
+from residual.tables.importance import split_pair, table_importance
+from residual.tables.levels import quantile_levels
+from residual.tables.load_tables import WIDTHS
+from residual.tables.lookup.axes import Table
+from residual.tables.main_tables import (
     ROWS,
     main_effects,
     make_pyramid,
     normal_equations,
 )
-from residual.named_pairs import add_pairs, pair_levels, read_pairs
-from residual.nominal_folds import strict_errors
-from residual.nominal_pls import NominalForm
+from residual.tables.nominal.crossval import strict_errors
+from residual.tables.nominal.pls import NominalForm
+from residual.tables.pair_tables import add_pairs, pair_levels, read_pairs
 from tests.residual.motion_blocks import NAMES, motion
 
 TORQUES = ("tau1", "tau2", "tau3")

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from residual import dynamics, effects
+from residual import effects
 from residual.effects import registry
 from residual.effects.base import Span, State
-from residual.model import Term
-from residual.vocabulary import VOCABULARY
+from residual.model.model import Term
+from residual.robot import dynamics
+from residual.robot.vocabulary import VOCABULARY
 from tests.residual.arms import SEVEN, arm, bare_irb140
 
 NAMES = sorted(registry())

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from residual.design import Design
-from residual.evidence import NOISE_FLOOR, System, effective_rows, fit, gain
-from residual.screen import screen
+from residual.evidence.design import Design
+from residual.evidence.fit import NOISE_FLOOR, System, effective_rows, fit, gain
+from residual.evidence.screen import screen
 from tests.residual.linear import (
     DOF,
     GEAR,

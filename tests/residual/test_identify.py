@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual import solve
 from residual.errors import InputError
-from residual.estimate import Options
-from residual.identify import identify
+from residual.identification import solve
+from residual.identification.estimate import Options
+from residual.identification.identify import identify
+from residual.identification.solve import Start
+from residual.identification.structure import Rows, rows_of
 from residual.recording import Recording
-from residual.solve import Start
-from residual.structure import Rows, rows_of
 from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
 
 FRICTION = [*VISCOUS, *COULOMB, *ROTOR]

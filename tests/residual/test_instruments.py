@@ -5,18 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual import instruments
 from residual.close import close_the_loop
-from residual.confusable import lookalikes
-from residual.dynamics import inverse_dynamics
-from residual.encoder import encoder_noise
-from residual.evidence import fit
-from residual.gate import Tested
-from residual.holdout import Verdicts
-from residual.instruments import EFFECTIVE, INSTRUMENTS, Checked, freed, told
+from residual.diagnosis import angle_noise as instruments
+from residual.diagnosis.angle_noise import EFFECTIVE, INSTRUMENTS, Checked, freed, told
+from residual.diagnosis.confusable import lookalikes
+from residual.diagnosis.gate import Tested
+from residual.diagnosis.held_out import Verdicts
+from residual.evidence.fit import fit
 from residual.recording import Recording
-from residual.search import start
-from residual.signals import Filters
+from residual.robot.dynamics import inverse_dynamics
+from residual.signals.encoder_noise import encoder_noise
+from residual.signals.track import Filters
 from tests.residual.arms import arm, names
 from tests.residual.linear import LINE, OTHER, PLANE, Problem
 
@@ -134,7 +133,7 @@ def test_a_name_is_noise_where_the_reference_sees_nothing_of_it(
     problem = Problem.draw(rng, [(LINE, (0,), [2.0])], noise=0.1)
     (group,) = problem.design.add([(LINE, (0,), ())])
     task = problem.task([group])
-    fitted = task.fit([group], start(task))
+    fitted = task.fit([group], task.start())
     checks = checked_as(fitted, group, by_instruments, 0.1)
     assert checks.differs(member(group)) == differs
     assert checks.is_noise(member(group)) == is_noise
@@ -151,7 +150,7 @@ def test_a_name_that_is_noise_is_dropped_and_the_rest_is_fitted_again(rng, monke
     problem = Problem.draw(rng, truth, noise=0.1)
     one, two = groups = problem.design.add([(LINE, (0,), ()), (OTHER, (1,), ())])
     task = problem.task(groups)
-    fitted = task.fit(groups, start(task))
+    fitted = task.fit(groups, task.start())
     monkeypatch.setattr(
         instruments, "refit", lambda _, kept: task.fit([t.group for t in kept], fitted)
     )

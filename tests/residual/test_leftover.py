@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from residual.leftover import depends_on
-from residual.leftover_curves import (
+from residual.diagnosis.leftover.curves import (
     DIRECTION,
     PLAIN,
     SUM,
@@ -12,7 +11,8 @@ from residual.leftover_curves import (
     Variable,
     curves,
 )
-from residual.leftover_time import Line, drift_of, line_of
+from residual.diagnosis.leftover.leftover import depends_on
+from residual.diagnosis.leftover.time import Line, drift_of, line_of
 
 LOGS, LENGTH, STEP = 5, 20.0, 0.05
 N = int(LENGTH / STEP)

@@ -8,15 +8,16 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from residual.effect_choice import fit_effect_tables
-from residual.effect_tables import EffectForm
 from residual.errors import InputError
-from residual.lookup import Axis, Lookup, Table, no_slope
-from residual.lookup_build import main_lookup, nominal_lookup
-from residual.lookup_export import export_lookup
-from residual.lookup_pack import find_triples
-from residual.main_effects import main_effects, make_pyramid, normal_equations
-from residual.nominal_pls import NominalForm, fit_nominal_pls
+from residual.tables.choose import fit_effect_tables
+from residual.tables.form import EffectForm
+from residual.tables.lookup.axes import Axis, Table
+from residual.tables.lookup.build import main_lookup, nominal_lookup
+from residual.tables.lookup.export import export_lookup
+from residual.tables.lookup.lookup import Lookup, no_slope
+from residual.tables.lookup.pack import find_triples
+from residual.tables.main_tables import main_effects, make_pyramid, normal_equations
+from residual.tables.nominal.pls import NominalForm, fit_nominal_pls
 from tests.residual.motion_blocks import NAMES, motion
 
 EXACT = {"rtol": 0, "atol": 1e-12}

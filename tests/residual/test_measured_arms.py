@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from residual.close import close_the_loop
-from residual.diagnose import diagnose
-from residual.look import as_model, ready, start_nominal
-from residual.robot import load_robot
-from residual.search import Rules
-from residual.signals import Filters
-from residual.vocabulary import DEFAULT_DECLARED
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.search import Rules
+from residual.evidence.states import as_model
+from residual.model.fit_logs import ready, start_nominal
+from residual.robot.robot import load_robot
+from residual.robot.vocabulary import DEFAULT_DECLARED
+from residual.signals.track import Filters
 from sim.synthetic.logs import Case
 from tests.residual.arms import classes, doubts, names, quiet
 from warehouse.logs import read_log

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from residual.close import close_the_loop
-from residual.dynamics import inertial_parameters, inverse_dynamics
 from residual.effects import registry
 from residual.effects.base import Span
 from residual.errors import InputError, UnknownNameError
-from residual.model import Model, Term
-from residual.nominal import build_nominal, declared_names
-from residual.prior import ASSUMED, GIVEN
-from residual.robot import load_robot
-from residual.signals import Filters
-from residual.vocabulary import DEFAULT_DECLARED
+from residual.evidence.priors import ASSUMED
+from residual.model.model import Model, Term
+from residual.model.nominal import GIVEN, build_nominal, declared_names
+from residual.robot.dynamics import inertial_parameters, inverse_dynamics
+from residual.robot.robot import load_robot
+from residual.robot.vocabulary import DEFAULT_DECLARED
+from residual.signals.track import Filters
 from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, recording, smooth_motion
 
 FLOOR = 0.01

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.monitor import calibrate
-from residual.monitor_cycle import period_of, repeats
-from residual.monitor_names import TOGETHER
-from residual.monitor_record import from_record, to_record
-from residual.monitor_scores import fast_scores
-from residual.monitor_track import rows_of
+from residual.monitoring.cycle import period_of, repeats
+from residual.monitoring.monitor import calibrate
+from residual.monitoring.names import TOGETHER
+from residual.monitoring.record import from_record, to_record
+from residual.monitoring.scores import fast_scores
+from residual.monitoring.track import rows_of
 from tests.residual.monitored import (
     PERIOD,
     RATE,

@@ -3,13 +3,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual.cells import merge_rows
-from residual.crossval import held_out, leave_one_out, random_blocks, systematic
 from residual.errors import InputError
-from residual.levels import equal_levels
-from residual.nominal_folds import nominal_errors, strict_errors
-from residual.nominal_pls import NominalForm, fit_cells, fit_nominal_pls
-from residual.outliers import nominal_distances
+from residual.tables.cells import merge_rows
+from residual.tables.crossval import held_out, leave_one_out, random_blocks, systematic
+from residual.tables.levels import equal_levels
+from residual.tables.nominal.crossval import nominal_errors, strict_errors
+from residual.tables.nominal.pls import NominalForm, fit_cells, fit_nominal_pls
+from residual.tables.outliers import nominal_distances
 from tests.residual.motion_blocks import motion, one_hot
 
 # Two fits of the same numbers in another order of sums.

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from residual.colour import LONGEST, autocovariance, coloured
+from residual.diagnosis.null_key import Key
+from residual.diagnosis.null_record import Null, fitting, from_record, to_record
 from residual.errors import InputError
-from residual.null import Null, fitting, from_record, to_record
-from residual.null_draws import block, loudest, retold
-from residual.null_key import Key
-from residual.null_source import null_recordings, redrawn, source
-from residual.search import start
+from residual.evidence.colour import LONGEST, autocovariance, coloured
+from residual.null.draws import block, loudest, retold
+from residual.null.source import null_recordings, redrawn, source
 from sim.synthetic.state import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
 from tests.residual.linear import DOF, Problem, every_group
@@ -147,7 +146,7 @@ def test_redrawn_noise_has_the_measured_level_and_memory():
     rng, a = np.random.default_rng(5), 0.7
     problem = Problem.draw(rng, rows=1500, colour=a, noise=2.0, masked=0.3)
     task = problem.task(every_group(problem.design))
-    acov = autocovariance(problem.design, start(task))
+    acov = autocovariance(problem.design, task.start())
     np.testing.assert_allclose(acov[0], 4.0, rtol=0.15)
     np.testing.assert_allclose(
         acov[1:4] / acov[0], a ** np.arange(1, 4)[:, None] + [[0, 0]], atol=0.08
@@ -189,7 +188,7 @@ def _per_log(problem, target):
 
 
 def _model():
-    from residual.model import Model
+    from residual.model.model import Model
     from tests.residual.linear import NOMINAL
 
     return Model(arm(), np.zeros(NOMINAL), (), np.ones(DOF))
@@ -202,7 +201,7 @@ def test_p_values_of_fresh_draws_are_uniform_enough():
         rng = np.random.default_rng(seed)
         problem = Problem.draw(rng, rows=40, logs=2)
         task = problem.task(every_group(problem.design))
-        largest.append(loudest(task, start(task))[0])
+        largest.append(loudest(task, task.start())[0])
     null = null_of(largest[:60])
     for level in (0.2, 0.5):
         below = sum(null.p_value(v) <= level for v in largest[60:])

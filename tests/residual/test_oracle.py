@@ -3,9 +3,9 @@
 import pytest
 
 from residual.close import close_the_loop
+from residual.diagnosis.oracle import oracle
 from residual.errors import UnknownNameError
-from residual.oracle import oracle
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.synthetic.logs import LogPlan, make
 from sim.synthetic.plant import Plant
 from sim.synthetic.state import Hidden

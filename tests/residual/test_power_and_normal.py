@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from residual import dynamics
-from residual.energy import energy, power, power_miss
 from residual.errors import InputError
-from residual.normal import normal_equations
-from residual.robot import load_robot
+from residual.robot import dynamics
+from residual.robot.energy import energy, power, power_miss
+from residual.robot.normal_equations import normal_equations
+from residual.robot.robot import load_robot
 
 MODEL = load_robot("irb140").model
 MOTION = tuple(np.random.default_rng(3).uniform(-2, 2, (3, 600, 6)))

@@ -5,23 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.design import Design
-from residual.dynamics import inertial_parameters
 from residual.effects import registry
-from residual.evidence import fit
-from residual.model import Model, Term
-from residual.prior import (
+from residual.evidence.design import Design
+from residual.evidence.fit import fit
+from residual.evidence.priors import (
     ASSUMED,
-    GIVEN,
     POSTERIOR_FLOOR,
     SCALES,
-    Nominal,
     forbidden,
     inertial_sd,
     posterior_of,
     priors,
     relative_prior,
 )
+from residual.model.model import Model, Term
+from residual.model.nominal import GIVEN, Nominal
+from residual.robot.dynamics import inertial_parameters
 from tests.residual.arms import SEVEN, arm, bare_irb140
 from tests.residual.linear import NOMINAL, Problem, random_state, track
 

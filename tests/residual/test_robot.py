@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from residual.errors import RobotError, UnknownNameError
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 
 JOINT = """
   <joint name="joint{i}" type="{kind}">

@@ -6,17 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from residual import holdout
-from residual.candidates import collect
-from residual.design import Design
-from residual.deviations import standard_deviations
-from residual.effects import registry
-from residual.effects.base import Effect, Refinement, Span, local
-from residual.evidence import fit
-from residual.findings import findings
-from residual.gate import alternatives, gate, leave_out, passed, simplest
-from residual.power import minimum_detectable
-from residual.search import (
+from residual.diagnosis import held_out as holdout
+from residual.diagnosis.candidates import collect
+from residual.diagnosis.detectable import minimum_detectable
+from residual.diagnosis.findings import findings
+from residual.diagnosis.gate import alternatives, gate, leave_out, passed, simplest
+from residual.diagnosis.prior_scale import select
+from residual.diagnosis.search import (
     Rules,
     admissible,
     best,
@@ -25,10 +21,13 @@ from residual.search import (
     refined,
     search,
     spares_model,
-    start,
     torque_share,
 )
-from residual.select import select
+from residual.diagnosis.uncertainty import standard_deviations
+from residual.effects import registry
+from residual.effects.base import Effect, Refinement, Span, local
+from residual.evidence.design import Design
+from residual.evidence.fit import fit
 from tests.residual.arms import arm
 from tests.residual.linear import (
     DOF,
@@ -118,7 +117,7 @@ def test_an_effect_on_all_joints_is_found_though_none_shows_alone(rng):
     price = {g.key: 4.0 for g in groups}
     task = problem.task(groups, tolerance=0.0, share=0.0)
     task = replace(task, candidates=replace(task.candidates, price=price))
-    base = start(task)
+    base = task.start()
     values = {g.key: v for v, g, _ in best(task, base)}
     union = ("line", (0, 1), ())
     alone = [values.get(("line", (j,), ()), 0.0) for j in range(DOF)]
@@ -162,7 +161,7 @@ def test_a_searched_shape_is_found_between_the_grid_points(rng):
     problem = Problem(logs, build(logs), problem.prior)
     (group,) = problem.design.add([(WAVE, (0,), (7.0,))])
     task = problem.task([group])
-    base = start(task)
+    base = task.start()
     (better,) = refined(task, [group], task.fit([group], base))
     assert better.shape[0] == pytest.approx(7.37, abs=0.06)
 
@@ -202,7 +201,7 @@ def test_an_effect_that_a_refit_imitates_is_named_by_plausibility(imitated):
 
 def test_plausibility_needs_30_nats_2_per_cent_and_a_bent_nominal(imitated):
     _, task, _ = imitated
-    base = start(task)
+    base = task.start()
     twin = task.candidates.groups[0]
     big = task.settle(task.fit([twin], base))
     value = task.net_gain(big, base, twin)
@@ -250,7 +249,7 @@ def test_a_left_out_log_is_predicted_by_a_fit_of_the_others(rng):
     problem = Problem.draw(rng, [(PLANE, (0,), [1.0, 1.0])], masked=0.2)
     members = problem.design.add([(PLANE, (0,), ())])
     task = problem.task(members)
-    fitted = task.settle(task.fit(members, start(task)))
+    fitted = task.settle(task.fit(members, task.start()))
     errors = leave_out(task, fitted)
     weight = fitted.counted / problem.design.rows / fitted.variance
     for k in range(len(problem.logs)):
@@ -285,7 +284,7 @@ def test_the_gate_stops_what_is_there_in_one_log_of_four_only(rng):
     problem = Problem(logs, build(logs), problem.prior)
     (group,) = problem.design.add([(LINE, (0,), ())])
     task = problem.task([group])
-    fitted = task.settle(task.fit([group], start(task)))
+    fitted = task.settle(task.fit([group], task.start()))
     assert gate(task, fitted)[0].by is None
     after, tested = passed(task, fitted)
     assert (after.members, tested) == ((), [])
@@ -306,7 +305,7 @@ def test_what_cannot_be_told_apart_is_listed_with_the_name(rng, size, told_apart
     problem = Problem.draw(rng, [(LINE, (0,), [3.0])], rows=200)
     near = problem.design.add([(near_copy(size), (0,), ())])
     task = problem.task([*near, *every_group(problem.design)])
-    fitted = task.settle(task.fit([task.candidates.groups[1]], start(task)))
+    fitted = task.settle(task.fit([task.candidates.groups[1]], task.start()))
     assert keys(fitted) == [("line", (0,))]
     others, probability = alternatives(task, fitted, fitted.members[0])
     assert [g.effect.name for g in others] == ([] if told_apart else ["near"])
@@ -319,7 +318,7 @@ def test_what_cannot_be_told_apart_is_listed_also_where_another_joint_stands(rng
     problem = Problem(still, build(still), problem.prior)
     near, line = problem.design.add([(near_copy(0.01), (0,), ()), (LINE, (0,), ())])
     task = problem.task([near, line])
-    fitted = task.settle(task.fit([line], start(task)))
+    fitted = task.settle(task.fit([line], task.start()))
     with np.errstate(invalid="ignore", divide="ignore"):
         others, _ = alternatives(task, fitted, fitted.members[0])
     assert [g.effect.name for g in others] == ["near"]
@@ -342,7 +341,7 @@ def test_of_two_names_that_explain_the_same_the_simpler_is_taken(rng):
     problem = Problem.draw(rng, [(LINE, (0,), [3.0])], rows=200)
     both = problem.design.add([(LINE, (0,), ()), (wider, (0,), ())])
     task = problem.task(both)
-    fitted = task.settle(task.fit([both[1]], start(task)))
+    fitted = task.settle(task.fit([both[1]], task.start()))
     assert keys(simplest(task, fitted)) == [("line", (0,))]
 
 
@@ -426,7 +425,7 @@ def detection_rate(share, draws=40):
         null = Problem.draw(np.random.default_rng(seed), **options)
         group = null.design.add([(LINE, (0,), ())])
         task = null.task(group, tolerance=0.0, share=0.0)
-        (entry,) = minimum_detectable(task, start(task))
+        (entry,) = minimum_detectable(task, task.start())
         assert (entry["name"], entry["joints"]) == ("line", [1])
         truth = [(LINE, (0,), [share * entry["value"]])]
         there = Problem.draw(np.random.default_rng(seed), truth, **options)
@@ -448,7 +447,7 @@ def test_the_screen_loses_nothing_that_is_worth_a_name():
     problem = Problem.draw(rng, [(LINE, (0,), [0.245])])
     group = problem.design.add([(LINE, (0,), ())])
     task = problem.task(group, tolerance=0.0, share=0.0)
-    base = start(task)
+    base = task.start()
     big = task.settle(task.fit(group, base))
     assert task.net_gain(big, base, group[0]) > 1.7 * task.rules.threshold
     assert [g.key for _, g, _ in best(task, base)] == [group[0].key]
@@ -464,8 +463,8 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
         problem = Problem(logs, build(logs), problem.prior)
         group = problem.design.add([(WAVE, (0,), (7.2,))])
         task = problem.task(group)
-        members = refined(task, group, task.fit(group, start(task)))
-        fitted = task.settle(task.fit(members, start(task)))
+        members = refined(task, group, task.fit(group, task.start()))
+        fitted = task.settle(task.fit(members, task.start()))
         diagnosis = judged_by(task)
         exact = {id(members[0]): (fitted.of(members[0]), np.zeros((2, 2)))}
         (sd,) = standard_deviations(diagnosis, fitted, exact).values()

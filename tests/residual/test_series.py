@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from residual import gate
-from residual.design import Design
-from residual.dynamics import inertial_parameters
+from residual.diagnosis import gate
+from residual.diagnosis.curves_only import only_curves
 from residual.effects import registry
-from residual.evidence import fit
-from residual.model import Model
-from residual.series import only_curves
-from residual.signals import Filters, prepare
+from residual.evidence.design import Design
+from residual.evidence.fit import fit
+from residual.model.model import Model
+from residual.robot.dynamics import inertial_parameters
+from residual.signals.track import Filters, prepare
 from tests.residual.arms import arm, plain_logs
 from tests.residual.linear import nominal_prior
 

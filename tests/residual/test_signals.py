@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from residual.recording import Recording
-from residual.signals import Filters, low_pass, prepare, sample_rate
+from residual.signals.track import Filters, low_pass, prepare, sample_rate
 
 FILTERS = Filters()
 RATES = (100.0, 125.0, 250.0, 500.0, 1000.0)

@@ -7,12 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from residual.dynamics import inertial_parameters
 from residual.effects import registry
-from residual.model import Model, Term
-from residual.settle import with_standstill
-from residual.signals import prepare
-from residual.standstill import CHOICES, SMOOTH, Standstill, direction, directions
+from residual.model.model import Model, Term
+from residual.model.standstill import with_standstill
+from residual.robot.dynamics import inertial_parameters
+from residual.signals.direction import (
+    CHOICES,
+    SMOOTH,
+    Standstill,
+    direction,
+    directions,
+)
+from residual.signals.track import prepare
 from tests.residual.arms import arm, recording
 
 FLOOR = 0.02

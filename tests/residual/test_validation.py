@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.identify import identify
-from residual.validation import acceleration_error, torque_errors, unseen
+from residual.identification.identify import identify
+from residual.identification.validation import acceleration_error, torque_errors, unseen
 from tests.residual.identified import logs, truth
 
 

@@ -9,7 +9,7 @@ import pytest
 from residual.close import close_the_loop
 from residual.effects import registry
 from residual.errors import InputError
-from residual.vocabulary import VOCABULARY
+from residual.robot.vocabulary import VOCABULARY
 from sim.synthetic.state import Hidden
 from tests.residual.arms import (
     SEVEN,

@@ -10,13 +10,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual import dynamics
 from residual.effects import registry
+from residual.effects._sensitivity import sensitivity
 from residual.effects.backlash import _flight
 from residual.effects.base import State
-from residual.model import Model, Term
-from residual.sensitivity import sensitivity
-from residual.signals import Filters, prepare
+from residual.model.model import Model, Term
+from residual.robot import dynamics
+from residual.signals.track import Filters, prepare
 from tests.residual.arms import SEVEN, arm, bare_irb140, recording, smooth_motion
 
 RATE = 200.0

@@ -1,6 +1,6 @@
 """Arms to plan for, as URDF text."""
 
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 
 
 def _link(name, mass, inertia, centre):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
 from sim.plant.stepping import simulate

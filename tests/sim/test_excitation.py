@@ -2,10 +2,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.base import base_columns
-from residual.dynamics import inertial_parameters, inverse_dynamics, regressor
-from residual.robot import load_robot
-from sim.excitation import cost, excitation
+from residual.robot.base_parameters import base_columns
+from residual.robot.dynamics import inertial_parameters, inverse_dynamics, regressor
+from residual.robot.robot import load_robot
+from sim.trajectories.excitation import cost, excitation
 from sim.trajectories.fourier import arena, draw, room_left, shrunk
 from sim.trajectories.problem import problem
 from sim.trajectories.search import _stirred

@@ -2,8 +2,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.robot import load_robot
-from sim.kinematics import dexterity, follow, inverse, kinematics, pose
+from residual.robot.robot import load_robot
+from sim.engine.kinematics import dexterity, follow, inverse, kinematics, pose
 from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.workpiece import cell, draw_piece

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.dynamics import flange_placement, inertial_parameters
-from sim.bullet import World
+from residual.robot.dynamics import flange_placement, inertial_parameters
+from sim.engine.bullet import World
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.bodies import with_effects

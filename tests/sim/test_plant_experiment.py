@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.dynamics import inverse_dynamics
 from residual.errors import InputError, UnknownNameError
-from residual.robot import load_robot
+from residual.robot.dynamics import inverse_dynamics
+from residual.robot.robot import load_robot
 from sim.experiment import run_experiment
 from sim.plant import tables as at
 from sim.plant.draw import SOUGHT, draw_hidden

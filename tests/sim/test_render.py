@@ -5,9 +5,9 @@ import io
 import numpy as np
 from PIL import Image
 
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
+from sim.engine.render import animate, gif_of, look
 from sim.records import Reference
-from sim.render import animate, gif_of, look
 from tests.sim.arms import SEVEN, arm
 
 ROBOT = load_robot("irb140")

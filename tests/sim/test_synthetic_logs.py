@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.synthetic.demo import write_demo
 from sim.synthetic.draw import draw
 from sim.synthetic.logs import LogPlan, make, standard_case, standard_plan

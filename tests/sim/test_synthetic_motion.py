@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from sim.synthetic.motion import FAMILIES, make_motion
 from sim.synthetic.room import room
 from sim.synthetic.seeds import stream

@@ -2,8 +2,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.dynamics import inertial_parameters
-from residual.robot import load_robot
+from residual.robot.dynamics import inertial_parameters
+from residual.robot.robot import load_robot
 from sim.synthetic import effects
 from sim.synthetic.body import outward, scatter, with_payload
 from sim.synthetic.bristle import deflection

@@ -5,9 +5,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from residual.dynamics import inverse_dynamics
-from residual.robot import load_robot
-from sim.clearance import MARGIN, body, clearances
+from residual.robot.dynamics import inverse_dynamics
+from residual.robot.robot import load_robot
+from sim.engine.clearance import MARGIN, body, clearances
 from sim.records import TrajectorySpec
 from sim.synthetic.series import peaks
 from sim.trajectories import KINDS, make_reference

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.robot import load_robot
-from sim.clearance import MARGIN, body, clearances
-from sim.excitation import excitation
+from residual.robot.robot import load_robot
+from sim.engine.clearance import MARGIN, body, clearances
 from sim.records import TrajectorySpec
 from sim.trajectories import KINDS, LimitError, make_reference
+from sim.trajectories.excitation import excitation
 from sim.trajectories.limits import check_limits, plan_limits
 from sim.trajectories.plan import check_clearance
 from sim.trajectories.usage import usage

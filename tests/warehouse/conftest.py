@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 
 LINK = """
   <joint name="joint{i}" type="revolute">

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from residual.errors import InputError
-from residual.robot import load_robot
+from residual.robot.robot import load_robot
 from warehouse.logs import ColumnMap, read_log
 from warehouse.logs.columns import CsvFormat
 

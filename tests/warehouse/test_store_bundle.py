@@ -12,15 +12,15 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse.bundle import write_bundle
-from warehouse.bundle_form import CONTENTS, kind_of
 from warehouse.commit import read_record
+from warehouse.exchange.bundle import write_bundle
+from warehouse.exchange.form import CONTENTS, kind_of
+from warehouse.exchange.unbundle import read_bundle
 from warehouse.files import read_parquet, write_parquet
 from warehouse.layout import find
+from warehouse.query.store import open_store
 from warehouse.runs import read_run
 from warehouse.seal import open_seal
-from warehouse.store import open_store
-from warehouse.unbundle import read_bundle
 from warehouse.verdicts import store_verdict
 
 

@@ -17,7 +17,7 @@ from warehouse import ids, schema
 from warehouse.commit import commit_record, commit_run, read_record
 from warehouse.layout import find, find_run
 from warehouse.manifest import read_manifest
-from warehouse.provenance import plant_code_hash
+from warehouse.origin.provenance import plant_code_hash
 from warehouse.runs import read_channels, read_run
 from warehouse.seal import Sealed, open_seal, sealed_hash
 

@@ -10,8 +10,8 @@ from tests.warehouse import store_samples as made
 from warehouse.compare import compare, differing, values_apart
 from warehouse.files import read_parquet, write_parquet
 from warehouse.layout import find
-from warehouse.lineage import needed, tree
-from warehouse.store import open_store
+from warehouse.origin.lineage import needed, tree
+from warehouse.query.store import open_store
 from warehouse.verdicts import store_verdict
 from warehouse.verify import faults
 

@@ -9,11 +9,11 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse import segments
 from warehouse.commit import commit_run
 from warehouse.layout import find_run, list_folders
+from warehouse.query import segments
+from warehouse.query.store import open_store
 from warehouse.schema import DEFAULT_DOF, NUMBER, WHOLE, all_views
-from warehouse.store import open_store
 
 SUMS = "SELECT run_id, count(*) AS n, sum(q1) AS q, sum(tau2) AS tau FROM samples"
 ASKED = f"{SUMS} GROUP BY run_id ORDER BY run_id"
@@ -32,13 +32,13 @@ def fill(store, count, start=0):
 def rows_read(monkeypatch):
     """Names of the catalogue rows that are read one by one."""
     read = []
-    real = warehouse.catalogue.read_parquet
+    real = warehouse.query.catalogue.read_parquet
 
     def spy(path, *more):
         read.append(path.name)
         return real(path, *more)
 
-    monkeypatch.setattr("warehouse.catalogue.read_parquet", spy)
+    monkeypatch.setattr("warehouse.query.catalogue.read_parquet", spy)
     return lambda: read.count("_run.parquet")
 
 
@@ -179,7 +179,7 @@ def test_a_full_disk_does_not_stop_questions(tmp_path):
 
 
 def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("warehouse.store._memory", lambda: 400_000_000)
+    monkeypatch.setattr("warehouse.query.store._memory", lambda: 400_000_000)
     with warehouse.open(tmp_path) as store:
         with pytest.raises(InputError, match=r"larger than 0\.093 GB\. Ask"):
             store.sql("FROM range(1000000000000)")

@@ -2,28 +2,29 @@
 
 import pytest
 
-from warehouse.provenance import ROOT, plant_code_hash, plant_files, provenance
+from warehouse.origin.provenance import ROOT, plant_code_hash, plant_files, provenance
 
 FILES = {
     "sim/__init__.py": "",
-    "sim/plant.py": "from residual.dynamics import regressor\n",
+    "sim/plant.py": "from residual.robot.dynamics import regressor\n",
     "sim/twin.py": "def run():\n    from residual import robot\n",
     "sim/arm.urdf": "<robot/>",
     "sim/__pycache__/plant.pyc": "x",
     "residual/__init__.py": "",
-    "residual/dynamics.py": "import numpy\nfrom residual.recording import Recording\n",
+    "residual/robot/dynamics.py": "import numpy\n"
+    "from residual.recording import Recording\n",
     "residual/recording.py": "from . import errors\n",
     "residual/errors.py": "",
-    "residual/robot.py": "import residual.deep.inner as inner\n",
+    "residual/robot/robot.py": "import residual.deep.inner as inner\n",
     "residual/deep/__init__.py": "",
     "residual/deep/inner.py": "",
     "residual/effects.py": "from residual.recording import Recording\n",
-    "flows/steps.py": "from residual import effects\n",
+    "flows/steps/diagnose.py": "from residual import effects\n",
 }
 COUNTED = set(FILES) - {
     "sim/__pycache__/plant.pyc",
     "residual/effects.py",
-    "flows/steps.py",
+    "flows/steps/diagnose.py",
 }
 
 
@@ -61,7 +62,7 @@ def test_the_diagnosis_is_no_part_of_our_plant():
     names = {p.relative_to(ROOT).as_posix() for p in plant_files()}
     assert {"sim/__init__.py", "residual/__init__.py"} <= names
     assert not {n for n in names if n.startswith(("residual/effects", "flows"))}
-    assert "residual/diagnose.py" not in names
+    assert "residual/diagnosis/diagnose.py" not in names
 
 
 def test_code_and_environment_are_named():

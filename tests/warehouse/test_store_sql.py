@@ -13,8 +13,8 @@ from tests.warehouse import store_samples as made
 from warehouse import schema
 from warehouse.commit import commit_record, commit_run
 from warehouse.layout import find_run
-from warehouse.named import NAMED, TAKES
 from warehouse.quarantine import quarantine, tombstone
+from warehouse.query.named import NAMED, TAKES
 
 
 def ask(store, query, values=None):
@@ -433,9 +433,10 @@ def test_what_is_in_the_index_is_not_read_again(store, monkeypatch):
     rows = ask(store, "FROM runs")
     made.commit(store, 5)
     read = []
-    real = warehouse.catalogue.read_parquet
+    real = warehouse.query.catalogue.read_parquet
     monkeypatch.setattr(
-        "warehouse.catalogue.read_parquet", lambda path: read.append(path) or real(path)
+        "warehouse.query.catalogue.read_parquet",
+        lambda path: read.append(path) or real(path),
     )
     assert len(ask(store, "FROM runs")) == len(rows) + 1
     assert len([p for p in read if p.name == "_run.parquet"]) == 1

@@ -7,7 +7,7 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.commit import read_record
-from warehouse.named import NAMED, TAKES
+from warehouse.query.named import NAMED, TAKES
 from warehouse.verdicts import store_verdict
 
 MODEL = {"theta": [1.0, 2.0], "effects": [{"name": "payload", "joints": [2]}]}

@@ -4,7 +4,7 @@ import numpy as np
 
 from residual.errors import RecordingError
 from residual.recording import Recording
-from residual.robot import Robot
+from residual.robot.robot import Robot
 
 Array = np.ndarray
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from residual.errors import InputError
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from warehouse.logs.columns import LOGGED_UNITS, UNITS, SignalMap
 
 Array = np.ndarray

@@ -4,12 +4,12 @@ import numpy as np
 
 from residual.errors import RecordingError
 from residual.recording import Recording
-from residual.robot import Robot
+from residual.robot.robot import Robot
 from warehouse.logs.check import check_samples, check_time
 from warehouse.logs.columns import TIME_UNITS, ColumnMap
 from warehouse.logs.convert import channels_of, describe, to_link_side
+from warehouse.logs.open import open_log
 from warehouse.logs.select import Selection, check_units, select
-from warehouse.logs.tables import open_log
 from warehouse.logs.understood import Understood
 from warehouse.logs.window import split_spec
 

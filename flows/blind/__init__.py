@@ -1,0 +1,1 @@
+"""The sealed study: hide effects, diagnose, open the seals, count."""

@@ -1,0 +1,198 @@
+"""What a blind study hides, and in which motions: drawn, the same for the same seed.
+
+Ten cases share one excitation. A study of more cases begins with those of a shorter
+one, so that it can be made longer at any time.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
+from flows.specs.experiment import derived_seed
+from residual.errors import InputError
+from residual.robot.robot import Robot, load_robot
+from sim.streams import stream
+
+SHARED = 10  # cases per excitation
+# Of twenty cases; in an order of their own in every twenty.
+_KINDS = (*10 * (SINGLE,), *3 * (PAIR,), *4 * (NOTHING,), *3 * (UNKNOWN,))
+# In minimum detectable sizes. One of a pair must not be lost in the other.
+MULTIPLES, OF_A_PAIR = (1.0, 3.0, 5.0, 10.0), (3.0, 5.0, 10.0)
+_FAMILIES = ("fourier", "cyclic", "move_stop_move")
+_EXPERIMENTS = (3, 4, 5, 6)
+_HELD_OUT = ("welding", "fourier")  # one of a family that is never fitted
+TORQUE_NOISE, ENCODER = (0.005, 0.015, 0.03), (5e-5, 1e-4, 2e-4)
+# A faulty sensor is the monitor's matter, and some of its faults have names here.
+_SENSOR_FAULT = "x_fault_"
+_PAUSE = 10.0  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Which study.
+
+    Attributes:
+        n: How many cases.
+        seed: Seed of everything.
+        robot: Name of the arm.
+        duration: Length of each experiment [s].
+    """
+
+    n: int
+    seed: int
+    robot: str = "irb140"
+    duration: float = 20.0
+
+    def __post_init__(self) -> None:
+        if self.n < 1:
+            raise InputError(f"--n is {self.n}, expected 1 or more.")
+        if not 0 <= self.seed < 2**63:
+            raise InputError(f"--seed is {self.seed}, expected 0 or more.")
+
+
+@dataclass(frozen=True, slots=True)
+class Excitation:
+    """Motions and noise that some cases share.
+
+    Attributes:
+        index: Its number.
+        fit: Families of the experiments to diagnose, in order.
+        held_out: Families of those for the proof.
+        torque: Noise of the torque, as a share of each joint's range.
+        encoder: Step of the encoders [rad].
+    """
+
+    index: int
+    fit: tuple[str, ...]
+    held_out: tuple[str, ...]
+    torque: float
+    encoder: float
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """One effect to hide.
+
+    Attributes:
+        effect: Its name.
+        multiple: Its size in minimum detectable ones; None for a usual size.
+    """
+
+    effect: str
+    multiple: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """One case before the sizes are known.
+
+    Attributes:
+        index: Its number.
+        drawn: Kind of case (``blind_score.DRAWN``).
+        wishes: What to hide.
+        excitation: Its motions.
+    """
+
+    index: int
+    drawn: str
+    wishes: tuple[Wish, ...]
+    excitation: Excitation
+
+
+def drafts(asked: Asked) -> list[Draft]:
+    """Return the cases of a study."""
+    known, unknown = vocabulary(load_robot(asked.robot))
+    kinds = _forever(asked.seed, "kinds", _KINDS)
+    named = _forever(asked.seed, "effects", known)
+    strange = _forever(asked.seed, "unknown", unknown)
+    out = []
+    for index in range(asked.n):
+        drawn, rng = next(kinds), stream(asked.seed, f"multiples/{index}")
+        wishes: tuple[Wish, ...] = ()
+        if drawn == SINGLE:
+            wishes = (Wish(next(named), float(rng.choice(MULTIPLES))),)
+        if drawn == PAIR:
+            one = next(named)
+            other = next(name for name in named if name != one)
+            wishes = tuple(
+                Wish(name, float(rng.choice(OF_A_PAIR))) for name in (one, other)
+            )
+        if drawn == UNKNOWN:
+            wishes = (Wish(next(strange), None),)
+        out.append(Draft(index, drawn, wishes, excitation(asked, index // SHARED)))
+    return out
+
+
+def excitation(asked: Asked, index: int) -> Excitation:
+    """Return one excitation; every one has a Fourier motion, which shows the most."""
+    rng = stream(asked.seed, f"excitation/{index}")
+    count = int(rng.choice(_EXPERIMENTS))
+    more = (str(kind) for kind in rng.choice(_FAMILIES, count - 1))
+    noise = float(rng.choice(TORQUE_NOISE)), float(rng.choice(ENCODER))
+    return Excitation(index, ("fourier", *more), _HELD_OUT, *noise)
+
+
+def motions(asked: Asked, excitation: Excitation) -> list[dict]:
+    """Return the open half of each experiment, those to fit first."""
+    out = []
+    for place, kind in enumerate((*excitation.fit, *excitation.held_out)):
+        name = f"excitation/{excitation.index}/{place}"
+        out.append(
+            {
+                "robot": asked.robot,
+                "seed": asked.seed,
+                "start": place * (asked.duration + _PAUSE),
+                "trajectory": {
+                    "kind": kind,
+                    "duration": asked.duration,
+                    "seed": derived_seed(asked.seed, name),
+                },
+            }
+        )
+    return out
+
+
+def arm_of(asked: Asked, label: str, excitation: Excitation) -> dict:
+    """Return the hidden half of an arm's experiments, without its effects.
+
+    Args:
+        asked: Which study.
+        label: Whose arm; each has scatter, noise and salt of its own.
+        excitation: Its noise level.
+    """
+    noise = {"torque": excitation.torque, "encoder": excitation.encoder}
+    return {
+        "noise": noise,
+        "seed": derived_seed(asked.seed, f"plant/{label}"),
+        "salt": f"{derived_seed(asked.seed, f'salt/{label}'):08x}",
+    }
+
+
+@cache
+def vocabulary(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what may be drawn: effects that have a name, and those that have none.
+
+    The first are all that the diagnosis looks for and the plant can have, so that a
+    new effect is in the next study without a word being said here.
+    """
+    from residual.effects import registry
+    from sim.plant.perturbations import KINDS
+
+    named = [
+        name
+        for name, effect in sorted(registry().items())
+        if name in KINDS and effect.candidates(robot.dof)
+    ]
+    strange = [n for n in sorted(KINDS) if n.startswith("x_")]
+    strange = [n for n in strange if not n.startswith(_SENSOR_FAULT)]
+    return tuple(named), tuple(strange)
+
+
+def _forever(seed: int, name: str, items: tuple[str, ...]) -> Iterator[str]:
+    """Yield the items round by round, every round in an order of its own."""
+    turn = 0
+    while True:
+        rng = stream(seed, f"{name}/{turn}")
+        yield from (items[i] for i in rng.permutation(len(items)))
+        turn += 1

@@ -1,0 +1,158 @@
+"""One case as one row: what was hidden, what was said, and what that is worth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from flows.blind.score import SINGLE, Name, Said, Score, members, score
+from flows.blind.size import Hidden
+from residual.robot.robot import Robot
+from sim.amounts import main_parameter
+from sim.records import PlantSpec
+
+# A smaller gap than this share of the refit's error says nothing of who closes it.
+_LEAST_GAP = 0.02
+_CHANGES = {"coulomb": "level", "viscous": "coefficient", "rotor_inertia": "inertia"}
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A parameter beside its truth.
+
+    Attributes:
+        key: Its name.
+        value: What the diagnosis says, SI.
+        std: Its standard deviation.
+        truth: What it is.
+    """
+
+    key: str
+    value: float
+    std: float
+    truth: float
+
+    @property
+    def z(self) -> float | None:
+        """Deviation in standard deviations."""
+        return (self.value - self.truth) / self.std if self.std > 0 else None
+
+
+def case_row(
+    drawn: str,
+    hidden: Sequence[Hidden],
+    truths: Sequence[Mapping[str, float]],
+    verdict: Mapping,
+    oracle: float | None,
+) -> dict:
+    """Return the row of a case (view ``blind``), but for where it is from.
+
+    Args:
+        drawn: Kind of case (``blind_score.DRAWN``).
+        hidden: What the arm hides.
+        truths: True parameters of each, as a verdict would state them.
+        verdict: The verdict.
+        oracle: Held-out error of the true effects fitted [%], None where they have no
+            name.
+    """
+    names = [Name(h.effect.name, h.joints) for h in hidden]
+    judged = score(drawn, names, verdict)
+    row = {
+        "drawn": drawn,
+        **_of_hidden(hidden),
+        **_of_verdict(verdict, judged),
+        **_of_errors(verdict, oracle),
+    }
+    found = estimate(judged, truths) if drawn == SINGLE else None
+    return row | {
+        "parameter": found and found.key,
+        "value": found and found.value,
+        "std": found and found.std,
+        "truth": found and found.truth,
+        "z": found and found.z,
+    }
+
+
+def estimate(judged: Score, truths: Sequence[Mapping[str, float]]) -> Estimate | None:
+    """Return the main parameter of what was rightly named first, beside its truth."""
+    for said, truth in zip(judged.hits, truths, strict=True):
+        if said is None:
+            continue
+        key = main_parameter(said.name.effect, truth)
+        known = said.finding["parameters"].get(key)
+        if known is not None:
+            value, std = (_at(known[part], said) for part in ("value", "std"))
+            if value is not None and std is not None:
+                return Estimate(str(key), value, std, float(truth[str(key)]))
+    return None
+
+
+def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
+    """Return the parameters of each hidden effect as a verdict states them.
+
+    Friction and rotors of an arm are scattered about what its maker says. What they
+    differ by is no part of the effect that was hidden, but of what is found.
+    """
+    from sim.plant.arm import build_arm
+    from sim.plant.controller import maker_of
+
+    base, maker = build_arm(robot, plant).base, maker_of(robot)
+    out = []
+    for effect in plant.effects:
+        values = dict(effect.parameters)
+        key = _CHANGES.get(effect.name)
+        if key is not None:
+            field = "rotor" if effect.name == "rotor_inertia" else effect.name
+            joint = effect.joints[0] - 1
+            scatter = getattr(base, field)[joint] - getattr(maker, field)[joint]
+            values[key] += float(scatter)
+        out.append(values)
+    return out
+
+
+def _at(value: object, said: Said) -> float | None:
+    if said.place is not None and isinstance(value, list | tuple):
+        value = value[said.place]
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _of_hidden(hidden: Sequence[Hidden]) -> dict:
+    row = {}
+    for i, start in enumerate(("", "second_")):
+        one = hidden[i] if i < len(hidden) else None
+        row |= {
+            f"{start}effect": one and one.effect.name,
+            f"{start}joints": one and list(one.joints),
+            f"{start}size": one and one.size,
+            f"{start}unit": one and one.unit,
+            f"{start}multiple": one and one.multiple,
+        }
+    return row
+
+
+def _of_verdict(verdict: Mapping, judged: Score) -> dict:
+    first = judged.first
+    return {
+        "verdict": verdict["verdict"],
+        "named_first": first and first.effect,
+        "named_joints": first and list(first.joints),
+        "named": len(members(verdict)),
+        "outcome": judged.outcome,
+        "found": judged.found,
+        "extra": judged.extra,
+        "joint_right": judged.joint_right,
+        "unexplained": list(verdict["unexplained"]["joints"]),
+    }
+
+
+def _of_errors(verdict: Mapping, oracle: float | None) -> dict:
+    errors = verdict["error"]["overall_filtered"]
+    refit, after = errors["identified"], errors["augmented"]
+    closed = None
+    if oracle is not None and refit is not None and refit - oracle > _LEAST_GAP * refit:
+        closed = (refit - after) / (refit - oracle)
+    return {
+        "error_before": errors["nominal"],
+        "error_refit": refit,
+        "error_after": after,
+        "error_oracle": oracle,
+        "gap_closed": closed,
+    }

@@ -1,0 +1,196 @@
+"""A whole blind study over all cores: what is stored is not done again.
+
+First an arm with nothing to hide in every excitation, which says how small an effect
+would still be seen there; then the cases, whose sizes are told in that unit.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.blind import steps
+from flows.blind.draw import Asked, Excitation, drafts
+from flows.blind.sums import summary
+from flows.errors import RunError
+from flows.settings import cores
+from flows.workers.campaign import Tell
+from flows.workers.pool import Here, Pool
+from residual.errors import InputError, ModelgapError
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """What a study left in the store.
+
+    Attributes:
+        id: Id of its own validation.
+        rows: One per case, as in the view ``blind``, with ``validation_id``.
+        summary: Its figures.
+        known: How many cases were in the store already.
+        failed: What did not come to its end, in words.
+    """
+
+    id: str
+    rows: tuple[Mapping, ...]
+    summary: Mapping
+    known: int
+    failed: tuple[str, ...]
+
+
+def run_study(
+    asked: Asked,
+    store: Path,
+    tell: Tell | None = None,
+    pool: Pool | Here | None = None,
+    workers: int | None = None,
+) -> Study:
+    """Run what is not in the store, and conclude.
+
+    Args:
+        asked: Which study.
+        store: The store.
+        tell: Told what is done and the share of it.
+        pool: Processes to use; without it, own ones for the time being.
+        workers: How many own processes; None for one per core.
+
+    Raises:
+        RunError: If no case came to its end.
+    """
+    if pool is None:
+        with Pool(workers or cores()) as own:
+            return run_study(asked, store, tell, own)
+    minima, lost = run_nulls(asked, store, tell, pool)
+    done, known, failed = run_cases(asked, store, minima, tell, pool)
+    return conclude(asked, store, done, (known, [*lost, *failed]))
+
+
+def run_nulls(
+    asked: Asked, store: Path, tell: Tell | None, pool: Pool | Here
+) -> tuple[dict[int, Sequence[Mapping]], list[str]]:
+    """Return the minimum detectable sizes of every excitation, by its number.
+
+    Returns:
+        The sizes, and what failed: without sizes an excitation has no cases.
+    """
+    from warehouse.commit import read_record
+
+    wanted = _excitations(asked)
+    keys = {e.index: steps.key_of(steps.null_specs(asked, e)) for e in wanted}
+    ids = steps.finished(store, steps.NULL)
+    todo = [e for e in wanted if keys[e.index] not in ids]
+    jobs = [(asked, e, keys[e.index], store) for e in todo]
+    failed = []
+    for count, (at, value, why) in enumerate(_run(_null, jobs, pool), start=1):
+        if value is None:
+            failed.append(f"excitation {todo[at].index} and its cases: {why}")
+        else:
+            ids[keys[todo[at].index]] = value
+        if tell:
+            tell(f"excitation {count} of {len(todo)}", count / len(todo))
+    minima = {
+        number: read_record(store, ids[key])["minimum_detectable"]
+        for number, key in keys.items()
+        if key in ids
+    }
+    return minima, failed
+
+
+def run_cases(
+    asked: Asked,
+    store: Path,
+    minima: Mapping[int, Sequence[Mapping]],
+    tell: Tell | None,
+    pool: Pool | Here,
+) -> tuple[list[str], int, list[str]]:
+    """Run the cases that are not in the store.
+
+    Returns:
+        Ids of their validations in order, how many were known, and what failed.
+    """
+    cases = [
+        steps.make_case(asked, draft, minima[draft.excitation.index])
+        for draft in drafts(asked)
+        if draft.excitation.index in minima
+    ]
+    ids = steps.finished(store, steps.CASE)
+    todo = [case for case in cases if case.key not in ids]
+    failed = []
+    jobs = [(asked, case, store) for case in todo]
+    for count, (at, value, why) in enumerate(_run(_case, jobs, pool), start=1):
+        number = todo[at].draft.index
+        if value is None:
+            failed.append(f"case {number}: {why}")
+        else:
+            ids[todo[at].key] = value
+        if tell:
+            word = "failed" if value is None else "judged"
+            share = (count + len(cases) - len(todo)) / len(cases)
+            tell(f"case {number} {word}, {count} of {len(todo)}", share)
+    done = [ids[case.key] for case in cases if case.key in ids]
+    return done, len(cases) - len(todo), failed
+
+
+def conclude(
+    asked: Asked, store: Path, done: Sequence[str], rest: tuple[int, Sequence[str]]
+) -> Study:
+    """Sum up the cases and store that.
+
+    Args:
+        asked: Which study.
+        store: The store.
+        done: Ids of the validations of its cases, in order.
+        rest: How many were known, and what failed.
+
+    Raises:
+        RunError: If there is no case.
+    """
+    from warehouse.commit import commit_record, read_record
+
+    known, failed = rest
+    if not done:
+        raise RunError(f"No case came to its end: {failed[0] if failed else 'none'}")
+    rows = [{"validation_id": i, **read_record(store, i)["row"]} for i in done]
+    figures = summary(rows)
+    record = {
+        "robot": asked.robot,
+        "kind": steps.STUDY,
+        "key": f"{asked.seed}/{asked.n}",
+        "seed": asked.seed,
+        "n": asked.n,
+        "duration": asked.duration,
+        "summary": figures,
+        "failed": list(failed),
+    }
+    parents = {"case": list(done)}
+    id = commit_record(store, "validations", record, None, parents)
+    return Study(id, tuple(rows), figures, known, tuple(failed))
+
+
+def _excitations(asked: Asked) -> list[Excitation]:
+    unique = {d.excitation.index: d.excitation for d in drafts(asked)}
+    return list(unique.values())
+
+
+def _run(work: Callable, jobs: Sequence, pool: Pool | Here):
+    """Yield number, value and, where there is none, the reason."""
+    for done in pool.run(work, jobs):
+        why = " ".join(str(done.error).split()) if done.error else ""
+        yield done.index, done.value, why
+
+
+def _null(job: tuple) -> str:
+    return _told(steps.run_null, job)
+
+
+def _case(job: tuple) -> str:
+    return _told(steps.run_case, job)
+
+
+def _told(work: Callable, job: tuple) -> str:
+    """Do it; whatever it raises can cross to the parent process."""
+    try:
+        return work(job)
+    except ModelgapError as error:
+        raise InputError(str(error)) from None
+    except Exception as error:
+        raise RunError(f"{type(error).__name__}: {error}") from error

@@ -1,0 +1,278 @@
+"""The sealed study as plain steps: ids in, ids out.
+
+An arm hides what was drawn, is run, and its runs are stored with the truth sealed. The
+diagnosis gets their ids and no more. Only what is judged from a committed verdict opens
+the seal.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pyarrow as pa
+
+from flows.blind.draw import Asked, Draft, Excitation, arm_of, motions
+from flows.blind.row import case_row, true_parameters
+from flows.blind.score import UNKNOWN
+from flows.blind.size import Hidden, draw_sized, measured, told_joints
+from flows.errors import RunError
+from flows.keep.diagnosis import read_outcome
+from flows.specs.experiment import ExperimentSpec
+from flows.steps import experiment, study
+from residual.robot.robot import load_robot
+from sim.records import PlantEffect
+from sim.streams import stream
+
+CASE, NULL, STUDY = "blind", "blind_null", "blind_study"  # kinds of validations
+_JUDGES = ("steps.py", "row.py", "score.py", "size.py")
+_TRIES = 20  # to draw a second effect that is not the first again
+
+Runs = dict[str, list[str]]
+Minimum = Sequence[Mapping]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One case, complete: what is hidden, in experiments whose ids are known.
+
+    Attributes:
+        draft: What was drawn.
+        specs: The experiments, those to fit first.
+        minimum: Minimum detectable sizes of its motions.
+        key: Hash of the experiments and of the code that diagnoses and judges.
+    """
+
+    draft: Draft
+    specs: tuple[ExperimentSpec, ...]
+    minimum: Minimum
+    key: str
+
+
+def null_specs(asked: Asked, excitation: Excitation) -> tuple[ExperimentSpec, ...]:
+    """Return the experiments of an arm with nothing to hide, in that excitation."""
+    return _specs(asked, excitation, f"null/{excitation.index}", ())
+
+
+def key_of(specs: Sequence[ExperimentSpec]) -> str:
+    """Return the key of a case: of its runs and of all code that decides its row."""
+    ids = [experiment.run_id_of(spec) for spec in specs]
+    return hashlib.sha256("\n".join([*ids, method_hash()]).encode()).hexdigest()[:20]
+
+
+def make_case(asked: Asked, draft: Draft, minimum: Minimum) -> Case:
+    """Draw joints and sizes of a case, now that the detectable sizes are known."""
+    effects = hidden_effects(asked, draft, minimum)
+    specs = _specs(asked, draft.excitation, f"case/{draft.index}", effects)
+    return Case(draft, specs, minimum, key_of(specs))
+
+
+def hidden_effects(
+    asked: Asked, draft: Draft, minimum: Minimum
+) -> tuple[PlantEffect, ...]:
+    """Draw joints and sizes of what a case hides."""
+    robot = load_robot(asked.robot)
+    made: list[PlantEffect] = []
+    for place, wish in enumerate(draft.wishes):
+        rng = stream(asked.seed, f"hidden/{draft.index}/{place}")
+        for _ in range(_TRIES):
+            one = draw_sized(robot, rng, wish.effect, wish.multiple, minimum)
+            if not any(_same_thing(one, other) for other in made):
+                break
+        made.append(one)
+    return tuple(made)
+
+
+def run_experiments(
+    specs: Sequence[ExperimentSpec], held_out: int, store: Path
+) -> Runs:
+    """Run the experiments that are not in the store.
+
+    Args:
+        specs: The experiments.
+        held_out: How many of the last are held out.
+        store: The store.
+
+    Returns:
+        Ids of the runs by role: fit and held_out.
+    """
+    ids = [experiment.run(spec, store) for spec in specs]
+    return {"fit": ids[:-held_out], "held_out": ids[-held_out:]}
+
+
+def diagnose(robot: str, runs: Runs, store: Path) -> tuple[str, str]:
+    """Diagnose runs and commit the verdict; nothing sealed is read.
+
+    Returns:
+        The ids of the diagnosis and of its proof.
+    """
+    asked = study.Study(robot, tuple(runs["fit"]), tuple(runs["held_out"]))
+    return study.diagnose(asked, store)
+
+
+def run_null(job: tuple[Asked, Excitation, str, Path]) -> str:
+    """Run and diagnose an arm that hides nothing; store what it would have shown.
+
+    Args:
+        job: The study, the excitation, the key of the case, the store.
+
+    Returns:
+        The id of the validation with the minimum detectable sizes.
+    """
+    from warehouse.commit import commit_record
+
+    asked, excitation, key, store = job
+    specs = null_specs(asked, excitation)
+    runs = run_experiments(specs, len(excitation.held_out), store)
+    ids = diagnose(asked.robot, runs, store)
+    verdict = read_outcome(store, ids[1]).verdict
+    record = {
+        "robot": asked.robot,
+        "kind": NULL,
+        "key": key,
+        "verdict": verdict["verdict"],
+        "effects": verdict["effects"],
+        "minimum_detectable": verdict["minimum_detectable"],
+    }
+    return commit_record(store, "validations", record, None, {"diagnosis": [ids[0]]})
+
+
+def run_case(job: tuple[Asked, Case, Path]) -> str:
+    """Run, diagnose and judge one case; what is stored of it is not made again.
+
+    Returns:
+        The id of its validation.
+    """
+    asked, case, store = job
+    if key_of(case.specs) != case.key:
+        # A process loads the code anew: its rows would be under the key of another.
+        raise RunError("the code was changed since the start")
+    excitation = case.draft.excitation
+    runs = run_experiments(case.specs, len(excitation.held_out), store)
+    begun = perf_counter()
+    ids = diagnose(asked.robot, runs, store)
+    seconds = perf_counter() - begun
+    return judge(asked, case, (runs, ids, seconds), store)
+
+
+def judge(
+    asked: Asked, case: Case, done: tuple[Runs, tuple[str, str], float], store: Path
+) -> str:
+    """Open the seal of a case whose verdict is in the store, and score it.
+
+    Args:
+        asked: The study.
+        case: The case.
+        done: Its runs, the ids of diagnosis and proof, and what that took [s].
+        store: The store.
+
+    Returns:
+        The id of the validation: one row of the view ``blind``.
+    """
+    from warehouse import seal
+    from warehouse.commit import commit_record
+    from warehouse.schema import VIEWS, arrow_schema
+
+    runs, ids, seconds = done
+    # The verdict as it was committed: without one there is nothing to judge.
+    verdict = read_outcome(store, ids[1]).verdict
+    robot, draft = load_robot(asked.robot), case.draft
+    sealed = seal.open_seal(store, runs["fit"][0]).spec
+    plant = experiment.plant_of(sealed)
+    hidden = [measured(e, case.minimum, robot, _unit(e)) for e in plant.effects]
+    oracle = None if draft.drawn == UNKNOWN else _oracle(asked, runs, hidden, store)
+    row = case_row(draft.drawn, hidden, true_parameters(robot, plant), verdict, oracle)
+    row |= {
+        "study_seed": asked.seed,
+        "case_index": draft.index,
+        "experiments": len(runs["fit"]),
+        "torque_noise": plant.noise.torque,
+        "seconds": round(seconds, 2),
+        "method_hash": method_hash(),
+        "diagnosis_id": ids[0],
+    }
+    record = {"robot": asked.robot, "kind": CASE, "key": case.key, "row": row}
+    table = pa.Table.from_pylist([row], schema=arrow_schema(VIEWS["blind"][1:]))
+    parents = {"diagnosis": [ids[0]], "proof": [ids[1]]}
+    return commit_record(store, "validations", record, {"blind": table}, parents)
+
+
+def finished(store: Path, kind: str) -> dict[str, str]:
+    """Return the ids of all validations of a kind in the store, by their key."""
+    from warehouse.commit import read_record
+    from warehouse.query.store import open_store
+
+    if not store.is_dir():
+        return {}
+    with open_store(store) as opened:
+        query = f"SELECT validation_id FROM validations WHERE kind = '{kind}'"
+        ids = opened.sql(query).column(0).to_pylist()
+    return {read_record(store, id)["key"]: id for id in ids}
+
+
+@cache
+def method_hash() -> str:
+    """Return the hash of the code that diagnoses and judges, 16 hex digits."""
+    root, total = Path(__file__).parents[2], hashlib.sha256()
+    files = [
+        *(root / "residual").rglob("*.py"),
+        *(root / "flows" / "blind" / f for f in _JUDGES),
+    ]
+    for path in sorted(files):
+        total.update(path.relative_to(root).as_posix().encode())
+        total.update(path.read_bytes())
+    return total.hexdigest()[:16]
+
+
+def _specs(
+    asked: Asked, excitation: Excitation, label: str, effects: Sequence[PlantEffect]
+) -> tuple[ExperimentSpec, ...]:
+    plant = arm_of(asked, label, excitation)
+    plant["effect"] = [
+        {"name": e.name, "joints": list(e.joints), **dict(e.parameters)}
+        for e in effects
+    ]
+    return tuple(
+        ExperimentSpec.model_validate({**motion, "plant": plant})
+        for motion in motions(asked, excitation)
+    )
+
+
+def _same_thing(one: PlantEffect, other: PlantEffect) -> bool:
+    """Whether two effects are one: of one name or one family, on a common joint."""
+    from residual.effects import registry
+
+    def family(effect: PlantEffect) -> str:
+        known = registry().get(effect.name)
+        return (known and known.family) or effect.name
+
+    apart = one.joints and other.joints and not set(one.joints) & set(other.joints)
+    return family(one) == family(other) and not apart
+
+
+def _unit(effect: PlantEffect) -> str | None:
+    from residual.robot.vocabulary import VOCABULARY
+
+    return next(iter(VOCABULARY.get(effect.name, {}).values()), None)
+
+
+def _oracle(
+    asked: Asked, runs: Runs, hidden: Sequence[Hidden], store: Path
+) -> float | None:
+    """Return the held-out error of the true effects, fitted [%]."""
+    from threadpoolctl import threadpool_limits
+
+    from residual.diagnosis.oracle import oracle
+    from warehouse.runs import read_run
+
+    robot = load_robot(asked.robot)
+    fit, held_out = ([read_run(store, i) for i in runs[k]] for k in ("fit", "held_out"))
+    told = [
+        (h.effect.name, told_joints(h.effect.name, h.joints, robot.dof)) for h in hidden
+    ]
+    with threadpool_limits(1, user_api="blas"):
+        error = oracle(robot, fit, held_out, told).overall("filtered")
+    return float(error) if np.isfinite(error) else None

@@ -1,0 +1,1 @@
+"""Results as records of the store, and back."""

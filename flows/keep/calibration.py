@@ -1,0 +1,162 @@
+"""A calibration as records of the store: the tables, and the errors they leave."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import pyarrow as pa
+
+from residual.calibration.calibrate import Calibration
+from residual.calibration.schemes import RUN
+from residual.calibration.scores import Score
+from residual.model.nominal import declared_names
+from residual.robot.robot import Robot
+from residual.tables.crossval import relative_error
+from residual.tables.lookup.export import export_lookup
+from warehouse.commit import commit_record, read_record
+from warehouse.schema import VIEWS, arrow_schema
+
+STAGE, KIND = "calibrated", "calibration"
+
+
+def store_calibration(
+    store: Path, made: Calibration, request: Mapping
+) -> dict[str, str]:
+    """Put the tables and the errors into the store.
+
+    Args:
+        store: The store.
+        made: The calibration.
+        request: What was asked for, so that it can be made again: `logs`, the ids of
+            the runs it is from, in order, and `diagnosis`, whose effects it has.
+
+    Returns:
+        The ids of the model and of the validation.
+    """
+    ids = request["logs"]
+    named = {"diagnosis": [request["diagnosis"]]} if request["diagnosis"] else {}
+    model = {
+        "robot": made.robot,
+        "stage": STAGE,
+        "request": request,
+        "mode": made.rows.mode,
+        "declared": list(made.declared),
+        "nominal": _nominal(made),
+        "options": [_option(o) for o in made.chosen],
+        "variables": list(made.lookup.names),
+        "joints": list(made.rows.joints),
+    }
+    parents = {"fit": list(ids), **named}
+    files = export_lookup(made.lookup)
+    model_id = commit_record(store, "models", model, parents=parents, files=files)
+    record = {
+        "robot": made.robot,
+        "kind": KIND,
+        "model_id": model_id,
+        "request": request,
+        "mode": made.rows.mode,
+        "notes": list(made.notes),
+    }
+    tables = {"errors": errors_table(made, ids)}
+    parents = {"model": [model_id], "run": list(ids), **named}
+    validation = commit_record(store, "validations", record, tables, parents)
+    return {"model": model_id, "validation": validation}
+
+
+def errors_table(made: Calibration, ids: Sequence[str]) -> pa.Table:
+    """Return all errors as rows of the view errors, metrics as rmsev_random."""
+    rows = [row for score in made.scores for row in _rows(score, ids)]
+    rows = [row for row in rows if row["value"] == row["value"]]  # no NaN
+    return pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
+
+
+def found_effects(
+    store: Path,
+    ids: Sequence[str],
+    robot: Robot,
+    declared: Sequence[str] | None,
+) -> tuple[tuple[Mapping, ...], str | None, str | None]:
+    """Return what the latest diagnosis of these runs named, a line about it, its id.
+
+    It must be of these runs alone, held-out ones included or not, and of a model with
+    the same declared effects.
+
+    Args:
+        store: The store.
+        ids: Ids of the runs.
+        robot: The arm.
+        declared: Effects that the model has; None for the robot's own list.
+    """
+    if not ids:
+        return (), None, None
+    import warehouse
+
+    query = (
+        "SELECT d.diagnosis_id AS id, l.parent AS run FROM diagnoses d JOIN lineage l "
+        "ON l.child = d.diagnosis_id AND l.role = 'fit' WHERE d.verdict = 'effects' "
+        "ORDER BY d.created DESC"
+    )
+    with warehouse.open(store) as opened:
+        found = opened.sql(query).to_pylist()
+    runs: dict[str, set[str]] = {}
+    for row in found:
+        runs.setdefault(row["id"], set()).add(row["run"])
+    names = sorted(declared_names(robot, declared))
+    for id, fitted in runs.items():
+        document = read_record(store, id)["document"]
+        if fitted <= set(ids) and sorted(document["declared"]) == names:
+            named = ", ".join(_words(e) for e in document["effects"])
+            line = (
+                f"named effects are those of diagnosis {id[:8]} ({named}): their names "
+                "come from these runs, their values are fitted without the held-out "
+                "ones"
+            )
+            return tuple(document["effects"]), line, id
+    return (), None, None
+
+
+def _words(effect: Mapping) -> str:
+    joints = " ".join(f"J{j}" for j in effect["joints"])
+    return f"{effect['name']} {joints}".strip()
+
+
+def _nominal(made: Calibration) -> dict | None:
+    """The model that the tables are a correction of; None for the simulated twin."""
+    if made.nominal is None:
+        return None
+    return {
+        "inertial": made.nominal.inertial.tolist(),
+        "terms": [
+            {
+                "name": term.effect.name,
+                "joints": [j + 1 for j in term.joints],
+                "shape": list(term.shape),
+                "theta": term.theta.tolist(),
+            }
+            for term in made.nominal.terms
+        ],
+    }
+
+
+def _option(option) -> dict:
+    return {"kind": option.kind, "ridge": option.ridge, "count": option.count}
+
+
+def _rows(score: Score, ids: Sequence[str]) -> Iterator[dict]:
+    same = {"run_id": None, "trajectory": None, "stage": score.model}
+    figures = (
+        ("rmsec", score.rmsec),
+        ("rmsev", score.rmsev),
+        ("rmsev_mean", score.mean),
+    )
+    for name, values in figures:
+        metric = f"{name}_{score.scheme}"
+        for joint, value in enumerate(values, 1):
+            yield {**same, "joint": joint, "metric": metric, "value": float(value)}
+    metric = f"rmsev_{score.scheme}"
+    yield {**same, "joint": None, "metric": metric, "value": score.overall}
+    if score.scheme != RUN or len(ids) != len(score.miss):
+        return
+    for id, values in zip(ids, relative_error(score.miss, score.power), strict=True):
+        for joint, value in enumerate(values, 1):
+            own = {**same, "run_id": id, "joint": joint}
+            yield {**own, "metric": metric, "value": float(value)}

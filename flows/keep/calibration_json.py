@@ -1,0 +1,103 @@
+"""A calibration as one JSON document."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from flows.steps.calibrate import Outcome
+from residual.calibration.calibrate import Calibration
+
+
+def document(outcome: Outcome) -> dict:
+    """Return all figures of a calibration; what is not known is null."""
+    made = outcome.made
+    return {
+        "schema": 1,
+        "robot": made.robot,
+        "mode": made.rows.mode,
+        "declared": list(made.declared),
+        "logs": list(made.rows.labels),
+        "families": [f or None for f in made.rows.families],
+        "rows": len(made.rows.X),
+        "joints": list(made.rows.joints),
+        "variables": list(made.lookup.names),
+        "metric": "100*||tau-tau_hat||/||tau||",
+        "table": [_score(one) for one in made.scores],
+        "default": {
+            "proven": made.proven,
+            "options": [
+                {"joint": j, "kind": o.kind, "ridge": o.ridge, "count": o.count}
+                for j, o in zip(made.rows.joints, made.chosen, strict=True)
+            ],
+        },
+        "components": [_components(one) for one in made.components],
+        "levels": _sweep(made),
+        "importance": _terms(made),
+        "outliers": _oddities(made),
+        "words": list(outcome.words),
+        "notes": list(made.notes),
+        "warnings": list(outcome.warnings),
+        "stored": dict(outcome.kept) or None,
+    }
+
+
+def _score(one) -> dict:
+    return {
+        "scheme": one.scheme,
+        "model": one.model,
+        "components": one.components,
+        "rmsec": _numbers(one.rmsec),
+        "rmsev": _numbers(one.rmsev),
+        "rmsev_mean_of_subsets": _numbers(one.mean),
+        "overall": _number(one.overall),
+    }
+
+
+def _components(one) -> dict:
+    return {
+        "family": one.family,
+        "block": one.block,
+        "explained": _numbers(one.explained),
+        "surrogate_limit": _numbers(one.limit),
+        "real": one.real,
+        "real_by_permutation": one.permuted,
+        "first": [[name, round(value, 4)] for name, value in one.first],
+    }
+
+
+def _sweep(made: Calibration) -> dict | None:
+    if made.sweep is None:
+        return None
+    errors = {k: [_numbers(v) for v in e] for k, e in made.sweep.errors.items()}
+    seconds = [round(s, 3) for s in made.sweep.seconds]
+    return {"levels": list(made.sweep.levels), "rmsev": errors, "seconds": seconds}
+
+
+def _terms(made: Calibration) -> list[dict] | None:
+    if made.terms is None:
+        return None
+    sizes = made.terms.sizes
+    return [
+        {"term": name, "size": _numbers(value), "error": _numbers(error)}
+        for name, value, error in zip(
+            made.terms.names, sizes.values, sizes.errors, strict=True
+        )
+    ]
+
+
+def _oddities(made: Calibration) -> list[dict] | None:
+    odd = made.oddities
+    if odd is None:
+        return None
+    keys = ("log", "x_outliers", "y_outliers", "unvisited_cells", "outside_range")
+    columns = (odd.labels, odd.x, odd.y, odd.unvisited, odd.outside)
+    return [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def _numbers(values: Iterable[float]) -> list[float | None]:
+    return [_number(v) for v in np.asarray(values).tolist()]
+
+
+def _number(value: float) -> float | None:
+    return round(value, 6) if math.isfinite(value) else None

@@ -1,0 +1,129 @@
+"""The curves of a diagnosis as tables: its report can be made from the store."""
+
+from collections.abc import Mapping
+from itertools import product
+
+import numpy as np
+import pyarrow as pa
+
+from residual.diagnosis.result import Outcome
+from residual.model.curves import Cloud, LogProof
+from warehouse.schema import VIEWS, arrow_schema
+
+PROOFS, CLOUDS = "proofs", "clouds"
+
+
+def to_record(outcome: Outcome) -> tuple[dict, dict[str, pa.Table]]:
+    """Return an outcome as JSON and tables: what it says, and its curves.
+
+    Args:
+        outcome: The outcome.
+
+    Returns:
+        What `from_record` needs.
+    """
+    # A cloud without a name is what a joint keeps.
+    clouds = (*outcome.clouds, *outcome.left)
+    record = {
+        "whole": outcome.verdict,
+        "sentences": list(outcome.sentences),
+        "notes": list(outcome.notes),
+        "proofs": [p.id for p in outcome.proofs],
+        "models": list(outcome.proofs[0].tau_hat) if outcome.proofs else [],
+        "clouds": [[c.name, c.joint, c.variable] for c in clouds],
+    }
+    tables = {PROOFS: _stacked(map(_proof_columns, outcome.proofs))}
+    tables[CLOUDS] = _stacked(map(_cloud_columns, clouds))
+    return record, {name: t for name, t in tables.items() if t is not None}
+
+
+def from_record(record: Mapping, tables: Mapping[str, pa.Table]) -> Outcome:
+    """Return the outcome that `to_record` was given."""
+    proofs = _parts(tables.get(PROOFS), len(record["proofs"]))
+    parts = _parts(tables.get(CLOUDS), len(record["clouds"]))
+    clouds = [
+        Cloud(*about, part["x"], part["residual"], part["fitted"], part["log"])
+        for about, part in zip(record["clouds"], parts, strict=True)
+    ]
+    return Outcome(
+        verdict=record["whole"],
+        sentences=tuple(record["sentences"]),
+        proofs=tuple(
+            _proof(id, record["models"], part)
+            for id, part in zip(record["proofs"], proofs, strict=True)
+        ),
+        clouds=tuple(c for c in clouds if c.name),
+        notes=tuple(record["notes"]),
+        left=tuple(c for c in clouds if not c.name),
+    )
+
+
+def errors_by_run(outcome: Outcome) -> pa.Table:
+    """Return the errors on every held-out log by itself, as rows of the view errors.
+
+    Filtered and moving errors [%], in the words of docs/method.md section 6.
+    """
+    rows = []
+    for proof in outcome.proofs:
+        samples = {"filtered": np.ones_like(proof.moving), "moving": proof.moving}
+        for (stage, tau_hat), (metric, taken) in product(
+            proof.tau_hat.items(), samples.items()
+        ):
+            miss = np.where(taken, proof.tau - tau_hat, 0.0)
+            power = np.where(taken, proof.tau, 0.0)
+            same = {"run_id": proof.id, "stage": stage, "metric": metric}
+            for joint in range(proof.tau.shape[1]):
+                value = _relative(miss[:, joint], power[:, joint])
+                rows.append({**same, "joint": joint + 1, "value": value})
+            rows.append({**same, "joint": None, "value": _relative(miss, power)})
+    rows = [row for row in rows if row["value"] is not None]
+    return pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
+
+
+def _relative(miss: np.ndarray, power: np.ndarray) -> float | None:
+    whole = float(np.linalg.norm(power))
+    return 100 * float(np.linalg.norm(miss)) / whole if whole > 0 else None
+
+
+def _proof_columns(proof: LogProof) -> dict[str, np.ndarray]:
+    columns = {"t": proof.t}
+    for name, values in {"tau": proof.tau, **proof.tau_hat}.items():
+        columns |= {f"{name}{j}": v for j, v in enumerate(values.T, start=1)}
+    moving = enumerate(proof.moving.T, start=1)
+    return columns | {f"moving{j}": v.astype(float) for j, v in moving}
+
+
+def _proof(id: str, models: list[str], part: Mapping) -> LogProof:
+    joints = range(1, 1 + sum(name.startswith("moving") for name in part))
+
+    def of(name: str) -> np.ndarray:
+        return np.column_stack([part[f"{name}{j}"] for j in joints])
+
+    tau_hat = {name: of(name) for name in models}
+    return LogProof(id, part["t"], of("tau"), tau_hat, of("moving") > 0)
+
+
+def _cloud_columns(cloud: Cloud) -> dict[str, np.ndarray]:
+    return {
+        "x": cloud.x,
+        "residual": cloud.residual,
+        "fitted": cloud.fitted,
+        "log": cloud.log,
+    }
+
+
+def _stacked(parts) -> pa.Table | None:
+    """Return parts under each other, told apart by the column `part`."""
+    tables = [
+        pa.table({"part": np.full(len(next(iter(part.values()))), i), **part})
+        for i, part in enumerate(parts)
+    ]
+    return pa.concat_tables(tables) if tables else None
+
+
+def _parts(table: pa.Table | None, count: int) -> list[dict[str, np.ndarray]]:
+    if table is None:
+        return []
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    which = columns.pop("part")
+    return [{k: v[which == i] for k, v in columns.items()} for i in range(count)]

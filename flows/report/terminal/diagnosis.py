@@ -1,0 +1,224 @@
+"""The verdict in the terminal: one sentence first, then the tables behind it."""
+
+from collections.abc import Iterable, Sequence
+
+from rich import box
+from rich.console import Console, JustifyMethod
+from rich.table import Table
+from rich.text import Text
+
+from flows.report.words import outlook
+from flows.report.words import rows as tables
+from flows.report.words.quantity import bare_percent, known, probability, texts
+from flows.report.words.rows import METRICS, STAGES, ErrorRow, Finding
+from flows.report.words.staged import Staged
+from flows.report.words.verdict import headline, rising
+from residual.diagnosis.result import Outcome
+
+# What a terminal without Unicode shows instead.
+_PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3", "·": ","})
+_NARROW = 26
+_TRUTH = ("", "hidden", "found")
+
+
+def print_outcome(outcome: Outcome, console: Console) -> None:
+    """Print a diagnosis: verdict, findings, errors, what is left, what to do next.
+
+    Args:
+        outcome: The diagnosis.
+        console: Where to print; 80 columns and no colour are enough.
+    """
+    _line(console, "")
+    _line(console, headline(outcome.verdict), "bold")
+    for part in (_findings, _errors, _left_over, _detectable, _warnings, _next):
+        part(outcome, console)
+    _line(console, "")
+
+
+def print_truth(staged: Staged, console: Console) -> None:
+    """Print what was hidden beside what was found.
+
+    Args:
+        staged: Both.
+        console: Where to print.
+    """
+    table = _table("The seal, opened after the verdict was stored", _TRUTH)
+    for row in staged.rows:
+        _row(console, table, map(Text, row))
+    _print(console, table)
+    _line(console, staged.judged)
+    if staged.forms:
+        _line(console, staged.forms)
+
+
+def _findings(outcome: Outcome, console: Console) -> None:
+    found = tables.findings(outcome)
+    if not found:
+        return
+    table = _table("What is missing", ("", "effect", "parameters", "evidence"))
+    lines = [line for f in found for line in tables.parameter_lines(f, _NARROW)]
+    table.columns[2].min_width = max(map(len, lines), default=0)
+    for finding in found:
+        cells = (
+            Text(finding.order),
+            _effect_cell(finding),
+            Text("\n".join(tables.parameter_lines(finding, _NARROW))),
+            _evidence_cell(finding),
+        )
+        _row(console, table, cells)
+    _print(console, table)
+
+
+def _effect_cell(finding: Finding) -> Text:
+    cell = Text(finding.title, style="bold")
+    if finding.alternatives:
+        same = " or ".join(finding.alternatives)
+        cell.append(f"\nor {same}: these data cannot tell", style="not bold")
+    return cell
+
+
+def _evidence_cell(finding: Finding) -> Text:
+    lines = [f"{finding.nats} nats"]
+    if finding.by:
+        lines.append(f"by {finding.by}")
+    if known(finding.probability):
+        lines.append(f"probability {probability(finding.probability)}")
+    lines.append(f"held-out: {finding.verdict}")
+    return Text("\n".join(lines))
+
+
+def _errors(outcome: Outcome, console: Console) -> None:
+    lines = tables.error_rows(outcome)
+    columns = _error_columns(lines)
+    if not columns:
+        return
+    share = any(known(row.unexplained) for row in lines)
+    heads = ["joint", *(head for head, _, _ in columns)]
+    heads += ["unex-\nplained"] if share else []
+    table = _table(_error_title(outcome, columns[0][1]), heads, "right")
+    for row in lines:
+        cells = [Text(row.label)]
+        cells += [_error_cell(row, metric, stages) for _, metric, stages in columns]
+        if share:
+            flag = " !" if row.flagged else "  "
+            cells.append(Text(bare_percent(row.unexplained) + flag))
+        _row(console, table, cells)
+    _print(console, table)
+    if len(columns[-1][2]) > 1:
+        _line(console, "Arrows: identified (refit without the findings) → augmented.")
+    worse = rising(outcome.verdict)
+    if worse:
+        _line(console, f"Worse with the findings: {', '.join(worse)} (filtered).")
+
+
+def _error_columns(lines: Sequence[ErrorRow]) -> list[tuple]:
+    """Return (heading, metric, stages): stages in full for the first metric known."""
+    metrics = [metric for metric in METRICS if _any(lines, metric)]
+    if not metrics:
+        return []
+    first, *others = metrics
+    columns = [(s, first, (s,)) for s in STAGES if tables.has(lines, first, s)]
+    pair = ("identified", "augmented")
+    return columns + [(METRICS[metric], metric, pair) for metric in others]
+
+
+def _any(lines: Sequence[ErrorRow], metric: str) -> bool:
+    return any(tables.has(lines, metric, s) for s in ("nominal", "identified"))
+
+
+def _error_cell(row: ErrorRow, metric: str, stages: Sequence[str]) -> Text:
+    values = [row.values[metric].get(stage) for stage in stages]
+    shown = [bare_percent(value) for value in values]
+    if len(shown) == 1:
+        return Text(shown[0], style="bold" if stages == ("augmented",) else "")
+    if not any(map(known, values)):
+        return Text("")
+    return Text(f"{shown[0]} → {shown[1]:>5}")
+
+
+def _error_title(outcome: Outcome, metric: str) -> str:
+    error = outcome.verdict.get("error") or {}
+    logs = ", ".join(texts(error.get("logs")))
+    where = f" on {logs}" if logs else ""
+    weak = " (the same run: a weak proof)" if error.get("same_run") else ""
+    return f"Held-out error{where}{weak}, {METRICS[metric]}, % of torque"
+
+
+def _left_over(outcome: Outcome, console: Console) -> None:
+    sentences = outlook.unexplained_words(outcome.verdict)
+    if sentences:
+        _line(console, "")
+        _line(console, " ".join(sentences))
+
+
+def _detectable(outcome: Outcome, console: Console) -> None:
+    heads, lines = outlook.detectable_rows(outcome, short=True)
+    if outcome.verdict.get("effects") or not lines:
+        return
+    title = "Smallest size that would have been found"
+    table = _table(title, heads, "right")
+    table.padding = (0, 1, 0, 0)
+    table.columns[1].justify = "left"
+    for line in lines:
+        _row(console, table, map(Text, line))
+    _print(console, table)
+    alike = outlook.confusable_words(outcome.verdict)
+    if alike:
+        _line(console, alike)
+
+
+def _warnings(outcome: Outcome, console: Console) -> None:
+    warnings = texts(outcome.verdict.get("warnings"))
+    if warnings:
+        _line(console, "")
+    for warning in warnings:
+        _line(console, f"Warning: {warning}", "yellow")
+
+
+def _next(outcome: Outcome, console: Console) -> None:
+    lines = outlook.next_words(outcome.verdict.get("next_experiment"))
+    if lines:
+        _line(console, "\nNext experiment:", "bold")
+    for line in lines:
+        _line(console, f"  {line}")
+
+
+def _table(title: str, heads: Sequence[str], justify: JustifyMethod = "left") -> Table:
+    table = Table(
+        title=title,
+        title_style="bold",
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+    )
+    for i, head in enumerate(heads):
+        # Short cells keep their width, so that no verdict is cut at 80 columns.
+        least = len("held-out: confirmed") if head == "evidence" else None
+        table.add_column(head, justify="left" if i == 0 else justify, min_width=least)
+    return table
+
+
+def _print(console: Console, table: Table) -> None:
+    _line(console, "")
+    # As text, so that nothing in a name is taken for markup.
+    table.title = _readable(console, Text(str(table.title), style="bold"))
+    for column in table.columns:
+        column.header = _readable(console, Text(str(column.header)))
+    console.print(table)
+
+
+def _row(console: Console, table: Table, cells: Iterable[Text]) -> None:
+    table.add_row(*(_readable(console, cell) for cell in cells))
+
+
+def _line(console: Console, text: str, style: str = "") -> None:
+    console.print(_readable(console, Text(text, style=style)))
+
+
+def _readable(console: Console, text: Text) -> Text:
+    """Return the text in characters that the terminal has."""
+    if "utf" in console.encoding.lower():
+        return text
+    plain = text.plain.translate(_PLAIN).encode("ascii", "replace").decode()
+    return Text(plain, style=text.style)

@@ -1,0 +1,1 @@
+"""Results in plain sentences and in rows of tables."""

@@ -1,0 +1,137 @@
+"""What a calibration shows, in sentences made of its figures."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual.calibration.calibrate import Calibration
+from residual.calibration.methods import DEFAULT, EFFECTS, LS, NONE, PAPER_FORM, WORDS
+from residual.calibration.schemes import FAMILY, RANDOM, REPEATS, RUN, SYSTEMATIC
+from residual.calibration.scores import Score, find
+
+HIDDEN = 1.25  # ratio from which random rows are said to hide something
+WORSE = 1.03  # ... from which one error is said to be above another
+
+
+def sentences(made: Calibration) -> tuple[str, ...]:
+    """Return what the table shows, the verdict on random rows first."""
+    said = [
+        _random_words(made.scores),
+        _repeat_words(made.scores),
+        _default_words(made.scores),
+        _family_words(made.scores),
+        _effect_words(made.scores),
+        _level_words(made),
+    ]
+    return tuple(s for s in said if s)
+
+
+def _random_words(scores: Sequence[Score]) -> str | None:
+    """What random rows say of the paper's form, and what unseen runs say."""
+    drawn, unseen = find(scores, RANDOM, PAPER_FORM), find(scores, RUN, PAPER_FORM)
+    ls_drawn, ls_unseen = find(scores, RANDOM, LS), find(scores, RUN, LS)
+    if None in (drawn, unseen, ls_drawn, ls_unseen):
+        return None
+    ratio = unseen.overall / drawn.overall
+    start = (
+        f"On random rows the paper form leaves {_p(drawn)} of the torque where LS "
+        f"leaves {_p(ls_drawn)}; on unseen runs it leaves {_p(unseen)}"
+    )
+    if ratio < HIDDEN:
+        return f"{start} and LS {_p(ls_unseen)}: random rows hide little here."
+    lost = unseen.overall > WORSE * ls_unseen.overall
+    also = "more than LS with" if lost else "against LS with"
+    return f"{start}, {also} {_p(ls_unseen)}: random rows hide a factor of {ratio:.1f}."
+
+
+def _repeat_words(scores: Sequence[Score]) -> str | None:
+    rows, grouped = (
+        find(scores, SYSTEMATIC, PAPER_FORM),
+        find(scores, REPEATS, PAPER_FORM),
+    )
+    if rows is None or grouped is None:
+        return None
+    ratio = grouped.overall / rows.overall
+    if ratio < HIDDEN:
+        return (
+            f"Keeping repetitions together changes little: {_p(rows)} and "
+            f"{_p(grouped)} with the paper form."
+        )
+    return (
+        f"Systematic blocks are no cure where a program repeats: the paper form "
+        f"leaves {_p(rows)} of a block whose repetition it was fitted to, "
+        f"{_p(grouped)} once all repetitions are left out together."
+    )
+
+
+def _default_words(scores: Sequence[Score]) -> str | None:
+    ours, none = find(scores, RUN, DEFAULT), find(scores, RUN, NONE)
+    ls = find(scores, RUN, LS)
+    if ours is None or none is None or ls is None:
+        return None
+    told = f"On unseen runs the default form leaves {_p(ours)}, no compensation "
+    told += f"{_p(none)}, LS {_p(ls)}"
+    worse = _above(ours, none)
+    if worse:
+        return f"{told}; it is above no compensation on {_joints(worse)}."
+    gain = 1 - ours.overall / none.overall
+    if gain < 0.03:
+        return f"{told}: there is little that tables can add to this model."
+    return f"{told}; it is nowhere more than 3 % above no compensation."
+
+
+def _family_words(scores: Sequence[Score]) -> str | None:
+    runs, families = find(scores, RUN, DEFAULT), find(scores, FAMILY, DEFAULT)
+    none = find(scores, FAMILY, NONE)
+    if runs is None or families is None or none is None:
+        return None
+    told = (
+        f"On a kind of motion that it never saw, the default form leaves "
+        f"{_p(families)}, no compensation {_p(none)}"
+    )
+    worse = _above(families, none)
+    return f"{told}; above it on {_joints(worse)}." if worse else f"{told}."
+
+
+def _effect_words(scores: Sequence[Score]) -> str | None:
+    ours, named = find(scores, RUN, DEFAULT), find(scores, RUN, EFFECTS)
+    if ours is None or named is None:
+        return None
+    better = named.overall < ours.overall
+    return (
+        f"With the effects that the diagnosis named, {_p(named)} are left on unseen "
+        f"runs: {'less' if better else 'more'} than the {_p(ours)} of the tables"
+        + (", and each effect has a name." if better else ".")
+    )
+
+
+def _level_words(made: Calibration) -> str | None:
+    if made.sweep is None:
+        return None
+    best = {
+        name: made.sweep.levels[int(np.nansum(errors**2, axis=1).argmin())]
+        for name, errors in made.sweep.errors.items()
+    }
+    if set(best) != {RUN, RANDOM}:
+        return None
+    told = f"Of {made.sweep.levels[0]} to {made.sweep.levels[-1]} levels, random rows "
+    if best[RUN] == best[RANDOM]:
+        return f"{told}and unseen runs both ask for {best[RUN]}."
+    return f"{told}ask for {best[RANDOM]}, unseen runs for {best[RUN]}."
+
+
+def _above(one: Score, other: Score) -> list[int]:
+    """Joints, from 1, on which one error is above another."""
+    return [int(j) + 1 for j in np.flatnonzero(one.rmsev > WORSE * other.rmsev)]
+
+
+def _joints(numbers: Sequence[int]) -> str:
+    word = "joint" if len(numbers) == 1 else "joints"
+    return f"{word} {', '.join(map(str, numbers))}"
+
+
+def _p(score: Score) -> str:
+    return f"{score.overall:.3g} %"
+
+
+__all__ = ["WORDS", "sentences"]

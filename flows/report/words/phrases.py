@@ -1,0 +1,130 @@
+"""Effects, joints and lists in words, for sentences and tables."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+from flows.report.words.quantity import records
+
+_NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight")
+
+_NOUNS = {
+    "viscous": "viscous friction",
+    "coulomb": "Coulomb friction",
+    "rotor_inertia": "rotor inertia",
+    "link_inertia": "the inertia",
+    "payload": "a payload",
+    "offset": "a constant torque offset",
+    "coulomb_asymmetry": "Coulomb friction that differs by direction",
+    "viscous_asymmetry": "viscous friction that differs by direction",
+    "quadratic_viscous": "friction that grows with the square of speed",
+    "power_viscous": "viscous friction that grows less than linearly",
+    "stribeck": "Stribeck friction",
+    "load_friction": "friction that grows with load",
+    "position_friction": "friction that varies with position",
+    "coupled_friction": "coupled friction",
+    "presliding": "pre-sliding friction",
+    "warmup": "friction that falls as the arm warms up",
+    "spring": "a spring",
+    "balancer": "a balancer",
+    "ripple": "torque ripple",
+    "torque_gain": "a torque scale error",
+    "saturation": "torque saturation",
+    "encoder_offset": "an encoder offset",
+    "encoder_eccentricity": "encoder eccentricity",
+    "elasticity": "joint elasticity",
+    "backlash": "gear backlash",
+    "base_tilt": "a tilted base",
+    "delay": "a delay between torque and position",
+    "tool_force": "a constant force at the tool",
+}
+
+
+def count(value: int) -> str:
+    """Return a small number in words: 6 becomes 'six'."""
+    return _NUMBERS[value] if 0 <= value < len(_NUMBERS) else str(value)
+
+
+def listing(items: Sequence[str]) -> str:
+    """Return 'a', 'a and b' or 'a, b and c'."""
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+def joint_words(joints: Iterable[int], dof: int | None = None) -> str:
+    """Return joints in words: 'joint 2', 'joints 4 to 6', 'all six joints'.
+
+    Args:
+        joints: Joint numbers from 1.
+        dof: Number of joints of the robot where known.
+
+    Returns:
+        Words without a preposition; empty without joints.
+    """
+    numbers = sorted(set(joints))
+    if not numbers:
+        return ""
+    if len(numbers) == 1:
+        return f"joint {numbers[0]}"
+    if len(numbers) == dof:
+        return "both joints" if dof == 2 else f"all {count(len(numbers))} joints"
+    return f"joints {listing(_runs(numbers))}"
+
+
+def _runs(numbers: list[int]) -> list[str]:
+    """Return numbers as text, three or more in a row drawn together."""
+    groups = [[numbers[0]]]
+    for last, value in pairwise(numbers):
+        if value == last + 1:
+            groups[-1].append(value)
+        else:
+            groups.append([value])
+    words = []
+    for group in groups:
+        short = len(group) < 3
+        words += map(str, group) if short else [f"{group[0]} to {group[-1]}"]
+    return words
+
+
+def noun(name: Any) -> str:
+    """Return an effect in words; a name that is not known loses its underscores."""
+    if not name:
+        return "an effect without a name"
+    return _NOUNS.get(name, str(name).replace("_", " "))
+
+
+def sentence_case(text: str) -> str:
+    """Return the text with its first letter raised, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
+def place(effect: Mapping, dof: int | None = None) -> str:
+    """Return where an effect sits, with its preposition: 'on joint 2'."""
+    joints = [j for j in effect.get("joints") or [] if isinstance(j, int)]
+    name = effect.get("name")
+    if name == "payload":
+        return "at the flange"
+    if not joints:
+        return ""
+    if name == "link_inertia":
+        return joint_words(joints, dof).replace("joint", "link").join(["of ", ""])
+    if name == "coupled_friction" and len(joints) == 2:
+        return f"between {joint_words(joints)}"
+    return f"on {joint_words(joints, dof)}"
+
+
+def phrase(effect: Mapping, dof: int | None = None) -> str:
+    """Return an effect with its place: 'a balancer on joint 2'."""
+    return f"{noun(effect.get('name'))} {place(effect, dof)}".strip()
+
+
+def alternatives(effect: Mapping, dof: int | None = None) -> list[str]:
+    """Return the equivalents in words; their place only where it differs."""
+    own = list(effect.get("joints") or [])
+    words = []
+    for other in records(effect.get("equivalent")):
+        joints = list(other.get("joints") or [])
+        same = joints == own and other.get("name") not in ("payload", "link_inertia")
+        words.append(noun(other.get("name")) if same else phrase(other, dof))
+    return words

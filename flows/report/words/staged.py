@@ -1,0 +1,143 @@
+"""What only an experiment of our own can show: the arm moving, and the truth."""
+
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from flows.report.words.phrases import phrase, sentence_case
+from flows.report.words.quantity import MISSING, measured
+from flows.report.words.verdict import ordered
+from residual.robot.vocabulary import VOCABULARY
+
+_JUDGED = {
+    "right": "the first name is what was hidden",
+    "class": "what was hidden is among the effects that these logs cannot tell apart",
+    "wrong": "the first name is not what was hidden",
+    "missed": "something was hidden and nothing was named",
+    "clean": "nothing was hidden and nothing was named",
+    "false alarm": "nothing was hidden and something was named",
+}
+
+# On purpose: a diagnosis that shared the arm's formulas would confirm itself.
+FORMS = (
+    "The arm's laws are written otherwise than the diagnosis's (a hose softens, a "
+    "textbook spring does not). Standard deviations assume the named form, so a size "
+    "may be off by more."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """One effect that was under the seal.
+
+    Attributes:
+        name: Its name.
+        joints: Its joints as the verdict counts them, from 1.
+        parameters: Value of each parameter, SI.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Staged:
+    """What the report of a staged experiment has beyond any other.
+
+    Attributes:
+        gif: The arm in motion; empty for no picture.
+        caption: What the picture shows.
+        hidden: What was under the seal.
+        verdict: The verdict that was stored before the seal was opened.
+    """
+
+    gif: bytes
+    caption: str
+    hidden: tuple[Hidden, ...]
+    verdict: Mapping
+
+    @property
+    def uri(self) -> str:
+        """The picture as a data address."""
+        return "data:image/gif;base64," + base64.b64encode(self.gif).decode()
+
+    @property
+    def judged(self) -> str:
+        """In a sentence, how verdict and truth compare."""
+        return sentence_case(_JUDGED[judge(self.hidden, self.verdict)]) + "."
+
+    @property
+    def forms(self) -> str:
+        """Why sizes need not agree; empty where nothing was found."""
+        return FORMS if self.hidden and self.verdict["effects"] else ""
+
+    @property
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Rows (what, hidden, found): the effect, then its parameters."""
+        found = ordered(self.verdict)
+        first = found[0] if found else None
+        rows = []
+        for hidden in self.hidden or (None,):
+            match = _same(hidden, found) or first
+            rows += _rows(hidden, match)
+        return rows
+
+
+def judge(hidden: Sequence[Hidden], verdict: Mapping) -> str:
+    """Compare a verdict with the truth.
+
+    Args:
+        hidden: What was under the seal; one effect, or none.
+        verdict: The verdict.
+
+    Returns:
+        "right": the first name is it. "class": it is an equivalent of the first name.
+        "wrong", "missed"; where nothing was hidden "clean" or "false alarm".
+    """
+    found = ordered(verdict)
+    if not hidden:
+        return "false alarm" if found else "clean"
+    if not found:
+        return "missed"
+    truth = {_key(one.name, one.joints) for one in hidden}
+    first = found[0]
+    if _key(first["name"], first["joints"]) in truth:
+        return "right"
+    others = {_key(e["name"], e["joints"]) for e in first["equivalent"]}
+    return "class" if others & truth else "wrong"
+
+
+def _rows(hidden: Hidden | None, found: Mapping | None) -> list[tuple[str, str, str]]:
+    there = {"name": hidden.name, "joints": list(hidden.joints)} if hidden else None
+    named = [phrase(e) if e else "nothing" for e in (there, found)]
+    rows = [("effect", *map(sentence_case, named))]
+    units = VOCABULARY.get(hidden.name if hidden else "", {})
+    true = dict(hidden.parameters) if hidden else {}
+    theirs = (found or {}).get("parameters") or {}
+    for key in dict.fromkeys([*theirs, *true]):
+        entry = theirs.get(key) or {}
+        unit = entry.get("unit") or units.get(key)
+        value = measured(true.get(key), None, unit)
+        rows.append((key.replace("_", " "), value, _entry(entry)))
+    return rows
+
+
+def _entry(entry: Mapping) -> str:
+    value, std, unit = (entry.get(k) for k in ("value", "std", "unit"))
+    if not isinstance(value, list | tuple):
+        return measured(value, std, unit)
+    stds = std if isinstance(std, list | tuple) else [std] * len(value)
+    parts = [measured(v, s, unit) for v, s in zip(value, stds, strict=True)]
+    return ", ".join(parts) or MISSING
+
+
+def _same(hidden: Hidden | None, found: Sequence[Mapping]) -> Mapping | None:
+    if hidden is None:
+        return None
+    key = _key(hidden.name, hidden.joints)
+    return next((e for e in found if _key(e["name"], e["joints"]) == key), None)
+
+
+def _key(name: str, joints: Iterable[int]) -> tuple[str, tuple[int, ...]]:
+    return name, tuple(sorted(joints))

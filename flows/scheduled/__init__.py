@@ -1,0 +1,1 @@
+"""Prefect: tasks and flows over the steps, and what they show people."""

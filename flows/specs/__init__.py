@@ -1,0 +1,1 @@
+"""SPEC.toml and campaign files, checked."""

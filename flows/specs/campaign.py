@@ -1,0 +1,166 @@
+"""A campaign file: SPEC.toml with [grid] (every combination) or [random] (draws)."""
+
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import dataclass
+from itertools import product
+from math import exp, log, prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flows.specs.experiment import ExperimentSpec, derived_seed, experiment_of
+from flows.specs.toml import read_toml
+from residual.errors import InputError
+from residual.names import check_keys
+
+MOST = 10_000  # runs; more is a slip of a list, and weeks of work
+_RANGE = ("low", "high", "log")
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One experiment of a campaign.
+
+    Attributes:
+        label: What makes it differ from the others, for people.
+        spec: The experiment.
+    """
+
+    label: str
+    spec: ExperimentSpec
+
+
+def load_campaign(path: str | Path, seed: int | None = None) -> tuple[Entry, ...]:
+    """Read a campaign and write out its experiments.
+
+    In [grid] every list is tried with every other. In [random], `count` experiments
+    are drawn: from a list, or from {low, high}, evenly or in `log`. Each draw has a
+    seed of its own; a seed under [trajectory] or [plant] keeps motion or arm the same.
+
+    Args:
+        path: The campaign file.
+        seed: Replaces the seed of the file.
+
+    Raises:
+        InputError: If the file is not usable, or asks for no or too many experiments.
+    """
+    content = read_toml(path) | ({} if seed is None else {"seed": seed})
+    grid, draws = content.pop("grid", None), content.pop("random", None)
+    if (grid is None) == (draws is None):
+        raise InputError(
+            f"{Path(path).name} has {'neither' if grid is None else 'both'} of [grid] "
+            "and [random], expected one of them. modelgap experiment runs a single one."
+        )
+    changes = _crossed(grid) if draws is None else _drawn(draws, content)
+    return tuple(_entry(content, change, path) for change in changes)
+
+
+Change = list[tuple[tuple[str, ...], Any]]
+
+
+def _crossed(grid: Any) -> list[Change]:
+    """Return every combination; the last key runs fastest."""
+    axes = list(_leaves(grid, "grid"))
+    for keys, values in axes:
+        if not isinstance(values, list) or not values:
+            raise InputError(
+                f"[grid] {'.'.join(keys)} is {values!r}, expected a list of values."
+            )
+    count = prod(len(values) for _, values in axes)
+    if not axes or count > MOST:
+        raise InputError(f"[grid] asks for {count if axes else 0} runs, 1 to {MOST}.")
+    names = [keys for keys, _ in axes]
+    return [
+        list(zip(names, values, strict=True))
+        for values in product(*(values for _, values in axes))
+    ]
+
+
+def _drawn(draws: Any, content: dict) -> list[Change]:
+    count = draws.pop("count", None) if isinstance(draws, dict) else None
+    if type(count) is not int or not 1 <= count <= MOST:
+        raise InputError(f"[random] count is {count!r}, expected 1 to {MOST}.")
+    axes = list(_leaves(draws, "random"))
+    seed = content.get("seed", 0)
+    if type(seed) is not int or seed < 0:
+        raise InputError(f"seed is {seed!r}, expected a whole number, 0 or more.")
+    changes = []
+    for i in range(count):
+        change: Change = [(("seed",), derived_seed(seed, f"random/{i}"))]
+        for keys, values in axes:
+            # A stream per key and draw: a further key leaves the others as they were.
+            name = f"random/{i}/{'.'.join(keys)}"
+            rng = np.random.default_rng(derived_seed(seed, name))
+            change.append((keys, _draw(values, keys, rng)))
+        changes.append(change)
+    return changes
+
+
+def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
+    if isinstance(values, list) and values:
+        return values[int(rng.integers(len(values)))]
+    where = f"[random] {'.'.join(keys)}"
+    if not isinstance(values, dict):
+        raise InputError(f"{where} is {values!r}, expected a list or {{low, high}}.")
+    check_keys(values, _RANGE, where)
+    low, high = values.get("low"), values.get("high")
+    numbers = all(type(v) in (int, float) for v in (low, high))
+    if not numbers or not low < high or (values.get("log") and low <= 0):
+        raise InputError(
+            f"{where} is low {low!r} to high {high!r}, expected low < high"
+            f"{' and low > 0 for log' if values.get('log') else ''}."
+        )
+    if values.get("log"):
+        return float(exp(rng.uniform(log(low), log(high))))
+    if type(low) is int and type(high) is int:
+        return int(rng.integers(low, high + 1))
+    return float(rng.uniform(low, high))
+
+
+def _leaves(table: Any, where: str) -> Iterator[tuple[tuple[str, ...], Any]]:
+    if not isinstance(table, dict):
+        raise InputError(f"{where} is {table!r}, expected a table.")
+    for key, value in table.items():
+        if isinstance(value, dict) and not {"low", "high"} & set(value):
+            yield from (((key, *rest), v) for rest, v in _leaves(value, where))
+        else:
+            yield (key,), value
+
+
+def _entry(content: dict, change: Change, path: str | Path) -> Entry:
+    changed = deepcopy(content)
+    for keys, value in change:
+        _put(changed, keys, value, ".".join(keys))
+    label = " ".join(f"{'.'.join(keys)}={_short(value)}" for keys, value in change)
+    return Entry(label, experiment_of(changed, path))
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _put(place: Any, keys: tuple[str, ...], value: Any, what: str) -> None:
+    """Set one value: `plant.effect.level`, with several effects `plant.effect.2.level`.
+
+    Tables on the way are made; effects are not.
+    """
+    key, *rest = keys
+    if isinstance(place, list):
+        number = int(key) if key.isdigit() else 0
+        if not number and len(place) == 1:
+            _put(place[0], keys, value, what)
+        elif rest and 1 <= number <= len(place):
+            _put(place[number - 1], tuple(rest), value, what)
+        else:
+            raise InputError(
+                f"{what}: there are {len(place)} of these tables; say which one by "
+                "its number from 1, as in plant.effect.2.level."
+            )
+    elif not isinstance(place, dict):
+        raise InputError(f"{what} does not name a key of a table.")
+    elif rest:
+        _put(place.setdefault(key, {}), tuple(rest), value, what)
+    else:
+        place[key] = value

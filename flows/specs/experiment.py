@@ -1,0 +1,167 @@
+"""SPEC.toml: one experiment, checked, and split into an open and a sealed half.
+
+The open half (robot, trajectory, rates, seed of the reference) is what a diagnosis may
+know. The sealed half (effects, scatter, noise, seeds of the plant) is what it must find
+out, so it never stands in the record of a run.
+"""
+
+import hashlib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from flows.specs.toml import checked, read_toml
+from residual.errors import InputError
+from sim.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
+
+# Strict: TOML has types, so "7" for 7 or true for 1 is a slip and not a wish. Lists
+# are the only arrays that TOML has.
+_List = BeforeValidator(lambda v: tuple(v) if isinstance(v, list) else v)
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Table(BaseModel):
+    """One table of a TOML file; a key that it does not have is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class TrajectoryTable(Table):
+    """[trajectory]: what the arm is asked to do; without a seed one is derived."""
+
+    kind: Literal["fourier", "cyclic", "move_stop_move", "welding"] = "fourier"
+    duration: Annotated[Positive, Field(le=600)] = 20.0
+    periods: Annotated[int, Field(ge=1, le=100)] = 2
+    seed: Seed | None = None
+
+
+class NoiseTable(Table):
+    """Sensor noise: share of the joint's torque range, and encoder step [rad]."""
+
+    torque: Share = 0.015
+    encoder: Annotated[float, Field(ge=0, le=0.1)] = 1e-4
+
+
+class EffectTable(Table):
+    """[[plant.effect]]: every further key is a parameter of the effect, SI."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", strict=True)
+    __pydantic_extra__: dict[str, Annotated[float, Field(allow_inf_nan=False)]]
+
+    name: str
+    joints: Annotated[tuple[Annotated[int, Field(ge=1)], ...], _List] = ()
+    onset: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+
+    def record(self) -> PlantEffect:
+        """The effect as the plant takes it, its parameters in alphabetical order."""
+        parameters = tuple(sorted(self.__pydantic_extra__.items()))
+        return PlantEffect(self.name, self.joints, parameters, self.onset)
+
+
+class PlantTable(Table):
+    """[plant]: the hidden half; without a seed one is derived."""
+
+    effect: Annotated[tuple[EffectTable, ...], _List] = ()
+    scatter: Annotated[float, Field(ge=0, le=0.5)] = 0.02
+    noise: NoiseTable = NoiseTable()
+    seed: Seed | None = None
+    salt: str = ""
+
+
+class RatesTable(Table):
+    """[rates]: of the controller and of the log [Hz]."""
+
+    control: Annotated[Positive, Field(ge=50, le=20000)] = 1000.0
+    log: Annotated[Positive, Field(le=20000)] = 250.0
+
+    @model_validator(mode="after")
+    def _whole(self) -> "RatesTable":
+        ratio = self.control / self.log
+        if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
+            raise ValueError(
+                f"control is {self.control:g} Hz and log {self.log:g} Hz; control "
+                "must be a whole multiple of log"
+            )
+        return self
+
+
+class ExperimentSpec(Table):
+    """One experiment: what SPEC.toml says, every default filled in.
+
+    `start` is the time of the session at which the motion begins [s]: an arm that has
+    worked for a while is warm.
+    """
+
+    schema_: Literal[1] = Field(1, alias="schema")
+    robot: str = "irb140"
+    seed: Seed = 0
+    start: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    trajectory: TrajectoryTable = TrajectoryTable()
+    plant: PlantTable = PlantTable()
+    rates: RatesTable = RatesTable()
+
+    def reference(self) -> TrajectorySpec:
+        """The reference to make; its seed is open."""
+        table = self.trajectory
+        seed = table.seed
+        if seed is None:
+            seed = derived_seed(self.seed, "reference")
+        return TrajectorySpec(table.kind, table.duration, table.periods, seed)
+
+    def log_rates(self) -> Rates:
+        """Rates of controller and log."""
+        return Rates(self.rates.control, self.rates.log)
+
+    def plant_spec(self) -> PlantSpec:
+        """The sealed half, as the plant takes it."""
+        table = self.plant
+        seed = derived_seed(self.seed, "plant") if table.seed is None else table.seed
+        return PlantSpec(
+            effects=tuple(effect.record() for effect in table.effect),
+            scatter=table.scatter,
+            noise=Noise(table.noise.torque, table.noise.encoder),
+            seed=seed,
+            salt=table.salt,
+        )
+
+
+def derived_seed(seed: int, name: str) -> int:
+    """Return the seed of a named purpose: one never tells or shifts another.
+
+    Args:
+        seed: Seed of the whole experiment.
+        name: What the derived seed is for, such as "reference".
+    """
+    digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
+    return int.from_bytes(digest[:4], "little")
+
+
+def load_spec(path: str | Path) -> ExperimentSpec:
+    """Read and check a SPEC.toml.
+
+    Raises:
+        InputError: If it cannot be read, has an unknown key or an unusable value.
+    """
+    return experiment_of(read_toml(path), path)
+
+
+def experiment_of(content: dict, path: str | Path) -> ExperimentSpec:
+    """Check the content of a SPEC.toml; a robot beside the file is found there.
+
+    Raises:
+        InputError: If a key is unknown or a value is not usable.
+    """
+    for table in ("grid", "random"):
+        if table in content:
+            raise InputError(
+                f"{Path(path).name} has [{table}], so it is a campaign. "
+                f"Run modelgap campaign {path}."
+            )
+    spec = checked(ExperimentSpec, content, Path(path).name)
+    beside = Path(path).parent / spec.robot
+    if beside.exists() and not Path(spec.robot).is_absolute():
+        return spec.model_copy(update={"robot": str(beside)})
+    return spec

@@ -1,0 +1,1 @@
+"""One file per verb: a request in, a result out; reads and keeps."""

@@ -1,0 +1,127 @@
+"""Two records side by side: spec, code, environment and values."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.steps.rerun.cause import environment_apart
+from residual.errors import InputError
+from warehouse.compare import Channel, compare, values_apart
+from warehouse.layout import Found, find
+
+_CODE = ("commit", "dirty", "code_hash", "program_hash", "lock_hash", "machine")
+# What a manifest says of values and of how it was made: both stand by themselves.
+_APART = ("provenance", "data_hash", "truth_hash", "timings", "spec", "robot_hash")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Diff:
+    """Two records side by side.
+
+    Attributes:
+        kind: Kind of both.
+        ids: Their ids.
+        tables: Values that differ, (name, one, other), by heading: spec, code,
+            environment and more; an empty table says that nothing there differs.
+        channels: Their data, equal or not; of models and others only what differs.
+    """
+
+    kind: str
+    ids: tuple[str, str]
+    tables: Mapping[str, tuple[tuple[str, object, object], ...]]
+    channels: tuple[Channel, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether all values are equal, bit for bit."""
+        return all(channel.equal for channel in self.channels)
+
+
+def diff(one: str, two: str, store: Path) -> Diff:
+    """Compare two records of one kind.
+
+    Args:
+        one: Id, or its beginning.
+        two: Id of the other.
+        store: The store.
+
+    Returns:
+        The two side by side.
+
+    Raises:
+        InputError: If there is no such record, or they are of two kinds.
+    """
+    found = [find(store, id) for id in (one, two)]
+    if found[0].kind != found[1].kind:
+        kinds = " and ".join(f"{each.id} is in {each.kind}" for each in found)
+        raise InputError(f"{kinds}; expected two records of one kind.")
+    both = _runs if found[0].kind == "runs" else _records
+    tables, channels = both(store, *found)
+    return Diff(found[0].kind, (found[0].id, found[1].id), tables, channels)
+
+
+def _runs(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
+    from warehouse.manifest import read_manifest
+    from warehouse.runs import read_channels
+
+    told = [read_manifest(store, each.id) for each in found]
+    known = [each["provenance"] for each in told]
+    spec = [
+        {**(each.get("spec") or {}), "sealed": each.get("sealed_sha256")}
+        for each in told
+    ]
+    rest = [{k: v for k, v in each.items() if k not in _APART} for each in told]
+    tables = {
+        "spec": _pairs(*spec),
+        **_made_with(store, *known),
+        "manifest": _pairs(*rest),
+    }
+    return tables, compare(*(read_channels(store, each.id) for each in found))
+
+
+def _records(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
+    import json
+
+    from flows.steps.rerun.records import apart
+    from warehouse.verify import read_row
+
+    rows = [read_row(each) for each in found]
+    known = [json.loads(row.get("provenance") or "{}") for row in rows]
+    records = [json.loads(row["record"]) for row in rows]
+    asked = [record.pop("request", None) or {} for record in records]
+    tables = {
+        "request": _pairs(*asked),
+        **_made_with(store, *known),
+        "values": _pairs(*records),
+    }
+    channels = (c for c in apart(*found) if not c.name.startswith("request"))
+    return tables, tuple(channels)
+
+
+def _made_with(store: Path, one: Mapping, two: Mapping) -> dict:
+    code = [{key: side.get(key) for key in _CODE} for side in (one, two)]
+    changes = [(side.get("uncommitted") or {}).get("sha256") for side in (one, two)]
+    for side, sha256 in zip(code, changes, strict=True):
+        side["uncommitted"] = sha256
+    packages = environment_apart(one, two, store)
+    return {
+        "code": _pairs(*code),
+        "environment": tuple((name, *pair) for name, pair in packages.items()),
+    }
+
+
+def _pairs(one: Mapping, two: Mapping) -> tuple[tuple[str, object, object], ...]:
+    """Return the values that differ, by their place, both as they are."""
+    names = [channel.name for channel in values_apart(dict(one), dict(two))]
+    return tuple((name, _at(one, name), _at(two, name)) for name in names)
+
+
+def _at(record: object, name: str) -> object:
+    """Return what stands at a place such as "effects[0].name"; None if nothing does."""
+    for part in name.replace("[", ".[").split("."):
+        if part.startswith("[") and isinstance(record, list):
+            index = int(part[1:-1])
+            record = record[index] if index < len(record) else None
+        else:
+            record = record.get(part) if isinstance(record, Mapping) else None
+    return record

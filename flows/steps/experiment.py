@@ -1,0 +1,255 @@
+"""One experiment, step by step: spec -> reference -> plant -> store, id to id."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from time import perf_counter
+
+from flows.specs.experiment import ExperimentSpec
+from residual.errors import InputError
+from residual.recording import Recording
+from residual.robot.robot import Robot, load_robot
+from sim.records import Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """An experiment whose id is known before it is run.
+
+    Attributes:
+        label: What it is, for people.
+        spec: What to run.
+        run_id: The id that its run has or will have.
+        stored: Whether the run is in the store.
+    """
+
+    label: str
+    spec: ExperimentSpec
+    run_id: str
+    stored: bool
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Made:
+    """An experiment that was run and is not stored yet.
+
+    Attributes:
+        log: What the arm logged.
+        twin: Its errors against the nominal twin, by channel.
+        truth: What no robot logs, by channel.
+        manifest: How it came to be.
+        hidden: The sealed half of its spec.
+    """
+
+    log: Recording
+    twin: Mapping
+    truth: Mapping
+    manifest: Mapping
+    hidden: Mapping
+
+
+def plan(specs: Iterable[tuple[str, ExperimentSpec]], store: Path) -> list[Planned]:
+    """Return what would run and what is there; the same experiment only once.
+
+    Args:
+        specs: Labels and experiments.
+        store: The store.
+
+    Raises:
+        InputError: If an experiment asks for what its robot or the plant lacks.
+    """
+    planned: dict[str, Planned] = {}
+    for label, spec in specs:
+        id = run_id_of(spec)
+        if id not in planned:
+            planned[id] = Planned(label, spec, id, is_stored(store, spec, id))
+    return list(planned.values())
+
+
+def run_id_of(spec: ExperimentSpec) -> str:
+    """Return the id of an experiment, without running it.
+
+    Raises:
+        InputError: If it asks for what its robot or the plant lacks.
+    """
+    from warehouse import ids
+    from warehouse.origin.provenance import plant_code_hash
+    from warehouse.seal import sealed_hash
+
+    robot = checked_robot(spec)
+    hidden = sealed_hash(sealed_half(spec))
+    return ids.run_id(open_half(spec, robot), hidden, plant_code_hash())
+
+
+def is_stored(store: Path, spec: ExperimentSpec, run_id: str) -> bool:
+    """Return whether a run is in the store."""
+    from warehouse.layout import record_folder
+
+    return record_folder(store, "runs", run_id, checked_robot(spec).name).is_dir()
+
+
+def run(spec: ExperimentSpec, store: Path) -> str:
+    """Run one experiment and store it; one that is stored is not run again.
+
+    Args:
+        spec: What to run.
+        store: The store.
+
+    Returns:
+        The id of the run.
+
+    Raises:
+        InputError: If the motion breaks a limit of the arm (which joint, when, by how
+            much) or the simulation diverges; nothing is stored then.
+    """
+    id = run_id_of(spec)
+    if is_stored(store, spec, id):
+        return id
+    from warehouse.origin.robots import keep_robot
+
+    made = make(spec)
+    keep_robot(store, spec.robot, checked_robot(spec))
+    return keep(made, store)
+
+
+def make(spec: ExperimentSpec) -> Made:
+    """Run one experiment, whether or not it is stored; nothing is written.
+
+    Raises:
+        InputError: As `run` does.
+    """
+    robot = checked_robot(spec)
+    made, timings = _simulate(spec, robot)
+    manifest = {
+        "spec": open_half(spec, robot),
+        "robot": spec.robot,
+        "robot_hash": robot.content_hash,
+        "seed_streams": {"reference": spec.reference().seed, "sealed": _stream_names()},
+        "timings": timings,
+    }
+    return Made(made.log, made.twin, made.truth, manifest, sealed_half(spec))
+
+
+def keep(made: Made, store: Path, parents: Mapping | None = None) -> str:
+    """Store an experiment that was run.
+
+    Args:
+        made: The experiment.
+        store: The store.
+        parents: Ids that it was made from, by role.
+
+    Returns:
+        The id of the run.
+    """
+    from warehouse.commit import commit_run
+    from warehouse.seal import Sealed
+
+    manifest = {**made.manifest, **({"parents": parents} if parents else {})}
+    sealed = Sealed(made.hidden, made.truth)
+    return commit_run(store, made.log, manifest, sealed, made.twin)
+
+
+def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
+    """Return what everybody may know of an experiment, as its record has it."""
+    reference = spec.reference()
+    return {
+        "schema": spec.schema_,
+        "robot": {"name": robot.name, "content_hash": robot.content_hash},
+        "declared": sorted(robot.declared),
+        "trajectory": asdict(reference),
+        "seed": reference.seed,
+        "start": spec.start,
+        "rates": asdict(spec.log_rates()),
+    }
+
+
+def sealed_half(spec: ExperimentSpec) -> dict:
+    """Return what the diagnosis must find out by itself."""
+    return asdict(spec.plant_spec())
+
+
+def plant_of(sealed: Mapping) -> PlantSpec:
+    """Return the plant of a sealed half that was read back: `sealed_half` undone.
+
+    Args:
+        sealed: The hidden half as its JSON has it (``warehouse.seal.open_seal``).
+
+    Raises:
+        InputError: If it is not a sealed half as this version writes it.
+    """
+    from warehouse.ids import plain
+
+    try:
+        effects = tuple(
+            PlantEffect(
+                effect["name"],
+                tuple(effect["joints"]),
+                tuple((key, value) for key, value in effect["parameters"]),
+                effect["onset"],
+            )
+            for effect in sealed["effects"]
+        )
+        noise = Noise(**sealed["noise"])
+        plant = PlantSpec(**{**sealed, "effects": effects, "noise": noise})
+    except (KeyError, TypeError, ValueError):
+        plant = None
+    # A key too many or too few would be another arm, and nobody would see it. What is
+    # hidden stays hidden: the message has no values, and no error that has some.
+    if plant is None or plain(plant) != plain(sealed):
+        raise InputError(
+            "The sealed half of the run has another form than expected: effects, "
+            "scatter, noise, seed and salt. Run its experiment again."
+        )
+    return plant
+
+
+def checked_robot(spec: ExperimentSpec) -> Robot:
+    """Return the arm, once it is known to fit what the spec hides in it.
+
+    Raises:
+        InputError: If there is no such robot, effect, parameter or joint.
+    """
+    from sim.plant.perturbations import check_effect
+
+    robot = _robot(spec.robot)
+    for effect in spec.plant_spec().effects:
+        check_effect(effect, robot)
+    return robot
+
+
+@lru_cache(maxsize=8)
+def _robot(name: str) -> Robot:
+    return load_robot(name)
+
+
+def _simulate(spec: ExperimentSpec, robot: Robot) -> tuple:
+    # Late: the engine is a slow import, and whoever has only logs never needs it.
+    from threadpoolctl import threadpool_limits
+
+    from sim.experiment import run_experiment
+
+    rates, clock = spec.log_rates(), [perf_counter()]
+    with threadpool_limits(1, user_api="blas"):
+        reference = _reference(robot, spec.reference(), rates.control)
+        clock.append(perf_counter())
+        made = run_experiment(robot, reference, spec.plant_spec(), rates, spec.start)
+        clock.append(perf_counter())
+    names = ("reference_s", "plant_s")
+    times = (round(b - a, 3) for a, b in pairwise(clock))
+    return made, dict(zip(names, times, strict=True))
+
+
+@lru_cache(maxsize=12)
+def _reference(robot: Robot, spec: TrajectorySpec, rate: float) -> Reference:
+    """Return a motion; kept, since many arms may be asked to do the same."""
+    from sim.trajectories import make_reference
+
+    return make_reference(robot, spec, rate)
+
+
+def _stream_names() -> Sequence[str]:
+    from sim.streams import NAMES
+
+    return list(NAMES)

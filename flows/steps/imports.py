@@ -1,0 +1,176 @@
+"""Measured logs into the store: what is understood of them, and the runs they are."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from residual.errors import InputError
+from residual.recording import Recording
+from residual.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from warehouse.logs import ColumnMap, Understood
+
+LONGEST = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Which logs to import, in the user's own words.
+
+    Attributes:
+        logs: Logs: "FILE" or "FILE@start:end".
+        robot: Built-in name, URDF file or folder.
+        columns: COLUMNS.toml, None for the default columns.
+        trajectory: What kind of motion it was, for queries; None for no word.
+        kind: What it was recorded for.
+    """
+
+    logs: tuple[str, ...]
+    robot: str
+    columns: str | None = None
+    trajectory: str | None = None
+    kind: str = "log"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Log:
+    """One log as it would be stored.
+
+    Attributes:
+        recording: The samples, in SI units at the link side.
+        known: What was understood of the file.
+        run_id: The id that it has as a run.
+        stored: Whether it is in the store already.
+        manifest: How it came to be.
+    """
+
+    recording: Recording
+    known: "Understood"
+    run_id: str
+    stored: bool
+    manifest: dict
+
+
+def read(request: Request, store: Path) -> tuple[Robot, tuple[Log, ...]]:
+    """Read logs and say which runs they are; nothing is written.
+
+    Args:
+        request: Which logs.
+        store: The store, which need not be there.
+
+    Returns:
+        The robot and the logs.
+
+    Raises:
+        InputError: If a log is not usable, or two are the same run.
+    """
+    from flows.inputs.robots import load
+    from warehouse.logs import load_columns, unique_ids
+
+    if not request.logs:
+        raise InputError(
+            "No log to import. Name it first: modelgap import LOG ... --robot R."
+        )
+    for what, word in (("trajectory", request.trajectory), ("kind", request.kind)):
+        if word is not None and not _is_word(word):
+            raise InputError(
+                f"--{what} '{word[:LONGEST]}': expected a short name such as 'welding'."
+            )
+    robot = load(request.robot)
+    columns = load_columns(request.columns) if request.columns else None
+    labels = unique_ids(request.logs)
+    logs = [
+        _read_one(spec, label, request, (robot, columns, store))
+        for spec, label in zip(request.logs, labels, strict=True)
+    ]
+    first: dict[str, str] = {}
+    for log in logs:
+        same = first.setdefault(log.run_id, log.known.id)
+        if same != log.known.id:
+            raise InputError(
+                f"'{same}' and '{log.known.id}' hold the same samples: they are one "
+                "run. Name it once."
+            )
+    return robot, tuple(logs)
+
+
+def store_log(log: Log, request: Request, robot: Robot, store: Path) -> str:
+    """Put a log that was read into the store; one that is there stays.
+
+    Args:
+        log: The log.
+        request: Which logs were asked for.
+        robot: The arm.
+        store: The store.
+
+    Returns:
+        The id of the run.
+    """
+    from warehouse.commit import commit_run
+    from warehouse.origin.robots import keep_robot
+
+    keep_robot(store, request.robot, robot)
+    return commit_run(store, log.recording, log.manifest)
+
+
+def _read_one(spec: str, label: str, request: Request, around: tuple) -> Log:
+    from warehouse.commit import imported_run_id
+    from warehouse.layout import record_folder
+    from warehouse.logs import read_log
+
+    robot, columns, store = around
+    recording, known = read_log(spec, robot, columns, label)
+    run_id = imported_run_id(recording, robot.content_hash)
+    return Log(
+        recording=recording,
+        known=known,
+        run_id=run_id,
+        stored=record_folder(store, "runs", run_id, robot.name).is_dir(),
+        manifest={
+            "source": "imported",
+            "kind": request.kind,
+            "trajectory": request.trajectory,
+            "robot_hash": robot.content_hash,
+            "log": _about(known, columns),
+        },
+    )
+
+
+def _about(known: "Understood", columns: "ColumnMap | None") -> dict:
+    """What the file was and how it was read; its name, not where it lay."""
+    path = Path(known.file)
+    return {
+        "file": path.name,
+        "sha256": _sha256(path),
+        "window": known.window,
+        "map": columns,
+        "channels": [
+            dict(zip(("channel", "column", "unit", "done"), told, strict=True))
+            for told in known.channels
+        ],
+        "ignored": known.ignored,
+        "notes": known.notes,
+        "warnings": known.warnings,
+    }
+
+
+def _sha256(path: Path) -> str:
+    """Hash of a file; of a folder, of the names and hashes of its files."""
+    if path.is_file():
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    total = hashlib.sha256()
+    for part in _files(path):
+        total.update(f"{part.relative_to(path).as_posix()}\0{_sha256(part)}\n".encode())
+    return total.hexdigest()
+
+
+def _files(folder: Path) -> Sequence[Path]:
+    return sorted(part for part in folder.rglob("*") if part.is_file())
+
+
+def _is_word(word: str) -> bool:
+    return 0 < len(word) <= LONGEST and word.isprintable() and word == word.strip()

@@ -1,0 +1,189 @@
+"""Watch the sensors of runs: calibrate on good runs, tell what is not as usual."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from flows.steps.monitor_model import Source, model_of, robot_of, source_of
+from residual.errors import InputError
+from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate
+from residual.recording import Array, Recording
+
+NOVEL = 0.01  # share of a run outside of what was calibrated that is worth a word
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Watched:
+    """What was found.
+
+    Attributes:
+        monitor: The monitor, calibrated.
+        calibration: Ids of the good runs.
+        alarms: Alarms of each watched run, by its id.
+        novelty: Share of each run that is outside of the good runs. Shapes (dof,).
+        seconds: Length of all watched runs [s].
+    """
+
+    monitor: Monitor
+    calibration: tuple[str, ...]
+    alarms: Mapping[str, tuple[Alarm, ...]]
+    novelty: Mapping[str, Array]
+    seconds: float
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to know about it, a line each."""
+        out = []
+        minutes = 60 * self.monitor.hours
+        if self.monitor.per_hour * self.monitor.hours < 1:
+            out.append(
+                f"The good runs last {minutes:.3g} min in all: that alarms are false "
+                f"at most {self.monitor.per_hour:g} times an hour is extrapolated."
+            )
+        if not self.monitor.referenced:
+            out.append("q_ref is not logged: no errors of tracking, no cycles.")
+        for run, shares in self.novelty.items():
+            joint = int(shares.argmax())
+            if shares[joint] > NOVEL:
+                out.append(
+                    f"Run {run}: joint {joint + 1} is for {100 * shares[joint]:.0f} % "
+                    "of the time where no good run was; alarms there may be false."
+                )
+        return tuple(out)
+
+
+def monitor(
+    model: str,
+    runs: Sequence[str],
+    good: Sequence[str],
+    store: Path,
+    per_hour: float = 1.0,
+) -> tuple[str, Watched, dict[str, Recording]]:
+    """Calibrate a monitor, watch runs, and store what was found.
+
+    Args:
+        model: Id of a diagnosis, or a robot for its nominal model.
+        runs: Ids of the runs to watch.
+        good: Ids of the runs to calibrate on; empty for those of the diagnosis.
+        store: The store.
+        per_hour: False alarms wanted at most [1/h].
+
+    Returns:
+        The id of the record, what was found, and the watched runs by their id.
+
+    Raises:
+        InputError: If a run is not there or of another robot, is both good and watched,
+            or there are too few good ones.
+    """
+    from threadpoolctl import threadpool_limits
+
+    source = source_of(model, store)
+    healthy = _read(store, good or source.good)
+    watched = _read(store, runs)
+    _check(source, healthy, watched)
+    robot = robot_of(source, next(iter(healthy.values())), store)
+    for run in (*healthy.values(), *watched.values()):
+        robot_of(source, run, store)
+    with threadpool_limits(1, user_api="blas"):
+        start = model_of(source, robot, list(healthy.values()))
+        made = calibrate(start, list(healthy.values()), per_hour)
+        found = Watched(
+            monitor=made,
+            calibration=tuple(healthy),
+            alarms={id: made.watch(run) for id, run in watched.items()},
+            novelty={id: made.novelty(run) for id, run in watched.items()},
+            seconds=sum(run.duration for run in watched.values()),
+        )
+    request = {
+        "step": "monitor",
+        "model": source.diagnosis or model,
+        "runs": list(watched),
+        "good": list(healthy),
+        "per_hour": per_hour,
+        "robot": None if source.diagnosis else model,
+        "robot_hash": robot.content_hash,
+    }
+    return _put(store, source, found, request), found, watched
+
+
+def _read(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
+    from warehouse.quarantine import tombstone
+    from warehouse.runs import read_run
+
+    out = {}
+    for word in ids:
+        run = read_run(store, word)
+        if tombstone(store, run.id):
+            raise InputError(f"Run {run.id} is in quarantine. Leave it out.")
+        if run.id in out:
+            raise InputError(f"Run {run.id} is given twice. Give it once.")
+        out[run.id] = run
+    return out
+
+
+def _check(source: Source, healthy: Mapping, watched: Mapping) -> None:
+    if not watched:
+        raise InputError("No run to watch. Name it: modelgap monitor MODEL RUN ...")
+    if len(healthy) < LEAST_RUNS:
+        whose = f"diagnosis {source.diagnosis} has" if source.diagnosis else "there are"
+        raise InputError(
+            f"Good runs to calibrate on: {whose} {len(healthy)}, expected at least "
+            f"{LEAST_RUNS}. Name them: --calibrate RUN ..."
+        )
+    both = sorted(set(healthy) & set(watched))
+    if both:
+        raise InputError(
+            f"Run {both[0]} is to be watched and to calibrate on. Watch another, or "
+            "name the good runs with --calibrate."
+        )
+
+
+def _put(store: Path, source: Source, found: Watched, request: Mapping) -> str:
+    import pyarrow as pa
+
+    from residual.monitoring.record import to_record
+    from warehouse.commit import commit_record, read_record
+
+    told = to_record(found.monitor)
+    model = (
+        read_record(store, source.diagnosis)["model_id"] if source.diagnosis else None
+    )
+    record = {
+        "robot": told["robot"],
+        "kind": "monitor",
+        "model_id": model,
+        "alarms": {id: len(alarms) for id, alarms in found.alarms.items()},
+        "novelty": {id: shares.tolist() for id, shares in found.novelty.items()},
+        "watched_s": found.seconds,
+        "request": request,
+        "notes": found.notes,
+        "monitor": told,
+    }
+    rows = [
+        {"run_id": id, **asdict(alarm)}
+        for id, alarms in found.alarms.items()
+        for alarm in alarms
+    ]
+    table = pa.Table.from_pylist(rows, schema=_schema())
+    parents = {"calibration": list(found.calibration), "watched": list(found.alarms)}
+    if source.diagnosis:
+        parents["diagnosis"] = [source.diagnosis]
+    return commit_record(store, "validations", record, {"alarms": table}, parents)
+
+
+def _schema():
+    import pyarrow as pa
+
+    seconds = {"unit": "s"}
+    return pa.schema(
+        [
+            pa.field("run_id", pa.string()),
+            pa.field("time", pa.float64(), metadata=seconds),
+            pa.field("joint", pa.int32()),
+            pa.field("sensor", pa.string()),
+            pa.field("fault", pa.string()),
+            pa.field("kind", pa.string()),
+            pa.field("score", pa.float64(), metadata={"unit": "1"}),
+            pa.field("until", pa.float64(), metadata=seconds),
+        ]
+    )

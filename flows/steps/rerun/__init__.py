@@ -1,0 +1,1 @@
+"""A record made again from its request and its ancestors, and compared."""

@@ -1,0 +1,192 @@
+"""Make a record again, and say whether it is the same, bit for bit; if not, why."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.steps.rerun.cause import Cause, cause_of
+from residual.errors import InputError
+from warehouse.compare import Channel, compare, differing
+from warehouse.layout import SAMPLES_FILE, Found, find
+
+KIND = "rerun"
+_MOST = 50  # differences that are kept on record
+_TRUTH = "hidden truth"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rerun:
+    """What a rerun gave.
+
+    Attributes:
+        id: Id of the record.
+        kind: Its kind, such as "runs".
+        apart: Where the values differ, the earliest first; empty where none does.
+        same_code: Whether the code is the one that made the record.
+        cause: Why values differ; None where they do not.
+        changes: Which uncommitted change of the code the record was made with.
+        made: Id of the new record; None where nothing new was stored.
+        noted: Id of the validation that says what differs; None where there is none.
+        imported: Whether it was measured: then its values were checked, not made.
+    """
+
+    id: str
+    kind: str
+    apart: tuple[Channel, ...]
+    same_code: bool
+    cause: Cause | None
+    changes: str
+    made: str | None = None
+    noted: str | None = None
+    imported: bool = False
+
+    @property
+    def reproduced(self) -> bool:
+        """Whether all values are the same, bit for bit."""
+        return self.cause is None
+
+    @property
+    def verdict(self) -> str:
+        """What differs and why, in one line."""
+        if self.cause is None:
+            return "same, bit for bit"
+        where = self.apart[0].words if self.apart else "the stored record is damaged"
+        more = len(self.apart) - 1
+        where += f" (and {more} more)" if more > 0 else ""
+        return f"{where}; cause: {self.cause.kind} ({self.cause.why})"
+
+
+def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
+    """Make a record again from what it says of itself.
+
+    Args:
+        id: Id of a run, model, diagnosis or validation, or its beginning.
+        store: The store.
+        verify: Whether to store nothing, whatever comes out.
+
+    Returns:
+        What came out.
+
+    Raises:
+        InputError: If there is no such record or it cannot be made again: a measured
+            run, a report, or a run whose sealed half is not there.
+    """
+    from warehouse.origin.provenance import as_record, provenance
+
+    found, now = find(store, id), as_record(provenance())
+    if found.kind == "runs":
+        return _rerun_run(found, store, now, verify)
+    return _rerun_record(found, store, now, verify)
+
+
+def _rerun_run(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
+    from flows.steps.experiment import keep
+    from flows.steps.rerun.runs import again
+    from warehouse.manifest import read_manifest
+    from warehouse.origin.lineage import RERUN_OF
+
+    manifest = read_manifest(store, found.id)
+    if manifest.get("spec") is None:
+        return _check_imported(found, store, manifest, verify)
+    made = again(store, found.id, manifest)
+    apart = _run_apart(found, store, manifest, made)
+    told = _told(found, store, (manifest["provenance"], now), apart)
+    if verify:
+        return Rerun(*told)
+    id = None
+    if not told[3]:
+        id = keep(made, store, {RERUN_OF: [found.id]})
+    return Rerun(*told, id, _note(store, told, found.folder.parent.name[6:], id))
+
+
+def _rerun_record(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
+    import json
+
+    from flows.steps.rerun.records import again, apart, keep
+    from warehouse.verify import read_row
+
+    if found.kind == "reports":
+        raise InputError(
+            f"{found.id} is a report: a page about a diagnosis. Make that one again: "
+            "modelgap lineage names it."
+        )
+    row = read_row(found)
+    then = json.loads(row.get("provenance") or "{}")
+    with again(store, found) as (own, made):
+        told = _told(found, store, (then, now), apart(found, made))
+        if verify:
+            return Rerun(*told)
+        other = made.id != found.id and not told[3]
+        id = keep(own, store, found, made) if other else None
+        return Rerun(*told, id, _note(store, told, row["robot"], id))
+
+
+def _told(found: Found, store: Path, when: tuple, apart: tuple[Channel, ...]) -> tuple:
+    """Return the first six attributes of a rerun."""
+    from warehouse.origin.made_with import about_changes
+    from warehouse.verify import faults
+
+    then, now = when
+    key = "code_hash" if found.kind == "runs" else "program_hash"
+    apart, wrong = differing(apart), faults(found)
+    cause = None
+    if apart or wrong:
+        cause = cause_of(then, now, key, wrong, store)
+    same = then.get(key) == now[key]
+    return found.id, found.kind, apart, same, cause, about_changes(store, then)
+
+
+def _run_apart(found: Found, store: Path, manifest: Mapping, made) -> tuple:
+    from warehouse.files import read_parquet, to_arrays
+    from warehouse.ids import data_hash
+
+    # Past the check of the hash: what was changed is to be found, not only refused.
+    stored = to_arrays(read_parquet(found.folder / SAMPLES_FILE))
+    names = ("t", "q", "qd", "qdd", "tau", "q_ref")
+    logged = {name: getattr(made.log, name) for name in names}
+    logged = {k: v for k, v in logged.items() if v is not None}
+    apart = compare(stored, {**logged, **made.twin})
+    if data_hash(made.truth) == manifest["truth_hash"]:
+        return apart
+    # Which of its channels would tell what is hidden.
+    return (*apart, Channel(_TRUTH, "", False, note="other values"))
+
+
+def _check_imported(
+    found: Found, store: Path, manifest: Mapping, verify: bool
+) -> Rerun:
+    from warehouse.origin.made_with import about_changes
+    from warehouse.verify import faults
+
+    if not verify:
+        raise InputError(
+            f"Run {found.id} was measured, not simulated: it cannot be made again. "
+            f"modelgap rerun {found.id[:8]} --verify checks its values against their "
+            "hash."
+        )
+    wrong = faults(found)
+    cause = Cause("damaged", "; ".join(wrong)) if wrong else None
+    known = about_changes(store, manifest["provenance"])
+    return Rerun(found.id, found.kind, (), True, cause, known, imported=True)
+
+
+def _note(store: Path, told: tuple, robot: str, made: str | None) -> str | None:
+    """Keep on record that a rerun did not reproduce; None if it did."""
+    from warehouse.commit import commit_record
+    from warehouse.origin.lineage import RERUN_OF
+
+    outcome = Rerun(*told)
+    if outcome.cause is None:
+        return None
+    record = {
+        "robot": robot,
+        "kind": KIND,
+        "verdict": outcome.verdict,
+        "cause": outcome.cause.kind,
+        "why": outcome.cause.why,
+        "differing": len(outcome.apart),
+        "differences": [c.as_record() for c in outcome.apart[:_MOST]],
+        "changes": outcome.changes,
+    }
+    parents = {RERUN_OF: [outcome.id], **({KIND: [made]} if made else {})}
+    return commit_record(store, "validations", record, parents=parents)

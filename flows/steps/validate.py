@@ -1,0 +1,279 @@
+"""How far the nominal model gets by itself on a run of the store.
+
+Two validations of the paper (G2017 section 1.3), as root mean square per joint:
+
+- open loop: the model alone under the logged torque, minus what was measured;
+- feed-forward: how the arm tracks its reference when the model's torque drives it.
+  It needs the arm, so only a simulated run whose sealed half is there has it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flows.inputs.robots import load
+from flows.steps.experiment import plant_of
+from residual.errors import InputError
+from residual.recording import Recording
+from residual.robot.robot import Robot
+from sim.records import PlantSpec, Reference, TrajectorySpec
+
+Array = np.ndarray
+
+OPEN_LOOP, FEED_FORWARD = "rms_open_loop_q", "rms_feed_forward_q"
+_RATE = 1000.0  # Hz, about: the step of the engine, whatever the rate of the log
+_SHORTEST = 0.01  # s: a window must have time to stray in
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Validation:
+    """What was found on one run.
+
+    Attributes:
+        window: Length of the windows that were run free [s].
+        open_loop: Error of the nominal model under the logged torque [rad]. (dof,)
+        nominal: Tracking error with the nominal torque [rad]. (dof,) or None.
+        arm: Tracking error with the arm's own torque [rad]. (dof,) or None.
+        notes: What to know about it, a line each.
+    """
+
+    window: float
+    open_loop: Array
+    nominal: Array | None = None
+    arm: Array | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """How it was done, as the store has it."""
+        return "open_loop" if self.nominal is None else "open_loop,feed_forward"
+
+
+def validate(run_id: str, window: float, store: Path) -> tuple[str, Validation]:
+    """Validate the nominal model on a run, and store what was found.
+
+    Args:
+        run_id: Id of the run, or its beginning.
+        window: Length of the windows of the open loop [s].
+        store: The store.
+
+    Returns:
+        The id of the validation, the same for the same run and window; and the errors.
+
+    Raises:
+        InputError: If there is no such run, its robot is described differently now,
+            the window is not usable, or the seal is broken.
+    """
+    from threadpoolctl import threadpool_limits
+
+    from warehouse.manifest import read_manifest
+    from warehouse.runs import read_run
+
+    log = read_run(store, run_id)
+    manifest = read_manifest(store, log.id)
+    robot = _robot_of(log, manifest)
+    with threadpool_limits(1, user_api="blas"):
+        strayed, used = open_loop_error(robot, log, window)
+        plant, tracked = _hidden_plant(store, log.id, manifest), {}
+        if plant:
+            tracked = feed_forward_errors(robot, _reference(robot, manifest), plant)
+    notes = _notes(manifest, plant is not None)
+    if used < window:
+        notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")
+    made = Validation(used, strayed, **tracked, notes=tuple(notes))
+    request = {
+        "step": "validate",
+        "run": log.id,
+        "window": window,
+        "robot": manifest.get("robot", log.robot),
+        "robot_hash": robot.content_hash,
+    }
+    return _put(store, log, (manifest, request), made), made
+
+
+def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array, float]:
+    """Return how far the model strays in free windows, each begun as measured.
+
+    Where much is missing, a light wrist may turn right over within a window. Such
+    windows are halved until the model stays near, for all joints alike.
+
+    Args:
+        robot: The robot as described.
+        log: What was measured.
+        window: Length of a window [s].
+
+    Returns:
+        Root mean square over all samples [rad], shape (dof,); and the length [s].
+
+    Raises:
+        InputError: If the window is not usable, or the model never stays near.
+    """
+    from sim.plant.stepping import DivergedError
+    from sim.twin import open_loop
+
+    if not _SHORTEST <= window <= log.duration:
+        raise InputError(
+            f"--window {window:g}: expected {_SHORTEST:g} s to the length of the run, "
+            f"{log.duration:g} s; 0.25 is usual."
+        )
+    motion, torque = _measured(log)
+    while window >= _SHORTEST:
+        try:
+            return _rms(open_loop(robot, motion, torque, window)), window
+        except DivergedError:
+            window /= 2
+    raise InputError(
+        f"Under the torque of run {log.id} the nominal model runs away within "
+        f"{2 * window:g} s. Check units and signs of the log, and the robot's inertias."
+    )
+
+
+def feed_forward_errors(
+    robot: Robot, reference: Reference, plant: PlantSpec
+) -> Mapping[str, Array]:
+    """Return how the arm tracks under torques of the model and under its own.
+
+    Its own torque is what the closed loop of the paper gave it on this motion: about
+    the best that a model could compute, so the first error is judged against it. It is
+    no bound, since it has feedback in it, which the drives then add once more.
+
+    Args:
+        robot: The robot as described.
+        reference: The motion, at the rate of the controller.
+        plant: The arm.
+
+    Returns:
+        Root mean square of read minus wanted position: nominal, arm [rad]. (dof,) each.
+    """
+    from sim.plant import tables as at
+    from sim.plant.arm import build_arm
+    from sim.plant.controller import ComputedTorque
+    from sim.plant.stepping import simulate
+    from sim.streams import motion_label
+    from sim.twin import track, twin_of
+
+    # Under the label and at the start of `track`: chance and warmth are the same.
+    label, loop = motion_label(reference, 0.0), ComputedTorque(robot, reference)
+    arm = simulate(build_arm(robot, plant), reference, loop, label, seed=plant.seed)
+    given = {"nominal": twin_of(robot, reference), "arm": arm}
+    return {
+        name: _rms(track(robot, reference, plant, trace.rows[:, at.DRIVE]))
+        for name, trace in given.items()
+    }
+
+
+def _measured(log: Recording) -> tuple[Reference, Array]:
+    """Return the motion and torque of a log, at the step of the engine.
+
+    The motion is that of the diagnosis, low-passed, made finer by a cubic spline: then
+    velocities and accelerations are exactly those of its positions.
+    """
+    from scipy.interpolate import CubicSpline
+
+    from residual.signals.track import Filters, prepare
+
+    (track,), _ = prepare((log,), Filters(), full_rate=True)
+    rate = track.rate * max(1, round(_RATE / track.rate))
+    since = np.arange(round((track.t[-1] - track.t[0]) * rate) + 1) / rate
+    curve = CubicSpline(track.t - track.t[0], track.q)
+    q, qd, qdd = curve(since), curve(since, 1), curve(since, 2)
+    motion = Reference("measured", since, q, qd, qdd, None)
+    now = track.t[0] + since
+    return motion, np.column_stack([np.interp(now, log.t, c) for c in log.tau.T])
+
+
+def _rms(error: Array) -> Array:
+    return np.sqrt(np.mean(np.square(error), axis=0))
+
+
+def _robot_of(log: Recording, manifest: Mapping) -> Robot:
+    name = manifest.get("robot", log.robot)
+    robot = load(name)
+    if robot.content_hash != manifest.get("robot_hash"):
+        raise InputError(
+            f"Run {log.id} was made with another description of {log.robot} than "
+            f"{name} has now. Put back the URDF and robot.toml of that time."
+        )
+    return robot
+
+
+def _hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | None:
+    """Return the arm of a simulated run; None where no sealed half lies."""
+    from warehouse.layout import SEALED
+    from warehouse.seal import open_seal
+
+    # A seal that was taken out is no error, one that is broken is.
+    if not manifest["sealed_sha256"]:
+        return None
+    if not (store / SEALED / f"run_id={run_id}").is_dir():
+        return None
+    return plant_of(open_seal(store, run_id).spec)
+
+
+def _reference(robot: Robot, manifest: Mapping) -> Reference:
+    """Make the reference of a run once more, at the rate of the controller."""
+    from sim.trajectories import make_reference
+
+    spec = manifest["spec"]
+    try:
+        wanted, rate = TrajectorySpec(**spec["trajectory"]), spec["rates"]["control"]
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            "The record of the run does not say which reference it had, expected "
+            "'trajectory' and 'rates' in its spec. Run its experiment again."
+        ) from error
+    return make_reference(robot, wanted, rate)
+
+
+def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
+    from warehouse.origin.provenance import plant_code_hash
+
+    if not with_arm:
+        return ["No feed-forward: that needs the arm, and none is sealed with the run."]
+    notes, start = [], manifest["spec"].get("start", 0.0)
+    if manifest["provenance"]["code_hash"] != plant_code_hash():
+        notes.append(
+            "The code of the plant has changed since this run: feed-forward is on the "
+            "arm as it is simulated today, not quite the one that was logged."
+        )
+    if start > 0:
+        notes.append(
+            f"The run began {start:g} s into its session, feed-forward begins at 0: "
+            "what was warm is cold."
+        )
+    return notes
+
+
+def _put(store: Path, log: Recording, about: tuple, made: Validation) -> str:
+    import pyarrow as pa
+
+    from warehouse.commit import commit_record
+    from warehouse.manifest import about_run
+    from warehouse.schema import VIEWS, arrow_schema
+
+    figures = (
+        ("nominal", OPEN_LOOP, made.open_loop),
+        ("nominal", FEED_FORWARD, made.nominal),
+        ("arm", FEED_FORWARD, made.arm),
+    )
+    manifest, request = about
+    same = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
+    rows = [
+        {**same, "stage": stage, "metric": metric, "joint": joint, "value": float(rms)}
+        for stage, metric, errors in figures
+        if errors is not None
+        for joint, rms in enumerate(errors, 1)
+    ]
+    record = {
+        "robot": log.robot,
+        "kind": made.kind,
+        "window_s": made.window,
+        "request": request,
+        "unit": "rad",
+        "notes": made.notes,
+    }
+    table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
+    parents = {"run": [log.id]}
+    return commit_record(store, "validations", record, {"errors": table}, parents)

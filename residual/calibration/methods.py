@@ -1,0 +1,232 @@
+"""The models of the paper's table 1, and ours: fitted to rows, they predict others."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.recording import Array
+from residual.tables.build import build_lookup
+from residual.tables.cells import merge_rows
+from residual.tables.choose import PROVEN, EffectModel, fit_effect_tables
+from residual.tables.form import (
+    NAMED,
+    PAIRS,
+    EffectForm,
+    Option,
+    Rest,
+    fit_base,
+    fit_linear,
+    fit_rest,
+)
+from residual.tables.form import NONE as NOTHING
+from residual.tables.lookup.lookup import Lookup
+from residual.tables.nominal.pls import (
+    NominalForm,
+    NominalPls,
+    component_bound,
+    fit_cells,
+)
+from residual.tables.pair_tables import pair_levels
+from residual.tables.pls import fit_pls
+
+NONE, LS, PLSR, PAPER_FORM, DEFAULT = "none", "ls", "plsr", "paper", "default"
+EFFECTS = "effects"
+WORDS = {
+    NONE: "no compensation",
+    LS: "LS",
+    PLSR: "PLSR",
+    PAPER_FORM: "paper form",
+    DEFAULT: "default form",
+    EFFECTS: "named effects",
+}
+BLOCKS_OF_ONE_RUN = 4  # to choose by, where a single run is left to fit
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Training:
+    """Rows to fit.
+
+    Attributes:
+        X: States. Shape (n, d).
+        Y: What the nominal model leaves [N m]. Shape (n, j).
+        run: Run of each row. Shape (n,).
+        tau: Measured torque [N m]. Shape (n, j).
+        without: What a nominal model leaves on these rows that has not seen one more
+            run; None where Y does not depend on the rows.
+    """
+
+    X: Array
+    Y: Array
+    run: Array
+    tau: Array
+    without: Callable[[int], Array] | None = None
+
+    @property
+    def loaded(self) -> Array:
+        """States, then what each joint carries by the model [N m]. Shape (n, d + j)."""
+        return np.hstack([self.X, self.tau - self.Y])
+
+    def rows(self, chosen: Array) -> "Training":
+        """Return some of the rows."""
+        parts = (self.X, self.Y, self.run, self.tau)
+        return Training(*(part[chosen] for part in parts))
+
+
+# Corrections of rows by every choice, such as component counts. Shape (c, m, j).
+Forecast = Callable[[Training], Array]
+Method = Callable[[Training], Forecast]
+
+
+def methods(
+    form: EffectForm, paper: NominalForm, fixed: Sequence[Option] | None = None
+) -> Mapping[str, Method]:
+    """Return every model by name.
+
+    Args:
+        form: What the default form may be chosen from.
+        paper: Levels and components of the paper's form.
+        fixed: Options of the default form; None to choose within the training rows.
+    """
+
+    def default(training: Training) -> Forecast:
+        if fixed is None:
+            lookup = chosen_lookup(training, form)
+        else:
+            lookup = fixed_lookup(training, form, fixed)
+        return lambda rows: corrected(lookup, rows)[None]
+
+    return {
+        NONE: _nothing,
+        LS: _least_squares,
+        PLSR: _plsr,
+        PAPER_FORM: lambda training: _nominal(training, paper),
+        DEFAULT: default,
+    }
+
+
+def corrected(lookup: Lookup, rows: Training) -> Array:
+    """Corrections by tables that may need loads. Shape (m, j)."""
+    return lookup.predict(rows.loaded[:, : len(lookup.names)])
+
+
+def chosen_lookup(training: Training, form: EffectForm) -> Lookup:
+    """The default form, its options chosen on runs left out of these rows."""
+    model, options = chosen_model(training, form)
+    if options == model.chosen:
+        return model.lookup
+    return build_lookup(model.base, model.rest, options, form)
+
+
+def chosen_model(
+    training: Training, form: EffectForm
+) -> tuple[EffectModel, tuple[Option, ...]]:
+    """The default form with the options that stand up to a nominal model of others.
+
+    What a model leaves on runs that it was identified from is smaller, and of another
+    shape, than what it leaves on others. So a choice is confirmed run by run: the
+    nominal model and the tables of all other runs must leave less than that nominal
+    model alone. A joint that fails gets nothing, and so do all on fewer than three
+    runs: two can agree by chance.
+    """
+    groups = choice_groups(training.run)
+    X = training.loaded if form.loads else training.X
+    model = fit_effect_tables(X, training.Y, groups, training.tau, form)
+    labels = np.unique(training.run)
+    if len(labels) < PROVEN:
+        return model, (Option(NOTHING),) * len(model.chosen)
+    if training.without is None:
+        return model, model.chosen
+    gain = np.zeros(len(model.chosen))
+    for label in labels:
+        held = training.run == label
+        Y = training.without(int(label))
+        rows = replace(training, Y=Y, without=None)
+        lookup = fixed_lookup(rows.rows(~held), form, model.chosen)
+        rest = Y[held] - corrected(lookup, rows.rows(held))
+        gain += (Y[held] ** 2).sum(axis=0) - (rest**2).sum(axis=0)
+    kept = zip(model.chosen, gain > 0, strict=True)
+    return model, tuple(option if good else Option(NOTHING) for option, good in kept)
+
+
+def choice_groups(run: Array) -> Array:
+    """Runs to choose by; blocks of the run where it is the only one. Shape (n,)."""
+    if (run != run[0]).any():
+        return run
+    return np.arange(len(run)) * BLOCKS_OF_ONE_RUN // len(run)
+
+
+def fixed_lookup(
+    training: Training, form: EffectForm, options: Sequence[Option]
+) -> Lookup:
+    """The default form with its options given: nothing is chosen on these rows."""
+    X = training.loaded if form.loads else training.X
+    base = fit_base(X, training.Y, form)
+    ridges = [o.ridge if o.ridge else form.ridges[-1] for o in options]
+    main = base.predict(X, form).main
+    taken = [main[form.ridges.index(r), :, j] for j, r in enumerate(ridges)]
+    left = training.Y - np.stack(taken, axis=1)
+    return build_lookup(
+        base, _wanted_rest(training, left, form, options), options, form
+    )
+
+
+def _wanted_rest(
+    training: Training, left: Array, form: EffectForm, options: Sequence[Option]
+) -> Rest:
+    """Pair tables, but only those that somebody takes: they are most of the work."""
+    X, groups = training.X, choice_groups(training.run)
+    form = replace(form, names=form.state_names(), loads=())
+    named = np.array([option.kind == NAMED for option in options])
+    few = tuple(() for _ in options)
+    if named.any():
+        lean = replace(form, pairs=None)
+        few = fit_rest(X, np.where(named, left, 0.0), groups, lean).named
+    levels = pair_levels(X, form.names, form.velocities)
+    if all(option.kind != PAIRS for option in options):
+        return Rest(levels, few, None)
+    every = fit_rest(X, left, groups, replace(form, named=0)).pairs
+    return Rest(levels, few, every)
+
+
+def fit_paper(training: Training, form: NominalForm) -> NominalPls:
+    """The paper's form, with fewer components where the rows bear no more."""
+    levels = form.make_levels(training.X)
+    cells = merge_rows(levels.encode(training.X))
+    count = min(form.components, component_bound(cells))
+    return fit_cells(cells, training.Y, levels, replace(form, components=count))
+
+
+def _nothing(training: Training) -> Forecast:
+    return lambda rows: np.zeros((1, *rows.Y.shape))
+
+
+def _least_squares(training: Training) -> Forecast:
+    model = fit_linear(training.X, training.Y)
+    return lambda rows: model.predict(rows.X)[None]
+
+
+def _plsr(training: Training) -> Forecast:
+    model = fit_pls(training.X, training.Y)
+    Q = model.Q * model.y_scale[:, None]
+    most = training.X.shape[1]
+    return lambda rows: _by_count(model.transform(rows.X), Q.T, model.y_mean, most)
+
+
+def _nominal(training: Training, form: NominalForm) -> Forecast:
+    model = fit_paper(training, form)
+    Q = model.Q * model.y_scale
+    return lambda rows: _by_count(
+        model.transform(rows.X), Q, model.y_mean, form.components
+    )
+
+
+def _by_count(T: Array, Q: Array, mean: Array, most: int) -> Array:
+    """Predictions of 0 to `most` components; where there are fewer, the last again."""
+    out = np.empty((most + 1, len(T), len(mean)))
+    out[0] = mean
+    for a in range(most):
+        out[a + 1] = out[a]
+        if a < T.shape[1]:
+            out[a + 1] += np.outer(T[:, a], Q[a])
+    return out

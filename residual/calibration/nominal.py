@@ -1,0 +1,141 @@
+"""The nominal model identified without some of the runs, and what it leaves on all.
+
+A correction that is judged on unseen runs must start from a model that has not seen
+them either. The model is the program's own "identified": declared effects and rigid
+body under a prior whose width the logs choose (docs/method.md); effects that a
+diagnosis named can be added, and all are fitted together.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.calibration.rows import Run, torque_at
+from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.search import Rules, Task, start
+from residual.effects import registry
+from residual.effects.base import Effect, Joints, Shape
+from residual.evidence.design import Design
+from residual.evidence.fit import fit
+from residual.evidence.priors import priors
+from residual.evidence.states import as_model
+from residual.model.fit_logs import Logs, ready, start_nominal
+from residual.model.model import Model
+from residual.model.nominal import declared_names
+from residual.model.standstill import with_standstill
+from residual.recording import Array
+from residual.robot.robot import Robot
+from residual.signals.track import Filters, Track
+
+Named = tuple[Effect, Joints, Shape]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Prepared:
+    """All logs, ready for as many identifications as there are folds.
+
+    Attributes:
+        logs: Signals and the range of motion.
+        runs: The logs behind them.
+        names: Declared effects.
+        regressors: Inertial regressor of each log. Shapes (n, dof, 10 dof).
+    """
+
+    logs: Logs
+    runs: tuple[Run, ...]
+    names: tuple[str, ...]
+    regressors: tuple[Array, ...]
+
+    @property
+    def tracks(self) -> tuple[Track, ...]:
+        """Signals of each log."""
+        return self.logs.tracks
+
+    def residuals(self, model: Model) -> tuple[Array, ...]:
+        """Measured minus model torque on each log's track [N m]. Shapes (n, dof)."""
+        out = []
+        for run, track, regressor in zip(
+            self.runs, self.tracks, self.regressors, strict=True
+        ):
+            torque = model.torque(model.observe(track, regressor))
+            out.append(torque_at(run.log, track) - torque)
+        return tuple(out)
+
+
+def prepare_runs(
+    robot: Robot, runs: Sequence[Run], declared: Sequence[str] | None
+) -> Prepared:
+    """Filter all logs once.
+
+    Args:
+        robot: The arm as described.
+        runs: Its logs.
+        declared: Effects that the model has; None for the robot's own list.
+    """
+    logs = ready(robot, [run.log for run in runs], None, Filters())
+    names = declared_names(robot, declared)
+    model = start_nominal(logs, names).model
+    regressors = tuple(model.observe(track).regressor for track in logs.tracks)
+    return Prepared(logs, tuple(runs), names, regressors)
+
+
+def identified_without(
+    prepared: Prepared, left_out: Collection[int] = (), named: Sequence[Named] = ()
+) -> Model:
+    """Identify the model from all runs but some.
+
+    Args:
+        prepared: All logs.
+        left_out: Numbers of the runs that it must not see.
+        named: Effects beyond the declared ones, with joints from 0 and shape.
+    """
+    kept = [i for i in range(len(prepared.runs)) if i not in left_out]
+    tracks = tuple(prepared.tracks[i] for i in kept)
+    regressors = [prepared.regressors[i] for i in kept]
+    nominal = start_nominal(replace(prepared.logs, tracks=tracks), prepared.names)
+    states = _observed(nominal.model, tracks, regressors)
+    design = Design(list(zip(tracks, states, strict=True)), nominal.model)
+    wide = priors(design, nominal)
+    first = start(Task(design, wide[-1], Candidates((), {}), Rules()))
+    if named:
+        # Some effects read the model's own torque: it should be about right.
+        design.look(_observed(as_model(nominal, first), tracks, regressors))
+    groups = design.add(list(named))
+    fits = [fit(design, p, groups, first.counted, None, rounds=4) for p in wide]
+    best = max(fits, key=lambda f: f.score)
+    return with_standstill(as_model(nominal, best), tracks)
+
+
+def named_effects(effects: Sequence[Mapping], robot: Robot) -> tuple[Named, ...]:
+    """Turn the findings of a verdict into effects on joints, with their shapes.
+
+    Args:
+        effects: Entries of `effects` in the verdict (docs/verdict.md).
+        robot: The arm.
+    """
+    out = []
+    for entry in effects:
+        effect = registry()[entry["name"]]
+        local = effect.scope == "local"
+        joints = [j - 1 for j in entry["joints"]]
+        for number, joint in enumerate(joints if local else [None]):
+            values = [
+                _value(entry["parameters"].get(key), number)
+                for key in effect.parameters
+            ]
+            _, shape = effect.from_values(np.array(values), robot)
+            place = (joint,) if local else tuple(joints)
+            out.append((effect, place, tuple(shape)))
+    return tuple(out)
+
+
+def _value(known: Mapping | None, number: int) -> float:
+    value = (known or {}).get("value")
+    if isinstance(value, list):
+        value = value[number]
+    return 0.0 if value is None else float(value)
+
+
+def _observed(model: Model, tracks: Sequence[Track], regressors) -> list:
+    return [model.observe(t, r) for t, r in zip(tracks, regressors, strict=True)]

@@ -1,0 +1,238 @@
+"""Rows for the data-driven correction: states X, what a model leaves Y, torque Y*.
+
+Two modes. The paper's: X(t) is the reference of joints 1 to 3 with its derivatives,
+Y(t + 1) the torque of the arm minus that of its simulated twin (section 2.4). Ours: X
+is the measured motion of all joints, Y the residual of a nominal model that was
+identified without the held-out runs.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.recording import Array, Recording
+from residual.signals.track import Filters, Track, sample_rate
+from residual.tables.blocks import frozen
+from residual.tables.levels import shift_ahead
+from residual.tables.pca import state_block, state_names
+
+PAPER, MEASURED = "paper", "measured"
+PAPER_JOINTS = 3  # section 2.4 of the paper
+PAPER_HZ, MEASURED_HZ = 125.0, 60.0  # a higher rate repeats rows and changes nothing
+PARTS = 5  # of a single log
+_REPEATED = 1e-3  # squared distance to the previous period, as a share of chance's
+_LEFT = 0.5  # ... beyond which a motion has left its start
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Run:
+    """One log, and what is known beside it.
+
+    Attributes:
+        log: What was measured.
+        family: Kind of motion, None where it is not known.
+        twin: Errors against the simulated twin, by name. Shapes (n, dof).
+    """
+
+    log: Recording
+    family: str | None = None
+    twin: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rows:
+    """Rows of all runs under each other.
+
+    Attributes:
+        mode: "paper" or "measured".
+        joints: Joints of Y, from 1.
+        names: Columns of X, as q1, qd1, qdd1.
+        X: States [rad, rad/s, rad/s^2]. Shape (n, d).
+        Y: What the model leaves [N m]. Shape (n, j).
+        tau: Measured torque Y* [N m]. Shape (n, j).
+        run: Number of the run of each row. Shape (n,).
+        labels: Name of each run.
+        families: Kind of motion of each run; "" where it is not known.
+        rates: Rows per second of each run [Hz].
+    """
+
+    mode: str
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    X: Array
+    Y: Array
+    tau: Array
+    run: Array
+    labels: tuple[str, ...]
+    families: tuple[str, ...]
+    rates: tuple[float, ...]
+
+    @property
+    def family(self) -> Array:
+        """Kind of motion of each row. Shape (n,)."""
+        return np.array(self.families)[self.run]
+
+    @property
+    def velocities(self) -> tuple[int, ...]:
+        """Columns of X that hold velocities."""
+        third = len(self.names) // 3
+        return tuple(range(third, 2 * third))
+
+    def periods(self) -> dict[int, int]:
+        """Rows after which each run repeats itself; its whole length if it does not."""
+        out = {}
+        for number in range(len(self.labels)):
+            q = self.X[self.run == number, : len(self.names) // 3]
+            out[number] = repeat_period(q) or len(q)
+        return out
+
+
+def cut_single(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Cut a single log into parts, so that there is something to leave out."""
+    if len(runs) != 1:
+        return tuple(runs)
+    (run,) = runs
+    count = len(run.log.t)
+    ends = np.linspace(0, count, PARTS + 1).astype(int)
+    return tuple(
+        _part(run, slice(a, b), f"part {i}")
+        for i, (a, b) in enumerate(pairwise(ends), 1)
+    )
+
+
+def paper_rows(runs: Sequence[Run]) -> Rows:
+    """Return the rows of the paper: X of the reference, Y the twin's error one ahead.
+
+    Raises:
+        InputError: If a run has no reference or no twin.
+    """
+    for run in runs:
+        _check_paper(run)
+    count = min(PAPER_JOINTS, min(run.log.dof for run in runs))
+    joints = tuple(range(1, count + 1))
+    parts, rates = [], []
+    for run in runs:
+        log, rate = run.log, sample_rate(run.log.t)
+        X = _reference_state(log, count)
+        both = np.hstack([run.twin["e_tau"][:, :count], log.tau[:, :count]])
+        now, ahead, _ = shift_ahead(X, both)
+        step = _step(rate, PAPER_HZ)
+        parts.append((now[::step], *np.hsplit(ahead[::step], 2)))
+        rates.append(rate / step)
+    return _stacked(PAPER, joints, (parts, runs, rates))
+
+
+def measured_rows(
+    runs: Sequence[Run], tracks: Sequence[Track], residuals: Sequence[Array]
+) -> Rows:
+    """Return rows on measured motion.
+
+    Args:
+        runs: The logs.
+        tracks: Their signals.
+        residuals: Measured minus model torque on each track's times [N m]. (n, dof).
+    """
+    joints = tuple(range(1, runs[0].log.dof + 1))
+    parts, rates = [], []
+    for run, track, left in zip(runs, tracks, residuals, strict=True):
+        chosen = chosen_rows(track)
+        X = state_block(track.q, track.qd, track.qdd)[chosen]
+        parts.append((X, left[chosen], torque_at(run.log, track)[chosen]))
+        rates.append(track.rate / _step(track.rate, MEASURED_HZ))
+    return _stacked(MEASURED, joints, (parts, runs, rates))
+
+
+def torque_at(log: Recording, track: Track) -> Array:
+    """Torque as logged, at the times of a track [N m]. Shape (n, dof)."""
+    return np.column_stack([np.interp(track.t, log.t, c) for c in log.tau.T])
+
+
+def chosen_rows(track: Track) -> Array:
+    """Samples of a track that become rows: neither its ends nor gaps. Numbers."""
+    inner = np.repeat(track.inner, track.step)[: len(track.t)]
+    edge = round(Filters().edge * track.rate)
+    inner[:edge] = inner[len(inner) - edge :] = False
+    return np.flatnonzero(inner)[:: _step(track.rate, MEASURED_HZ)]
+
+
+def repeat_period(q: Array) -> int | None:
+    """Return after how many rows a motion repeats itself, None if it does not.
+
+    d(L) = mean |z(t + L) - z(t)|^2 / (2 d) of standardised joints z is 1 by chance and
+    0 for a repetition; its first valley after the motion has left its start counts.
+
+    Args:
+        q: Joint positions at a steady rate. Shape (n, d).
+    """
+    moving = np.ptp(q, axis=0) > 0
+    if not moving.any() or len(q) < 8:
+        return None
+    z = (q - q.mean(axis=0))[:, moving] / q.std(axis=0)[moving]
+    n, most = len(z), int(0.9 * len(z))
+    spectrum = np.fft.rfft(z, 2 * n, axis=0)
+    product = np.fft.irfft((spectrum * spectrum.conj()).sum(axis=1))[:most]
+    before = np.concatenate([[0.0], np.cumsum((z**2).sum(axis=1))])
+    lag = np.arange(most)
+    squares = before[n - lag] + before[n] - before[lag]
+    distance = (squares - 2 * product) / (n - lag) / (2 * z.shape[1])
+    away = np.flatnonzero(distance > _LEFT)
+    if not len(away):
+        return None
+    near = np.flatnonzero((distance < _REPEATED) & (lag > away[0]))
+    if not len(near):
+        return None
+    # The valley, not its near side.
+    end = np.flatnonzero(np.diff(near) > 1)
+    valley = near[: end[0] + 1] if len(end) else near
+    return int(valley[np.argmin(distance[valley])])
+
+
+def _part(run: Run, rows: slice, label: str) -> Run:
+    log = run.log
+    cut = {"t": log.t[rows], "q": log.q[rows], "tau": log.tau[rows]}
+    for name in ("qd", "qdd", "q_ref"):
+        if getattr(log, name) is not None:
+            cut[name] = getattr(log, name)[rows]
+    twin = {name: values[rows] for name, values in run.twin.items()}
+    return replace(run, log=replace(log, id=f"{log.id} {label}", **cut), twin=twin)
+
+
+def _check_paper(run: Run) -> None:
+    lacks = []
+    if run.log.q_ref is None:
+        lacks.append("reference (q_ref)")
+    if "e_tau" not in run.twin:
+        lacks.append("torque of a simulated twin (e_tau)")
+    if lacks:
+        raise InputError(
+            f"--paper: {run.log.id} has no {' and no '.join(lacks)}. Take runs that "
+            "modelgap experiment made, or leave --paper out."
+        )
+
+
+def _reference_state(log: Recording, joints: int) -> Array:
+    q = log.q_ref[:, :joints]
+    qd = np.gradient(q, log.t, axis=0)
+    return state_block(q, qd, np.gradient(qd, log.t, axis=0))
+
+
+def _step(rate: float, wanted: float) -> int:
+    return max(1, round(rate / wanted))
+
+
+def _stacked(mode: str, joints: tuple[int, ...], made: tuple) -> Rows:
+    parts, runs, rates = made
+    X, Y, tau = (np.concatenate(side) for side in zip(*parts, strict=True))
+    run = np.repeat(np.arange(len(runs)), [len(part[0]) for part in parts])
+    return Rows(
+        mode,
+        joints,
+        state_names(range(1, X.shape[1] // 3 + 1)),
+        *map(frozen, (X, Y, tau, run)),
+        tuple(r.log.id for r in runs),
+        tuple(r.family or "" for r in runs),
+        tuple(rates),
+    )

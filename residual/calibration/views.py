@@ -1,0 +1,230 @@
+"""What the figures of the chapter show: components, levels, importance, outliers."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import process_time
+
+import numpy as np
+
+from residual.calibration.methods import Training, fit_paper, fixed_lookup
+from residual.calibration.rows import Rows, Run
+from residual.calibration.schemes import RANDOM, RUN, Scheme
+from residual.recording import Array
+from residual.tables.blocks import check_count
+from residual.tables.crossval import HeldOut
+from residual.tables.form import PAIRS, EffectForm, Option
+from residual.tables.importance import table_importance
+from residual.tables.jackknife import Jackknife, jackknife
+from residual.tables.nominal.crossval import nominal_errors
+from residual.tables.nominal.pls import NominalForm
+from residual.tables.outliers import nominal_distances
+from residual.tables.pca import fit_pca, state_block, state_names
+from residual.tables.surrogates import real_components
+
+SWEEP = (2, 3, 4, 6, 8, 12, 16, 22, 30, 40)
+INPUT, TWIN, WHITE = "input", "twin error", "white noise"
+LEFT = "residual"
+_DRAWS, _MOST_ROWS = 40, 1500  # of surrogates; more rows do not move the limit
+_STIFF = 100.0  # ridge of main effects where nothing else was chosen
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Components:
+    """Principal components of one block of one family (paper, figures 4 to 6).
+
+    Attributes:
+        family, block: What it is of.
+        explained: Share of the variance per component [%]. Shape (k,).
+        limit: What surrogates with the same spectra reach [%]. Shape (k,).
+        real, permuted: Components beyond surrogates, and beyond permuted rows.
+        first: Variables with the largest loadings of the first component.
+    """
+
+    family: str
+    block: str
+    explained: Array
+    limit: Array
+    real: int
+    permuted: int
+    first: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sweep:
+    """Errors over the number of levels (paper, figure 12).
+
+    Attributes:
+        levels: Levels tried.
+        errors: RMSEV by scheme, best of all component counts [%]. Shapes (levels, j).
+        seconds: Processor time of each number of levels [s].
+    """
+
+    levels: tuple[int, ...]
+    errors: Mapping[str, Array]
+    seconds: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Terms:
+    """Contributions after main effects, with their run jack-knife.
+
+    Attributes:
+        names: Variables, then pairs.
+        sizes: Contribution [N m] with standard error. Shapes (terms, j).
+    """
+
+    names: tuple[str, ...]
+    sizes: Jackknife
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Oddities:
+    """Outliers of each run in the paper's form, and how far it is from the others.
+
+    Attributes:
+        labels: The runs.
+        x, y: Share of rows far in the model or off it, and badly predicted.
+        unvisited: Share of its cells that no other run visited.
+        outside: Share of rows with a value outside the range of the other runs.
+    """
+
+    labels: tuple[str, ...]
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    unvisited: tuple[float, ...]
+    outside: tuple[float, ...]
+
+
+def components_of(
+    rows: Rows, runs: Sequence[Run], rng: np.random.Generator
+) -> tuple[Components, ...]:
+    """Principal components of input, error and white noise, family by family.
+
+    Where the logs do not say their family, all runs are one.
+    """
+    out = []
+    families = rows.families if all(rows.families) else ("all runs",) * len(runs)
+    for family in dict.fromkeys(families):
+        members = [i for i, f in enumerate(families) if f == family]
+        block = _blocks(rows, runs, members)
+        run = block.pop("run")
+        block[WHITE] = (rng.normal(size=block[INPUT][0].shape), rows.names)
+        for name, (values, names) in block.items():
+            out.append(_components((family, name), values, names, (run, rng)))
+    return tuple(out)
+
+
+def sweep_levels(
+    rows: Training,
+    schemes: Sequence[Scheme],
+    components: int,
+    levels: Sequence[int] = SWEEP,
+) -> Sweep:
+    """Validate every number of levels on unseen runs and on random rows.
+
+    Raises:
+        InputError: On fewer than 2 levels.
+    """
+    check_count(min(levels), 2, 4096, "levels", "One cannot tell two states apart.")
+    chosen = [s for s in schemes if s.name in (RUN, RANDOM)]
+    folds = [s.folds for s in chosen]
+    errors: dict[str, list[Array]] = {s.name: [] for s in chosen}
+    spent = []
+    for count in levels:
+        form = NominalForm(count, components)
+        start = process_time()
+        made = nominal_errors(rows.X, rows.Y, folds, rows.tau, form)
+        spent.append(process_time() - start)
+        for scheme, held in zip(chosen, made, strict=True):
+            errors[scheme.name].append(_best(held))
+    stacked = {name: np.array(values) for name, values in errors.items()}
+    return Sweep(tuple(levels), stacked, tuple(spent))
+
+
+def terms_of(
+    rows: Training, form: EffectForm, chosen: Sequence[Option], folds: Array
+) -> Terms:
+    """Contribution of every table after main effects, jack-knifed over runs.
+
+    All pair tables are fitted, wanted or not: the question is what each could say.
+    """
+    form = replace(form, names=form.state_names(), loads=())
+    count = form.pairs.components if form.pairs else 0
+    ridges = [o.ridge or _STIFF for o in chosen]
+    options = [
+        Option(PAIRS, r if r in form.ridges else form.ridges[-1], count) for r in ridges
+    ]
+    whole = table_importance(fixed_lookup(rows, form, options), rows.X)
+    place = {name: i for i, name in enumerate(whole.names)}
+    left_out = []
+    for fold in np.unique(folds):
+        part = rows.rows(folds != fold)
+        found = table_importance(fixed_lookup(part, form, options), part.X)
+        sizes = np.zeros_like(whole.rms)
+        for name, size in zip(found.names, found.rms, strict=True):
+            if name in place:
+                sizes[place[name]] = size
+        left_out.append(sizes)
+    return Terms(whole.names, jackknife(np.array(left_out), whole.rms))
+
+
+def oddities_of(rows: Training, labels: Sequence[str], form: NominalForm) -> Oddities:
+    """Outliers by run, and the share of cells that the other runs never visited."""
+    model = fit_paper(rows, form)
+    far = nominal_distances(model, rows.X, rows.Y)
+    x, y, unvisited, outside = [], [], [], []
+    for number in range(len(labels)):
+        own = rows.run == number
+        x.append(float(far.x_outliers[own].mean()))
+        y.append(float(far.y_outliers[own].mean()))
+        others = fit_paper(rows.rows(~own), replace(form, components=1))
+        unvisited.append(float(others.unvisited_share(rows.X[own]).mean()))
+        codes = others.levels.encode(rows.X[own])
+        outside.append(codes.outside_rows / int(own.sum()))
+    return Oddities(tuple(labels), *map(tuple, (x, y, unvisited, outside)))
+
+
+def _blocks(rows: Rows, runs: Sequence[Run], members: Sequence[int]) -> dict:
+    """Blocks of some runs with their names, thinned alike."""
+    taken = [np.flatnonzero(rows.run == i) for i in members]
+    step = max(1, sum(map(len, taken)) // _MOST_ROWS)
+    chosen = np.concatenate([part[::step] for part in taken])
+    out = {"run": rows.run[chosen], INPUT: (rows.X[chosen], rows.names)}
+    joints = len(rows.joints)
+    if all({"e_q", "e_qd", "e_qdd"} <= set(runs[i].twin) for i in members):
+        errors = [
+            _twin_state(runs[i], joints, len(part[::step]))
+            for i, part in zip(members, taken, strict=True)
+        ]
+        names = tuple(f"e_{name}" for name in state_names(rows.joints))
+        out[TWIN] = (np.concatenate(errors), names)
+    else:
+        names = tuple(f"residual{j}" for j in rows.joints)
+        out[LEFT] = (rows.Y[chosen], names)
+    return out
+
+
+def _twin_state(run: Run, joints: int, count: int) -> Array:
+    """Errors of a run against its twin, at equally many times as rows were chosen."""
+    at = np.linspace(0, len(run.log.t) - 1, count).astype(int)
+    parts = (run.twin[name][at, :joints] for name in ("e_q", "e_qd", "e_qdd"))
+    return state_block(*parts)
+
+
+def _components(about: tuple[str, str], values, names, chance: tuple) -> Components:
+    run, rng = chance
+    pca = fit_pca(values, names)
+    real = real_components(values, rng, run=run, draws=_DRAWS)
+    return Components(
+        *about,
+        100 * pca.explained,
+        100 * real.phase_limit / len(names),
+        real.count,
+        real.permuted,
+        pca.strongest(0),
+    )
+
+
+def _best(errors: HeldOut) -> Array:
+    curve = errors.pooled()[1:]
+    return curve[np.nansum(curve**2, axis=1).argmin()]

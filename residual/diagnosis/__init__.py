@@ -1,0 +1,1 @@
+"""What a model lacks: search, gate, proof, and the verdict."""

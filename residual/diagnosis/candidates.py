@@ -1,0 +1,98 @@
+"""Which effects may be blamed, on which joints, and what a wider choice costs."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from residual.effects.base import Effect, Span
+from residual.evidence.design import Design, Group
+
+# What every drive has: a model that lacks all three must gain them in one step, since
+# each alone leaves a residual in which the others cannot be seen.
+USUAL = ("viscous", "coulomb", "rotor_inertia")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Candidates:
+    """Every candidate finding with its price.
+
+    Attributes:
+        groups: All of them: each shape of each effect on each joint, then the
+            effects that are also tried on all joints at once.
+        price: What choosing one of so many costs [nats], by key.
+    """
+
+    groups: tuple[Group, ...]
+    price: Mapping[tuple, float]
+
+    def cost(self, group: Group) -> float:
+        """Price of a group [nats]; joints that came together share one price."""
+        return self.price[group.key] / group.fellows
+
+    def without(self, names: Sequence[str]) -> "Candidates":
+        """The same without some effects."""
+        kept = tuple(g for g in self.groups if g.effect.name not in names)
+        return Candidates(kept, self.price)
+
+
+def collect(
+    design: Design, effects: Sequence[Effect], span: Span, dof: int
+) -> Candidates:
+    """Append the columns of all candidates to the design.
+
+    A key costs the logarithm of the number of keys, and its shapes that of their
+    number: the evidence of the best of many is worth so much less.
+    """
+    wanted = []
+    for effect in effects:
+        for joints in effect.candidates(dof):
+            anchor = joints[0] if joints else 0
+            shapes = effect.shapes(span, anchor)
+            wanted += [(effect, joints, shape) for shape in shapes]
+    groups = design.add(wanted)
+    together = _on_all_joints(groups, dof)
+    groups += together
+    variants = Counter(g.key for g in groups)
+    price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
+    usual = [g for g in together if g.effect.name in USUAL]
+    for count in range(2, len(usual) + 1):
+        for some in combinations(usual, count):
+            parts = [part for g in some for part in g.parts]
+            label = " + ".join(g.effect.name for g in some)
+            groups.append(Design.union(parts, label))
+            price[groups[-1].key] = sum(price[g.key] for g in some)
+    return Candidates(tuple(groups), price)
+
+
+def renewed(design: Design, known: Candidates) -> Candidates:
+    """The same candidates, seen with the model that the design looks with now.
+
+    Only columns that read the model's torque are made anew.
+    """
+    old = [g for g in known.groups if g.effect.uses_model and not g.parts]
+    fresh = design.add([(g.effect, g.joints, g.shape) for g in old])
+    new = {_place(g): made for g, made in zip(old, fresh, strict=True)}
+
+    def of(group: Group) -> Group:
+        if not any(_place(p) in new for p in group.parts):
+            return new.get(_place(group), group)
+        parts = [new.get(_place(p), p) for p in group.parts]
+        return Design.union(parts, group.label)
+
+    return replace(known, groups=tuple(of(g) for g in known.groups))
+
+
+def _place(group: Group) -> tuple:
+    return group.effect.name, group.joints, group.shape, len(group.parts)
+
+
+def _on_all_joints(groups: Sequence[Group], dof: int) -> list[Group]:
+    """The linear local effects that usually sit on every joint, as one candidate."""
+    own: dict[str, list[Group]] = {}
+    for g in groups:
+        if g.effect.groupable and g.shape == ():
+            own.setdefault(g.effect.name, []).append(g)
+    return [Design.union(parts) for parts in own.values() if len(parts) == dof > 1]

@@ -1,0 +1,175 @@
+"""The smallest effect that these logs would have shown."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from residual.diagnosis.confusable import lookalikes
+from residual.diagnosis.expected_gain import Bench, Expected, expected, found
+from residual.diagnosis.search import Task
+from residual.effects.base import Effect
+from residual.evidence.design import Group
+from residual.evidence.fit import Fit, Prior
+from residual.recording import Array
+
+WIDEST, STEPS = 300.0, 24  # times the size that is worth a nat: where to look
+HALVINGS = 7
+CLEAR = 3.0  # times the smallest size: where a name should be sure
+CLIPS = (0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the largest torque: plateaus to try
+
+
+def minimum_detectable(
+    task: Task, fitted: Fit, priors: Sequence[Prior] = ()
+) -> list[dict]:
+    """Size that would be found in half of the draws of the noise, per effect and joint.
+
+    Found means all that a name must do: win the threshold with its price paid, stand
+    against a wider prior without a name, and lower the error, also that of logs left
+    out, by the rules' tolerance and share; or spare the parameters beyond belief.
+
+    Args:
+        task: Data, prior, candidates and rules.
+        fitted: The fit to which an effect would come.
+        priors: Other priors that the search may change to.
+
+    Returns:
+        One entry per effect and joints: name, joints (from 1), value, unit, and what
+        these logs would not tell from it at three times that size. Of several
+        parameters of one unit the value is the length (cos and sin), of a searched
+        shape the usual one counts.
+    """
+    bench = Bench.of(task, fitted, priors)
+    out: list[dict] = []
+    sizes: list[_Least] = []
+    for groups in _per_key(task):
+        first = groups[0]
+        if first.key in {g.key for g in fitted.members}:
+            continue
+        least = _least(bench, groups)
+        if least is not None:
+            unit = next(iter(first.effect.parameters.values()))
+            joints = [j + 1 for j in first.joints]
+            entry = {"name": first.effect.name, "joints": joints}
+            sizes.append(least)
+            out.append({**entry, "value": float(least.value), "unit": unit})
+    alike = lookalikes(task, fitted, [(x.group, CLEAR * x.theta) for x in sizes])
+    return [{**e, "confusable": near} for e, near in zip(out, alike, strict=True)]
+
+
+def _per_key(task: Task) -> list[list[Group]]:
+    keys: dict[tuple, list[Group]] = {}
+    for g in task.candidates.groups:
+        if not g.parts:
+            keys.setdefault((g.effect.name, g.joints), []).append(g)
+    return list(keys.values())
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Least:
+    """The smallest effect that is found: as it is told, and as coefficients."""
+
+    value: float
+    group: Group
+    theta: Array
+
+
+def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:
+    """The size as its first parameter tells it; None where no size is found."""
+    effect, middle = groups[0].effect, groups[len(groups) // 2]
+    if _by_shape_alone(effect, middle):
+        return _plateau(bench, groups[-1])
+    if _of_its_own_shape(effect, middle):
+        sizes = np.array([_smallest(bench, g) for g in groups])
+        shapes = np.abs([g.shape[0] for g in groups])
+        i = int(np.argmin(np.abs(np.log(sizes / shapes))))
+        return _known(sizes[i], sizes[i], bench, groups[i])
+    size = _smallest(bench, middle)
+    if len(middle.ids) > 1 or not np.isfinite(size):
+        return _known(size, size, bench, middle)
+    robot = bench.task.design.states[0].robot
+    told = effect.values(np.array([size]), middle.shape, robot)
+    return _known(abs(told[0]), size, bench, middle)
+
+
+def _known(value: float, size: float, bench: Bench, group: Group) -> _Least | None:
+    if not np.isfinite(value):
+        return None
+    return _Least(float(value), group, size * directions(bench, group)[0])
+
+
+def _smallest(bench: Bench, group: Group) -> float:
+    """Smallest coefficient that is found; of several directions the median."""
+    sizes = []
+    for one in expected(bench, group, directions(bench, group)):
+        known = bench.weight @ one.fall[0] + one.bent[0]
+        if known <= 0:
+            sizes.append(np.inf)
+            continue
+        sizes.append(_first(bench, one, np.sqrt(2 / known)))
+    return float(np.median(sizes))
+
+
+def _first(bench: Bench, one: Expected, unit: float) -> float:
+    """First size that is found, climbing from what is worth a nat.
+
+    Far above it an effect may be lost again, since its own prior does not believe it.
+    """
+    ladder = unit * np.geomspace(1, WIDEST, STEPS)
+    high = next((x for x in ladder if found(bench, one, x)), np.inf)
+    if not np.isfinite(high) or high == unit:
+        return float(high)
+    low = high / (ladder[1] / ladder[0])
+    for _ in range(HALVINGS):
+        middle = np.sqrt(low * high)
+        low, high = (low, middle) if found(bench, one, middle) else (middle, high)
+    return float(high)
+
+
+def directions(bench: Bench, group: Group) -> list[Array]:
+    """Coefficients of an effect of size one, in the ways that it usually comes.
+
+    Effects say so themselves where their coefficients differ in kind; those that are
+    one vector come in any direction; of others the first coefficient is the size.
+    """
+    effect, count = group.effect, len(group.ids)
+    if effect.usual is not None:
+        return effect.usual(bench.task.design.states, group.joints)
+    if not _one_vector(effect, group):
+        return [np.eye(count)[0]]
+    every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]
+    half = every[len(every) // 2 + 1 :]  # the others point the other way
+    return [u / np.linalg.norm(u) for u in half]
+
+
+def _one_vector(effect: Effect, group: Group) -> bool:
+    count = len(group.ids)
+    units = list(effect.parameters.values())[:count]
+    turns = effect.name == "ripple"
+    return count > 1 and (turns or (len(units) == count and len(set(units)) == 1))
+
+
+def _of_its_own_shape(effect: Effect, group: Group) -> bool:
+    """Whether the size is the searched shape as well (the half gap of a backlash)."""
+    if effect.refine is None or len(group.ids) > 1 or len(effect.parameters) > 1:
+        return False
+    return not _by_shape_alone(effect, group)
+
+
+def _by_shape_alone(effect: Effect, group: Group) -> bool:
+    """Whether the size does not depend on the coefficient (the level of a plateau)."""
+    if effect.refine is None or len(effect.parameters) > 1:
+        return False
+    values = [effect.values(c * np.ones(1), group.shape, None)[0] for c in (1.0, 2.0)]
+    return bool(values[0] == values[1])
+
+
+def _plateau(bench: Bench, group: Group) -> _Least | None:
+    """Highest plateau of those tried at which a clip to just that level is found."""
+    levels = [(group.effect, group.joints, (c * group.shape[0],)) for c in CLIPS]
+    for made in bench.task.design.add(levels):
+        (one,) = expected(bench, made, [np.ones(1)])
+        if one.torque.any() and found(bench, one, 1.0):
+            return _Least(made.shape[0], made, np.ones(1))
+    return None

@@ -1,0 +1,211 @@
+"""Diagnosis of one set of logs: what the nominal model lacks on them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.diagnosis.adequacy import Adequacy, adequacy, carried
+from residual.diagnosis.candidates import Candidates, renewed
+from residual.diagnosis.choices import allowed, every_candidate
+from residual.diagnosis.curves_only import only_curves
+from residual.diagnosis.gate import Tested, passed, simplest
+from residual.diagnosis.prior_scale import Selection, select
+from residual.diagnosis.search import Rules, Task, refined
+from residual.effects import registry
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, Prior, fit
+from residual.evidence.states import as_model, first_look, look_with, physical
+from residual.model.fit_logs import Logs
+from residual.model.model import Model
+from residual.model.nominal import Nominal
+from residual.model.standstill import with_standstill
+
+Progress = Callable[[str, float], None]
+LOOKS = 4  # at what was named, before the second search
+STEADY = 0.1  # nats by which one more look at it changes nothing
+LARGE = 0.05  # an effect of this share of torque rms shifts model-based features
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Diagnosis:
+    """What one set of logs says.
+
+    Attributes:
+        logs: The fit logs.
+        nominal: Where it started from.
+        task: Data, chosen prior and candidates.
+        wide: The widest prior that the logs do not contradict.
+        plain: Fit of the nominal structure alone.
+        fit: Fit with the named effects.
+        tested: The named effects with their evidence.
+        withdrawn: Names that merely resemble what flagged joints show.
+        adequacy: What remains.
+    """
+
+    logs: Logs
+    nominal: Nominal
+    task: Task
+    wide: Prior
+    plain: Fit
+    fit: Fit
+    tested: tuple[Tested, ...]
+    withdrawn: tuple[Tested, ...]
+    adequacy: Adequacy
+
+    def model(self, fitted: Fit, like: Model | None = None) -> Model:
+        """A fit as a model, with the standstill that suits the fit logs.
+
+        Args:
+            fitted: A fit of these logs.
+            like: A model whose standstill to take over, so that two models differ by
+                nothing but their effects.
+        """
+        rough = as_model(self.nominal, fitted)
+        if like is None:
+            rough = with_standstill(rough, self.logs.tracks)
+        else:
+            rough = replace(rough, standstill=like.standstill)
+        return _refitted(self, fitted, rough)
+
+
+def diagnose(
+    logs: Logs, nominal: Nominal, rules: Rules, progress: Progress
+) -> Diagnosis:
+    """Search, test and flag.
+
+    Args:
+        logs: Fit logs.
+        nominal: The model to be doubted.
+        rules: Thresholds.
+        progress: Told the stage and the share done.
+    """
+    design = first_look(logs, nominal)
+    progress("features", 0.0)
+    everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
+    selection = _search(design, nominal, everything, (rules, progress))
+    if _needs_second_look(selection):
+        settled = _looked_again(logs, nominal, selection)
+        look_with(design, logs, physical(as_model(nominal, settled)))
+        progress("features", 0.5)
+        everything = renewed(design, everything)
+        prior, wide = selection.task.prior, selection.wide
+        again = replace(nominal, scale=prior.scale, assumed=prior.assumed)
+        selection = _search(design, again, everything, (rules, progress))
+        selection = replace(selection, wide=wide)
+    progress("gate", 0.0)
+    task = selection.task
+    fitted, tested = passed(task, simplest(task, selection.fit))
+    curved = only_curves(design, logs.tracks, fitted, tested)
+    if curved:
+        real = [t.group for t in tested if t not in curved]
+        fitted = task.settle(task.fit(real, fitted))
+    plain = task.settle(task.fit((), fitted, rounds=4))
+    enough = _adequacy(logs, nominal, design, (plain, fitted))
+    kept = [t for t in tested if t not in curved and not _resembles(task, t, enough)]
+    if len(kept) < len(tested):
+        fitted = task.settle(task.fit([t.group for t in kept], fitted))
+    gone = tuple(t for t in tested if t not in kept)
+    progress("gate", 1.0)
+    return Diagnosis(
+        logs, nominal, task, selection.wide, plain, fitted, tuple(kept), gone, enough
+    )
+
+
+def _adequacy(
+    logs: Logs, nominal: Nominal, design: Design, fits: tuple[Fit, Fit]
+) -> Adequacy:
+    """What is left of the logs, beside the noise of torque and angles."""
+    angles = carried(as_model(nominal, fits[1]), logs.tracks, logs.shaken)
+    told = nominal.baseline_unexplained
+    return adequacy(design, logs.tracks, *fits, told, angles)
+
+
+def _search(
+    design: Design, nominal: Nominal, everything: Candidates, options
+) -> Selection:
+    rules, progress = options
+    pairs = allowed(design, nominal, everything)
+    return select(design, pairs, rules, lambda share: progress("search", share))
+
+
+def _needs_second_look(selection: Selection) -> bool:
+    """Did a large effect, or one that reads the model's torque, get accepted?"""
+    fitted, task = selection.fit, selection.task
+    if not fitted.members:
+        return False
+    if any(g.effect.uses_model for g in fitted.members):
+        return True
+    plain = task.fit((), fitted, rounds=4)
+    fall = np.maximum(plain.sse - fitted.sse, 0) / task.design.rows
+    model_based = any(e.uses_model for e in registry().values())
+    return model_based and bool(np.max(np.sqrt(fall) / task.design.rms) > LARGE)
+
+
+def _looked_again(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
+    """The named effects on columns of a model that has them: Gauss and Newton's way.
+
+    A log that ends at a certain torque bends the model that its plateau is held
+    against; so does a load that is still missing.
+    """
+    task, fitted = selection.task, selection.fit
+    design = task.design
+    for _ in range(LOOKS):
+        look_with(design, logs, physical(as_model(nominal, fitted)))
+        members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
+        for group in [g for g in members if g.effect.uses_model and g.effect.refine]:
+            others = [g for g in members if g is not group]
+            members = refined(task, (*others, group), fitted)
+        before, fitted = fitted.score, task.fit(members, fitted)
+        if abs(fitted.score - before) < STEADY:
+            break
+    return fitted
+
+
+def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
+    """A name on a joint that keeps more than it may be a part of what is not known.
+
+    On a flagged joint it must explain 3/4 of what was left; on a doubted one, more of
+    the torque than it leaves beyond noise.
+    """
+    effect = tested.group.effect
+    local = effect.scope in ("local", "pair")
+    joints = set(tested.group.joints if local else (tested.joint,))
+    if joints & set(enough.flagged) and tested.share < 0.75:
+        return True
+    doubted = joints & set(enough.doubted)
+    return any(tested.fall < enough.structured[j] for j in doubted)
+
+
+def _refitted(diagnosis: Diagnosis, fitted: Fit, rough: Model) -> Model:
+    """Coefficients that go with a model's standstill and its own torque.
+
+    A wide standstill changes friction on slow moving rows too, and features such as
+    load friction read the model's torque: both are settled by one more fit.
+    """
+    nominal, tracks = diagnosis.nominal, diagnosis.logs.tracks
+    base = replace(nominal.model, standstill=rough.standstill)
+    states = [rough.observe(t) for t in tracks]
+    design = Design(list(zip(tracks, states, strict=True)), base)
+    members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
+    final = fit(design, diagnosis.task.prior, members, fitted.counted, fitted.variance)
+    return as_model(replace(nominal, model=base), final)
+
+
+def without_refuted(diagnosis: Diagnosis, fitted: Fit) -> Diagnosis:
+    """The diagnosis with fewer names: what remains is measured anew."""
+    if len(fitted.members) == len(diagnosis.fit.members):
+        return diagnosis
+    fits = diagnosis.plain, fitted
+    design = diagnosis.task.design
+    enough = _adequacy(diagnosis.logs, diagnosis.nominal, design, fits)
+    return replace(diagnosis, fit=fitted, adequacy=enough)
+
+
+def refit(diagnosis: Diagnosis, tested: Sequence[Tested]) -> Fit:
+    """Fit again with some of the names only."""
+    task = diagnosis.task
+    members = [t.group for t in tested]
+    return task.settle(
+        fit(task.design, task.prior, members, diagnosis.fit.counted, None, rounds=4)
+    )

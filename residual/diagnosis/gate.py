@@ -1,0 +1,170 @@
+"""The gate: a name must lower the error of logs that were left out of the fit."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.diagnosis.search import Task, best, least, possible, spares_model
+from residual.evidence.design import Design, Group
+from residual.evidence.fit import Fit, System, gain
+from residual.recording import Array
+
+CLASS = 6.0  # nats within which an alternative cannot be told from the name
+KIN = 0.95  # share of what a member explains that makes its family an alternative
+SIMPLER = 3.0  # nats within which the simpler of two names is taken
+SILENT = 1e-3  # share of its power in one fold under which an effect is not in another
+MOST_FOLDS = 0.6  # share of left-out folds that must improve
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tested:
+    """One member of the chosen set after the gate.
+
+    Attributes:
+        group: The effect, joints and shape.
+        nats: Evidence that it carries in the whole set.
+        by: "fit" or "plausibility"; None where it fails.
+        joint: The joint (from 0) on which it matters most.
+        fall: Fall of the left-out error there, as a share of torque rms.
+        share: Part of that joint's left-out error which it removes.
+        seen: The joint (from 0) whose left-out error falls most. Without the name the
+            parameters bend, and that may show elsewhere.
+    """
+
+    group: Group
+    nats: float
+    by: str | None
+    joint: int
+    fall: float
+    share: float
+    seen: int
+
+
+def leave_out(task: Task, fitted: Fit) -> Array:
+    """Squared error of each fold, predicted from the others. Shape (folds, dof)."""
+    design = task.design
+    weight = fitted.weight(design.rows)
+    out = []
+    for left in range(design.folds):
+        others = np.flatnonzero(np.arange(design.folds) != left)
+        system = System.of(design, task.prior, fitted.members, others)
+        theta, _ = system.solve(weight)
+        own = System.of(design, task.prior, fitted.members, np.array([left]))
+        out.append(own.squared_error(theta))
+    return np.array(out)
+
+
+def gate(task: Task, fitted: Fit) -> list[Tested]:
+    """Test every member of a set: left-out error, else plausibility."""
+    full = leave_out(task, fitted)
+    return [_test(task, fitted, group, full) for group in fitted.members]
+
+
+def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
+    design, rules = task.design, task.rules
+    rest = [g for g in fitted.members if g is not group]
+    # Settled on its own noise, as a user would refit without the name: held to the
+    # larger model's noise it would bend its parameters beyond belief instead.
+    without = task.settle(task.fit(rest, fitted, rounds=4))
+    nats, big, small = gain(design, task.prior, fitted, without)
+    left = leave_out(task, without)
+    power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
+    fall = (left - full).sum(axis=0) / power
+    relative = np.sign(fall) * np.sqrt(abs(fall))
+    share = 1 - full.sum(axis=0) / np.maximum(left.sum(axis=0), 1e-30)
+    improved = np.mean((left > full)[_acting(design, fitted, group)], axis=0)
+    acts = [j for j in range(design.dof) if len(design.present(j, group.ids)[0])]
+    joint = acts[int(np.argmax(fall[acts]))]
+    by = None
+    if nats < least(task, fitted.members, group) or not possible(fitted, group):
+        pass
+    elif np.any(rules.lower(relative, share) & (improved >= MOST_FOLDS)):
+        by = "fit"
+    elif spares_model(task, group, nats, big, small):
+        by = "plausibility"
+    at_joint = float(relative[joint]), float(share[joint])
+    return Tested(group, nats, by, joint, *at_joint, int(np.argmax(fall)))
+
+
+def _acting(design: Design, fitted: Fit, group: Group) -> Array:
+    """Folds in which a member does anything; the others have no say. Shape (folds,).
+
+    A sensor that saturates does so in those logs alone that ask for so much.
+    """
+    theta, power = fitted.of(group), np.zeros(design.folds)
+    for j in range(design.dof):
+        place, have = design.present(j, group.ids)
+        gram = design.gram[j][:, place[:, None], place]
+        power += (gram @ theta[have]) @ theta[have] / design.rms[j] ** 2
+    return power > SILENT * power.max()
+
+
+def passed(task: Task, fitted: Fit) -> tuple[Fit, list[Tested]]:
+    """Drop the members that fail, weakest first, until all pass."""
+    while True:
+        tested = gate(task, fitted)
+        failed = [t for t in tested if t.by is None]
+        if not failed:
+            return fitted, tested
+        worst = min(failed, key=lambda t: t.nats)
+        rest = [g for g in fitted.members if g is not worst.group]
+        fitted = task.settle(task.fit(rest, fitted))
+
+
+def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], float]:
+    """What could stand in a member's place, and how sure its class is.
+
+    Returns:
+        Candidates within 6 nats of the member when swapped in, nearest first; the
+        probability of that class against every other candidate and against nothing.
+    """
+    rest = [g for g in fitted.members if g is not group]
+    without = task.fit(rest, fitted)
+    own = task.net_gain(fitted, without, group)
+    ranked = best(task, without, instead=group)
+    had = np.maximum(without.sse, 1e-30)
+    removed = np.maximum(without.sse - fitted.sse, 0) / had
+    joint = int(np.argmax(removed))
+
+    def stands_in(value: float, other: Group, big: Fit) -> bool:
+        """It explains what the member explains, and not something else beside it.
+
+        Of one family it need not do so within 6 nats: which form a static torque has
+        rests on the shape alone, and no real one has just the shape of the textbook.
+        """
+        fall = (without.sse[joint] - big.sse[joint]) / had[joint]
+        kin = other.effect.family and other.effect.family == group.effect.family
+        if kin:
+            return fall > KIN * removed[joint]
+        return own - value < CLASS and fall > 0.5 * removed[joint]
+
+    near = [g for value, g, big in ranked if stands_in(value, g, big)]
+    far = [value for value, g, _ in ranked if g not in near]
+    inside = np.exp([0.0, *(min(v - own, 50) for v, g, _ in ranked if g in near)]).sum()
+    outside = np.exp([min(v - own, 50) for v in [0.0, *far]]).sum()
+    return near, float(inside / (inside + outside))
+
+
+def simplest(task: Task, fitted: Fit) -> Fit:
+    """Prefer the simpler of two names that the data cannot tell apart.
+
+    A member gives way to an alternative with fewer coefficients and shape parameters
+    that explains the same within 3 nats (odds of 20 to 1).
+    """
+    for group in fitted.members:
+        rest = [g for g in fitted.members if g is not group]
+        without = task.fit(rest, fitted)
+        # Priced as if alone: one of several joints has no lead over its alternative.
+        own = task.net_gain(fitted, without, replace(group, fellows=1))
+        for value, other, _ in best(task, without, instead=group):
+            if own - value < SIMPLER and _size(other) < _size(group):
+                stand_in = replace(other, fellows=group.fellows)
+                fitted = task.settle(task.fit((*rest, stand_in), without))
+                break
+    return fitted
+
+
+def _size(group: Group) -> float:
+    """Number of free numbers of a group, and how far-fetched it is beside others."""
+    shape = group.effect.refine is not None
+    return len(group.ids) + shape + group.effect.far_fetched

@@ -1,0 +1,1 @@
+"""What remains after the findings, and what it depends on."""

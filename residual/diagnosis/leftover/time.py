@@ -1,0 +1,216 @@
+"""Does a leftover that no state explains follow time: a line in its spectrum, a drift?
+
+Both are judged on blocks of rows left out. A line is one frequency for all logs, its
+phase each log's own; a drift is what the neighbouring blocks predict, farther apart
+than the motion remembers, so that a function of the state does not look like one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.diagnosis.leftover.curves import CHANCE, DRAWS, LEAST, MOST_FOLDS
+from residual.recording import Array
+
+PIECE = 20.0  # s: longest stretch over which a phase is believed to hold
+PARTS = 5  # of a piece, left out in turn
+SLOWEST = 3.0  # periods that a piece must hold at least
+FINE = 0.5  # step of the frequencies, in units of 1 / piece
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Line:
+    """A leftover on its time line.
+
+    Attributes:
+        t: Time of each row [s]. Shape (n,).
+        left: Leftover [N m]. Shape (n,).
+        log: Log of each row, from 0. Shape (n,).
+        side: Direction of motion of the joint, -1 or 1. Shape (n,).
+        power: Squared leftover beyond the noise, summed over the rows [N^2 m^2].
+        memory: Time over which the motion of each log remembers itself [s]. (logs,)
+        cutoff: Highest frequency to look at [Hz].
+    """
+
+    t: Array
+    left: Array
+    log: Array
+    side: Array
+    power: float
+    memory: Array
+    cutoff: float
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """What a leftover owes to time.
+
+    Attributes:
+        on: "frequency" or "t".
+        share: Fall of the left-out squared error, as a share of the leftover.
+        frequency: Of the line [Hz]; None for a drift.
+        by_direction: Whether the drift is one of friction: it changes sign with speed.
+    """
+
+    on: str
+    share: float
+    frequency: float | None = None
+    by_direction: bool = False
+
+
+def line_of(line: Line) -> Clock | None:
+    """A frequency that predicts left-out blocks, beyond red noise that does not."""
+    pieces = _pieces(line)
+    span = max(np.ptp(line.t[p]) for p in pieces)
+    low, high = SLOWEST / span, line.cutoff
+    if not low < high:
+        return None
+    grid = np.arange(low, high, FINE / span)
+    block = np.column_stack([line.left, _red(line)])
+    fall, chosen = _left_out_line(line, pieces, grid, block)
+    total = fall.sum(axis=0)
+    chance = np.mean(np.append(total[1:], np.inf) >= total[0])
+    share = total[0] / max(line.power, 1e-300)
+    logs = np.array([line.log[p[0]] for p in pieces])
+    if share < LEAST or chance > CHANCE or _improved(fall[:, 0], logs) < MOST_FOLDS:
+        return None
+    return Clock("frequency", min(float(share), 1.0), float(grid[chosen]))
+
+
+def drift_of(line: Line) -> Clock | None:
+    """A change with time that blocks on both sides of a left-out one predict."""
+    tried = []
+    for by_direction in (False, True):
+        side = line.side if by_direction else np.ones(len(line.left))
+        values = side * line.left
+        own, order = _drift(line, values, None), []
+        rng = np.random.default_rng(0)
+        for _ in range(DRAWS):
+            order.append(_drift(line, values, rng).sum())
+        chance = np.mean(np.append(order, np.inf) >= own.sum())
+        share = own.sum() / max(line.power, 1e-300)
+        if share >= LEAST and chance <= CHANCE / 2 and np.mean(own > 0) >= MOST_FOLDS:
+            share = min(float(share), 1.0)
+            tried.append(Clock("t", share, by_direction=by_direction))
+    return max(tried, key=lambda c: c.share, default=None)
+
+
+def _pieces(line: Line) -> list[Array]:
+    """Rows of each log, cut into stretches of 20 s or less."""
+    out = []
+    for log in np.unique(line.log):
+        rows = np.flatnonzero(line.log == log)
+        count = max(1, int(np.ceil(np.ptp(line.t[rows]) / PIECE)))
+        at = (line.t[rows] - line.t[rows[0]]) / max(np.ptp(line.t[rows]), 1e-9)
+        part = np.minimum((at * count).astype(int), count - 1)
+        own = [rows[part == k] for k in range(count)]
+        out += [r for r in own if len(r) >= 10 * PARTS]
+    return out or [np.arange(len(line.t))]
+
+
+def _left_out_line(
+    line: Line, pieces: list[Array], grid: Array, block: Array
+) -> tuple[Array, int]:
+    """Fall of the squared error of every piece, and the frequency all rows choose.
+
+    For every turn one block of each piece is left out; the frequency is the one that
+    serves the other blocks of all pieces best, the phase each piece's own.
+
+    Returns:
+        Shape (pieces, b), and an index into the grid.
+    """
+    sums = [_sums(line.t[p], block[p], grid) for p in pieces]
+    falls = np.zeros((len(pieces), block.shape[1]))
+    for out in range(PARTS):
+        train = [(g.sum(0) - g[out], c.sum(0) - c[out]) for g, c in sums]
+        fits = [_solved(g, c) for g, c in train]
+        served = sum(
+            np.einsum("ifb,ifb->fb", theta, c)
+            for theta, (_, c) in zip(fits, train, strict=True)
+        )
+        best = np.argmax(served, axis=0)
+        every = np.arange(block.shape[1])
+        for k, (theta, (g, c)) in enumerate(zip(fits, sums, strict=True)):
+            own, gram, cross = theta[:, best, every], g[out][best], c[out]
+            bend = np.einsum("ib,bij,jb->b", own, gram, own)
+            falls[k] += 2 * (own * cross[:, best, every]).sum(0) - bend
+    whole = [(g.sum(0), c.sum(0)[:, :, :1]) for g, c in sums]
+    served = sum((_solved(g, c) * c).sum(axis=(0, 2)) for g, c in whole)
+    return falls, int(np.argmax(served))
+
+
+def _sums(t: Array, block: Array, grid: Array) -> tuple[Array, Array]:
+    """Gram and cross products of cosine and sine in each part of a piece.
+
+    Returns:
+        Shapes (parts, f, 2, 2) and (parts, 2, f, b).
+    """
+    angle = 2 * np.pi * np.outer(t - t[0], grid)
+    waves = np.stack([np.cos(angle), np.sin(angle)])
+    grams, crosses = [], []
+    for rows in np.array_split(np.arange(len(t)), PARTS):
+        own = waves[:, rows]
+        grams.append(np.einsum("irf,jrf->fij", own, own))
+        crosses.append(own.transpose(0, 2, 1) @ block[rows])
+    return np.array(grams), np.array(crosses)
+
+
+def _solved(gram: Array, cross: Array) -> Array:
+    """Amplitudes of cosine and sine, stiffened by one part in a hundred. (2, f, b)."""
+    size = 0.01 * np.trace(gram, axis1=1, axis2=2) / 2 + 1e-12
+    inverse = np.linalg.inv(gram + size[:, None, None] * np.eye(2))
+    return np.einsum("fij,jfb->ifb", inverse, cross)
+
+
+def _red(line: Line) -> Array:
+    """Noise of the leftover's size and lag-1 correlation, row after row. (n, DRAWS)."""
+    rng = np.random.default_rng(0)
+    left = line.left - line.left.mean()
+    near = (np.diff(line.log) == 0) & (np.diff(line.t) < 2 * np.median(np.diff(line.t)))
+    a = float(left[1:][near] @ left[:-1][near] / max(left @ left, 1e-300))
+    a = min(max(a, 0.0), 0.9999)
+    out = rng.normal(size=(len(left), DRAWS))
+    scale = np.sqrt(1 - a**2)
+    for i in range(1, len(out)):
+        out[i] = a * out[i - 1] + scale * out[i]
+    return out * left.std()
+
+
+def _drift(line: Line, values: Array, rng: np.random.Generator | None) -> Array:
+    """Fall of each log's squared error by the means of neighbouring blocks.
+
+    Args:
+        line: The rows.
+        values: Leftover, turned with the motion or not. Shape (n,).
+        rng: Shuffles the blocks of each log; None to leave them in order.
+
+    Returns:
+        Shape (logs,); logs of fewer than four blocks are left out.
+    """
+    out = []
+    for log in np.unique(line.log):
+        rows = line.log == log
+        t = line.t[rows] - line.t[rows][0]
+        place = (t / line.memory[log]).astype(int)
+        _, place = np.unique(place, return_inverse=True)
+        count = np.bincount(place).astype(float)
+        total = np.bincount(place, values[rows] - values[rows].mean())
+        if len(count) < 4:
+            continue
+        if rng is not None:
+            order = rng.permutation(len(count))
+            count, total = count[order], total[order]
+        beside = _beside(total) / np.maximum(_beside(count), 1.0)
+        out.append((2 * beside * total - beside**2 * count).sum())
+    return np.array(out or [0.0])
+
+
+def _beside(x: Array) -> Array:
+    """Sum of the neighbours on both sides."""
+    padded = np.concatenate([[0.0], x, [0.0]])
+    return padded[:-2] + padded[2:]
+
+
+def _improved(fall: Array, logs: Array) -> float:
+    """Share of the logs whose error falls."""
+    return float(np.mean([fall[logs == k].sum() > 0 for k in np.unique(logs)]))

@@ -1,0 +1,200 @@
+"""What chance alone brings about: the record of a calibrated null, and its use.
+
+Recordings in which nothing is missing are made and searched (`null_draws`). How large
+their evidence gets says what evidence is worth on this robot, with such logs and such
+noise; where one of them is named something, that is a false alarm.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+
+from residual.diagnosis.null_key import Key
+from residual.errors import InputError
+
+QUANTILE = 0.95
+TAIL = 0.2  # share of the draws that the tail is fitted to
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """A calibrated null.
+
+    Attributes:
+        id: Id of its record, or name of its file.
+        key: What it was made for.
+        nats: Per draw, the largest evidence of any candidate [nats].
+        net: The same less the price of the choice [nats].
+        named: Per draw, whether the whole search and gate named something.
+        block: Per draw, which recording of encoder noise it shares.
+        seed: Seed of the draws.
+        scale: Relative scale by which the nominal model was redrawn.
+    """
+
+    id: str
+    key: Key
+    nats: tuple[float, ...]
+    net: tuple[float, ...]
+    named: tuple[bool, ...]
+    block: tuple[int, ...]
+    seed: int
+    scale: float | None
+
+    def p_value(self, nats: float) -> float:
+        """Chance of as much evidence where nothing is missing.
+
+        (1 + draws with as much) / (1 + draws)        (Davison & Hinkley 1997, eq. 4.11)
+
+        Args:
+            nats: Evidence of a name, as a verdict has it [nats].
+        """
+        return float((1 + np.sum(np.array(self.nats) >= nats)) / (1 + len(self.nats)))
+
+    @cached_property
+    def loud(self) -> float:
+        """Evidence, price paid, that 95 % of the draws stay below [nats]."""
+        return float(np.quantile(self.net, QUANTILE))
+
+    def threshold(self, least: float) -> float:
+        """The evidence that a name needs: the rule's, or more where chance has it."""
+        return max(least, self.loud)
+
+    def alarms(self, threshold: float) -> int:
+        """Draws in which something was named with at least that evidence."""
+        return int(np.sum(np.array(self.named) & (np.array(self.net) >= threshold)))
+
+    def beyond(self, net: float) -> float:
+        """Chance of more evidence than that, by an exponential tail.
+
+        Fitted to the excess of the largest fifth of the draws, for what lies beyond
+        the largest: an extrapolation.
+
+        Args:
+            net: Evidence, price paid [nats].
+        """
+        values = np.array(self.net)
+        start = np.quantile(values, 1 - TAIL)
+        if net <= start:
+            return float(np.mean(values >= net))
+        above = values[values > start] - start
+        mean = max(float(above.mean()), 1e-9) if len(above) else 1e-9
+        return float(TAIL * np.exp(-(net - start) / mean))
+
+    @property
+    def independent(self) -> float:
+        """As how many independent draws these count.
+
+        Draws of one block share their encoder noise and resemble one another by the
+        intra-class correlation r of their evidence: n / (1 + (m - 1) r) for m a block.
+        """
+        ranks = np.argsort(np.argsort(self.net)).astype(float)
+        groups = [ranks[np.array(self.block) == b] for b in sorted(set(self.block))]
+        size, count = len(ranks) / len(groups), len(groups)
+        if size <= 1 or count < 2:
+            return float(len(ranks))
+        between = sum(len(g) * (g.mean() - ranks.mean()) ** 2 for g in groups)
+        within = sum(((g - g.mean()) ** 2).sum() for g in groups)
+        between, within = between / (count - 1), within / max(len(ranks) - count, 1)
+        alike = (between - within) / max(between + (size - 1) * within, 1e-300)
+        return float(len(ranks) / (1 + (size - 1) * np.clip(alike, 0, 1)))
+
+    def rate(self, threshold: float) -> tuple[float, float, float]:
+        """False-alarm rate at a threshold with its 95 % interval (Wilson 1927)."""
+        n, p = self.independent, self.alarms(threshold) / len(self.net)
+        z = 1.96
+        middle, whole = p + z * z / (2 * n), 1 + z * z / n
+        half = z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+        low, high = max(0.0, middle - half) / whole, min(1.0, (middle + half) / whole)
+        return p, float(low), float(high)
+
+    def sentence(self, least: float) -> str:
+        """Which null was used, and the false-alarm rate that it states.
+
+        Args:
+            least: The rule's own threshold [nats].
+        """
+        threshold = self.threshold(least)
+        p, low, high = self.rate(threshold)
+        return (
+            f"null {self.id}: {self.alarms(threshold)} of {len(self.net)} recordings "
+            f"with nothing missing were given a name, a false-alarm rate of "
+            f"{100 * p:.1f} % (95 %: {100 * low:.1f} to {100 * high:.1f} %); a name "
+            f"needs {threshold:.1f} nats, 95 % of them stay below {self.loud:.1f}"
+        )
+
+
+def fitting(null: Null | Sequence[Null] | None, key: Key) -> Null | None:
+    """The null that holds for some logs.
+
+    Args:
+        null: One that is wanted, or several to choose from.
+        key: Key of the logs.
+
+    Returns:
+        The one that is wanted, or of several the first that holds; None if none does.
+
+    Raises:
+        InputError: If the one that is wanted was made for something else.
+    """
+    if not isinstance(null, Null):
+        return next((n for n in null or () if not n.key.mismatch(key)), None)
+    why = null.key.mismatch(key)
+    if why:
+        raise InputError(
+            f"The null {null.id} was calibrated for {why}. Make one for these logs: "
+            "modelgap calibrate-null LOG ... --robot R."
+        )
+    return null
+
+
+def said(null: Null | None, least: float) -> tuple[list[str], list[str]]:
+    """What a diagnosis says of its null: warnings and notes.
+
+    Args:
+        null: The one that it went by, None for none.
+        least: The rule's own threshold [nats].
+    """
+    if null:
+        return [null.sentence(least)], []
+    constant = (
+        f"the evidence threshold is a constant, {least:g} nats: no null was "
+        "calibrated for this robot, plan and noise (modelgap calibrate-null), so no "
+        "p-value can be given"
+    )
+    return [], [constant]
+
+
+def to_record(null: Null) -> dict:
+    """A null as JSON can hold it."""
+    key = {f.name: getattr(null.key, f.name) for f in fields(Key)}
+    own = ("nats", "net", "named", "block", "seed", "scale")
+    return {"key": key, **{name: getattr(null, name) for name in own}}
+
+
+def from_record(record: Mapping, id: str) -> Null:
+    """The way back.
+
+    Args:
+        record: What `to_record` made.
+        id: Id of the record, or name of the file.
+
+    Raises:
+        InputError: If it is no such record.
+    """
+    try:
+        key = {f.name: _frozen(record["key"][f.name]) for f in fields(Key)}
+        draws = [tuple(record[name]) for name in ("nats", "net", "named", "block")]
+        null = Null(id, Key(**key), *draws, record["seed"], record["scale"])
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            f"{id} is no null: {error}. Make one with modelgap calibrate-null."
+        ) from error
+    if not null.net or len({len(d) for d in draws}) > 1:
+        raise InputError(f"{id} is no null: its lists differ in length, or are empty.")
+    return null
+
+
+def _frozen(value):
+    return tuple(value) if isinstance(value, list) else value

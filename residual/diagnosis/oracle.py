@@ -1,0 +1,123 @@
+"""What one would reach who is told the missing effects: the measure of a diagnosis.
+
+The same logs, model, prior and fit as the diagnosis, but nothing is searched: the names
+and joints are given, their values are fitted. A diagnosis that predicts as well has
+lost nothing by having to find them.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual.diagnosis.baseline import from_baseline
+from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.diagnose import Diagnosis
+from residual.diagnosis.search import Rules, Task, refined
+from residual.effects import registry
+from residual.effects.base import Effect, Joints
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, fit
+from residual.evidence.priors import priors
+from residual.evidence.states import as_model, first_look, physical
+from residual.model.compare import Errors, compare, witnesses
+from residual.model.fit_logs import Logs, ready, start_nominal
+from residual.model.nominal import Nominal, declared_names
+from residual.names import check_name
+from residual.recording import Recording
+from residual.robot.robot import Robot
+from residual.signals.split import session_clock
+from residual.signals.track import Filters
+
+Told = tuple[str, tuple[int, ...]]
+
+
+def oracle(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    effects: Sequence[Told],
+    declared: Sequence[str] | None = None,
+    baseline: Sequence[Recording] = (),
+) -> Errors:
+    """Fit the effects that one is told of, and predict the held-out logs.
+
+    Args:
+        robot: The arm as the user describes it.
+        recordings: Logs to fit.
+        held_out: Logs for the proof.
+        effects: Name and joints, from 1, of each missing effect.
+        declared: Effects that the model has; None for the robot's own list.
+        baseline: Logs of the arm as commissioned.
+
+    Returns:
+        Errors on the held-out logs.
+
+    Raises:
+        UnknownNameError: If there is no such effect.
+    """
+    names, filters = declared_names(robot, declared), Filters()
+    logs = ready(robot, recordings, session_clock([*recordings, *held_out]), filters)
+    if baseline:
+        nominal = from_baseline(robot, baseline, names, logs, lambda stage, share: None)
+    else:
+        nominal = start_nominal(logs, names)
+    wanted = [pair for told in effects for pair in _placed(told, robot.dof)]
+    task, fitted = _best(first_look(logs, nominal), logs, nominal, wanted)
+    if wanted:
+        # As after a find: features that read the model's torque are made of the better.
+        named = physical(as_model(nominal, fitted))
+        design = first_look(logs, nominal, named)
+        task, fitted = _best(design, logs, nominal, wanted)
+    # Without an adequacy: nobody asks this one what is left.
+    found = Diagnosis(
+        logs, nominal, task, task.prior, fitted, fitted, (), (), adequacy=None
+    )
+    proof = witnesses(held_out, nominal.model)
+    errors, _ = compare({"told": found.model(fitted)}, proof, filters)
+    return errors["told"]
+
+
+def _placed(told: Told, dof: int) -> list[tuple[Effect, Joints]]:
+    """Return an effect with the joints (from 0) of each of its candidates."""
+    name, joints = told
+    effect = registry()[check_name(name, registry(), "effect")]
+    if effect.scope == "global":
+        return [(effect, ())]
+    if effect.scope == "flange":
+        return [(effect, (dof - 1,))]
+    if effect.scope == "pair":
+        return [(effect, tuple(sorted(j - 1 for j in joints)))]
+    return [(effect, (j - 1,)) for j in joints]
+
+
+def _best(
+    design: Design,
+    logs: Logs,
+    nominal: Nominal,
+    wanted: Sequence[tuple[Effect, Joints]],
+) -> tuple[Task, Fit]:
+    """Return the fit under the prior that these logs are likeliest under."""
+    runs = []
+    for prior in priors(design, nominal):
+        task = Task(design, prior, Candidates((), {}), Rules())
+        runs.append((task, _fitted(task, logs, wanted)))
+    counted = np.max([fitted.counted for _, fitted in runs], axis=0)
+
+    def worth(run: tuple[Task, Fit]) -> float:
+        task, fitted = run
+        return fit(design, task.prior, fitted.members, counted, rounds=4).score
+
+    return max(runs, key=worth)
+
+
+def _fitted(task: Task, logs: Logs, wanted: Sequence[tuple[Effect, Joints]]) -> Fit:
+    """Fit all of them, the shape of each searched as in a diagnosis."""
+    current = task.start()
+    for effect, joints in wanted:
+        shapes = effect.shapes(logs.span, joints[0] if joints else 0)
+        groups = task.design.add([(effect, joints, shape) for shape in shapes])
+        trials = [task.fit((*current.members, g), current) for g in groups]
+        best = max(trials, key=lambda trial: trial.score)
+        members = refined(task, best.members, current)
+        current = task.settle(task.fit(members, current))
+    return current

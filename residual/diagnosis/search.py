@@ -1,0 +1,287 @@
+"""Search for the set of effects with the most evidence: add, refine, swap, delete."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.diagnosis.candidates import Candidates
+from residual.evidence.design import Design, Group
+from residual.evidence.fit import Fit, Prior, fit, gain, settled, start
+from residual.evidence.screen import screen
+from residual.recording import Array
+
+HARMONIC = 1.5  # ratio of orders from which two ripples are two
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """Thresholds of the search and of the gate (measured: docs/method.md).
+
+    Attributes:
+        threshold: Evidence that a name must win [nats].
+        plausible: The same where only implausible parameters speak for it [nats].
+        tolerance: Least fall of a joint's error, as a share of torque rms.
+        share: Least share of what was left unexplained.
+        clear: The share from which half of the tolerance is enough.
+        size: Least torque of a name won by plausibility, as a share of rms.
+        bent: Least part of such a win that the nominal parameters' prior saves.
+        most: Most effects to add.
+        shortlist: Candidates that get an exact look per step.
+    """
+
+    threshold: float = 10.0
+    plausible: float = 30.0
+    tolerance: float = 0.005
+    share: float = 0.08
+    clear: float = 0.15
+    size: float = 0.02
+    bent: float = 0.2
+    most: int = 6
+    shortlist: int = 15
+
+    def lower(self, fall: Array, share: Array) -> Array:
+        """Where an error falls by enough: of torque rms, and of what was left."""
+        usual = (fall >= self.tolerance) & (share >= self.share)
+        return usual | ((fall >= self.tolerance / 2) & (share >= self.clear))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Task:
+    """What a search works on: data, prior, candidates and rules."""
+
+    design: Design
+    prior: Prior
+    candidates: Candidates
+    rules: Rules
+
+    def fit(self, members: Sequence[Group], like: Fit, rounds: int = 3) -> Fit:
+        """Fit a set with the row counts and noise of another fit to start from."""
+        counted, variance = like.counted, like.variance
+        return fit(self.design, self.prior, members, counted, variance, rounds)
+
+    def settle(self, fitted: Fit) -> Fit:
+        """Count rows anew by the fit's own residual and fit again."""
+        return settled(self.design, self.prior, fitted)
+
+    def start(self) -> Fit:
+        """Fit of the nominal structure alone."""
+        return start(self.design, self.prior)
+
+    def net_gain(self, big: Fit, small: Fit, group: Group) -> float:
+        """Evidence of ``big`` over ``small`` less the price of the group [nats]."""
+        value, _, _ = gain(self.design, self.prior, big, small)
+        return value - self.candidates.cost(group)
+
+
+def search(task: Task) -> Fit:
+    """Add the best effect while one is worth it; then swap and delete.
+
+    Returns:
+        The fit of the chosen set; its members are single-joint groups.
+    """
+    current, rules = task.start(), task.rules
+    for _ in range(rules.most):
+        ranked = best(task, current)
+        if not ranked or ranked[0][0] < rules.threshold:
+            break
+        chosen = ranked[0][1]
+        members = (*current.members, *(chosen.parts or (chosen,)))
+        current = task.settle(task.fit(refined(task, members, current), current))
+        if not chosen.parts:
+            current = _swap(task, current, _rows(task, chosen))
+        current = _delete(task, current)
+    return current
+
+
+def best(
+    task: Task, base: Fit, instead: Group | None = None
+) -> list[tuple[float, Group, Fit]]:
+    """Admissible additions to a fit, most evidence first: (net gain, group, fit).
+
+    Args:
+        task: What is searched.
+        base: The fit to add to.
+        instead: A member that was taken out: only what acts on its joints, and is not
+            the same candidate, may stand in for it.
+    """
+    found = []
+    for group in _shortlist(task, base, instead):
+        members = (*base.members, group)
+        trial = fit(task.design, task.prior, members, task.design.rows / 4)
+        value, big, small = gain(
+            task.design, task.prior, replace(trial, counted=base.counted), base
+        )
+        value -= task.candidates.cost(group)
+        if admissible(task, group, value, big, small):
+            found.append((value, group, big))
+    return sorted(found, key=lambda item: -item[0])
+
+
+def _rows(task: Task, group: Group) -> set[int]:
+    """Joints on which a group's columns act."""
+    return set(group.effect.rows(group.joints, task.design.dof))
+
+
+def _shortlist(task: Task, base: Fit, instead: Group | None) -> list[Group]:
+    """The best shape of the most promising keys, at most a third of them per joint."""
+    groups = task.candidates.groups
+    if instead is not None:
+        where = _rows(task, instead)
+        groups = [g for g in groups if not g.parts and where & _rows(task, g)]
+    values = screen(task.design, task.prior, base, groups)
+    values -= [task.candidates.cost(g) for g in groups]
+    taken = {g.key for g in base.members if g.effect.name != "ripple"}
+    if instead is not None:
+        taken.add(instead.key)
+    families = {(g.effect.family, g.joints) for g in base.members if g.effect.family}
+    chosen, per_joint, limit = {}, {}, task.rules.shortlist
+    for i in np.argsort(-values):
+        g = groups[i]
+        if values[i] < task.rules.threshold / 4 or len(chosen) >= limit:
+            break
+        place = g.joints if len(g.joints) == 1 else ()
+        barred = g.key in taken or g.key in chosen or _overlaps(g, taken)
+        barred = barred or any(_neighbours(g, other) for other in base.members)
+        if barred or (g.effect.family, g.joints) in families:
+            continue
+        if per_joint.get(place, 0) >= max(1, limit // 3):
+            continue
+        chosen[g.key] = g
+        per_joint[place] = per_joint.get(place, 0) + 1
+    return list(chosen.values())
+
+
+def _neighbours(one: Group, other: Group) -> bool:
+    """Two ripples of near order on one joint are a pair that cancels, not two."""
+    if one.effect is not other.effect or one.joints != other.joints or not one.shape:
+        return False
+    ratio = one.shape[0] / other.shape[0]
+    return 1 / HARMONIC < ratio < HARMONIC
+
+
+def _overlaps(group: Group, taken: set) -> bool:
+    return any(part.key in taken for part in group.parts)
+
+
+def admissible(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
+    """Does the effect lower the error, or spare the model beyond belief?"""
+    if not possible(big, group):
+        return False
+    return lowers_error(task, big, small) or spares_model(
+        task, group, value, big, small
+    )
+
+
+def possible(fitted: Fit, group: Group) -> bool:
+    """Whether an arm can have an effect as it came out of the fit."""
+    if group.parts:
+        return True
+    return group.effect.possible(fitted.of(group), group.shape)
+
+
+def lowers_error(task: Task, big: Fit, small: Fit) -> bool:
+    """The error of some joint falls by enough, of torque and of what was left."""
+    design = task.design
+    fall = np.maximum(small.sse - big.sse, 0)
+    relative = np.sqrt(fall / design.rows) / design.rms
+    share = fall / np.maximum(small.sse, 1e-300)
+    return bool(np.any(task.rules.lower(relative, share)))
+
+
+def spares_model(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
+    """The refit can imitate the effect, but only with implausible parameters."""
+    rules = task.rules
+    if value < rules.plausible or small.bent - big.bent < rules.bent * value:
+        return False
+    return bool(torque_share(task.design, big, group).max() >= rules.size)
+
+
+def torque_share(design: Design, fitted: Fit, group: Group) -> Array:
+    """Rms torque of a member on each joint, as a share of torque rms. Shape (dof,)."""
+    theta, out = fitted.of(group), np.zeros(design.dof)
+    for j in range(design.dof):
+        place, have = design.present(j, group.ids)
+        if len(place):
+            gram = design.total(j)[0][np.ix_(place, place)]
+            power = theta[have] @ gram @ theta[have] / design.rows[j]
+            out[j] = np.sqrt(max(power, 0.0)) / design.rms[j]
+    return out
+
+
+def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...]:
+    """The set with the last member's nonlinear parameter searched off the grid."""
+    *others, last = members
+    how = last.effect.refine
+    if how is None:
+        return tuple(members)
+    ratio = how.step == "ratio"
+    offsets = np.linspace(-how.reach, how.reach, 7)
+    centre, winner, top = last.shape[0], last, -np.inf
+    for _ in range(3):
+        points = centre * np.exp(offsets) if ratio else centre + offsets
+        points = np.unique(np.clip(points, how.lower, how.upper))
+        shapes = [
+            (last.effect, last.joints, (float(x), *last.shape[1:])) for x in points
+        ]
+        for group in task.design.add(shapes):
+            counted = task.design.rows / 4
+            trial = fit(
+                task.design, task.prior, (*others, group), counted, like.variance
+            )
+            if trial.score > top and possible(trial, group):
+                top, winner = trial.score, group
+        centre = winner.shape[0]
+        offsets = np.array([-0.5, -0.2, 0.2, 0.5]) * (offsets[-1] - offsets[0]) / 6
+    return (*others, winner)
+
+
+def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
+    """Replace a member where another candidate explains the same better by 1 nat.
+
+    Only members that share a joint with the last addition are looked at: nothing
+    changed for the others. One of several joints that came together gives way to
+    something else only for as much as a name of its own would need.
+    """
+    for _ in range(2):
+        for group in current.members:
+            if not where & _rows(task, group):
+                continue
+            rest = tuple(g for g in current.members if g is not group)
+            without = task.fit(rest, current)
+            own = task.net_gain(current, without, group)
+            ranked = best(task, without, instead=group)
+            margin = 1.0 if group.fellows == 1 else task.rules.threshold
+            if ranked and ranked[0][0] > own + margin:
+                members = refined(task, (*rest, ranked[0][1]), without)
+                current = task.settle(task.fit(members, without))
+                break
+        else:
+            return current
+    return current
+
+
+def _delete(task: Task, current: Fit) -> Fit:
+    """Drop members that no longer carry their own weight.
+
+    Members of a group that came together stay while they carry any: the name stands
+    already, and what a joint still lacks makes its rows count for little.
+    """
+    for group in current.members:
+        rest = tuple(g for g in current.members if g is not group)
+        without = task.fit(rest, current)
+        value, _, _ = gain(task.design, task.prior, current, without)
+        if value < least(task, current.members, group):
+            current = task.settle(without)
+    return current
+
+
+def least(task: Task, members: Sequence[Group], group: Group) -> float:
+    """Evidence that a member must carry to stay [nats].
+
+    None for one of several joints, as long as half of the arm's joints have the name.
+    """
+    name = group.effect.name
+    fellows = [g for g in members if g.fellows > 1 and g.effect.name == name]
+    enough = group in fellows and len(fellows) >= max(2, task.design.dof / 2)
+    return 0.0 if enough else task.rules.threshold

@@ -1,0 +1,148 @@
+"""Standard deviations of what is reported: noise, logs that disagree, other forms."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from residual.diagnosis.diagnose import Diagnosis
+from residual.diagnosis.search import refined
+from residual.effects.base import Effect
+from residual.evidence.design import Design, Group
+from residual.evidence.fit import Fit, fit
+from residual.recording import Array
+
+USUAL = 0.975  # quantile at two standard deviations
+STEP = 1e-3  # relative step of the numerical derivatives
+
+
+def standard_deviations(
+    diagnosis: Diagnosis, fitted: Fit, sizes: Mapping[int, tuple[Array, Array]]
+) -> dict[int, Array]:
+    """Standard deviation of every parameter of every member.
+
+    The largest of three: by the noise, by how much logs disagree, and by other forms of
+    the effect. A searched shape is uncertain too: its derivative columns join the fit
+    (Gauss-Newton), and the parameters' covariance follows by linearisation.
+
+    Args:
+        diagnosis: The diagnosis.
+        fitted: Its fit.
+        sizes: For the id of each member its coefficients and what is doubtful of them
+            beside the noise. Shapes (k,), (k, k).
+
+    Returns:
+        Standard deviations for the id of each member. Shapes (parameters,).
+    """
+    task = diagnosis.task
+    extra = {id(g): _slope(task.design, g, fitted.of(g)) for g in fitted.members}
+    slopes = [s for s in extra.values() if s is not None]
+    full = fit(
+        task.design,
+        diagnosis.wide,
+        (*fitted.members, *slopes),
+        fitted.counted,
+        fitted.variance,
+        rounds=1,
+    )
+    covariance, between = full.covariance(), _between_logs(task.design, full)
+    out = {}
+    for g in fitted.members:
+        slope = extra[id(g)]
+        slots = full.slots(g)
+        if slope is not None:
+            slots = np.concatenate([slots, full.slots(slope)])
+        theta, doubt = sizes[id(g)]
+        jacobian = _jacobian(g, theta, diagnosis.logs.robot, slope is not None)
+        own = [c[np.ix_(slots, slots)] for c in (covariance, between)]
+        for c in own:
+            c[: len(theta), : len(theta)] += doubt
+        variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in own]
+        variance.append(_form_doubt(diagnosis, fitted, g) ** 2)
+        out[id(g)] = np.sqrt(np.maximum.reduce(variance))
+    return out
+
+
+def _between_logs(design: Design, full: Fit) -> Array:
+    """Covariance by how much the logs disagree on the coefficients. Shape (m, m).
+
+    No effect has the very form of a textbook, and what is left of it pulls each log its
+    own way: a sandwich of the scores of the folds (Liang & Zeger 1986). Of so few, two
+    standard deviations are made to hold what Student's t holds.
+    """
+    weight = full.weight(design.rows)
+    pulls = np.zeros((design.folds, len(full.ids)))
+    for j in range(design.dof):
+        place, have = design.present(j, full.ids)
+        gram = design.gram[j][:, place[:, None], place]
+        left = design.cross[j][:, place] - gram @ full.theta[have]
+        pulls[:, have] += weight[j] * left
+    pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
+    moved = pulls @ full.covariance()
+    free = max(design.folds - 1, 1)
+    wider = student.ppf(USUAL, free) / norm.ppf(USUAL)
+    return wider**2 * design.folds / free * moved.T @ moved
+
+
+def _form_doubt(diagnosis: Diagnosis, fitted: Fit, group: Group) -> Array:
+    """Half of what another form of the same effect would change. Shape (parameters,).
+
+    Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: what
+    logs hold of it does not reach down to standstill, where its level is said.
+    """
+    task, effect = diagnosis.task, group.effect
+    robot = diagnosis.logs.robot
+    own = np.asarray(effect.values(fitted.of(group), group.shape, robot), dtype=float)
+    anchor = group.joints[0] if group.joints else 0
+    forms = {shape[1:] for shape in effect.shapes(diagnosis.logs.span, anchor)}
+    doubt = np.zeros_like(own)
+    for form in sorted(forms - {group.shape[1:]}):
+        shape = (group.shape[0], *form)
+        made = task.design.add([(effect, group.joints, shape)])
+        rest = [g for g in fitted.members if g is not group]
+        *_, best = refined(task, (*rest, *made), fitted)
+        theta = task.fit((*rest, best), fitted).of(best)
+        doubt = np.maximum(
+            doubt, abs(effect.values(theta, best.shape, robot) - own) / 2
+        )
+    return doubt
+
+
+def _slope(design: Design, group: Group, theta: Array) -> Group | None:
+    """Column of the derivative to the searched shape, as a group of its own."""
+    effect = group.effect
+    if effect.refine is None:
+        return None
+    x, rest = group.shape[0], group.shape[1:]
+    step = STEP * abs(x)
+
+    def columns(state, joints, shape):
+        above = effect.columns(state, joints, (x + step, *rest))
+        below = effect.columns(state, joints, (x - step, *rest))
+        return ((above - below) @ theta / (2 * step))[:, :, None]
+
+    derivative = Effect(effect.name, "", {}, columns, effect.scope)
+    (made,) = design.add([(derivative, group.joints, ())])
+    # The search was confined to the shape's own scale: 100 % of it, one sigma.
+    width = abs(x)
+    return Group(
+        derivative, group.joints, (), made.ids, np.eye(1) / width**2, -2 * np.log(width)
+    )
+
+
+def _jacobian(group: Group, theta: Array, robot, with_shape: bool) -> Array:
+    """Derivative of the parameter values to coefficients (and the first shape)."""
+    effect = group.effect
+    start = np.concatenate([theta, group.shape[:1] if with_shape else []])
+
+    def values(x: Array) -> Array:
+        shape = (x[-1], *group.shape[1:]) if with_shape else group.shape
+        return np.asarray(effect.values(x[: len(theta)], shape, robot), dtype=float)
+
+    columns = []
+    for i, x in enumerate(start):
+        step = STEP * max(abs(x), 1e-6)
+        shift = np.eye(len(start))[i] * step
+        columns.append((values(start + shift) - values(start - shift)) / (2 * step))
+    return np.column_stack(columns)

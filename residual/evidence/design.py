@@ -1,0 +1,297 @@
+"""Filtered columns of every candidate on the rows that count, and their Gram.
+
+Rows of joint j are the moving samples of joint j, all fit logs stacked. Everything
+the search needs of the data is in the Gram matrices per fold; the columns are kept
+for residuals only. Columns are only ever appended.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.effects.base import Effect, Joints, Shape, State
+from residual.model.model import Model
+from residual.recording import Array
+from residual.signals.track import Track
+
+AMPLITUDE = 0.3  # prior size of an effect's torque, as a share of torque rms
+BLOCKS_OF_ONE_LOG, BLOCKS_OF_A_LOG, ENOUGH_LOGS = 6, 3, 4
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Group:
+    """Columns that stand or fall together: one candidate finding.
+
+    Attributes:
+        effect, joints, shape: What they are; joints from 0.
+        ids: Their column numbers. Shape (k,).
+        precision: Prior precision of their coefficients. Shape (k, k).
+        log_det: Log determinant of the precision.
+        parts: For one effect on all joints at once, the groups of the single joints.
+        fellows: How many came together with this one in such a group.
+        label: Name of the candidate; the effect's own where empty.
+    """
+
+    effect: Effect
+    joints: Joints
+    shape: Shape
+    ids: Array
+    precision: Array
+    log_det: float
+    parts: tuple["Group", ...] = ()
+    fellows: int = 1
+    label: str = ""
+
+    @property
+    def key(self) -> tuple:
+        """Identity apart from a searched shape: one candidate finding per key."""
+        fixed = self.shape if self.effect.refine is None else ()
+        return (self.label or self.effect.name, self.joints, fixed)
+
+
+def fold_labels(lengths: Sequence[int]) -> list[Array]:
+    """Fold of each row of logs of such lengths: a log, or blocks where logs are few."""
+    blocks = 1
+    if len(lengths) < ENOUGH_LOGS:
+        blocks = BLOCKS_OF_ONE_LOG if len(lengths) == 1 else BLOCKS_OF_A_LOG
+    return [k * blocks + np.arange(m) * blocks // m for k, m in enumerate(lengths)]
+
+
+class Design:
+    """Columns and Gram of the nominal model and of every candidate.
+
+    Attributes:
+        dof: Number of joints.
+        nominal: Column numbers of the nominal model's coefficients. Shape (p,).
+        rms: Torque rms of each joint on its rows [N m]. Shape (dof,).
+        rows: Rows of each joint. Shape (dof,).
+        target: Filtered torque minus nominal torque on the rows, one per joint.
+        folds: Number of folds.
+    """
+
+    def __init__(self, logs: Sequence[tuple[Track, State]], model: Model) -> None:
+        self.dof = model.robot.dof
+        self._logs = list(logs)
+        self._use = [
+            [t.moving[:, j] & (np.ptp(t.tau[:, j]) > 0) for t, _ in self._logs]
+            for j in range(self.dof)
+        ]
+        self._fold = self._assign_folds()
+        self.folds = 1 + max(int(f.max(initial=0)) for f in self._fold)
+        tau = self._stack([track.tau for track, _ in self._logs])
+        self.tau = tau
+        self.rows = np.array([max(len(x), 1) for x in tau], dtype=float)
+        self.rms = np.array([np.sqrt(np.mean(x**2)) if len(x) else 1.0 for x in tau])
+        self.rms = np.maximum(self.rms, 1e-9)
+        gaps = [t.tau - t.filter(model.torque(s)) for t, s in self._logs]
+        self.target = self._stack(gaps)
+        self._x = [np.zeros((len(y), 0)) for y in self.target]
+        self.place = [np.zeros(0, dtype=int) for _ in range(self.dof)]
+        self.gram = [np.zeros((self.folds, 0, 0)) for _ in range(self.dof)]
+        self.cross = [np.zeros((self.folds, 0)) for _ in range(self.dof)]
+        self._buffers = list(zip(self._x, self.gram, self.cross, strict=True))
+        self.power = self._per_fold(self.target)
+        self.tau_power = self._per_fold(tau)
+        self._sums: list = [None] * self.dof
+        self.size = 0
+        self._add_nominal(model)
+
+    # -- building -----------------------------------------------------------------
+
+    def _assign_folds(self) -> list[Array]:
+        """Fold of each row: its log, or a block of it where logs are few."""
+        labels = fold_labels([len(track.tau) for track, _ in self._logs])
+        return [
+            np.concatenate([x[u] for x, u in zip(labels, use, strict=True)])
+            for use in self._use
+        ]
+
+    def _stack(self, per_log: Sequence[Array]) -> list[Array]:
+        return [
+            np.concatenate([x[u, j] for x, u in zip(per_log, use, strict=True)])
+            for j, use in enumerate(self._use)
+        ]
+
+    def _per_fold(self, values: Sequence[Array]) -> Array:
+        """Sum of squares per fold and joint. Shape (folds, dof)."""
+        sums = [
+            np.bincount(f, x**2, minlength=self.folds)
+            for f, x in zip(self._fold, values, strict=True)
+        ]
+        return np.stack(sums, axis=1)
+
+    def _add_nominal(self, model: Model) -> None:
+        everyone = tuple(range(self.dof))
+        ids = [self._append([s.regressor for _, s in self._logs], everyone)]
+        for term in model.terms:
+            columns = [
+                term.effect.columns(s, term.joints, term.shape) for _, s in self._logs
+            ]
+            ids.append(self._append(columns, term.effect.rows(term.joints, self.dof)))
+        self.nominal = np.concatenate(ids)
+        self.inertial = ids[0]
+
+    def look(self, states: Sequence[State]) -> None:
+        """From now on let effects see the logs with another model's torque."""
+        tracks = [track for track, _ in self._logs]
+        self._logs = list(zip(tracks, states, strict=True))
+
+    def add(self, candidates: Sequence[tuple[Effect, Joints, Shape]]) -> list[Group]:
+        """Append candidates and return their groups, in order.
+
+        Args:
+            candidates: Effect, joints from 0 and shape of each.
+        """
+        per_rows: dict[Joints, list[int]] = {}
+        for i, (effect, joints, _) in enumerate(candidates):
+            per_rows.setdefault(effect.rows(joints, self.dof), []).append(i)
+        groups: dict[int, Group] = {}
+        for rows, members in per_rows.items():
+            per_log = [
+                [e.columns(s, js, sh) for e, js, sh in (candidates[i] for i in members)]
+                for _, s in self._logs
+            ]
+            sizes = [c.shape[2] for c in per_log[0]]
+            ids = self._append([np.concatenate(c, axis=2) for c in per_log], rows)
+            parts = np.split(ids, np.cumsum(sizes)[:-1])
+            for i, own in zip(members, parts, strict=True):
+                groups[i] = self._group(candidates[i], rows, own)
+        return [groups[i] for i in range(len(candidates))]
+
+    def _append(self, per_log: Sequence[Array], rows: Joints) -> Array:
+        """Filter columns (n, rows, k) of every log and extend the Gram."""
+        k = per_log[0].shape[2]
+        filtered = [
+            track.filter(c) for (track, _), c in zip(self._logs, per_log, strict=True)
+        ]
+        ids = np.arange(self.size, self.size + k)
+        self.size += k
+        for j in range(self.dof):
+            place = np.full(k, -1)
+            if j in rows:
+                r = rows.index(j)
+                use = self._use[j]
+                new = np.concatenate(
+                    [c[u, r] for c, u in zip(filtered, use, strict=True)]
+                )
+                place = np.arange(self._x[j].shape[1], self._x[j].shape[1] + k)
+                self._extend(j, new)
+            self.place[j] = np.concatenate([self.place[j], place])
+        return ids
+
+    def _extend(self, j: int, new: Array) -> None:
+        old = self._x[j].shape[1]
+        size = old + new.shape[1]
+        x, gram, cross = self._room(j, size)
+        x[:, old:size] = new
+        for f in range(self.folds):
+            own = self._fold[j] == f
+            block = x[own, :size].T @ new[own]
+            gram[f, :size, old:size] = block
+            gram[f, old:size, :size] = block.T
+            cross[f, old:size] = new[own].T @ self.target[j][own]
+        self._x[j], self.cross[j] = x[:, :size], cross[:, :size]
+        self.gram[j] = gram[:, :size, :size]
+
+    def _room(self, j: int, size: int) -> tuple[Array, Array, Array]:
+        """Buffers of joint j's columns, Gram and cross product, grown by halves."""
+        old = self._x[j].shape[1]
+        if size > self._buffers[j][0].shape[1]:
+            wide = max(size, old + old // 2)
+            x = np.empty((len(self.target[j]), wide))
+            gram = np.zeros((self.folds, wide, wide))
+            cross = np.zeros((self.folds, wide))
+            x[:, :old], cross[:, :old] = self._x[j], self.cross[j]
+            gram[:, :old, :old] = self.gram[j]
+            self._buffers[j] = x, gram, cross
+        return self._buffers[j]
+
+    def _group(self, candidate, rows: Joints, ids: Array) -> Group:
+        """Zellner's g-prior: 30 % of torque rms in every direction of the columns."""
+        effect, joints, shape = candidate
+        if effect.prior_sd is not None:
+            sd = effect.prior_sd(self._logs[0][1].robot)
+            precision = np.diag(1 / sd**2)
+        else:
+            precision = self.unit_information(ids, rows) / AMPLITUDE**2
+        scale = np.sqrt(np.maximum(np.diag(precision), 1e-12))
+        precision = precision + 1e-6 * np.diag(scale**2)
+        log_det = 2 * np.log(scale).sum()
+        log_det += np.linalg.slogdet(precision / np.outer(scale, scale))[1]
+        return Group(effect, joints, shape, ids, precision, float(log_det))
+
+    def unit_information(self, ids: Array, rows: Joints) -> Array:
+        """Mean square of the columns in units of torque rms. Shape (k, k)."""
+        out = np.zeros((len(ids), len(ids)))
+        for j in rows:
+            p = self.place[j][ids]
+            total = self.total(j)[0][np.ix_(p, p)]
+            out += total / self.rows[j] / self.rms[j] ** 2
+        return out
+
+    @staticmethod
+    def union(parts: Sequence[Group], label: str = "") -> Group:
+        """One candidate of several groups, such as an effect on all joints."""
+        parts = [replace(g, fellows=len(parts)) for g in parts]
+        sizes = [len(g.ids) for g in parts]
+        precision = np.zeros((sum(sizes), sum(sizes)))
+        start = 0
+        for g, k in zip(parts, sizes, strict=True):
+            precision[start : start + k, start : start + k] = g.precision
+            start += k
+        return Group(
+            effect=parts[0].effect,
+            joints=tuple(sorted({j for g in parts for j in g.joints})),
+            shape=parts[0].shape,
+            ids=np.concatenate([g.ids for g in parts]),
+            precision=precision,
+            log_det=sum(g.log_det for g in parts),
+            parts=tuple(parts),
+            label=label,
+        )
+
+    # -- reading ------------------------------------------------------------------
+
+    def present(self, j: int, ids: Array) -> tuple[Array, Array]:
+        """Places of the columns that act on joint j, and which of ``ids`` they are."""
+        place = self.place[j][ids]
+        have = np.flatnonzero(place >= 0)
+        return place[have], have
+
+    def total(self, j: int, folds: Array | None = None) -> tuple[Array, Array]:
+        """Gram and cross product of joint j, summed over folds. (p, p), (p,)."""
+        if folds is not None:
+            return self.gram[j][folds].sum(axis=0), self.cross[j][folds].sum(axis=0)
+        if self._sums[j] is None or len(self._sums[j][1]) != self.cross[j].shape[1]:
+            self._sums[j] = self.gram[j].sum(axis=0), self.cross[j].sum(axis=0)
+        return self._sums[j]
+
+    def columns(self, j: int, place: Array) -> Array:
+        """Filtered columns of joint j. Shape (rows, len(place))."""
+        return self._x[j][:, place]
+
+    def residual(self, j: int, ids: Array, theta: Array) -> Array:
+        """What the columns leave of joint j's target [N m]. Shape (rows,)."""
+        place, have = self.present(j, ids)
+        return self.target[j] - self._x[j][:, place] @ theta[have]
+
+    def series(self, j: int, values: Array) -> list[Array]:
+        """Row values of joint j put back on each log's time line, 0 where masked."""
+        out, start = [], 0
+        for use in self._use[j]:
+            line = np.zeros(len(use))
+            stop = start + int(use.sum())
+            line[use] = values[start:stop]
+            out.append(line)
+            start = stop
+        return out
+
+    def folds_of(self, j: int) -> Array:
+        """Fold of each row of joint j. Shape (rows,)."""
+        return self._fold[j]
+
+    @property
+    def states(self) -> list[State]:
+        """What the effects see of each fit log."""
+        return [s for _, s in self._logs]

@@ -1,0 +1,145 @@
+"""How much the nominal model is believed, before the logs speak."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, Prior
+from residual.model.nominal import ASSUMED, GIVEN, Nominal
+from residual.recording import Array
+from residual.robot.robot import Robot
+
+SCALES = (0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
+ROUGH = 0.1  # a nominal worse than this is too rough to blame a payload
+# An assumed value may be as good as a given one; the logs of all joints tell.
+ASSUMPTIONS = (0.03, GIVEN, ASSUMED)
+POSTERIOR_FLOOR = 0.01  # no baseline is believed better than this
+TINY = 1e-9
+
+
+def inertial_sd(robot: Robot) -> Array:
+    """Size of each inertial parameter, for relative priors [SI]. Shape (10 dof,).
+
+    A link's centre is never known better than a share of 5 cm, its inertia of 1 dm
+    squared times its mass, so that a zero in a URDF is not taken as exact.
+    """
+    out = []
+    for body in list(robot.model.inertias)[1 : robot.dof + 1]:
+        size = np.abs(body.toDynamicParameters())
+        floor = body.mass * np.array([0.0] + 3 * [0.05] + 6 * [0.01])
+        out.append(np.maximum(np.maximum(size, floor), 1e-4))
+    return np.concatenate(out)
+
+
+def inertial_precision(robot: Robot) -> Array:
+    """Prior precision of the inertial parameters at a relative scale of 1.
+
+    Half of a link's doubt is common to its ten parameters (the density of a CAD body
+    is off), half is each one's own. Without the common half, a wrong mass would cost
+    ten times, and a payload would be blamed for it with false precision.
+
+    Returns:
+        Block diagonal by link. Shape (10 dof, 10 dof).
+    """
+    sd = inertial_sd(robot)
+    out = np.zeros((len(sd), len(sd)))
+    for i, body in enumerate(list(robot.model.inertias)[1 : robot.dof + 1]):
+        own = slice(10 * i, 10 * i + 10)
+        shared = body.toDynamicParameters() / sd[own]
+        inner = 0.5 * np.outer(shared, shared) + 0.5 * np.eye(10)
+        out[own, own] = np.linalg.inv(inner) / np.outer(sd[own], sd[own])
+    return out
+
+
+def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
+    """The priors to compare: one per scale, or one where the scale is settled.
+
+    The more so where values are assumed: if all joints of an arm bear most of them out,
+    the one that is far off is a finding, else none of them can be one.
+    """
+    if nominal.covariance is not None:
+        return (_posterior(nominal),)
+    scales = SCALES if nominal.scale is None else (nominal.scale,)
+    assumptions: tuple[float, ...] = (ASSUMED,)
+    if ASSUMED in nominal.given:
+        assumptions = ASSUMPTIONS if nominal.assumed is None else (nominal.assumed,)
+    return tuple(
+        relative_prior(design, nominal, scale, assumed)
+        for assumed in assumptions
+        for scale in scales
+    )
+
+
+def relative_prior(
+    design: Design, nominal: Nominal, scale: float, assumed: float = ASSUMED
+) -> Prior:
+    """Inertial parameters within a relative scale, declared effects as given.
+
+    Args:
+        design: Columns.
+        nominal: The nominal model.
+        scale: Relative sd of the inertial parameters.
+        assumed: Relative sd of declared values that are assumed.
+    """
+    precision = np.zeros((len(design.nominal), len(design.nominal)))
+    size = len(nominal.model.inertial)
+    precision[:size, :size] = inertial_precision(nominal.model.robot) / scale**2
+    start = size
+    for term, given in zip(nominal.model.terms, nominal.given, strict=True):
+        own = slice(start, start + len(term.theta))
+        ids = design.nominal[own]
+        rows = term.effect.rows(term.joints, design.dof)
+        flat = design.unit_information(ids, rows)
+        flat += 1e-6 * np.diag(np.diag(flat)) + TINY * np.eye(len(ids))
+        if given is None:
+            precision[own, own] = flat
+        else:
+            width = assumed if given == ASSUMED else given
+            sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
+            precision[own, own] = np.diag(1 / sd**2)
+        start = own.stop
+    return replace(_prior(precision, scale), assumed=assumed)
+
+
+def _posterior(nominal: Nominal) -> Prior:
+    """The baseline's posterior, widened by 1 % of each parameter."""
+    model = nominal.model
+    sizes = [inertial_sd(model.robot), *(np.abs(t.theta) for t in model.terms)]
+    floor = POSTERIOR_FLOOR * np.concatenate(sizes)
+    covariance = nominal.covariance + np.diag(floor**2 + TINY**2)
+    scale = np.sqrt(np.diag(covariance))
+    inner = np.linalg.inv(covariance / np.outer(scale, scale))
+    return _prior(inner / np.outer(scale, scale), None)
+
+
+def _prior(precision: Array, scale: float | None) -> Prior:
+    size = np.sqrt(np.diag(precision))
+    log_det = 2 * np.log(size).sum()
+    log_det += np.linalg.slogdet(precision / np.outer(size, size))[1]
+    return Prior(precision, float(log_det), scale)
+
+
+def forbidden(prior: Prior, nominal: Nominal, is_parameter: Mapping[str, bool]) -> set:
+    """Effects that may not be blamed under this prior.
+
+    A declared effect is no candidate unless its value is known, or assumed and borne
+    out by the logs; a payload is none where the rigid part is too rough. Named by an
+    exact duplicate of a column that is free already, both would be empty words.
+    """
+    known = nominal.covariance is not None
+    out = set()
+    for term, given in zip(nominal.model.terms, nominal.given, strict=True):
+        width = prior.assumed if given == ASSUMED else given
+        settled = known or (width is not None and width < ASSUMED)
+        if not (settled and is_parameter[term.effect.name]):
+            out.add(term.effect.name)
+    if not known and prior.scale is not None and prior.scale > ROUGH:
+        out |= {"payload", "link_inertia"}
+    return out
+
+
+def posterior_of(fitted: Fit, count: int) -> Array:
+    """Covariance of the first ``count`` coefficients of a fit. Shape (count, count)."""
+    return fitted.covariance()[:count, :count]

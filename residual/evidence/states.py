@@ -1,0 +1,60 @@
+"""The states that features are seen with, and a fit as a model."""
+
+from dataclasses import replace
+
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, start
+from residual.evidence.priors import priors, relative_prior
+from residual.model.fit_logs import Logs
+from residual.model.model import Model, Term
+from residual.model.nominal import Nominal
+
+ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
+
+
+def first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
+    """Nominal columns, and features seen with a model that fits these logs roughly.
+
+    Args:
+        logs: The logs.
+        nominal: The model to be doubted.
+        named: A model to see features with instead, such as one with what was named.
+    """
+    states = [nominal.model.observe(t) for t in logs.tracks]
+    design = Design(list(zip(logs.tracks, states, strict=True)), nominal.model)
+    if named is None:
+        if nominal.covariance is None:
+            prior = relative_prior(design, nominal, ROUGH_SCALE)
+        else:
+            (prior,) = priors(design, nominal)
+        named = as_model(nominal, start(design, prior))
+    look_with(design, logs, named)
+    return design
+
+
+def look_with(design: Design, logs: Logs, named: Model) -> None:
+    """From now on let features read the torque of that model."""
+    rigid = [s.regressor for s in design.states]
+    states = zip(logs.tracks, rigid, strict=True)
+    design.look([named.observe(t, r) for t, r in states])
+
+
+def physical(model: Model) -> Model:
+    """Only what has a physical parameter in it: loads, friction levels, rotors.
+
+    A feature that reads the model's torque must not carry the shape of another finding:
+    a torque gain times a found warm-up would explain the warm-up.
+    """
+    terms = tuple(t for t in model.terms if t.effect.is_parameter)
+    return replace(model, terms=terms)
+
+
+def as_model(nominal: Nominal, fitted: Fit) -> Model:
+    """Nominal model moved by a fit's coefficients, its members added as terms."""
+    base = nominal.model
+    count = len(base.coefficients())
+    moved = base.with_coefficients(base.coefficients() + fitted.theta[:count])
+    found = tuple(
+        Term(g.effect, g.joints, g.shape, fitted.of(g)) for g in fitted.members
+    )
+    return replace(moved, terms=(*moved.terms, *found))

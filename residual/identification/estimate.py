@@ -1,0 +1,195 @@
+"""One fit of the rows, by the method asked for, with its covariance.
+
+- ols: every row of every joint weighs the same;
+- wls: a joint weighs by its noise, w_j = 1 / (s_j^2 t_j), with s_j the standard
+  deviation of its residual and t_j the autocorrelation time of it;
+- irls: also each row by its own residual (``robust``).
+
+The covariance is the sandwich B M B, B = (sum w_j x'x + L)^-1, M = sum w_j^2 s_j^2 t_j
+x'x + L, right for each of them as long as the model is.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.identification import robust, solve
+from residual.identification.solve import Start
+from residual.identification.structure import Rows
+from residual.names import check_name
+from residual.recording import Array
+
+METHODS = ("ols", "wls", "irls")
+_FLOOR = 1e-7  # of torque rms: noise of logs that have none
+_ROUNDS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to identify.
+
+    Attributes:
+        method: "ols", "wls" or "irls".
+        loss: "huber" or "bisquare", for irls.
+        prior: Relative scale of a Gaussian prior about the nominal, None for a free
+            fit.
+        essential: Drop parameters that the fit does not need.
+    """
+
+    method: str = "wls"
+    loss: str = "huber"
+    prior: float | None = None
+    essential: bool = False
+
+    def __post_init__(self) -> None:
+        check_name(self.method, METHODS, "method")
+        check_name(self.loss, robust.LOSSES, "loss")
+        if self.prior is not None and not 0 < self.prior < np.inf:
+            raise InputError(
+                f"Prior scale {self.prior:g}: expected a positive number such as 0.03, "
+                "the share by which nominal values may be off."
+            )
+        if self.prior is not None and self.essential:
+            raise InputError(
+                "A prior and the essential reduction exclude each other: one keeps "
+                "what is not needed near its nominal value, the other sets it to 0. "
+                "Give one of them."
+            )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Estimate:
+    """One fit.
+
+    Attributes:
+        theta: Base parameters [SI]. Shape (b,).
+        covariance: Of theta; 0 where held or dropped. Shape (b, b).
+        noise: Standard deviation of each joint's residual [N m]. Shape (dof,).
+        independent: Rows of each joint over their autocorrelation time. Shape (dof,).
+        weight: w_j. Shape (dof,).
+        condition: Condition number of the weighted, column-normalised rows.
+        outliers: Share of each joint's rows that weigh less than half. Shape (dof,).
+        counts: Rows of each joint. Shape (dof,).
+        row_weights: Of irls, else None. Shapes (m_j,).
+    """
+
+    theta: Array
+    covariance: Array
+    noise: Array
+    independent: Array
+    weight: Array
+    condition: float
+    outliers: Array
+    counts: Array
+    row_weights: tuple[Array, ...] | None = None
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation of theta, 0 where it was not fitted. Shape (b,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def relative_sd(self) -> Array:
+        """Standard deviation as a share of the value. Shape (b,)."""
+        return self.sd / np.maximum(np.abs(self.theta), 1e-300)
+
+
+def estimated(
+    rows: Rows, blocks: tuple[Array, ...], start: Start, options: Options
+) -> Estimate:
+    """Fit by the method asked for, with covariance.
+
+    Args:
+        rows: The rows.
+        blocks: The same, compressed.
+        start: Start, free parameters and prior.
+        options: How.
+    """
+    free = replace(start, precision=None)
+    theta = solve.solve(blocks, np.ones(len(rows.y)), free)
+    for _ in range(_ROUNDS):
+        before = theta
+        weight, noise, memory = weights_of(rows, theta, options.method, len(start.free))
+        theta = solve.solve(blocks, weight, free)
+        if np.all(np.abs(theta - before) <= 1e-9 * start.size):
+            break
+    # Noise is that of the free fit: a prior that binds would make its own misfit look
+    # like noise, and bind the more.
+    theta = solve.solve(blocks, weight, start)
+    if options.method == "irls":
+        return _robust(rows, blocks, (start, options), (theta, noise, memory))
+    shape, counts = np.ones((2, len(weight))), rows.counts
+    return _estimate(
+        blocks, start, theta, (weight, noise, memory, shape, 0 * noise, counts)
+    )
+
+
+def weights_of(
+    rows: Rows, theta: Array, method: str, parameters: int = 0
+) -> tuple[Array, Array, Array]:
+    """Return weight, noise and autocorrelation time of each joint's rows.
+
+    Args:
+        rows: The rows.
+        theta: Parameters whose residual tells the noise. Shape (b,).
+        method: "ols" gives all joints one weight.
+        parameters: How many were fitted to these rows.
+
+    Returns:
+        w_j, s_j [N m], t_j. Shape (dof,) each.
+    """
+    left = solve.residuals(rows, theta)
+    memory = solve.autocorrelation(rows, left)
+    sse = np.array([np.sum(r**2) for r in left])
+    spent = max(1 - parameters / max(rows.counts.sum(), 1), 0.1)
+    floor = _FLOOR * max(rows.rms.max(), 1e-9)
+    noise = np.maximum(np.sqrt(sse / np.maximum(rows.counts * spent, 1)), floor)
+    weight = 1 / (noise**2 * memory)
+    if method == "ols":
+        share = rows.counts / rows.counts.sum()
+        weight = np.full(len(noise), 1 / (share @ (noise**2 * memory)))
+    return weight, noise, memory
+
+
+def _robust(
+    rows: Rows, blocks: tuple[Array, ...], how: tuple, known: tuple
+) -> Estimate:
+    start, options = how
+    theta, noise, memory = known
+    theta, noise, weights = robust.reweighted(
+        rows, start, (theta, memory), options.loss
+    )
+    shape = robust.shape(rows, theta, noise, options.loss)
+    outliers = np.array([np.mean(w < 0.5) if len(w) else 0.0 for w in weights])
+    weight = 1 / (noise**2 * memory)
+    parts = (weight, noise, memory, shape, outliers, rows.counts)
+    made = _estimate(blocks, start, theta, parts)
+    return replace(made, row_weights=weights)
+
+
+def _estimate(
+    blocks: tuple[Array, ...], start: Start, theta: Array, parts: tuple
+) -> Estimate:
+    """Sandwich covariance over the free parameters."""
+    weight, noise, memory, shape, outliers, counts = parts
+    free, size = start.free, start.size[start.free]
+    unit = np.outer(size, size)
+    pick = np.ix_(free, free)
+    prior = 0.0 if start.precision is None else start.precision[pick] * unit
+    bread = solve.gram(blocks, weight * shape[0])[pick] * unit + prior
+    meat = solve.gram(blocks, weight**2 * noise**2 * memory * shape[1])[pick]
+    inverse = np.linalg.pinv(bread, rcond=1e-14, hermitian=True)
+    own = inverse @ (meat * unit + prior) @ inverse * unit
+    covariance = np.zeros((len(theta), len(theta)))
+    covariance[pick] = own
+    return Estimate(
+        theta,
+        covariance,
+        noise,
+        counts / memory,
+        weight,
+        solve.condition(blocks, weight, free),
+        outliers,
+        counts,
+    )

@@ -1,0 +1,216 @@
+"""Identify the parameters of a model from logs (G2017 eq. 6, Phi theta = tau).
+
+Base inertial parameters and declared effects are fitted together, never one after the
+other, on filtered rows: torque and every column pass the same filter (``signals``).
+What the motion does not show stays nominal and is said (``preflight``).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.effects import registry
+from residual.errors import InputError
+from residual.identification import solve
+from residual.identification.essential import Essential, reduce
+from residual.identification.estimate import (
+    METHODS,
+    Estimate,
+    Options,
+    estimated,
+    weights_of,
+)
+from residual.identification.preflight import Preflight, preflight
+from residual.identification.solve import Start
+from residual.identification.structure import (
+    Rows,
+    columns_of,
+    doubt,
+    load,
+    rows_of,
+    state_at,
+    structure,
+)
+from residual.model.fit_logs import Logs, ready, start_nominal
+from residual.model.model import Model
+from residual.model.nominal import declared_names
+from residual.model.standstill import with_standstill
+from residual.names import check_name
+from residual.recording import Array, Recording
+from residual.robot.base_parameters import BaseParameters, random_states
+from residual.robot.robot import Robot
+from residual.signals.track import Filters
+
+__all__ = ["METHODS", "Estimate", "Identification", "Options", "identify"]
+
+_ROWS_PER_PARAMETER = 3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Identification:
+    """Identified parameters, and all that tells how far to trust them.
+
+    Attributes:
+        options: How it was done.
+        logs: The logs that were fitted.
+        nominal: The model before.
+        model: The model after: full parameters nearest to the nominal ones.
+        base: Base parameters over ``model.coefficients()``.
+        estimate: The fit.
+        nominal_theta: Base parameters before. Shape (b,).
+        spread: How far full parameters may be from the nominal ones at all, as a
+            covariance. Shape (s, s).
+        preflight: What the motion cannot tell.
+        essential: What was dropped, None where nothing was to be.
+        blocks: Compressed rows (``solve``), weighted where the method weighs rows.
+    """
+
+    options: Options
+    logs: Logs
+    nominal: Model
+    model: Model
+    base: BaseParameters
+    estimate: Estimate
+    nominal_theta: Array
+    spread: Array
+    preflight: Preflight
+    essential: Essential | None
+    blocks: tuple[Array, ...]
+
+    @property
+    def status(self) -> tuple[str, ...]:
+        """Of each parameter: "fitted", "nominal" or "dropped"."""
+        out = ["fitted"] * len(self.base)
+        for one in self.preflight.held:
+            out[one.index] = "nominal"
+        for i in self.essential.dropped if self.essential else ():
+            out[i] = "dropped"
+        return tuple(out)
+
+
+def identify(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    declared: Sequence[str] | None = None,
+    options: Options = Options(),  # noqa: B008  frozen
+    clock: float | None = None,
+) -> Identification:
+    """Identify a robot's model from logs.
+
+    Args:
+        robot: The arm as described.
+        recordings: Logs to fit.
+        declared: Effects that the model has; None for the robot's own list.
+        options: How.
+        clock: Start of the session on the logs' clock [s], or None.
+
+    Returns:
+        The identified model and its accuracy.
+
+    Raises:
+        InputError: If a log is of another arm, nothing moves, or rows are too few.
+    """
+    logs = ready(robot, _checked(robot, recordings), clock, Filters())
+    names = declared_names(robot, declared)
+    for name in names:
+        check_name(name, registry(), "effect")
+    nominal = start_nominal(logs, names).model
+    base = structure(nominal)
+    first = _fitted(nominal, base, logs, options)
+    # A prediction needs an answer at standstill; one that reaches into moving rows
+    # changes the fit a little, so it is done once more.
+    settled = with_standstill(first.model, logs.tracks).standstill
+    return _fitted(replace(nominal, standstill=settled), base, logs, options)
+
+
+def _checked(robot: Robot, recordings: Sequence[Recording]) -> Sequence[Recording]:
+    if not recordings:
+        raise InputError("No log to identify from: give at least one.")
+    for recording in recordings:
+        if recording.dof != robot.dof:
+            raise InputError(
+                f"{recording.id} has {recording.dof} joints, {robot.name} has "
+                f"{robot.dof}. Give the log's own robot with --robot."
+            )
+    return recordings
+
+
+def _fitted(
+    nominal: Model, base: BaseParameters, logs: Logs, options: Options
+) -> Identification:
+    rows = rows_of(nominal, logs.tracks, base)
+    _check_rows(rows, len(base))
+    states = random_states(nominal.robot.model)
+    spread = doubt(nominal, rows.rms, columns_of(nominal, state_at(nominal, *states)))
+    theta = base.mapping @ nominal.coefficients()
+    wide = spread + np.diag(load(nominal) ** 2)
+    size = np.sqrt(np.diag(base.mapping @ wide @ base.mapping.T))
+    blocks = solve.compress(rows)
+    start = Start(theta, size, np.arange(len(base)))
+    seen = _looked(nominal, base, (rows, blocks), start)
+    start = replace(start, free=seen.free)
+    if options.prior is not None:
+        # A prior speaks for what the motion does not show: nothing need be held.
+        precision = _precision(nominal, base, spread, options)
+        start = replace(start, free=np.arange(len(base)), precision=precision)
+        seen = replace(seen, held=())
+    estimate = estimated(rows, blocks, start, options)
+    essential = None
+    if options.essential:
+        essential = reduce(blocks, start, estimate, int(rows.counts.sum()))
+        estimate = estimated(rows, blocks, essential.start, options)
+    full = base.embed(estimate.theta, nominal.coefficients(), wide)
+    return Identification(
+        options,
+        logs,
+        nominal,
+        nominal.with_coefficients(full),
+        base,
+        estimate,
+        theta,
+        wide,
+        seen,
+        essential,
+        solve.compress(rows, estimate.row_weights),
+    )
+
+
+def _looked(
+    nominal: Model, base: BaseParameters, data: tuple, start: Start
+) -> Preflight:
+    """What the motion shows, under the noise of a first fit of everything."""
+    rows, blocks = data
+    rough = solve.solve(blocks, np.ones(len(rows.y)), start)
+    weight, _, _ = weights_of(rows, rough, "wls")
+    information = solve.gram(blocks, weight)
+    per_row = np.stack([weight, rows.counts])
+    return preflight(nominal, base, information, start.size, per_row)
+
+
+def _check_rows(rows: Rows, parameters: int) -> None:
+    total, least = int(rows.counts.sum()), _ROWS_PER_PARAMETER * parameters
+    if total == 0:
+        raise InputError(
+            "No joint moves in these logs: there are no rows to identify from. Give "
+            "logs in which joints move for longer than a second."
+        )
+    if total < least:
+        raise InputError(
+            f"Too few rows: {total} moving rows for {parameters} parameters, expected "
+            f"{least} or more. Give longer logs, or declare fewer effects."
+        )
+
+
+def _precision(
+    nominal: Model, base: BaseParameters, spread: Array, options: Options
+) -> Array:
+    """The prior of the base parameters; values that were never given stay free."""
+    size, scale = len(nominal.inertial), options.prior or 1.0
+    covariance = spread * scale**2
+    for i, value in enumerate(nominal.coefficients()[size:], start=size):
+        own = scale * abs(value) if value else 10 * np.sqrt(spread[i, i])
+        covariance[i, i] = own**2
+    own = base.mapping @ covariance @ base.mapping.T
+    unit = np.sqrt(np.diag(own))
+    return np.linalg.inv(own / np.outer(unit, unit)) / np.outer(unit, unit)

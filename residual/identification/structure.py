@@ -1,0 +1,192 @@
+"""What a model can be fitted by: base parameters of its body and its effects together.
+
+Some effects move the same torque as inertia does (the rotor of joint 1 turns about the
+same axis as link 1). They are taken into the base parameter, so that what is fitted is
+independent; the mapping says what was taken.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.effects.base import State
+from residual.evidence.priors import inertial_precision
+from residual.model.model import Model, Term
+from residual.recording import Array
+from residual.robot import dynamics
+from residual.robot.base_parameters import (
+    BaseParameters,
+    Standard,
+    base_parameters,
+    express,
+    further_columns,
+    random_states,
+    standard_inertial,
+)
+from residual.robot.robot import Robot
+from residual.signals.track import Track
+
+_AMPLITUDE = 0.3  # of torque rms: the usual size of an effect of unknown value
+_LOAD, _REACH = 0.08, 0.2  # a usual load: of the arm's mass, m off its link
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rows:
+    """The rows of each joint that count, filtered: y_j = x_j theta + noise.
+
+    Attributes:
+        x: Columns of the base parameters, per joint. Shapes (m_j, b).
+        y: Filtered torque, per joint [N m]. Shapes (m_j,).
+        series: Which log, and which of its rows, each row is. Shapes (m_j, 2).
+    """
+
+    x: tuple[Array, ...]
+    y: tuple[Array, ...]
+    series: tuple[Array, ...]
+
+    @property
+    def counts(self) -> Array:
+        """Rows of each joint. Shape (dof,)."""
+        return np.array([len(y) for y in self.y])
+
+    @property
+    def rms(self) -> Array:
+        """Torque rms of each joint, 0 where it has no rows [N m]. Shape (dof,)."""
+        return np.array([np.sqrt(np.mean(y**2)) if len(y) else 0.0 for y in self.y])
+
+
+def structure(model: Model) -> BaseParameters:
+    """Return the base parameters of a model, effects included.
+
+    Args:
+        model: Rigid body and the effects that it has.
+
+    Returns:
+        Base parameters over ``model.coefficients()``.
+    """
+    states = random_states(model.robot.model)
+    columns = columns_of(model, state_at(model, *states))
+    rows = columns.reshape(-1, columns.shape[2])
+    rigid = base_parameters(model.robot.model).columns
+    effects = range(len(model.inertial), rows.shape[1])
+    names = (*standard_inertial(model.robot.dof), *effect_names(model))
+    return express(rows, further_columns(rows, rigid, effects), names)
+
+
+def effect_names(model: Model) -> tuple[Standard, ...]:
+    """Return what the coefficients of the effects stand for."""
+    out = []
+    for term in model.terms:
+        joints = [j + 1 for j in term.joints]
+        place = " and ".join(map(str, joints))
+        if joints:
+            place = f" of joint{'s' if len(joints) > 1 else ''} {place}"
+        words = term.effect.name.replace("_", " ")
+        for key, unit in _keys(term, model.robot):
+            name = words if words.endswith(key) else f"{words} {key}"
+            out.append(Standard(f"{name}{place}", unit, joints[0] if joints else 1))
+    return tuple(out)
+
+
+def _keys(term: Term, robot: Robot) -> list[tuple[str, str]]:
+    """Names of the coefficients; the effect's own where the two are the same thing."""
+    count = len(term.theta)
+    probe = 1.5 + np.arange(count)
+    told = term.effect.values(probe, term.shape, robot)[:count]
+    if np.array_equal(told, probe):
+        return list(term.effect.parameters.items())[:count]
+    return [(f"coefficient {i + 1}", "") for i in range(count)]
+
+
+def state_at(model: Model, q: Array, qd: Array, qdd: Array) -> State:
+    """Return single states as the effects see them, a second apart. Shapes (n, dof)."""
+    regressor = dynamics.regressor(model.robot.model, q, qd, qdd)
+    rigid = regressor @ model.inertial
+    t = np.arange(len(q), dtype=float)
+    return State(model.robot, 1.0, t, q, qd, qdd, np.sign(qd), regressor, rigid, rigid)
+
+
+def columns_of(model: Model, state: State) -> Array:
+    """Return the columns of all coefficients. Shape (n, dof, s)."""
+    dof, blocks = model.robot.dof, [state.regressor]
+    for term in model.terms:
+        own = np.zeros((len(state.t), dof, len(term.theta)))
+        rows = list(term.effect.rows(term.joints, dof))
+        own[:, rows] = term.effect.columns(state, term.joints, term.shape)
+        blocks.append(own)
+    return np.concatenate(blocks, axis=2)
+
+
+def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> Rows:
+    """Filter torque and base columns alike, and keep the rows that count.
+
+    Rows of joint j are samples at which joint j moves (``signals``).
+
+    Args:
+        model: The model whose columns are taken.
+        tracks: Signals of the logs.
+        base: Its base parameters.
+
+    Returns:
+        The rows.
+    """
+    dof = model.robot.dof
+    made: list[list[tuple]] = [[] for _ in range(dof)]
+    for number, track in enumerate(tracks):
+        columns = columns_of(model, model.observe(track))
+        for j in range(dof):
+            use = np.flatnonzero(track.moving[:, j] & (np.ptp(track.tau[:, j]) > 0))
+            own = columns[:, j, base.columns]
+            some = np.flatnonzero(np.any(own, axis=0))
+            x = np.zeros((len(use), len(base)))
+            x[:, some] = track.filter(own[:, some])[use]
+            series = np.column_stack([np.full(len(use), number), use])
+            made[j].append((x, track.tau[use, j], series))
+    parts = ([np.concatenate(p) for p in zip(*own, strict=True)] for own in made)
+    return Rows(*map(tuple, zip(*parts, strict=True)))
+
+
+def doubt(model: Model, rms: Array, columns: Array) -> Array:
+    """Return how much each nominal coefficient is doubted at a relative scale of 1.
+
+    Inertia as in ``prior``; the coefficient of an effect by its own size, or, where
+    that is 0, by what would make 30 % of the torque.
+
+    Args:
+        model: The nominal model.
+        rms: Torque rms of each joint [N m]. Shape (dof,).
+        columns: All columns on some states. Shape (n, dof, s).
+
+    Returns:
+        Covariance. Shape (s, s).
+    """
+    size = len(model.inertial)
+    coefficients = model.coefficients()
+    out = np.zeros((len(coefficients), len(coefficients)))
+    out[:size, :size] = np.linalg.inv(inertial_precision(model.robot))
+    share = np.sqrt(np.mean(columns[:, :, size:] ** 2, axis=0))
+    per_joint = _AMPLITUDE * np.maximum(rms, 1e-3 * rms.max())[:, None]
+    with np.errstate(divide="ignore"):
+        usual = (per_joint / share).min(axis=0)
+    usual = np.where(np.isfinite(usual), usual, 1.0)
+    sd = np.maximum(np.abs(coefficients[size:]), usual)
+    out[range(size, len(out)), range(size, len(out))] = sd**2
+    return out
+
+
+def load(model: Model) -> Array:
+    """Return what a usual load would add to each coefficient, 0 for effects.
+
+    However small a link's nominal inertia is, it may carry a tool.
+
+    Args:
+        model: The nominal model.
+
+    Returns:
+        Standard deviations [SI]. Shape (s,).
+    """
+    out = np.zeros(len(model.coefficients()))
+    mass = _LOAD * sum(body.mass for body in model.robot.model.inertias)
+    own = mass * np.array([1.0] + 3 * [_REACH] + 6 * [_REACH**2])
+    out[: len(model.inertial)] = np.tile(own, model.robot.dof)
+    return out

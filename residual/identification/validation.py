@@ -1,0 +1,157 @@
+"""Validation of models (G2017 section 1.3): both directions, and unseen motion.
+
+Torque from motion is ``compare``; here are acceleration from torque, and models that
+are fitted to some logs and tried on the others. Feed-forward and open loop need an arm
+or its simulation: ``modelgap validate``.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.effects.base import State
+from residual.errors import InputError
+from residual.model.compare import Errors, compare, witnesses
+from residual.model.model import Model
+from residual.recording import Array, Recording
+from residual.robot import dynamics
+from residual.signals.track import Track, prepare
+
+Fit = Callable[[Sequence[Recording]], Mapping[str, Model]]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class AccelerationError:
+    """Error of the acceleration that a model makes of measured torque.
+
+    Attributes:
+        per_joint: 100 ||qdd - qdd_hat|| / ||qdd|| on moving samples [%], NaN where a
+            joint never moves. Shape (dof,).
+        overall: The same over all joints, Frobenius norm [%].
+    """
+
+    per_joint: Array
+    overall: float
+
+
+def torque_errors(
+    models: Mapping[str, Model], recordings: Sequence[Recording]
+) -> dict[str, Errors]:
+    """Return the error of torque from motion, of several models on unseen logs.
+
+    Args:
+        models: Models of one signal path, by name.
+        recordings: Logs that none of them was fitted to.
+
+    Raises:
+        InputError: If there is no model or no log.
+    """
+    if not models or not recordings:
+        raise InputError("Validation needs at least one model and one held-out log.")
+    some = next(iter(models.values()))
+    errors, _ = compare(models, witnesses(recordings, some), some.filters)
+    return errors
+
+
+def acceleration_error(
+    model: Model, recordings: Sequence[Recording]
+) -> AccelerationError:
+    """Return the error of acceleration from torque (forward dynamics).
+
+    qdd_hat = M(q)^-1 (tau - h(q, qd)), with M and h of body and effects. Measured and
+    computed acceleration pass the identification filter; samples count where the joint
+    moves.
+
+    Args:
+        model: An identified model.
+        recordings: Logs.
+
+    Raises:
+        InputError: If M(q) of the model is not positive definite.
+    """
+    dof = model.robot.dof
+    miss, power = np.zeros(dof), np.zeros(dof)
+    tracks, _ = prepare(recordings, model.filters, model.speed_floor, full_rate=True)
+    for recording, track in zip(recordings, tracks, strict=True):
+        measured = [np.interp(track.t, recording.t, c) for c in recording.tau.T]
+        made = acceleration(model, track, np.column_stack(measured))
+        both = track.filter(np.stack([track.qdd, made], axis=2))
+        both = both * track.moving[:, :, None]
+        miss += ((both[:, :, 0] - both[:, :, 1]) ** 2).sum(axis=0)
+        power += (both[:, :, 0] ** 2).sum(axis=0)
+    some = power > 0
+    share = 100 * np.sqrt(miss / np.where(some, power, np.nan))
+    whole = float(power.sum())
+    overall = float(100 * np.sqrt(miss.sum() / whole)) if whole else float("nan")
+    return AccelerationError(share, overall)
+
+
+def acceleration(model: Model, track: Track, tau: Array) -> Array:
+    """Return the acceleration that a torque gives the model [rad/s^2].
+
+    Args:
+        model: Body and effects. Effects may depend on acceleration linearly.
+        track: Position and velocity.
+        tau: Torque at the same samples [N m]. Shape (n, dof).
+
+    Returns:
+        Shape (n, dof).
+
+    Raises:
+        InputError: If M(q) of the model is not positive definite.
+    """
+    still = replace(track, qdd=np.zeros_like(track.qdd))
+    state = model.observe(still)
+    rest = model.torque(state)
+    body = dynamics.with_inertial_parameters(model.robot.model, model.inertial)
+    matrices = dynamics.mass_matrix(body, track.q) + _effect_inertia(model, state)
+    least = float(np.linalg.eigvalsh(matrices)[:, 0].min())
+    if least <= 0:
+        raise InputError(
+            f"M(q) of the model has an eigenvalue of {least:.3g} kg m^2, expected more "
+            "than 0: it has no acceleration. Use consistent parameters (--consistent)."
+        )
+    return np.linalg.solve(matrices, (tau - rest)[:, :, None])[:, :, 0]
+
+
+def _effect_inertia(model: Model, state: State) -> Array:
+    """What effects add to M: their torque at unit accelerations. (n, dof, dof)."""
+    n, dof = state.q.shape
+    out = np.zeros((n, dof, dof))
+    rest = [term.torque(state) for term in model.terms]
+    for j in range(dof):
+        pushed = replace(state, qdd=np.tile(np.eye(dof)[j], (n, 1)))
+        for term, before in zip(model.terms, rest, strict=True):
+            out[:, :, j] += term.torque(pushed) - before
+    return out
+
+
+def unseen(
+    groups: Mapping[str, Sequence[Recording]], fit: Fit
+) -> dict[str, dict[str, Errors]]:
+    """Leave one group of logs out at a time: fit to the others, try on it.
+
+    With one log per group it is an unseen trajectory, with all logs of a kind an
+    unseen family.
+
+    Args:
+        groups: Logs by group.
+        fit: Makes models, by name, of the logs that are left.
+
+    Returns:
+        Errors by group left out, then by model.
+
+    Raises:
+        InputError: If there are fewer than two groups.
+    """
+    if len(groups) < 2:
+        raise InputError(
+            f"{len(groups)} group of logs, expected 2 or more: one is left out and the "
+            "others are fitted. Give more logs."
+        )
+    out = {}
+    for name, left_out in groups.items():
+        others = [r for other, logs in groups.items() if other != name for r in logs]
+        out[name] = torque_errors(fit(others), left_out)
+    return out

@@ -1,0 +1,133 @@
+"""The error of several models on logs that no model was fitted to."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.effects.base import State
+from residual.model.curves import LogProof
+from residual.model.model import Model
+from residual.recording import Array, Recording
+from residual.signals.track import Filters, Track, at_samples, prepare
+
+BLOCK = 1.0  # s: longer than noise remembers
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Witness:
+    """One held-out log, ready to be predicted.
+
+    Attributes:
+        recording: The log.
+        track: Its signals at its own rate.
+        regressor: Inertial regressor. Shape (n, dof, 10 dof).
+    """
+
+    recording: Recording
+    track: Track
+    regressor: Array
+
+    def observe(self, model: Model) -> State:
+        """What the model's effects see of this log."""
+        return model.observe(self.track, self.regressor)
+
+
+def witnesses(recordings: Sequence[Recording], model: Model) -> tuple[Witness, ...]:
+    """Prepare held-out logs with the signal path of a model."""
+    tracks, _ = prepare(recordings, model.filters, model.speed_floor, full_rate=True)
+    out = []
+    for recording, track in zip(recordings, tracks, strict=True):
+        state = model.observe(track)
+        out.append(Witness(recording, track, state.regressor))
+    return tuple(out)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Errors:
+    """Sums behind the relative error 100·||tau - tau_hat||/||tau|| of one model.
+
+    Attributes:
+        miss, power: Squared error and squared torque per kind of sample: "raw",
+            "filtered", "moving" [N^2 m^2]. Shapes (dof,).
+    """
+
+    miss: Mapping[str, Array]
+    power: Mapping[str, Array]
+
+    def per_joint(self, kind: str) -> Array:
+        """Relative error of each joint [%], NaN where there is no torque. (dof,)."""
+        power = self.power[kind]
+        some = power > 1e-12 * max(float(power.max()), 1e-30)
+        return 100 * np.sqrt(self.miss[kind] / np.where(some, power, np.nan))
+
+    def overall(self, kind: str) -> float:
+        """Relative error over all joints, Frobenius norm [%]."""
+        power = float(self.power[kind].sum())
+        return float(100 * np.sqrt(self.miss[kind].sum() / power)) if power else np.nan
+
+
+def compare(
+    models: Mapping[str, Model], held_out: Sequence[Witness], filters: Filters
+) -> tuple[dict[str, Errors], tuple[LogProof, ...]]:
+    """Errors of every model on the held-out logs, and the curves behind them.
+
+    Raw errors are taken on torque as logged, at its own samples, the edges dropped
+    and the mean kept. Filtered errors pass both sides through the identification
+    filter; moving errors are filtered ones on rows where that joint moves.
+    """
+    sums = {name: _empty(held_out) for name in models}
+    proofs = []
+    for witness in held_out:
+        curves = {}
+        for name, model in models.items():
+            state = witness.observe(model)
+            torque = model.torque(state)
+            curves[name] = witness.track.filter(torque)
+            _accumulate(sums[name], witness, torque, curves[name], filters.edge)
+        inner = witness.track.inner
+        t = (witness.track.t - witness.track.t[0])[:: witness.track.step]
+        proofs.append(
+            LogProof(
+                witness.recording.id,
+                t[inner],
+                witness.track.tau[inner],
+                {k: v[inner] for k, v in curves.items()},
+                witness.track.moving[inner],
+            )
+        )
+    errors = {name: Errors(s["miss"], s["power"]) for name, s in sums.items()}
+    return errors, tuple(proofs)
+
+
+def moving_error(model: Model, held_out: Sequence[Witness]) -> Array:
+    """Squared filtered error on moving rows, per second [N^2 m^2]. (seconds, dof)."""
+    out = []
+    for witness in held_out:
+        track = witness.track
+        torque = track.filter(model.torque(witness.observe(model)))
+        miss = ((track.tau - torque) * track.moving) ** 2
+        t = track.t[:: track.step]
+        starts = np.searchsorted(t, np.arange(t[0], t[-1], BLOCK))
+        out.append(np.add.reduceat(miss, np.unique(starts), axis=0))
+    return np.concatenate(out)
+
+
+def _empty(held_out: Sequence[Witness]) -> dict:
+    dof = held_out[0].recording.dof if held_out else 0
+    kinds = ("raw", "filtered", "moving")
+    return {part: {k: np.zeros(dof) for k in kinds} for part in ("miss", "power")}
+
+
+def _accumulate(sums: dict, witness: Witness, torque, filtered, edge: float) -> None:
+    log, track = witness.recording, witness.track
+    at = at_samples(torque, track, log)
+    inside = (log.t >= log.t[0] + edge) & (log.t <= log.t[-1] - edge)
+    pairs = {
+        "raw": (log.tau[inside], at[inside]),
+        "filtered": (track.tau[track.inner], filtered[track.inner]),
+        "moving": (track.tau * track.moving, filtered * track.moving),
+    }
+    for kind, (tau, tau_hat) in pairs.items():
+        sums["miss"][kind] += ((tau - tau_hat) ** 2).sum(axis=0)
+        sums["power"][kind] += (tau**2).sum(axis=0)

@@ -1,0 +1,114 @@
+"""The model as the user gave it: rigid body and declared effects."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.effects import registry
+from residual.effects.base import Effect, Joints, Span
+from residual.errors import InputError
+from residual.model.model import Model, Term
+from residual.recording import Array
+from residual.robot.dynamics import inertial_parameters
+from residual.robot.robot import Robot
+from residual.robot.vocabulary import DEFAULT_DECLARED
+from residual.signals.track import Filters
+
+MOST_SHAPES = 4
+GIVEN, ASSUMED = 0.1, 1.0  # relative sd of a declared value, and of an assumed one
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Nominal:
+    """The nominal model and how firmly it is held.
+
+    Attributes:
+        model: The model.
+        given: Relative sd of each term's coefficients; None where no value is given.
+        covariance: Posterior covariance of a baseline, inertial parameters first.
+            Shape (p, p); None where there was no baseline.
+        scale: Fixed relative scale of the rigid part, None to estimate it.
+        assumed: Fixed relative sd of assumed values, None to estimate it.
+        baseline_unexplained: Structured residual of the baseline, as a share of torque
+            rms. Shape (dof,), or None.
+    """
+
+    model: Model
+    given: tuple[float | None, ...]
+    covariance: Array | None = None
+    scale: float | None = None
+    assumed: float | None = None
+    baseline_unexplained: Array | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Declared effects, each once."""
+        return tuple(dict.fromkeys(t.effect.name for t in self.model.terms))
+
+
+def declared_names(robot: Robot, names: Sequence[str] | None) -> tuple[str, ...]:
+    """What the model has: the user's list, else robot.toml's, else the usual three."""
+    if names is not None:
+        return tuple(dict.fromkeys(names))
+    return tuple(robot.declared) or DEFAULT_DECLARED
+
+
+def build_nominal(
+    robot: Robot, names: Sequence[str], span: Span, speed_floor, filters: Filters
+) -> Nominal:
+    """Nominal model with the robot's values where given, else zero and free.
+
+    Raises:
+        InputError: If a declared effect cannot stand without its values.
+    """
+    terms, widths = [], []
+    for name in names:
+        effect = registry()[name]
+        given = robot.declared.get(name)
+        for joints in effect.candidates(robot.dof):
+            if given is None or not given.values:
+                own = _free(effect, joints, span, robot)
+                terms += own
+                widths += [None] * len(own)
+            else:
+                terms.append(_given(effect, joints, given.values, robot))
+                widths.append(ASSUMED if given.assumed else GIVEN)
+    model = Model(
+        robot, inertial_parameters(robot.model), tuple(terms), speed_floor, (), None
+    )
+    return Nominal(model, tuple(widths), scale=robot.prior_scale)
+
+
+def _given(effect: Effect, joints: Joints, values, robot: Robot) -> Term:
+    missing = [k for k in effect.parameters if k not in values]
+    if missing and effect.name != "payload":
+        raise InputError(
+            f"[declared.{effect.name}] lacks {', '.join(missing)}. "
+            f"Give all of {', '.join(effect.parameters)}, or no values at all."
+        )
+    anchor = joints[0] if joints else 0
+    numbers = [
+        float(np.asarray(values[k])[anchor]) if k in values else 0.0
+        for k in effect.parameters
+    ]
+    theta, shape = effect.from_values(np.array(numbers), robot)
+    return Term(effect, joints, shape, np.asarray(theta, dtype=float))
+
+
+def _free(effect: Effect, joints: Joints, span: Span, robot: Robot) -> list[Term]:
+    """A declared effect of unknown size; its shapes, if few, are all carried along."""
+    anchor = joints[0] if joints else 0
+    shapes = list(effect.shapes(span, anchor))
+    if len(shapes) > 2 * MOST_SHAPES:
+        raise InputError(
+            f"{effect.name} is declared without values, and its shape cannot be "
+            f"fitted blindly. Give {', '.join(effect.parameters)} in robot.toml."
+        )
+    return [Term(effect, joints, s, np.zeros(_width(effect, robot))) for s in shapes]
+
+
+def _width(effect: Effect, robot: Robot) -> int:
+    """Number of linear coefficients of an effect."""
+    theta, _ = effect.from_values(np.ones(len(effect.parameters)), robot)
+    return len(theta)

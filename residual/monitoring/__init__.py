@@ -1,0 +1,1 @@
+"""Early warning of sensors that fail."""

@@ -1,0 +1,208 @@
+"""Early warning of sensors that fail: calibrated on good runs, then watching others.
+
+The paper wants it (G2017, abstract) and leaves it open. T2 and SPE of its indicator
+space see no fault at all; what sees them are errors: measured minus wanted position,
+torque minus that of the model, and their change from one cycle of a program to the
+next. ``calibrate`` learns what is usual of them, ``Monitor.watch`` tells what is not.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.model.model import Model
+from residual.monitoring.limits import limits_of
+from residual.monitoring.names import Alarm, events
+from residual.monitoring.scores import Scale, Scores
+from residual.monitoring.sight import fit, sight_of
+from residual.monitoring.track import Rows, rows_of
+from residual.monitoring.usual import all_scores, rest_of, usual
+from residual.recording import Array, Recording
+from residual.signals.track import sample_rate
+
+__all__ = ["Alarm", "Monitor", "calibrate"]
+
+LEAST_RUNS = 3
+_STILL = 1.0  # s: readings that rest longer in good order tell nothing by it
+_SPAN = 0.05  # share of a calibrated range by which a state may be outside
+
+# These scores depend on the motion more than a few good runs can show: on arms that did
+# not set these factors, a program that is a little unusual was one alarm per cycle.
+_WIDER = {"model": 1.25, "cycle": 1.15, "errors": 1.5}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Monitor:
+    """What is usual on a robot in good order, and the limits of that.
+
+    Attributes:
+        model: Expects the torque; its coefficients are fitted to the good runs.
+        theta: Those coefficients. Shape (p,).
+        rate: Rate of the logs [Hz].
+        per_hour: False alarms wanted at most, all kinds together.
+        hours: Length of the good runs [h].
+        scale: What is usual of errors.
+        limits: Limit of each score, by kind. Shapes (c,).
+        lowest, highest: Range of q, qd, qdd in the good runs. Shape (3, dof) each.
+        referenced: The wanted position is logged, and looked at.
+    """
+
+    model: Model
+    theta: Array
+    rate: float
+    per_hour: float
+    hours: float
+    scale: Scale
+    limits: dict[str, Array]
+    lowest: Array
+    highest: Array
+    referenced: bool = True
+
+    def watch(self, recording: Recording) -> tuple[Alarm, ...]:
+        """Return the alarms of a log, in the order of time.
+
+        Args:
+            recording: A log of the same robot at the same rate.
+
+        Raises:
+            InputError: If it is of another robot or rate, or too short.
+        """
+        recording = self._fitting(recording)
+        log = sight_of(self.model, recording)
+        scores, errors = all_scores(recording, log, self.theta, self.scale)
+        return events(scores, self.limits, (errors, self.scale, recording.dof))
+
+    def scores(self, recording: Recording) -> tuple[Scores, ...]:
+        """Return all scores of a log, each column over its limit; 1 is an alarm."""
+        recording = self._fitting(recording)
+        log = sight_of(self.model, recording)
+        scores, _ = all_scores(recording, log, self.theta, self.scale)
+        return tuple(
+            replace(s, values=s.values / self.limits[s.kind])
+            for s in scores
+            if s.kind in self.limits
+        )
+
+    def novelty(self, recording: Recording) -> Array:
+        """Return how much of a log is where no good run was: a warning, no fault.
+
+        Returns:
+            Share of the rows with position, speed or acceleration of the joint outside
+            of what was calibrated. Shape (dof,).
+        """
+        state = _states(rows_of(self._fitting(recording)))
+        room = _SPAN * (self.highest - self.lowest)
+        outside = (state < self.lowest - room) | (state > self.highest + room)
+        return outside.any(axis=1).mean(axis=0)
+
+    def _fitting(self, recording: Recording) -> Recording:
+        check_log(recording, self.model, self.rate)
+        if not self.referenced:
+            return replace(recording, q_ref=None)
+        if recording.q_ref is None:
+            raise InputError(
+                f"{recording.id} has no q_ref, the runs of the calibration have it. "
+                "Log the reference, or calibrate on runs without it."
+            )
+        return recording
+
+
+def calibrate(
+    model: Model, recordings: Sequence[Recording], per_hour: float = 1.0
+) -> Monitor:
+    """Learn from runs of a robot in good order what is usual, and set limits.
+
+    Each run is scored by what was learnt from the others, so that no limit is set on
+    what it was fitted to.
+
+    Args:
+        model: Expects the torque; needs its ``speed_floor``.
+        recordings: Good runs, such as will be watched later. At least three.
+        per_hour: False alarms wanted at most, all kinds together [1/h].
+
+    Returns:
+        The monitor.
+
+    Raises:
+        InputError: If there are fewer than three runs, or one does not fit the others.
+    """
+    _check_runs(model, recordings, per_hour)
+    referenced = all(run.q_ref is not None for run in recordings)
+    runs = [r if referenced else replace(r, q_ref=None) for r in recordings]
+    logs = [sight_of(model, run) for run in runs]
+    states = np.concatenate([_states(log.rows) for log in logs])
+    theta = fit(model, logs)
+    thetas = [fit(model, logs, without=i) for i in range(len(logs))]
+    rests = [rest_of(log, own) for log, own in zip(logs, thetas, strict=True)]
+    scores: dict[str, list[Scores]] = {}
+    for i, run in enumerate(runs):
+        scale = usual(logs, rests, without=i)
+        for score in all_scores(run, logs[i], thetas[i], scale)[0]:
+            scores.setdefault(score.kind, []).append(score)
+    return Monitor(
+        model=model,
+        theta=theta,
+        rate=sample_rate(runs[0].t),
+        per_hour=per_hour,
+        hours=sum(run.duration for run in runs) / 3600.0,
+        scale=usual(logs, rests),
+        limits=_limits(scores, per_hour, sample_rate(runs[0].t)),
+        lowest=states.min(axis=0),
+        highest=states.max(axis=0),
+        referenced=referenced,
+    )
+
+
+def _limits(
+    scores: dict[str, list[Scores]], per_hour: float, rate: float
+) -> dict[str, Array]:
+    """Share the false alarms among the kinds of scores; return the limits of each."""
+    limits = {
+        kind: _WIDER.get(kind, 1.0) * limits_of(runs, per_hour / len(scores))
+        for kind, runs in scores.items()
+    }
+    # A reading without noise rests while its joint does, however long that is.
+    still = limits["still"]
+    limits["still"] = np.where(still > _STILL * rate, np.inf, still)
+    return limits
+
+
+def _states(rows: Rows) -> Array:
+    return np.stack([rows.q, rows.qd, rows.qdd], axis=1)
+
+
+def check_log(recording: Recording, model: Model, rate: float) -> None:
+    """Check that a log is of the robot and rate of a monitor.
+
+    Raises:
+        InputError: If it is not.
+    """
+    dof = model.robot.dof
+    if recording.dof != dof:
+        raise InputError(
+            f"{recording.id} has {recording.dof} joints, the monitor is for {dof}. "
+            "Give a run of the same robot."
+        )
+    own = sample_rate(recording.t)
+    if abs(own - rate) > 0.01 * rate:
+        raise InputError(
+            f"{recording.id} is logged at {own:g} Hz, the monitor is calibrated at "
+            f"{rate:g} Hz. Calibrate it on runs of that rate."
+        )
+
+
+def _check_runs(model: Model, runs: Sequence[Recording], per_hour: float) -> None:
+    if len(runs) < LEAST_RUNS:
+        raise InputError(
+            f"{len(runs)} runs to calibrate on, expected at least {LEAST_RUNS}: limits "
+            "are set on runs that were left out. Give more runs of the good robot."
+        )
+    if not 0 < per_hour < np.inf:
+        raise InputError(f"{per_hour:g} false alarms per hour, expected more than 0.")
+    if model.speed_floor is None:
+        raise InputError("The model has no speed_floor; make it from logs first.")
+    rate = sample_rate(runs[0].t)
+    for run in runs:
+        check_log(run, model, rate)

@@ -1,0 +1,195 @@
+"""The bank: every score that a monitor keeps, over the time of a log.
+
+Scores have no unit and no common size; limits (``monitor_limits``) give them one. Each
+is stamped with the last sample that it knows.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.monitoring.sight import Sight
+from residual.monitoring.track import Rows
+from residual.recording import Array, Recording
+
+WINDOWS = (0.25, 1.0)  # s over which a matched feature is collected
+SPREAD = 2  # samples on both sides of a spike
+_TINY = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Where a score points to.
+
+    Attributes:
+        joint: Joint from 1; 0 where the score is of all together.
+        sensor: "encoder", "torque", or "" for all.
+        fault: Name of the fault that it looks for.
+    """
+
+    joint: int
+    sensor: str
+    fault: str
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scores:
+    """Scores of one kind.
+
+    Attributes:
+        kind: jump, spikes, frozen, still, model, cycle or errors.
+        t: Times [s]. Shape (m,).
+        values: At least 0; larger is worse. Shape (m, c).
+        channels: What each column points to.
+    """
+
+    kind: str
+    t: Array
+    values: Array
+    channels: tuple[Channel, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scale:
+    """What is usual of errors, learnt from good runs.
+
+    Attributes:
+        residual: Root mean square of the torque residual, moving and slow [N m].
+            Shape (2, dof).
+        change: The same of its difference from the cycle before. Shape (2, dof).
+        mean, size: Of the columns of the errors. Shape (e,).
+        loadings: Of the components kept. Shape (e, a).
+        variance: Of the scores on them. Shape (a,).
+    """
+
+    residual: Array
+    change: Array
+    mean: Array
+    size: Array
+    loadings: Array
+    variance: Array
+
+
+def fast_scores(recording: Recording) -> tuple[Scores, ...]:
+    """Return the scores that look at raw samples: jump, spikes, frozen, still."""
+    t, q, tau = recording.t, recording.q, recording.tau
+    error = q if recording.q_ref is None else q - recording.q_ref
+    bend = np.abs(np.diff(error, 2, axis=0))
+    wide = np.lib.stride_tricks.sliding_window_view(tau, 2 * SPREAD + 1, axis=0)
+    spike = np.abs(tau[SPREAD:-SPREAD] - np.median(wide, axis=2))
+    count, travel = _standing(q, recording.q_ref)
+    whole = np.diff(t) < 1.5 * np.median(np.diff(t))  # nothing is told across gaps
+    bend[~(whole[1:] & whole[:-1])] = 0.0
+    dof = recording.dof
+    return (
+        Scores("jump", t[2:], bend, channels(dof, "encoder", "jump")),
+        Scores("spikes", t[2 * SPREAD :], spike, channels(dof, "torque", "spikes")),
+        Scores("frozen", t, travel, channels(dof, "encoder", "frozen")),
+        Scores("still", t, count, channels(dof, "encoder", "frozen")),
+    )
+
+
+def channels(dof: int, sensor: str, fault: str) -> tuple[Channel, ...]:
+    """Return one channel for each joint."""
+    return tuple(Channel(j, sensor, fault) for j in range(1, dof + 1))
+
+
+def matched_scores(
+    kind: str, rest: Array, tau: Array, log: Sight, size: Array, usable: Array
+) -> Scores:
+    """Return matched features in what is left of the torque.
+
+    |sum w f r| / sqrt(sum w f^2) over the last 0.25 and 1 s, w = 1 / size^2, for
+    f = 1 (bias), the expected torque (gain) and its change by an angle (encoder); of
+    the gain only a drop counts
+
+    Args:
+        kind: "model", or "cycle" for the difference from the cycle before.
+        rest: What is left, r [N m]. Shape (m, dof).
+        tau: Torque that is expected [N m]. Shape (m, dof).
+        log: The log.
+        size: What is usual of what is left, moving and slow [N m]. Shape (2, dof).
+        usable: Rows to look at. Shape (m,), bool.
+    """
+    weight = usable[:, None] / np.where(log.slow, size[1], size[0]) ** 2
+    turn, dof = log.by_angle, rest.shape[1]
+    named: list[Channel] = []
+    values = []
+    for window in WINDOWS:
+        count = max(2, round(window * log.rows.rate))
+        for fault, f in (("torque bias", np.ones(rest.shape)), ("gain drop", tau)):
+            drop = fault == "gain drop"
+            over = weight * f * (-rest if drop else rest)
+            values.append(_matched(over, weight * f * f, count, one_side=drop))
+            named += channels(dof, "torque", fault)
+        over = np.einsum("mi,mij->mj", weight * rest, turn)
+        under = np.einsum("mi,mij->mj", weight, turn**2)
+        values.append(_matched(over, under, count))
+        named += channels(dof, "encoder", "bias")
+    return Scores(kind, log.rows.t, np.hstack(values), tuple(named))
+
+
+def error_block(residual: Array, rows: Rows) -> Array:
+    """Return the errors that T2 and SPE look at: e_q, e_qd, torque. Shape (m, e)."""
+    if rows.e_q is None:
+        return residual
+    return np.column_stack([rows.e_q, rows.e_qd, residual])
+
+
+def error_scores(errors: Array, rows: Rows, scale: Scale) -> Scores:
+    """Return T2 and SPE of the principal components of the errors.
+
+    T2 = sum t_a^2 / lambda_a, t = P'z; SPE = |z - P t|^2     (Jackson & Mudholkar 1979)
+
+    Their roots are returned, whose tails decay like those of the other scores.
+
+    Args:
+        errors: Of ``error_block``. Shape (m, e).
+        rows: The log.
+        scale: What is usual.
+    """
+    z = (errors - scale.mean) / scale.size
+    t = z @ scale.loadings
+    both = np.column_stack(
+        [(t**2 / scale.variance).sum(axis=1), ((z - t @ scale.loadings.T) ** 2).sum(1)]
+    )
+    both[~rows.whole] = 0.0
+    named = tuple(Channel(0, "", f"deviation ({name})") for name in ("T2", "SPE"))
+    return Scores("errors", rows.t, np.sqrt(both), named)
+
+
+def blamed(errors: Array, scale: Scale, dof: int) -> tuple[int, str]:
+    """Return joint and sensor of the error that is largest on a row. Shape (e,)."""
+    worst = int(np.argmax(np.abs((errors - scale.mean) / scale.size)))
+    torque = len(errors) - dof
+    return worst % dof + 1, "torque" if worst >= torque else "encoder"
+
+
+def _standing(q: Array, goal: Array | None) -> tuple[Array, Array]:
+    """Return how long each reading has not changed, in samples, and what was wanted.
+
+    Returns:
+        Samples equal to the one before, in a row; and how far the wanted position has
+        come meanwhile [rad]; zeros where it is not logged. Shapes (n, dof).
+    """
+    row = np.arange(len(q))[:, None]
+    new = np.vstack([np.ones((1, q.shape[1]), bool), np.diff(q, axis=0) != 0])
+    since = np.maximum.accumulate(np.where(new, row, 0), axis=0)
+    count = (row - since).astype(float)
+    if goal is None:
+        return count, np.zeros(q.shape)
+    return count, np.abs(goal - np.take_along_axis(goal, since, axis=0))
+
+
+def _matched(over: Array, under: Array, count: int, one_side: bool = False) -> Array:
+    """Score of trailing windows; 0 where nothing was to be seen. Shape (m, c)."""
+    over, under = _trailing(over, count), _trailing(under, count)
+    seen = under > _TINY
+    over = np.maximum(over, 0.0) if one_side else np.abs(over)
+    return over / np.sqrt(np.where(seen, under, 1.0)) * seen
+
+
+def _trailing(x: Array, count: int) -> Array:
+    """Sum over the last rows, fewer at the beginning. Shape (m, c)."""
+    total = np.cumsum(x, axis=0)
+    return total - np.vstack([np.zeros((count, x.shape[1])), total])[: len(x)]

@@ -1,0 +1,120 @@
+"""What a monitor knows of a log: its rows, and the torque that a model expects there.
+
+tau = A(q, qd, qdd) theta, A the inertial regressor and the columns of the effects.
+Least squares with a pull to the coefficients that the model came with, in units of the
+torque that a coefficient makes: what the runs do not show stays as it was.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from residual.model.model import Model
+from residual.monitoring.cycle import period_of
+from residual.monitoring.track import Rows, rows_of
+from residual.recording import Array, Recording
+
+_PULL = 1e-3  # share of the rows that the belief in the model weighs
+_SLOW = 3.0  # standstill thresholds below which friction is not to be trusted
+_MEMORY = 0.1  # s after standing in which it is not either
+_TINY = 1e-9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sight:
+    """What is known of a log before it is judged.
+
+    Attributes:
+        rows: Motion and torque.
+        columns: Torque per unit of each coefficient of the model. Shape (m, dof, p).
+        by_angle: Change of the torques with the angle of joint j, the last axis
+            [N m/rad]. Shape (m, dof, dof).
+        slow: The joint stands or has just stood. Shape (m, dof), bool.
+        period: Length of a cycle of the program [s], None where nothing repeats.
+    """
+
+    rows: Rows
+    columns: Array
+    by_angle: Array
+    slow: Array
+    period: float | None
+
+    def torque(self, theta: Array) -> Array:
+        """Torque with these coefficients [N m]. Shape (m, dof)."""
+        return self.columns @ theta
+
+
+def sight_of(model: Model, recording: Recording) -> Sight:
+    """Return what a model makes of a log.
+
+    Raises:
+        InputError: If the log is too short or too slow.
+    """
+    rows = rows_of(recording)
+    slow = np.abs(rows.qd) < _SLOW * model.speed_floor
+    return Sight(
+        rows=rows,
+        columns=_columns(model, rows),
+        by_angle=_by_angle(model, rows),
+        slow=_remembered(slow, round(_MEMORY * rows.rate)),
+        period=period_of(rows),
+    )
+
+
+def _columns(model: Model, rows: Rows) -> Array:
+    state, dof = model.observe(rows.track()), rows.q.shape[1]
+    parts = [state.regressor]
+    for term in model.terms:
+        own = term.effect.columns(state, term.joints, term.shape)
+        part = np.zeros((len(rows.t), dof, own.shape[2]))
+        part[:, list(term.effect.rows(term.joints, dof))] = own
+        parts.append(part)
+    return np.concatenate(parts, axis=2)
+
+
+def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
+    """Fit the coefficients to logs, but for one of them.
+
+    Args:
+        model: Where to start.
+        logs: Logs.
+        without: Index of the log to leave out, -1 for none.
+
+    Returns:
+        Coefficients. Shape (p,).
+    """
+    theta = model.coefficients()
+    square = [np.mean(log.rows.tau**2, axis=0) for log in logs]
+    size = np.maximum(np.sqrt(np.mean(square, axis=0)), _TINY)
+    gram, right = np.zeros((len(theta), len(theta))), np.zeros(len(theta))
+    for log in (log for i, log in enumerate(logs) if i != without):
+        use = (~log.slow & log.rows.whole[:, None]) / size
+        columns = (log.columns * use[..., None]).reshape(-1, len(theta))
+        gram += columns.T @ columns
+        right += columns.T @ ((log.rows.tau - log.torque(theta)) * use).ravel()
+    scale = np.sqrt(np.diag(gram))
+    live = scale > _TINY * max(scale.max(), _TINY)
+    inner = gram[np.ix_(live, live)] / np.outer(scale[live], scale[live])
+    pull = _PULL * np.eye(int(live.sum()))
+    step = np.linalg.solve(inner + pull, right[live] / scale[live])
+    out = theta.copy()
+    out[live] += step / scale[live]
+    return out
+
+
+def _by_angle(model: Model, rows: Rows) -> Array:
+    rigid = model.robot.model
+    data, out = rigid.createData(), np.empty((*rows.q.shape, rows.q.shape[1]))
+    for i in range(len(rows.t)):
+        pin.computeRNEADerivatives(rigid, data, rows.q[i], rows.qd[i], rows.qdd[i])
+        out[i] = data.dtau_dq
+    return out
+
+
+def _remembered(flag: Array, count: int) -> Array:
+    """Keep each flag up for a number of rows after it. Shape (m, dof)."""
+    total = np.cumsum(flag, axis=0)
+    before = np.concatenate([np.zeros((count, flag.shape[1])), total])[: len(flag)]
+    return total - before > 0

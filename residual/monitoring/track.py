@@ -1,0 +1,124 @@
+"""What a monitor sees of a log: motion and torque by short filters that know their end.
+
+All filters are windows of fixed length (Savitzky and Golay 1964). A value is stamped
+with the time of the last sample that it is made of, never with the middle of its
+window, so no alarm knows what comes after it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import savgol_coeffs
+
+from residual.errors import InputError
+from residual.recording import Array, Recording
+from residual.signals.track import Track, sample_rate
+
+HALF = 0.03  # s: half the window of the filters
+STEP = 0.016  # s: between two rows
+_ORDER = 3  # of the polynomial: fits what a servo does within 60 ms
+_GAP = 1.5  # sample periods: more is a gap
+_SHORTEST = 1.0  # s
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rows:
+    """A log as rows of filtered motion and torque, each made of the samples before it.
+
+    Attributes:
+        id: Label of the recording.
+        rate: Rows per second [Hz].
+        t: Time of the last sample in each row [s]. Shape (m,).
+        q, qd, qdd: Motion in the middle of the window [rad, ...]. Shape (m, dof).
+        tau: Torque through the same window [N m]. Shape (m, dof).
+        goal: Wanted position there [rad]. Shape (m, dof), or None.
+        e_q, e_qd: Measured minus wanted [rad, rad/s]. Shape (m, dof), or None.
+        whole: The window has no gap. Shape (m,), bool.
+    """
+
+    id: str
+    rate: float
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    goal: Array | None
+    e_q: Array | None
+    e_qd: Array | None
+    whole: Array
+
+    def track(self) -> Track:
+        """The same as what a model looks at (``Model.observe``)."""
+        moving = np.ones(self.q.shape, dtype=bool)
+        return Track(
+            id=self.id,
+            rate=self.rate,
+            t=self.t,
+            q=self.q,
+            qd=self.qd,
+            qdd=self.qdd,
+            cutoff=self.rate / 2,
+            step=1,
+            tau=self.tau,
+            inner=self.whole,
+            moving=moving,
+            torque_noise=np.zeros(self.q.shape[1]),
+        )
+
+
+def rows_of(recording: Recording) -> Rows:
+    """Filter a log.
+
+    Raises:
+        InputError: If it is shorter than a second, or so slow that a window of 60 ms
+            has fewer than five samples.
+    """
+    rate = sample_rate(recording.t)
+    half, step = round(HALF * rate), max(1, round(STEP * rate))
+    if half < 2:
+        raise InputError(
+            f"{recording.id} is logged at {rate:g} Hz, expected at least 60 Hz to "
+            "watch sensors. Log faster, or leave it out."
+        )
+    if recording.duration < _SHORTEST:
+        raise InputError(
+            f"{recording.id} lasts {recording.duration:g} s, expected at least "
+            f"{_SHORTEST:g} s. Give a longer log."
+        )
+    late = np.diff(recording.t, prepend=recording.t[0]) > _GAP / rate
+    ends = np.arange(2 * half, len(recording.t), step)
+    gone = np.concatenate([[0], np.cumsum(late)])
+    q, qd, qdd = (_filtered(recording.q, half, step, d, rate) for d in range(3))
+    made = Rows(
+        id=recording.id,
+        rate=rate / step,
+        t=recording.t[ends],
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=_filtered(recording.tau, half, step, 0, rate),
+        goal=None,
+        e_q=None,
+        e_qd=None,
+        # A gap before the first sample of a window does not spoil it.
+        whole=gone[ends + 1] == gone[ends - 2 * half + 1],
+    )
+    if recording.q_ref is None:
+        return made
+    error = recording.q - recording.q_ref
+    return replace(
+        made,
+        goal=recording.q_ref[ends - half],
+        e_q=_filtered(error, half, step, 0, rate),
+        e_qd=_filtered(error, half, step, 1, rate),
+    )
+
+
+def _filtered(x: Array, half: int, step: int, times: int, rate: float) -> Array:
+    """The d-th derivative in the middle of windows of 2 half + 1 samples."""
+    weights = savgol_coeffs(
+        2 * half + 1, _ORDER, deriv=times, delta=1 / rate, use="dot"
+    )
+    windows = np.lib.stride_tricks.sliding_window_view(x, 2 * half + 1, axis=0)
+    return windows[::step] @ weights

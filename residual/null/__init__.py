@@ -1,0 +1,1 @@
+"""Recordings in which nothing is missing: what chance alone brings about."""

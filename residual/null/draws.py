@@ -1,0 +1,135 @@
+"""Recordings in which nothing is missing, made after real ones, and searched.
+
+The motion is the logged one, smoothed; the torque is that of the identified model.
+Encoder and torque noise are redrawn as they were measured, and the nominal model is
+redrawn around the truth as far off as it was found to be, so that its prior is tried
+too. Several draws of torque noise share one of encoder noise: what costs time is the
+columns, and they depend on the angles alone.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.choices import allowed, every_candidate
+from residual.diagnosis.gate import passed, simplest
+from residual.diagnosis.prior_scale import select
+from residual.diagnosis.search import Rules, Task, _shortlist, possible
+from residual.evidence.colour import coloured
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, fit, gain
+from residual.evidence.states import first_look
+from residual.model.fit_logs import Logs, ready
+from residual.model.nominal import Nominal
+from residual.null.source import Source, null_recordings, redrawn
+from residual.recording import Array
+
+ALL = -1e9  # nats
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """What one null recording showed (`null.Null`)."""
+
+    nats: float
+    net: float
+    named: bool
+
+
+def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]:
+    """Draws of torque noise and nominal that share one draw of encoder noise.
+
+    Args:
+        source: What they are made after.
+        seed: Seed of the null.
+        index: Number of the block; its own random numbers.
+        count: How many draws.
+    """
+    rng = np.random.default_rng([seed, index])
+    logs, hiss = _noisy(source, rng)
+    nominal = redrawn(source, rng)
+    design = first_look(logs, nominal)
+    candidates = every_candidate(design, nominal, logs.span, logs.clock is not None)
+    out = [_searched(design, nominal, candidates)]
+    for _ in range(count - 1):
+        another, fresh = redrawn(source, rng), _hiss(source, logs, rng)
+        moved = nominal.model.coefficients() - another.model.coefficients()
+        target = design._stack([b - a for a, b in zip(hiss, fresh, strict=True)])
+        for j, change in enumerate(target):
+            place, have = design.present(j, design.nominal)
+            change += design.target[j] + design.columns(j, place) @ moved[have]
+        out.append(_searched(retold(design, target), another, candidates))
+    return tuple(out)
+
+
+def retold(design: Design, target: Sequence[Array]) -> Design:
+    """The same columns on the same rows, with another torque to explain.
+
+    Torque rms, to which tolerances and priors of effects refer, stays: another draw of
+    the noise changes it by next to nothing.
+
+    Args:
+        design: The columns.
+        target: Filtered torque minus nominal torque on the rows, one per joint.
+    """
+    out = copy(design)
+    out.target = list(target)
+    out.power = design._per_fold(target)
+    out._sums = [None] * design.dof
+    out._x, out.gram = list(design._x), list(design.gram)
+    out.place, out.cross = list(design.place), []
+    for j, y in enumerate(target):
+        own = [design.folds_of(j) == f for f in range(design.folds)]
+        out.cross.append(np.array([design._x[j][rows].T @ y[rows] for rows in own]))
+    # Columns added to one of them must not show in the other.
+    out._buffers = list(zip(out._x, out.gram, out.cross, strict=True))
+    return out
+
+
+def _searched(design: Design, nominal: Nominal, candidates: Candidates) -> Draw:
+    """The whole choice of prior, search and gate; and the loudest of all candidates."""
+    chosen = select(design, allowed(design, nominal, candidates), Rules())
+    task, named = chosen.task, False
+    if chosen.fit.members:
+        _, tested = passed(task, simplest(task, chosen.fit))
+        named = bool(tested)
+    nats, net = loudest(task, task.start())
+    return Draw(nats, net, named)
+
+
+def loudest(task: Task, base: Fit) -> tuple[float, float]:
+    """Largest evidence of any one candidate on top of a fit, and less its price [nats].
+
+    Whether it lowers the error by enough is not asked: a name must do that too.
+    """
+    open_rules = replace(task.rules, threshold=ALL)
+    nats, net = [ALL], [ALL]
+    for group in _shortlist(replace(task, rules=open_rules), base, None):
+        members = (*base.members, group)
+        trial = fit(task.design, task.prior, members, task.design.rows / 4)
+        trial = replace(trial, counted=base.counted)
+        value, big, _ = gain(task.design, task.prior, trial, base)
+        if possible(big, group):
+            nats.append(float(value))
+            net.append(float(value - task.candidates.cost(group)))
+    return max(nats), max(net)
+
+
+def _noisy(source: Source, rng: np.random.Generator) -> tuple[Logs, list[Array]]:
+    """The logs of a block, ready, and the torque noise that is in them."""
+    _, read = null_recordings(source, rng)
+    old = source.logs
+    logs = ready(old.robot, read, old.clock, old.filters)
+    hiss = _hiss(source, logs, rng)
+    tracks = tuple(
+        replace(new, tau=new.tau + noise, torque_noise=was.torque_noise)
+        for new, noise, was in zip(logs.tracks, hiss, old.tracks, strict=True)
+    )
+    return replace(logs, tracks=tracks), hiss
+
+
+def _hiss(source: Source, logs: Logs, rng: np.random.Generator) -> list[Array]:
+    return [coloured(source.noise, len(t.tau), rng) for t in logs.tracks]

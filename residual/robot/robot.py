@@ -1,0 +1,185 @@
+"""The robot: rigid body from its URDF, everything else from its robot.toml."""
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from residual.errors import RobotError
+from residual.names import check_name
+from residual.robot.toml import Declared, RobotToml, parse_robot_toml
+from residual.robot.urdf import Chain, read_chain
+from residual.robot.urdf_model import build_model
+
+__all__ = ["Declared", "Robot", "built_in_robots", "load_robot"]
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Robot:
+    """A serial arm of revolute joints, joint 1 at the base.
+
+    Attributes:
+        name: Slug, 1 to 40 of a-z, 0-9, "_" and "-".
+        model: Pinocchio model with nq == nv == dof, gravity set.
+        urdf: URDF text the model was built from (continuous joints as revolute).
+        toml: Canonical text of the robot.toml (JSON, keys sorted), "{}" for none.
+        dof: Number of joints.
+        lower: Lower end of each range, -inf where continuous [rad]. Shape (dof,).
+        upper: Upper end of each range, inf where continuous [rad]. Shape (dof,).
+        velocity_limit: Speed limits, inf where unknown [rad/s]. Shape (dof,).
+        torque_limit: Effort limits, inf where unknown [N m]. Shape (dof,).
+        acceleration_limit: Acceleration limits [rad/s^2]. Shape (dof,) or None.
+        gear_ratio: Motor turns per joint turn, signed. Shape (dof,) or None.
+        torque_per_unit: Link torque per logged unit [N m]. Shape (dof,) or None.
+        motor_from_joint: Motor speeds from joint speeds. Shape (dof, dof) or None.
+        declared: Effects that the nominal model has, by name; empty for a bare URDF.
+        prior_scale: Relative scale of the rigid prior, None to estimate it.
+    """
+
+    name: str
+    model: pin.Model
+    urdf: str
+    toml: str
+    dof: int
+    lower: Array
+    upper: Array
+    velocity_limit: Array
+    torque_limit: Array
+    acceleration_limit: Array | None
+    gear_ratio: Array | None
+    torque_per_unit: Array | None
+    motor_from_joint: Array | None
+    declared: Mapping[str, Declared]
+    prior_scale: float | None
+
+    @property
+    def content_hash(self) -> str:
+        """SHA-256 of the URDF text and the robot.toml, hexadecimal."""
+        return hashlib.sha256(f"{self.urdf}\0{self.toml}".encode()).hexdigest()
+
+    @property
+    def transmission(self) -> Array | None:
+        """Motor speeds from joint speeds: couplings, else gears. (dof, dof) or None."""
+        if self.motor_from_joint is None and self.gear_ratio is not None:
+            return np.diag(self.gear_ratio)
+        return self.motor_from_joint
+
+
+def built_in_robots() -> tuple[str, ...]:
+    """Return the names of the robots that come with the program."""
+    return tuple(sorted(f.name for f in _robots_folder().iterdir() if f.is_dir()))
+
+
+def load_robot(spec: str | Path) -> Robot:
+    """Load a robot.
+
+    Args:
+        spec: A built-in name, a URDF file (nothing beside it is picked up), or a
+            folder with exactly one *.urdf and an optional robot.toml. A built-in name
+            wins over a folder of that name in the working directory.
+
+    Returns:
+        The robot.
+
+    Raises:
+        RobotError: If there is no such file or its content is not usable.
+        UnknownNameError: On an unknown robot, table, key or effect.
+    """
+    urdf_file, toml_file = _locate(spec)
+    chain = read_chain(_read(urdf_file), urdf_file.name)
+    dof = len(chain.lower)
+    toml_text = _read(toml_file) if toml_file else ""
+    extra = parse_robot_toml(toml_text, dof, "robot.toml")
+    model = build_model(chain.text, urdf_file.name)
+    if model.nq != dof or model.nv != dof:
+        raise RobotError(
+            f"{urdf_file.name}: {model.nq} positions for {dof} joints, expected as "
+            "many. Report this URDF as a bug."
+        )
+    model.gravity.linear = extra.gravity
+    canonical = json.dumps(tomllib.loads(toml_text), sort_keys=True)
+    name = extra.name or _slug(chain.name) or _slug(Path(urdf_file.name).stem)
+    return _assemble(name or "robot", model, chain, extra, canonical)
+
+
+def _assemble(
+    name: str, model: pin.Model, chain: Chain, extra: RobotToml, canonical: str
+) -> Robot:
+    for array in (chain.lower, chain.upper, chain.velocity_limit, chain.torque_limit):
+        array.setflags(write=False)
+    joints = extra.joints
+    return Robot(
+        name=name,
+        model=model,
+        urdf=chain.text,
+        toml=canonical,
+        dof=len(chain.lower),
+        lower=chain.lower,
+        upper=chain.upper,
+        velocity_limit=joints.get("velocity_limit", chain.velocity_limit),
+        torque_limit=joints.get("torque_limit", chain.torque_limit),
+        acceleration_limit=joints.get("acceleration_limit"),
+        gear_ratio=joints.get("gear_ratio"),
+        torque_per_unit=joints.get("torque_per_unit"),
+        motor_from_joint=extra.motor_from_joint,
+        declared=extra.declared,
+        prior_scale=extra.prior_scale,
+    )
+
+
+def _robots_folder() -> Traversable:
+    return files("residual") / "robot" / "built_in"
+
+
+def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
+    """Return the URDF and the robot.toml that the words of the user stand for."""
+    path = Path(spec)
+    if str(spec) not in built_in_robots():
+        if path.is_dir():
+            return _only_urdf(path)
+        if path.is_file():
+            return path, None
+        if path.exists() or path.suffix or len(path.parts) > 1:
+            raise RobotError(
+                f"No file or folder '{spec}' for a robot. Give a URDF file, a folder "
+                f"with one, or a built-in name ({', '.join(built_in_robots())})."
+            )
+    name = check_name(str(spec), built_in_robots(), "robot")
+    return _only_urdf(_robots_folder() / name)
+
+
+def _only_urdf(folder: Traversable) -> tuple[Traversable, Traversable | None]:
+    entries = {f.name: f for f in folder.iterdir() if f.is_file()}
+    urdfs = sorted(name for name in entries if name.endswith(".urdf"))
+    if len(urdfs) != 1:
+        found = ", ".join(urdfs) or "none"
+        raise RobotError(
+            f"Folder '{folder.name}' must hold exactly one *.urdf, found {found}. "
+            "Give the URDF file itself to choose one."
+        )
+    return entries[urdfs[0]], entries.get("robot.toml")
+
+
+def _read(file: Traversable) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise RobotError(
+            f"{file.name} is not a text file, expected UTF-8 text."
+        ) from error
+    except OSError as error:
+        raise RobotError(f"Cannot read {file.name}: {error.strerror}.") from error
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^a-z0-9_-]+", "_", text.lower()).strip("_")[:40]

@@ -1,0 +1,187 @@
+"""What a robot.toml may say: names, units and sizes checked."""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from residual.errors import RobotError
+from residual.names import check_keys, check_name
+from residual.robot.vocabulary import VOCABULARY
+
+Array = np.ndarray
+
+SLUG = re.compile(r"[a-z0-9_-]{1,40}")
+_TABLES = {
+    "robot": ("name", "gravity"),
+    "joints": (
+        "gear_ratio",
+        "torque_per_unit",
+        "torque_limit",
+        "velocity_limit",
+        "acceleration_limit",
+    ),
+    "couplings": ("motor_from_joint",),
+    "prior": ("scale",),
+    "declared": tuple(VOCABULARY),
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Declared:
+    """An effect that the nominal model has.
+
+    Attributes:
+        values: Its parameters by key, SI units of the vocabulary. Shapes (dof,). Empty
+            where the effect is declared without values.
+        assumed: Whether the values are an assumption, not a measurement.
+        source: Where the values are from.
+    """
+
+    values: Mapping[str, Array]
+    assumed: bool = False
+    source: str = ""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RobotToml:
+    """The checked content of a robot.toml, None where it is silent.
+
+    Attributes:
+        name: Slug of the robot.
+        gravity: Acceleration of gravity in the base frame [m/s^2]. Shape (3,).
+        joints: Arrays of the table joints by key. Shapes (dof,).
+        motor_from_joint: Motor speeds from joint speeds. Shape (dof, dof).
+        declared: Declared effects by name.
+        prior_scale: Relative scale of the rigid prior; None to estimate it.
+    """
+
+    name: str | None = None
+    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    joints: Mapping[str, Array] = field(default_factory=dict)
+    motor_from_joint: Array | None = None
+    declared: Mapping[str, Declared] = field(default_factory=dict)
+    prior_scale: float | None = None
+
+
+def parse_robot_toml(text: str, dof: int, where: str) -> RobotToml:
+    """Read the text of a robot.toml.
+
+    Args:
+        text: TOML.
+        dof: Number of joints of the URDF beside it.
+        where: File name, as messages begin.
+
+    Returns:
+        What it says.
+
+    Raises:
+        RobotError: On text that is not TOML, a wrong size or a value out of range.
+        UnknownNameError: On a table, key or effect that is not known.
+    """
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise RobotError(f"{where} is not valid TOML: {error}.") from error
+    check_keys(content, _TABLES, where)
+    for name, table in content.items():
+        if not isinstance(table, dict):
+            raise RobotError(f"{where}: '{name}' must be a table: [{name}].")
+        if name != "declared":
+            check_keys(table, _TABLES[name], f"[{name}] of {where}")
+    known = {
+        "joints": _joints(content.get("joints", {}), dof, where),
+        "declared": _all_declared(content.get("declared", {}), dof, where),
+        "motor_from_joint": _coupling(content.get("couplings", {}), dof, where),
+        "prior_scale": _scale(content.get("prior", {}), where),
+        "name": _name(content.get("robot", {}), where),
+    }
+    if "gravity" in content.get("robot", {}):
+        gravity = content["robot"]["gravity"]
+        known["gravity"] = _array(gravity, (3,), f"{where}: gravity")
+    return RobotToml(**known)
+
+
+def _joints(table: dict, dof: int, where: str) -> Mapping[str, Array]:
+    arrays = {}
+    for key, value in table.items():
+        what = f"{where}: {key}"
+        array = _array(value, (dof,), what)
+        if key.endswith("_limit") and (array <= 0).any():
+            raise RobotError(f"{what} must be positive, got {array.min():g}.")
+        if (array == 0).any():
+            raise RobotError(f"{what} must not be 0 for any joint.")
+        arrays[key] = array
+    return arrays
+
+
+def _all_declared(tables: dict, dof: int, where: str) -> Mapping[str, Declared]:
+    for name in tables:
+        check_name(name, VOCABULARY, f"effect in {where}")
+    return {n: _declared(n, table, dof, where) for n, table in tables.items()}
+
+
+def _declared(name: str, table: dict, dof: int, where: str) -> Declared:
+    place = f"[declared.{name}] of {where}"
+    if not isinstance(table, dict):
+        raise RobotError(f"{where}: write {name} as a table [declared.{name}].")
+    check_keys(table, (*VOCABULARY[name], "assumed", "source"), place)
+    assumed, source = table.get("assumed", False), table.get("source", "")
+    if not isinstance(assumed, bool) or not isinstance(source, str):
+        raise RobotError(f"{place}: assumed must be true or false, source a text.")
+    if assumed and not source:
+        raise RobotError(f"{place}: assumed values need a source = '...'.")
+    values = {
+        key: _array(table[key], (dof,), f"{place}: {key}")
+        for key in VOCABULARY[name]
+        if key in table
+    }
+    return Declared(values, assumed, source)
+
+
+def _coupling(table: dict, dof: int, where: str) -> Array | None:
+    if "motor_from_joint" not in table:
+        return None
+    matrix = _array(table["motor_from_joint"], (dof, dof), f"{where}: motor_from_joint")
+    if np.linalg.matrix_rank(matrix) < dof or (np.diag(matrix) == 0).any():
+        raise RobotError(
+            f"{where}: motor_from_joint must be invertible with no 0 on its diagonal."
+        )
+    return matrix
+
+
+def _scale(table: dict, where: str) -> float | None:
+    scale = table.get("scale", "estimate")
+    if scale == "estimate":
+        return None
+    if isinstance(scale, bool) or not isinstance(scale, int | float) or scale <= 0:
+        raise RobotError(
+            f"{where}: prior scale is {scale!r}, expected 'estimate' or a positive "
+            "number such as 0.03."
+        )
+    return float(scale)
+
+
+def _name(table: dict, where: str) -> str | None:
+    name = table.get("name")
+    if name is not None and not (isinstance(name, str) and SLUG.fullmatch(name)):
+        raise RobotError(
+            f"{where}: name is {name!r}, expected 1 to 40 of a-z, 0-9, '_' and '-'."
+        )
+    return name
+
+
+def _array(value: object, shape: tuple[int, ...], what: str) -> Array:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.shape != shape:
+        size, got = (" x ".join(map(str, s)) for s in (shape, array.shape))
+        raise RobotError(f"{what} needs {size} numbers, got {got or 'none'}.")
+    if not np.isfinite(array).all():
+        raise RobotError(f"{what} has a value that is not a finite number.")
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,1 @@
+"""From logged samples to kinematics, filtered torque and the rows that count."""

@@ -1,0 +1,239 @@
+"""From logged samples to kinematics, filtered torque and the rows that count.
+
+Torque and every regressor column pass the same zero-phase filter (parallel
+filtering, Gautier 1997), so that the filter cannot be mistaken for dynamics. Rows
+near a reversal or inside a dwell are masked: friction at standstill may take any
+value up to breakaway, so no function of the motion predicts it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+from scipy.signal import butter, sosfiltfilt
+
+from residual.recording import Array, Recording
+
+
+@dataclass(frozen=True, slots=True)
+class Filters:
+    """Cut-offs and margins of the signal path.
+
+    Attributes:
+        kinematics: Low-pass on positions [Hz].
+        torque: Low-pass on torque and regressor, the identification filter [Hz].
+        rate: Rate at which features are built [Hz].
+        edge: Time dropped at both ends of a log [s].
+        margin: Mask half-width around standstill, in periods of the torque filter.
+        speed: Standstill threshold, as a share of the 95 % quantile of speed.
+    """
+
+    kinematics: float = 12.0
+    torque: float = 8.0
+    rate: float = 110.0
+    edge: float = 0.5
+    margin: float = 0.8
+    speed: float = 0.02
+
+    def cutoff(self, rate: float) -> float:
+        """Identification cut-off for a log of this rate [Hz]."""
+        return min(self.torque, 0.08 * rate)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Track:
+    """One log on a uniform grid, ready for features.
+
+    Attributes:
+        id: Label of the recording.
+        rate: Sample rate of the kinematics [Hz].
+        t: Times on the log's own clock [s]. Shape (n,).
+        q, qd, qdd: Filtered kinematics [rad, rad/s, rad/s^2]. Shape (n, dof).
+        cutoff: Cut-off of the identification filter [Hz].
+        step: Decimation from features to rows.
+        tau: Filtered torque of each row [N m]. Shape (m, dof).
+        inner: Row lies outside the edges and gaps. Shape (m,), bool.
+        moving: Row is used for that joint. Shape (m, dof), bool.
+        torque_noise: White-noise level of torque behind the filter [N m]. (dof,)
+    """
+
+    id: str
+    rate: float
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    cutoff: float
+    step: int
+    tau: Array
+    inner: Array
+    moving: Array
+    torque_noise: Array
+
+    def filter(self, columns: Array) -> Array:
+        """Pass feature columns through the identification filter and decimate.
+
+        Args:
+            columns: Values at the feature rate. Shape (n, ...).
+
+        Returns:
+            Values at the rows. Shape (m, ...).
+        """
+        return low_pass(columns, self.cutoff, self.rate)[:: self.step]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Uniform:
+    """A recording resampled on its median rate."""
+
+    rate: float
+    t: Array
+    q: Array
+    tau: Array
+    gap: Array
+
+
+def low_pass(x: Array, cutoff: float, rate: float) -> Array:
+    """Zero-phase Butterworth low-pass of order 4 (twice 4) along the first axis."""
+    if cutoff >= 0.45 * rate:
+        return np.asarray(x, dtype=float)
+    return sosfiltfilt(
+        _butterworth(cutoff / (rate / 2)), x, axis=0, padlen=min(len(x) - 2, int(rate))
+    )
+
+
+@cache
+def _butterworth(share: float) -> Array:
+    """Second-order sections of the low-pass; its design costs more than its use."""
+    return butter(4, share, output="sos")
+
+
+def sample_rate(t: Array) -> float:
+    """Median sample rate, rounded where it is a whole number within 10 % [Hz]."""
+    rate = 1 / float(np.median(np.diff(t)))
+    whole = round(rate)
+    return float(whole) if whole and abs(rate - whole) < 0.1 else rate
+
+
+def prepare(
+    recordings: Sequence[Recording],
+    filters: Filters,
+    speed_floor: Array | None = None,
+    full_rate: bool = False,
+) -> tuple[tuple[Track, ...], Array]:
+    """Filter, differentiate and mask several logs with common speed thresholds.
+
+    Args:
+        recordings: Checked logs.
+        filters: Cut-offs and margins.
+        speed_floor: Standstill thresholds of other logs [rad/s]. Shape (dof,); made
+            from these logs where None.
+        full_rate: Keep features at the log's own rate (for prediction).
+
+    Returns:
+        One track per log, and the standstill thresholds [rad/s]. Shape (dof,).
+    """
+    uniform = [_resample(r) for r in recordings]
+    motion = [_kinematics(u, filters) for u in uniform]
+    if speed_floor is None:
+        speed_floor = _standstill_speed(uniform, motion, filters)
+    tracks = tuple(
+        _track(r.id, u, m, filters, (speed_floor, full_rate))
+        for r, u, m in zip(recordings, uniform, motion, strict=True)
+    )
+    return tracks, speed_floor
+
+
+def _resample(recording: Recording) -> _Uniform:
+    rate = sample_rate(recording.t)
+    t = np.arange(recording.t[0], recording.t[-1] + 0.5 / rate, 1 / rate)
+    t = t[t <= recording.t[-1] + 1e-9]
+
+    def at(x: Array) -> Array:
+        return np.column_stack([np.interp(t, recording.t, c) for c in x.T])
+
+    late = (np.diff(recording.t) > 6 / rate).astype(float)
+    gap = np.interp(t, recording.t[1:], late) > 0
+    return _Uniform(rate, t, at(recording.q), at(recording.tau), gap)
+
+
+def _kinematics(u: _Uniform, filters: Filters) -> tuple[Array, Array, Array]:
+    q = low_pass(u.q, min(filters.kinematics, 0.12 * u.rate), u.rate)
+    qd = np.gradient(q, 1 / u.rate, axis=0)
+    return q, qd, np.gradient(qd, 1 / u.rate, axis=0)
+
+
+def _standstill_speed(uniform, motion, filters: Filters) -> Array:
+    """Speed below which a joint counts as standing: 2 % of its usual speed, or noise.
+
+    The velocity noise is the encoder's stop-band noise, carried through the
+    kinematic filter and the derivative.
+    """
+    speed = np.quantile(np.abs(np.concatenate([m[1] for m in motion])), 0.95, axis=0)
+    noise = np.zeros_like(speed)
+    for u, (q, _, _) in zip(uniform, motion, strict=True):
+        cutoff = min(filters.kinematics, 0.12 * u.rate)
+        density = np.std(u.q - q, axis=0) * np.sqrt(cutoff / (u.rate / 2))
+        noise = np.maximum(noise, 2 * np.pi * cutoff / np.sqrt(3) * density)
+    return np.maximum.reduce(
+        [filters.speed * speed, 3 * noise, np.full_like(speed, 1e-3)]
+    )
+
+
+def _track(label, u: _Uniform, motion, filters: Filters, options) -> Track:
+    speed_floor, full_rate = options
+    first = 1 if full_rate else max(1, round(u.rate / filters.rate))
+    rate = u.rate / first
+    cutoff = filters.cutoff(u.rate)
+    step = max(1, int(rate // (3.2 * cutoff)))
+    q, qd, qdd = (x[::first] for x in motion)
+    still = (np.abs(qd) < speed_floor) | u.gap[::first, None]
+    still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
+    width = 2 * int(np.ceil(filters.margin / cutoff * rate)) + 1
+    still = maximum_filter1d(still.astype(np.uint8), width, axis=0) > 0
+    rows = slice(None, None, first * step)
+    inner = ~maximum_filter1d(u.gap.astype(np.uint8), width * first)[rows].astype(bool)
+    edge = max(2, round(filters.edge * rate / step))
+    inner[:edge] = inner[-edge:] = False
+    return Track(
+        id=label,
+        rate=rate,
+        t=u.t[::first],
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        cutoff=cutoff,
+        step=step,
+        tau=low_pass(_thinned(u, first), cutoff, rate)[::step],
+        inner=inner,
+        moving=~still[::step] & inner[:, None],
+        torque_noise=_white_noise(u.tau, u.rate, cutoff),
+    )
+
+
+def _thinned(u: _Uniform, first: int) -> Array:
+    """Torque at the feature rate, so that it passes the very filter of the features.
+
+    What would alias is taken out before, far above the identification cut-off.
+    """
+    if first == 1:
+        return u.tau
+    return low_pass(u.tau, 0.4 * u.rate / first, u.rate)[::first]
+
+
+def _white_noise(tau: Array, rate: float, cutoff: float) -> Array:
+    """Noise behind the filter, from the torque above 2.5 cut-offs taken as white."""
+    nyquist = rate / 2
+    low = min(2.5 * cutoff, 0.5 * nyquist)
+    high = tau - low_pass(tau, low, rate)
+    variance = (np.median(np.abs(high), axis=0) / 0.6745) ** 2
+    return np.sqrt(variance / (1 - low / nyquist) * (cutoff / nyquist))
+
+
+def at_samples(torque: Array, track: Track, recording: Recording) -> Array:
+    """Torque on a track's grid, read at the recording's own times. Shape (n, dof)."""
+    if torque.shape[0] == len(recording.t) and np.allclose(track.t, recording.t):
+        return torque
+    return np.column_stack([np.interp(recording.t, track.t, c) for c in torque.T])

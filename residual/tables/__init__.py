@@ -1,0 +1,1 @@
+"""Regression on nominal levels and its peers; knows no robot and no effect."""

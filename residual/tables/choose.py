@@ -1,0 +1,204 @@
+"""Which form of correction each joint gets, decided on runs left out.
+
+The order of options is from simple to involved: nothing, least squares, main effects,
+the same with load, named pairs, all pairs. A joint takes the first that is as good as
+the best within one standard error of the difference over runs, and nothing is always
+among them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.recording import Array
+from residual.tables.blocks import as_block, as_names, as_pair, check_varying
+from residual.tables.build import build_lookup
+from residual.tables.crossval import Folds, HeldOut, fold_power, leave_one_out, simplest
+from residual.tables.form import (
+    LEAST_SQUARES,
+    LOADED,
+    MAIN,
+    NAMED,
+    NONE,
+    PAIRS,
+    Base,
+    EffectForm,
+    Option,
+    Rest,
+    fit_base,
+    fit_rest,
+)
+from residual.tables.lookup.lookup import Lookup
+
+PROVEN = 3  # runs from which on a choice among them can be trusted
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EffectModel:
+    """The default form, fitted to all rows.
+
+    Attributes:
+        lookup: The correction; loads are variables of it only where a joint takes them.
+        chosen: Option of each joint.
+        errors: Errors on runs left out of the options of each joint. They helped to
+            choose: report those of `nested_errors`.
+        options: Options that the errors are of, but for the ridge, which is each
+            joint's own.
+        proven: Whether there were enough runs to choose by.
+        base, rest: The fits behind the tables.
+    """
+
+    lookup: Lookup
+    chosen: tuple[Option, ...]
+    errors: HeldOut
+    options: tuple[Option, ...]
+    proven: bool
+    base: Base
+    rest: Rest
+
+
+def fit_effect_tables(
+    X: Array,
+    Y: Array,
+    run: Array,
+    torque: Array,
+    form: EffectForm | None = None,
+) -> EffectModel:
+    """Fit the default form and choose its parts on runs left out.
+
+    Args:
+        X: Variables: q, qd, qdd of the joints in question, then their loads. (n, d).
+        Y: What the nominal model leaves: the residual [N m]. Shape (n, j).
+        run: Run of each row. Shape (n,).
+        torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
+        form: What may be chosen from.
+
+    Raises:
+        InputError: On a single run, a constant column, or blocks that do not fit.
+    """
+    X, Y = as_pair(X, Y)
+    form = form or EffectForm()
+    folds = leave_one_out(run)
+    _check_runs(X, folds, form)
+    power = fold_power(torque, folds)
+    bases = [fit_base(X[k], Y[k], form) for k in _training(folds)]
+    ridge = _choose_ridge(X, Y, folds, bases, form, power)
+    miss = _all_options(X, Y, folds, bases, form, ridge)
+    errors = HeldOut(folds.scheme, miss, power)
+    options = list_options(form)
+    proven = folds.count >= PROVEN
+    picked = [_pick(errors, j, options, proven) for j in range(Y.shape[1])]
+    base = fit_base(X, Y, form)
+    rest = fit_rest(X, Y - _main(base, X, ridge, form), np.asarray(run), form)
+    pairs = zip(picked, ridge, strict=True)
+    chosen = tuple(_named_option(options[p], form, r) for p, r in pairs)
+    lookup = build_lookup(base, rest, chosen, form)
+    return EffectModel(lookup, chosen, errors, options, proven, base, rest)
+
+
+def nested_errors(
+    X: Array,
+    Y: Array,
+    folds: Folds,
+    run: Array,
+    torque: Array,
+    form: EffectForm | None = None,
+) -> HeldOut:
+    """Errors of the whole method, its choices made without the held-out rows.
+
+    Args:
+        X: Variables. Shape (n, d).
+        Y: Residual [N m]. Shape (n, j).
+        folds: What is held out: runs, families, blocks.
+        run: Run of each row, by which the inner choice is made. Shape (n,).
+        torque: Measured torque [N m]. Shape (n, j).
+        form: What may be chosen from.
+
+    Returns:
+        Errors of two choices: no correction, and the method's.
+    """
+    X, Y = as_pair(X, Y)
+    torque, run = as_block(torque, "torque"), np.asarray(run)
+    miss = []
+    for keep in _training(folds):
+        model = fit_effect_tables(X[keep], Y[keep], run[keep], torque[keep], form)
+        used = X[~keep][:, : len(model.lookup.names)]
+        gap = Y[~keep] - model.lookup.predict(used)
+        miss.append([(Y[~keep] ** 2).sum(axis=0), (gap**2).sum(axis=0)])
+    stacked = np.array(miss).transpose(1, 0, 2)
+    return HeldOut(folds.scheme, stacked, fold_power(torque, folds))
+
+
+def list_options(form: EffectForm) -> tuple[Option, ...]:
+    """The options of a joint from simple to involved, its ridge left open."""
+    components = form.pairs.components if form.pairs else 0
+    return (
+        Option(NONE),
+        Option(LEAST_SQUARES),
+        Option(MAIN),
+        *((Option(LOADED),) if form.loads else ()),
+        *(Option(NAMED, count=n + 1) for n in range(form.named)),
+        *(Option(PAIRS, count=n + 1) for n in range(components)),
+    )
+
+
+def _check_runs(X: Array, folds: Folds, form: EffectForm) -> None:
+    """Refuse a variable that varies in one run only: nothing checks its table."""
+    X = form.states(X)
+    names = as_names(form.state_names(), X.shape[1], "x")
+    check_varying(X, names)
+    for name, keep in zip(folds.names, _training(folds), strict=True):
+        check_varying(X[keep], names, f"all but run {name},")
+
+
+def _training(folds: Folds) -> list[Array]:
+    return [folds.of_row != fold for fold in range(folds.count)]
+
+
+def _choose_ridge(X, Y, folds, bases, form, power) -> list[int]:
+    """Number of each joint's ridge; the stiffest is the simplest."""
+    order = np.argsort(form.ridges)[::-1]
+    miss = []
+    for keep, base in zip(_training(folds), bases, strict=True):
+        gap = Y[~keep] - base.predict(X[~keep], form).main[order]
+        miss.append((gap**2).sum(axis=1))
+    errors = HeldOut(folds.scheme, np.stack(miss, axis=1), power)
+    return [int(order[simplest(errors, j)]) for j in range(Y.shape[1])]
+
+
+def _all_options(X, Y, folds, bases, form, ridge) -> Array:
+    """Squared errors of every option in every fold. Shape (options, folds, j)."""
+    run = folds.of_row
+    miss = []
+    for keep, base in zip(_training(folds), bases, strict=True):
+        left = Y[keep] - _main(base, X[keep], ridge, form)
+        rest = fit_rest(X[keep], left, run[keep], form)
+        parts = base.predict(X[~keep], form)
+        main = _of_joints(parts.main, ridge)
+        loaded = [_of_joints(parts.loaded, ridge)] if form.loads else []
+        more = main + rest.predict(X[~keep], form)
+        guess = [np.zeros_like(main), parts.linear, main, *loaded, *more]
+        miss.append(((Y[~keep] - np.stack(guess)) ** 2).sum(axis=1))
+    return np.stack(miss, axis=1)
+
+
+def _main(base: Base, X: Array, ridge: list[int], form: EffectForm) -> Array:
+    return _of_joints(base.predict(X, form).main, ridge)
+
+
+def _of_joints(by_ridge: Array, ridge: list[int]) -> Array:
+    """Each joint's column from the fit of its own ridge. (ridges, m, j) to (m, j)."""
+    return np.stack([by_ridge[r, :, j] for j, r in enumerate(ridge)], axis=1)
+
+
+def _pick(errors: HeldOut, joint: int, options, proven: bool) -> int:
+    """Number of the option of a joint; on two runs only what helps both of them."""
+    if proven:
+        return simplest(errors, joint)
+    none, main = errors.miss[0, :, joint], errors.miss[2, :, joint]
+    return 2 if (main < none).all() else 0
+
+
+def _named_option(option: Option, form: EffectForm, ridge: int) -> Option:
+    tables = option.kind in (MAIN, LOADED, NAMED, PAIRS)
+    return Option(option.kind, form.ridges[ridge] if tables else None, option.count)

@@ -1,0 +1,214 @@
+"""Schemes of cross-validation side by side, and the errors they give (paper, 2.5).
+
+The paper's systematic and random schemes hold out rows whose neighbours, or whose
+repetition a period later, stay in the training set: they measure memory of the path.
+Runs and families held out measure what the model knows of motion that it never saw.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.recording import Array
+from residual.tables.blocks import as_block, as_pair, check_count, frozen
+
+BLOCKS = 20  # paper, section 2.5.2
+TRIFLE = 0.02  # of the squared error: 1 % of the error is no reason for more tables
+
+# Predictions of every choice for held-out rows: (X train, Y train, X held) -> (c, m, j)
+Predictor = Callable[[Array, Array, Array], Array]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Folds:
+    """One scheme: which rows are held out together.
+
+    Attributes:
+        scheme: Name of the scheme.
+        of_row: Fold of each row. Shape (n,).
+        names: Name of each fold, such as the run left out.
+    """
+
+    scheme: str
+    of_row: Array
+    names: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of folds."""
+        return len(self.names)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class HeldOut:
+    """Squared errors on held-out rows, of every choice in every fold.
+
+    Attributes:
+        scheme: Name of the scheme.
+        miss: Squared errors, summed [N^2 m^2]. Shape (choices, folds, j).
+        power: Squared measured torque of each fold [N^2 m^2]. Shape (folds, j).
+    """
+
+    scheme: str
+    miss: Array
+    power: Array
+
+    def pooled(self) -> Array:
+        """RMSEV ||Y* - Yhat|| / ||Y*|| over all held-out rows [%]. (choices, j).
+
+        Paper, eq. 29, with Y* the measured torque.
+        """
+        return relative_error(self.miss.sum(axis=1), self.power.sum(axis=0))
+
+    def mean_of_subsets(self) -> Array:
+        """RMSEV as the paper takes it: the mean over the folds [%]. (choices, j)."""
+        return np.nanmean(relative_error(self.miss, self.power), axis=1)
+
+
+def relative_error(miss: Array, power: Array) -> Array:
+    """Return 100 ||Y* - Yhat|| / ||Y*|| (paper, eq. 29) [%]; NaN without torque."""
+    some = np.where(power > 0, power, np.nan)
+    return 100 * np.sqrt(np.maximum(miss, 0) / some)
+
+
+def leave_one_out(labels: Array, scheme: str = "run") -> Folds:
+    """Hold out all rows of one label at a time: of one run, or of one family.
+
+    Raises:
+        InputError: If there are fewer than two labels.
+    """
+    labels = np.asarray(labels)
+    names, of_row = np.unique(labels, return_inverse=True)
+    remedy = "Take more logs, or cut a long one into parts with `systematic`."
+    check_count(len(names), 2, len(labels), f"number of different {scheme}s", remedy)
+    return Folds(scheme, frozen(of_row.reshape(-1)), tuple(map(str, names)))
+
+
+def systematic(rows: int, blocks: int = BLOCKS) -> Folds:
+    """Hold out sequential blocks of rows (paper, section 2.5.2).
+
+    Raises:
+        InputError: If there are fewer rows than blocks, or fewer than two blocks.
+    """
+    _check_blocks(rows, blocks)
+    return Folds("systematic", frozen(np.arange(rows) * blocks // rows), _told(blocks))
+
+
+def systematic_repeats(
+    run: Array, period: int | Mapping[object, int], blocks: int = BLOCKS
+) -> Folds:
+    """Hold out sequential blocks of a period in all of a run's repetitions together.
+
+    Args:
+        run: Run of each row. Shape (n,).
+        period: Rows of one period: of all runs, or by run.
+        blocks: Blocks in all; each run gets an equal number, rounded up.
+
+    Raises:
+        InputError: If there are fewer rows than blocks, or a period is of no row.
+    """
+    run = np.asarray(run)
+    _check_blocks(len(run), blocks)
+    labels = np.unique(run)
+    each = -(-blocks // len(labels))
+    of_row = np.zeros(len(run), int)
+    for i, label in enumerate(labels):
+        rows = np.flatnonzero(run == label)
+        length = period[label.item()] if isinstance(period, Mapping) else period
+        check_count(length, each, 2**62, "rows of a period", "Ask for fewer blocks.")
+        phase = np.arange(len(rows)) % length
+        of_row[rows] = i * each + phase * each // length
+    kept, of_row = np.unique(of_row, return_inverse=True)
+    return Folds("systematic, repeats together", frozen(of_row), _told(len(kept)))
+
+
+def random_blocks(rows: int, rng: np.random.Generator, blocks: int = BLOCKS) -> Folds:
+    """Hold out randomly drawn rows, equally many each time (paper, section 2.5.3).
+
+    Raises:
+        InputError: If there are fewer rows than blocks, or fewer than two blocks.
+    """
+    _check_blocks(rows, blocks)
+    return Folds("random", frozen(rng.permutation(rows) % blocks), _told(blocks))
+
+
+def held_out(
+    predict: Predictor, X: Array, Y: Array, folds: Folds, torque: Array
+) -> HeldOut:
+    """Predict every fold by a fit to all others.
+
+    Args:
+        predict: Fits and predicts; one prediction per choice, such as component counts.
+        X: Regressors. Shape (n, k).
+        Y: What is to be predicted, such as the residual [N m]. Shape (n, j).
+        folds: The scheme.
+        torque: Measured torque Y*, which errors are relative to [N m]. Shape (n, j).
+    """
+    X, Y = as_pair(X, Y)
+    check_folds(folds, len(X))
+    miss = []
+    for fold in range(folds.count):
+        out = folds.of_row == fold
+        gap = Y[out] - predict(X[~out], Y[~out], X[out])
+        miss.append((gap**2).sum(axis=1))
+    return HeldOut(folds.scheme, np.stack(miss, axis=1), fold_power(torque, folds))
+
+
+def fold_power(torque: Array, folds: Folds) -> Array:
+    """Squared torque of each fold [N^2 m^2]. Shape (folds, j)."""
+    torque = as_block(torque, "torque")
+    check_folds(folds, len(torque))
+    columns = [np.bincount(folds.of_row, t * t, folds.count) for t in torque.T]
+    return np.stack(columns, axis=1)
+
+
+def check_folds(folds: Folds, rows: int) -> None:
+    """Refuse folds made for other rows.
+
+    Raises:
+        InputError: With both numbers of rows.
+    """
+    if len(folds.of_row) != rows:
+        raise InputError(
+            f"The folds are of {len(folds.of_row)} rows, the data of {rows}: "
+            "make the folds of the rows that are fitted."
+        )
+
+
+def optimal_count(errors: HeldOut) -> int:
+    """A_opt: the choice with the least pooled error over all responses.
+
+    Each response counts by its share of torque, so that none decides alone.
+    """
+    return int(np.argmin((errors.pooled() ** 2).sum(axis=1)))
+
+
+def simplest(errors: HeldOut, joint: int) -> int:
+    """The first choice that is as good as the best, within one standard error.
+
+    The standard error is that of the difference to the best over the folds: runs differ
+    in how hard they are, which says nothing about the choice (Breiman et al. 1984 take
+    that of the best itself). A difference under 2 % of the squared error is none.
+
+    Args:
+        errors: Errors of choices that are ordered from simple to involved.
+        joint: Response, from 0.
+    """
+    miss = errors.miss[:, :, joint] / max(errors.power[:, joint].sum(), 1e-300)
+    best = int(np.argmin(miss.sum(axis=1)))
+    excess = miss - miss[best]
+    folds = miss.shape[1]
+    error = np.sqrt(folds) * excess.std(axis=1, ddof=1) if folds > 1 else 0.0
+    allowed = np.maximum(error, TRIFLE * miss[best].sum())
+    return int(np.argmax(excess.sum(axis=1) <= allowed))
+
+
+def _check_blocks(rows: int, blocks: int) -> None:
+    remedy = f"There are {rows} rows: take longer logs or fewer blocks."
+    check_count(blocks, 2, rows, "blocks", remedy)
+
+
+def _told(blocks: int) -> tuple[str, ...]:
+    return tuple(f"block {i + 1}" for i in range(blocks))

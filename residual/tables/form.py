@@ -1,0 +1,242 @@
+"""The default form of the data-driven correction: main effects, then a few pairs.
+
+Per joint one of: nothing, least squares, main effects, main effects with a table of
+speed and load, with up to three named pair tables, or with all pair tables by PLS.
+`residual/tables/choose.py` chooses among them on runs left out; the study behind it
+says why in this order.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.recording import Array
+from residual.tables.blocks import as_block, as_pair
+from residual.tables.cells import merge_rows
+from residual.tables.levels import Levels
+from residual.tables.load_tables import Loaded, fit_loaded
+from residual.tables.main_tables import (
+    PYRAMID,
+    RIDGES,
+    MainEffects,
+    main_effects,
+    make_pyramid,
+    normal_equations,
+)
+from residual.tables.nominal.pls import (
+    NominalForm,
+    NominalPls,
+    component_bound,
+    fit_cells,
+)
+from residual.tables.pair_tables import (
+    MOST,
+    NamedPair,
+    add_pairs,
+    pair_levels,
+    read_pairs,
+)
+
+NONE, LEAST_SQUARES, MAIN = "none", "least squares", "main effects"
+LOADED, NAMED, PAIRS = "main effects and load", "named pairs", "all pairs"
+
+PAIR_FORM = NominalForm(22, 15, "quantile", scale_y=True)
+
+
+@dataclass(frozen=True, slots=True)
+class EffectForm:
+    """What may be chosen from.
+
+    Attributes:
+        velocities: Columns that hold velocities: their levels part at standstill.
+        names: Names of the variables.
+        loads: Column of each joint's speed and of its load, which is the model's torque
+            [N m]. The columns of loads are the last; they have no table of their own.
+        pyramid: Levels of the main effects, from wide to narrow.
+        ridges: Ridges of the main effects per 20 000 rows.
+        named: Named pair tables at most.
+        pairs: All pair tables by PLS, with the most components tried and the
+            velocities above; None for none.
+    """
+
+    velocities: tuple[int, ...] = ()
+    names: tuple[str, ...] | None = None
+    loads: tuple[tuple[int, int], ...] = ()
+    pyramid: tuple[int, ...] = PYRAMID
+    ridges: tuple[float, ...] = RIDGES
+    named: int = MOST
+    pairs: NominalForm | None = PAIR_FORM
+
+    def states(self, X: Array) -> Array:
+        """Columns other than loads. Shape (n, d - loads)."""
+        return X[:, : X.shape[1] - len(self.loads)]
+
+    def speeds_and_loads(self, X: Array) -> Array:
+        """Speed and load of each joint by turns. Shape (n, 2 loads)."""
+        return X[:, [column for pair in self.loads for column in pair]]
+
+    def state_names(self) -> tuple[str, ...] | None:
+        """Names of the columns other than loads."""
+        return self.names and self.names[: len(self.names) - len(self.loads)]
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One choice for one joint.
+
+    Attributes:
+        kind: One of the six constants of this module.
+        ridge: Ridge of the main effects, where there are any.
+        count: Named pair tables, or components of all pair tables.
+    """
+
+    kind: str
+    ridge: float | None = None
+    count: int = 0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Linear:
+    """Least squares with a constant, the LS of the paper's table 1.
+
+    Attributes:
+        offset: Constant. Shape (j,).
+        slope: Coefficients, units of Y per unit of X. Shape (d, j).
+    """
+
+    offset: Array
+    slope: Array
+
+    def predict(self, X: Array) -> Array:
+        """Return offset + X slope. Shape (m, j)."""
+        return self.offset + X @ self.slope
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Base:
+    """What needs no choice before it: least squares, and main effects by ridge.
+
+    Attributes:
+        linear: Least squares.
+        main: Main effects, one fit per ridge of the form.
+        loaded: The same with tables of speed and load; none where there are no loads.
+    """
+
+    linear: Linear
+    main: tuple[MainEffects, ...]
+    loaded: tuple[Loaded, ...]
+
+    def predict(self, X: Array, form: EffectForm) -> "Parts":
+        """Return the corrections of all parts."""
+        X = as_block(X, "X")
+        plain, loads = form.states(X), form.speeds_and_loads(X)
+        codes = self.main[0].levels.encode(plain)
+        main = np.stack([fit.read(codes) for fit in self.main])
+        loaded = [fit.predict(plain, loads) for fit in self.loaded]
+        return Parts(self.linear.predict(plain), main, np.array(loaded))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Parts:
+    """Corrections by the parts of a base [N m].
+
+    Attributes:
+        linear: Least squares. Shape (m, j).
+        main: Main effects by ridge. Shape (ridges, m, j).
+        loaded: The same with tables of speed and load. (ridges, m, j), or (0,).
+    """
+
+    linear: Array
+    main: Array
+    loaded: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rest:
+    """Pair tables on what main effects leave, each joint by its own ridge.
+
+    Attributes:
+        levels: Levels of the named tables.
+        named: Named tables of each joint, in the order they were found.
+        pairs: All pair tables by PLS, None where the form leaves them out.
+    """
+
+    levels: Levels
+    named: tuple[tuple[NamedPair, ...], ...]
+    pairs: NominalPls | None
+
+    def predict(self, X: Array, form: EffectForm) -> Array:
+        """What comes on top of main effects, by option. (named + A, m, j).
+
+        First 1, 2 ... named tables, then 1, 2 ... components of all tables; where
+        fewer were found, the last ones repeat.
+        """
+        X = form.states(X)
+        codes = self.levels.encode(X)
+        by_joint = [read_pairs(found, codes) for found in self.named]
+        counts = range(1, form.named + 1)
+        out = [
+            np.stack([part[min(n, len(part) - 1)] for part in by_joint], axis=1)
+            for n in counts
+        ]
+        if self.pairs is not None:
+            scores, mean = self.pairs.transform(X), self.pairs.y_mean
+            Q = self.pairs.Q * self.pairs.y_scale
+            for a in range(1, form.pairs.components + 1):
+                out.append(mean + scores[:, :a] @ Q[:a])
+        empty = np.zeros((0, len(codes.values), len(self.named)))
+        return np.stack(out) if out else empty
+
+
+def fit_base(X: Array, Y: Array, form: EffectForm) -> Base:
+    """Fit least squares and main effects.
+
+    Raises:
+        InputError: On a constant column, levels below 2, or blocks that do not fit.
+    """
+    X, Y = as_pair(X, Y)
+    plain, names = form.states(X), form.state_names()
+    pyramid = make_pyramid(plain, form.pyramid, names, velocities=form.velocities)
+    normal = normal_equations(plain, Y, pyramid)
+    main = main_effects(normal, pyramid, form.ridges)
+    loaded: tuple[Loaded, ...] = ()
+    if form.loads:
+        pairs = form.speeds_and_loads(X)
+        loaded = fit_loaded(normal, pyramid, pairs, Y, form.ridges)
+    return Base(fit_linear(plain, Y), main, loaded)
+
+
+def fit_rest(X: Array, rest: Array, run: Array, form: EffectForm) -> Rest:
+    """Fit pair tables to what main effects leave.
+
+    Args:
+        X: Variables. Shape (n, d).
+        rest: Responses less main effects [N m]. Shape (n, j).
+        run: Run of each row: a named table must predict each run from the others. (n,).
+        form: What may be chosen from.
+    """
+    X = form.states(X)
+    levels = pair_levels(X, form.state_names(), form.velocities)
+    codes = levels.encode(X)
+    named = tuple(add_pairs(codes, column, run, form.named) for column in rest.T)
+    return Rest(levels, named, _fit_pairs(X, rest, form))
+
+
+def _fit_pairs(X: Array, rest: Array, form: EffectForm) -> NominalPls | None:
+    if form.pairs is None:
+        return None
+    pairs = replace(form.pairs, velocities=form.velocities)
+    levels = pairs.make_levels(X, form.state_names())
+    cells = merge_rows(levels.encode(X))
+    # Short logs bear fewer components; nobody asked for just so many here.
+    count = min(pairs.components, component_bound(cells))
+    return fit_cells(cells, rest, levels, replace(pairs, components=count))
+
+
+def fit_linear(X: Array, Y: Array) -> Linear:
+    """Least squares of Y on the columns of X and a constant (paper, table 1)."""
+    mean, scale = X.mean(axis=0), X.std(axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    slope = np.linalg.lstsq((X - mean) / scale, Y - Y.mean(axis=0), rcond=None)[0]
+    slope = slope / scale[:, None]
+    return Linear(Y.mean(axis=0) - mean @ slope, slope)

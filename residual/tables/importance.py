@@ -1,0 +1,91 @@
+"""What each variable and each pair of variables contributes to a correction.
+
+A pair table also holds main effects of its two variables. They are taken out first
+(weighted two-way analysis of variance) and credited to the variables: what is left is
+what only a table of both can say.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.recording import Array
+from residual.tables.blocks import as_block, frozen
+from residual.tables.lookup.axes import Table
+from residual.tables.lookup.lookup import Lookup
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Importance:
+    """Contributions over the rows of a log.
+
+    Attributes:
+        names: Variables first, then pairs, as "q2 * qd3".
+        rms: Size of the contribution about its mean [N m]. Shape (terms, j).
+    """
+
+    names: tuple[str, ...]
+    rms: Array
+
+    def ranked(self, joint: int) -> tuple[tuple[str, float], ...]:
+        """Terms of one joint (from 0), the largest first, those of no size left out."""
+        order = np.argsort(-self.rms[:, joint], kind="stable")
+        sizes = ((self.names[i], float(self.rms[i, joint])) for i in order)
+        return tuple((name, size) for name, size in sizes if size > 0)
+
+
+def table_importance(lookup: Lookup, X: Array) -> Importance:
+    """Return the size of each term's contribution on given rows.
+
+    Args:
+        lookup: The correction.
+        X: Rows to judge it on. Shape (n, d).
+
+    Returns:
+        Variables in order, then every pair that has a table.
+    """
+    X = as_block(X, "X")
+    level = [a.edges.searchsorted(X[:, a.variable], side="right") for a in lookup.axes]
+    main = {v: X[:, [v]] * lookup.slope[v] for v in range(len(lookup.names))}
+    pairs: dict[tuple[int, int], Array] = {}
+    for table in lookup.tables:
+        variables = tuple(lookup.axes[a].variable for a in table.axes)
+        at = [level[a] for a in table.axes]
+        if len(variables) == 1:
+            main[variables[0]] = main[variables[0]] + table.values[at[0]]
+            continue
+        first, second, both = split_pair(table, *at)
+        main[variables[0]] = main[variables[0]] + first[at[0]]
+        main[variables[1]] = main[variables[1]] + second[at[1]]
+        pairs[variables] = pairs.get(variables, 0.0) + both[at[0], at[1]]
+    names = [*lookup.names]
+    names += [f"{lookup.names[a]} * {lookup.names[b]}" for a, b in pairs]
+    parts = [*main.values(), *pairs.values()]
+    return Importance(tuple(names), frozen(np.stack([p.std(axis=0) for p in parts])))
+
+
+def split_pair(table: Table, first: Array, second: Array) -> tuple[Array, ...]:
+    """Split a pair table into two main effects and what only both can say.
+
+    min over r, c of the sum over rows of (v_ab - r_a - c_b)^2, level by level.
+
+    Args:
+        table: A table of two axes.
+        first: Levels of the rows on its first axis. Shape (n,).
+        second: Levels of the rows on its second axis. Shape (n,).
+
+    Returns:
+        r, c and v - r - c; they add up to the table. Shapes (k1, j), (k2, j) and
+        (k1, k2, j). The last is zero in a cell without rows.
+    """
+    rows, columns = table.values.shape[:2]
+    count = np.bincount(first * columns + second, minlength=rows * columns)
+    N = count.reshape(rows, columns).astype(float)
+    weighted = table.values * N[..., None]
+    system = np.block([[np.diag(N.sum(1)), N], [N.T, np.diag(N.sum(0))]])
+    right = np.concatenate([weighted.sum(axis=1), weighted.sum(axis=0)])
+    # The two constants are not told apart, and empty levels not at all: least norm.
+    solved = np.linalg.lstsq(system, right, rcond=1e-12)[0]
+    r, c = solved[:rows], solved[rows:]
+    both = table.values - r[:, None] - c[None]
+    return r, c, np.where(N[..., None] > 0, both, 0.0)

@@ -1,0 +1,204 @@
+"""Nominal levels: each variable replaced by the number of the interval it is in.
+
+Section 2.6.1 of the paper makes a column of zeros and ones of each level; the number
+of the level says the same in one byte.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.recording import Array
+from residual.tables.blocks import (
+    as_block,
+    as_names,
+    as_pair,
+    check_count,
+    check_varying,
+    frozen,
+)
+
+MOST = 4096  # levels of one variable; no encoder of ours resolves more in a log
+DWELL = 1e-3  # rad/s: a joint slower than this stands still
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Levels:
+    """Intervals of each variable, with the range that they were made for.
+
+    Attributes:
+        names: The variables.
+        edges: Inner edges of each variable, increasing; a value at an edge belongs
+            above it. One shape (levels - 1,) per variable.
+        low, high: Calibrated range. Shape (d,).
+    """
+
+    names: tuple[str, ...]
+    edges: tuple[Array, ...]
+    low: Array
+    high: Array
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number of levels of each variable."""
+        return tuple(len(edges) + 1 for edges in self.edges)
+
+    def encode(self, X: Array) -> "Codes":
+        """Return the level of every value; the outermost levels reach to infinity.
+
+        Args:
+            X: Variables in the units of the edges. Shape (n, d).
+
+        Raises:
+            InputError: On another number of columns or a value that is not finite.
+        """
+        X = as_block(X, "X")
+        if X.shape[1] != len(self.edges):
+            raise InputError(
+                f"X has {X.shape[1]} columns, the levels are of {len(self.edges)}: "
+                f"{', '.join(self.names)}. Give these, in order."
+            )
+        kind = np.uint8 if max(self.sizes) <= 256 else np.uint16
+        codes = np.empty(X.shape, kind)
+        for i, edges in enumerate(self.edges):
+            codes[:, i] = np.searchsorted(edges, X[:, i], side="right")
+        outside = np.less(X, self.low) | np.greater(X, self.high)
+        return Codes(frozen(codes), self.sizes, frozen(outside), self.names)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Codes:
+    """Levels of rows.
+
+    Attributes:
+        values: Level of each value, from 0; uint8, or uint16 beyond 256. (n, d).
+        sizes: Number of levels of each variable.
+        outside: Values outside the calibrated range, in the nearest level. (n, d).
+        names: The variables.
+    """
+
+    values: Array
+    sizes: tuple[int, ...]
+    outside: Array
+    names: tuple[str, ...]
+
+    @property
+    def outside_rows(self) -> int:
+        """Rows with at least one value outside the calibrated range."""
+        return int(self.outside.any(axis=1).sum())
+
+    @property
+    def outside_counts(self) -> dict[str, int]:
+        """Values outside the calibrated range, per variable."""
+        counts = self.outside.sum(axis=0)
+        return {n: int(c) for n, c in zip(self.names, counts, strict=True)}
+
+    def rows(self, chosen: Array) -> "Codes":
+        """Return some of the rows, by number or by mask."""
+        parts = self.values[chosen], self.sizes, self.outside[chosen], self.names
+        return Codes(*parts)
+
+
+def equal_levels(X: Array, count: int, names: Sequence[str] | None = None) -> Levels:
+    """Equally wide levels over the range of each variable (paper, section 2.6.1).
+
+    Args:
+        X: Calibration rows. Shape (n, d).
+        count: Levels of each variable, at least 2.
+        names: Names of the variables.
+
+    Raises:
+        InputError: On fewer than 2 levels, a constant column, or a value not finite.
+    """
+    X, names = _checked(X, count, names)
+    low, high = X.min(axis=0), X.max(axis=0)
+    inner = np.arange(1, count) / count
+    edges = [a + (b - a) * inner for a, b in zip(low, high, strict=True)]
+    return Levels(names, tuple(map(frozen, edges)), frozen(low), frozen(high))
+
+
+def quantile_levels(
+    X: Array,
+    count: int,
+    names: Sequence[str] | None = None,
+    *,
+    velocities: Collection[int] = (),
+    constant: bool = False,
+) -> Levels:
+    """Levels that hold about equally many calibration rows each.
+
+    Equal edges, which many equal values make, are merged, so a variable may get fewer
+    levels. Velocities that go both ways get a level of standing still and half of the
+    levels on either side: friction jumps there, and a level that straddles zero cannot
+    tell one side from the other.
+
+    Args:
+        X: Calibration rows. Shape (n, d).
+        count: Levels of each variable, at least 2.
+        names: Names of the variables.
+        velocities: Columns (from 0) that hold velocities [rad/s].
+        constant: Whether a column may be constant; all of it is then in one level.
+
+    Raises:
+        InputError: On fewer than 2 levels, a constant column, or a value not finite.
+    """
+    X, names = _checked(X, count, names, constant)
+    edges = [
+        _around_zero(column, count) if i in velocities else _quantiles(column, count)
+        for i, column in enumerate(X.T)
+    ]
+    low, high = X.min(axis=0), X.max(axis=0)
+    return Levels(names, tuple(map(frozen, edges)), frozen(low), frozen(high))
+
+
+def shift_ahead(X: Array, Y: Array, run: Array | None = None) -> tuple[Array, ...]:
+    """Pair X(t) with Y(t + 1), the paper's step-ahead form (section 2.4).
+
+    Args:
+        X: Regressors. Shape (n, k).
+        Y: Responses. Shape (n, j).
+        run: Run of each row; the last row of a run has no successor. (n,); one if None.
+
+    Returns:
+        X(t), Y(t + 1) and the rows of X that are left. Shapes (m, k), (m, j), (m,).
+
+    Raises:
+        InputError: If the blocks differ in length or no run has two rows.
+    """
+    X, Y = as_pair(X, Y)
+    run = np.zeros(len(X), int) if run is None else np.asarray(run)
+    if run.shape != (len(X),):
+        raise InputError(f"run has shape {run.shape}, expected ({len(X)},).")
+    rows = np.flatnonzero(run[1:] == run[:-1])
+    if not len(rows):
+        raise InputError("No run has two rows in a row: nothing lies one step ahead.")
+    return X[rows], Y[rows + 1], rows
+
+
+def _checked(
+    X: Array, count: int, names: Sequence[str] | None, constant: bool = False
+) -> tuple:
+    check_count(count, 2, MOST, "levels", "One level cannot tell two states apart.")
+    X = as_block(X, "X")
+    names = as_names(names, X.shape[1], "x")
+    if not constant:
+        check_varying(X, names)
+    return X, names
+
+
+def _quantiles(x: Array, count: int) -> Array:
+    edges = np.unique(np.quantile(x, np.arange(1, count) / count))
+    # An edge at the smallest value would leave the level below it empty.
+    return edges[edges > x.min()] if (edges > x.min()).any() else x.max(keepdims=True)
+
+
+def _around_zero(x: Array, count: int) -> Array:
+    behind, ahead = x[x < -DWELL], x[x > DWELL]
+    if not len(behind) or not len(ahead):
+        return _quantiles(x, count)
+    half = max(count // 2, 1)
+    inner = np.arange(1, half) / half
+    sides = np.quantile(behind, inner), [-DWELL, DWELL], np.quantile(ahead, inner)
+    return np.unique(np.concatenate(sides))

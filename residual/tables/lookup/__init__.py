@@ -1,0 +1,1 @@
+"""A fitted correction as small tables: built, evaluated, exported."""

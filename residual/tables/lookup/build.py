@@ -1,0 +1,56 @@
+"""Fitted models turned into look-up tables."""
+
+from collections.abc import Sequence
+
+from residual.tables.blocks import as_names
+from residual.tables.lookup.axes import Axis, Table
+from residual.tables.lookup.lookup import Lookup, no_slope
+from residual.tables.main_tables import MainEffects
+from residual.tables.nominal.pls import NominalPls
+
+
+def nominal_lookup(
+    model: NominalPls,
+    components: int | None = None,
+    joints: Sequence[str] | None = None,
+) -> Lookup:
+    """The paper form as its 36 tables per joint.
+
+    Args:
+        model: The fitted model.
+        components: Leading components to use; all if None.
+        joints: Names of the responses.
+
+    Raises:
+        InputError: If there are not so many components, or names.
+    """
+    levels, offset = model.levels, model.offset(components)
+    axes = tuple(Axis(i, edges) for i, edges in enumerate(levels.edges))
+    pairs = zip(model.pairs, model.tables(components), strict=True)
+    return Lookup(
+        levels.names,
+        as_names(joints, len(offset), "joint "),
+        axes,
+        tuple(Table(pair, values) for pair, values in pairs),
+        offset,
+        no_slope(len(levels.names), len(offset)),
+        levels.low,
+        levels.high,
+    )
+
+
+def main_lookup(main: MainEffects, joints: Sequence[str] | None = None) -> Lookup:
+    """Main effects as one table per variable."""
+    levels = main.levels
+    axes = tuple(Axis(i, edges) for i, edges in enumerate(levels.edges))
+    tables = tuple(Table((i,), values) for i, values in enumerate(main.tables))
+    return Lookup(
+        levels.names,
+        as_names(joints, len(main.offset), "joint "),
+        axes,
+        tables,
+        main.offset,
+        no_slope(len(levels.names), len(main.offset)),
+        levels.low,
+        levels.high,
+    )

@@ -1,0 +1,264 @@
+"""Main effects: one table per variable, on levels of several widths at once.
+
+Friction is a function of one variable: a table of the velocity holds it on any path,
+while pair tables would have to see it beside every value of the others. Wide and narrow
+levels are fitted together by ridge regression: where rows are few the wide ones speak,
+where they are many the narrow ones do.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from residual.errors import InputError
+from residual.recording import Array
+from residual.tables.blocks import as_pair, frozen
+from residual.tables.cells import merge_rows
+from residual.tables.levels import Codes, Levels, quantile_levels
+
+PYRAMID = (5, 10, 20, 40)  # levels, from wide to narrow
+RIDGES = (1.0, 10.0, 100.0, 1000.0)  # per ROWS rows
+ROWS = 20_000
+KEPT = 1e-10  # share of the largest singular value below which a level is a copy
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pyramid:
+    """Levels of several widths over the same variables.
+
+    Attributes:
+        levels: The union of all edges; tables are on these.
+        roots: One matrix per variable whose product with its transpose counts in how
+            many widths two levels fall together. Shapes (k, r).
+    """
+
+    levels: Levels
+    roots: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class MainEffects:
+    """One table per variable and response.
+
+    Attributes:
+        levels: Levels of the variables.
+        offset: Mean of the responses. Shape (j,).
+        tables: Correction by level, of zero mean over the calibration rows. One of
+            shape (k, j) per variable, in units of Y.
+        ridge: Ridge per 20 000 rows.
+    """
+
+    levels: Levels
+    offset: Array
+    tables: tuple[Array, ...]
+    ridge: float
+
+    def predict(self, X: Array) -> Array:
+        """Return offset + the sum of all tables, in units of Y. Shape (m, j)."""
+        return self.read(self.levels.encode(X))
+
+    def read(self, codes: Codes) -> Array:
+        """Return the prediction at levels that are known already. Shape (m, j)."""
+        out = np.repeat(self.offset[None], len(codes.values), axis=0)
+        for column, table in zip(codes.values.T, self.tables, strict=True):
+            out += table[column]
+        return out
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Normal:
+    """Centred normal equations of the main effects, in their principal directions.
+
+    Attributes:
+        codes: Levels of the rows.
+        share: Share of the rows in each level, variable after variable. Shape (k,).
+        values: Eigenvalues, at least 0. Shape (r,).
+        back: From directions to levels. Shape (k, r).
+        right: Right sides. Shape (r, j).
+        y_mean: Mean of the responses. Shape (j,).
+    """
+
+    codes: Codes
+    share: Array
+    values: Array
+    back: Array
+    right: Array
+    y_mean: Array
+
+    def scaled(self, ridge: float) -> float:
+        """A ridge per 20 000 rows as it is for so many rows."""
+        return ridge * len(self.codes.values) / ROWS
+
+    def stiffened(self, ridge: float) -> Array:
+        """Eigenvalues plus ridge. Shape (r,)."""
+        return self.values + self.scaled(ridge)
+
+    def effects(self, levels: Levels, solved: Array, ridge: float) -> MainEffects:
+        """Tables from coefficients of the directions. Shape of `solved` (r, j)."""
+        tables = _centred(self.back @ solved, self.share, self.codes.sizes)
+        return MainEffects(levels, frozen(self.y_mean), tables, float(ridge))
+
+    def cross(self, cell: Array, size: int, share: Array) -> Array:
+        """Products of the directions with indicators of cells, centred. (r, size).
+
+        Args:
+            cell: Cell of each row. Shape (n,).
+            size: Number of cells.
+            share: Share of the rows in each. Shape (size,).
+        """
+        counts = [
+            np.bincount(column.astype(np.int64) * size + cell, minlength=k * size)
+            for column, k in zip(self.codes.values.T, self.codes.sizes, strict=True)
+        ]
+        stacked = np.concatenate([c.reshape(-1, size) for c in counts])
+        centred = stacked - len(cell) * np.outer(self.share, share)
+        return self.back.T @ centred
+
+
+def make_pyramid(
+    X: Array,
+    widths: Sequence[int] = PYRAMID,
+    names: Sequence[str] | None = None,
+    *,
+    velocities: Sequence[int] = (),
+) -> Pyramid:
+    """Return quantile levels of several widths (see `quantile_levels`).
+
+    Raises:
+        InputError: As `quantile_levels`, and if there are no widths.
+    """
+    if not widths:
+        raise InputError("The pyramid needs at least one number of levels, got none.")
+    layers = [quantile_levels(X, w, names, velocities=velocities) for w in widths]
+    edges, groups = zip(*unite(layers), strict=True)
+    roots = [frozen(root_of(own)) for own in groups]
+    first = layers[0]
+    levels = Levels(first.names, tuple(edges), first.low, first.high)
+    return Pyramid(levels, tuple(roots))
+
+
+def unite(layers: Sequence[Levels]) -> list[tuple[Array, list[Array]]]:
+    """Return the union of all edges of each variable, and what is one level where.
+
+    Args:
+        layers: Levels of several widths.
+
+    Returns:
+        By variable: edges, and for each width the level that each level of the union
+        is in. Shapes (k - 1,), (k,).
+    """
+    out = []
+    for own in zip(*(layer.edges for layer in layers), strict=True):
+        union = np.unique(np.concatenate(own))
+        # A level of the union is known by its lower edge.
+        starts = np.concatenate([[-np.inf], union])
+        groups = [np.searchsorted(edges, starts, side="right") for edges in own]
+        out.append((frozen(union), groups))
+    return out
+
+
+def root_of(groups: Sequence[Array]) -> Array:
+    """Return R with R R' the number of widths in which two levels are one. (k, r)."""
+    together = sum((g[:, None] == g[None, :]).astype(float) for g in groups)
+    values, vectors = np.linalg.eigh(together)
+    kept = values > KEPT * values[-1]
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
+def main_effects(
+    normal: Normal, pyramid: Pyramid, ridges: Sequence[float] = RIDGES
+) -> tuple[MainEffects, ...]:
+    """Fit all tables by ridge regression, for several ridges at once.
+
+    Args:
+        normal: The equations (`normal_equations`).
+        pyramid: Their levels.
+        ridges: Ridges per 20 000 rows, above 0.
+
+    Returns:
+        One fit per ridge.
+
+    Raises:
+        InputError: If a ridge is not positive.
+    """
+    if not len(ridges) or min(ridges) <= 0:
+        raise InputError(
+            f"ridges must be above 0, got {list(ridges)}: levels of several widths "
+            "overlap and have no other unique solution. 1, 10, 100, 1000 are usual."
+        )
+    fits = []
+    for ridge in ridges:
+        solved = normal.right / normal.stiffened(ridge)[:, None]
+        fits.append(normal.effects(pyramid.levels, solved, ridge))
+    return tuple(fits)
+
+
+def normal_equations(X: Array, Y: Array, pyramid: Pyramid) -> Normal:
+    """Return the equations of the main effects, ready for any ridge.
+
+    min |Y - ybar - (Z - zbar) beta|^2 + ridge n / 20000 |beta|^2, Z one column per
+    level of every width. With D mapping levels of the union to those columns, tables
+    are g = D beta; D D' = L L' gives the same g from columns Z L, which are fewer.
+
+    Args:
+        X: Variables. Shape (n, d).
+        Y: Responses. Shape (n, j).
+        pyramid: The levels.
+
+    Raises:
+        InputError: On blocks of different length.
+    """
+    X, Y = as_pair(X, Y)
+    codes = pyramid.levels.encode(X)
+    count, sums = _joint_sums(codes, Y)
+    n, y_mean = len(Y), Y.mean(axis=0)
+    share = np.diag(count) / n
+    L = _block_diagonal(pyramid.roots)
+    middle = share @ L
+    values, U = np.linalg.eigh(L.T @ count @ L - n * np.outer(middle, middle))
+    right = U.T @ (L.T @ sums - n * np.outer(middle, y_mean))
+    back = L @ U
+    return Normal(codes, share, np.maximum(values, 0), back, right, y_mean)
+
+
+def _joint_sums(codes: Codes, Y: Array) -> tuple[Array, Array]:
+    """Z'Z and Z'Y of the indicators of single levels. Shapes (k, k), (k, j)."""
+    cells = merge_rows(codes)
+    starts = np.concatenate([[0], np.cumsum(cells.sizes)[:-1]])
+    size = int(cells.sizes.sum())
+    count, sums = np.zeros((size, size)), np.zeros((size, Y.shape[1]))
+    _count_pairs(cells.codes, starts, cells.count, cells.sums(Y), count, sums)
+    upper = np.triu(count, 1)
+    return count + upper.T, sums
+
+
+@njit(cache=True)
+def _count_pairs(codes, starts, weight, totals, count, sums):
+    """Fill the upper triangle of Z'Z, and Z'Y, from cells and their sums."""
+    for c in range(codes.shape[0]):
+        for i in range(codes.shape[1]):
+            a = starts[i] + codes[c, i]
+            for m in range(totals.shape[1]):
+                sums[a, m] += totals[c, m]
+            for j in range(i, codes.shape[1]):
+                count[a, starts[j] + codes[c, j]] += weight[c]
+
+
+def _block_diagonal(roots: Sequence[Array]) -> Array:
+    rows, columns = (sum(r.shape[axis] for r in roots) for axis in (0, 1))
+    out = np.zeros((rows, columns))
+    row = column = 0
+    for root in roots:
+        out[row : row + len(root), column : column + root.shape[1]] = root
+        row, column = row + len(root), column + root.shape[1]
+    return out
+
+
+def _centred(stacked: Array, share: Array, sizes: Sequence[int]) -> tuple[Array, ...]:
+    """Cut into tables whose mean over the rows is zero; the offset is then ybar."""
+    ends = np.cumsum(sizes)[:-1]
+    tables = np.split(stacked, ends)
+    shares = np.split(share, ends)
+    return tuple(frozen(t - s @ t) for t, s in zip(tables, shares, strict=True))

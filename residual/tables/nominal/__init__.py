@@ -1,0 +1,1 @@
+"""Nominal-level PLSR: the paper's modified PLSR, compiled."""

@@ -1,0 +1,177 @@
+"""Cross-validation of the nominal-level PLSR: all folds in one pass, all components.
+
+The training sums of a fold are those of all rows less those held out, so a table that
+is as wide as there are folds carries every fold's fit at once. A held-out row is a cell
+of weight zero: its score comes out of the same pass, and with it its prediction for
+every number of components.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.recording import Array
+from residual.tables.blocks import as_pair
+from residual.tables.cells import Cells, merge_rows
+from residual.tables.crossval import Folds, HeldOut, check_folds, fold_power
+from residual.tables.nominal.fold_kernels import deflate, directions, orthogonalise
+from residual.tables.nominal.kernels import gather_pairs, scatter_pairs
+from residual.tables.nominal.pls import NominalForm, check_components, response_scale
+from residual.tables.pls import EXHAUSTED
+
+WIDTH = 8  # folds that share a pass: one cache line of a table
+ROOM = 4e7  # numbers that the scores of a pass may take: 320 MB
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Held:
+    """Held-out rows merged by cell and fold: counts, sums and squares of responses."""
+
+    cell: Array
+    fold: Array
+    count: Array
+    sums: Array
+    squares: Array
+
+    def part(self, folds: range) -> "_Held":
+        chosen = (self.fold >= folds.start) & (self.fold < folds.stop)
+        cut = (self.cell, self.fold - folds.start, self.count, self.sums, self.squares)
+        return _Held(*(values[chosen] for values in cut))
+
+
+def nominal_errors(
+    X: Array,
+    Y: Array,
+    schemes: Sequence[Folds],
+    torque: Array,
+    form: NominalForm | None = None,
+) -> tuple[HeldOut, ...]:
+    """Errors of 0 to A components on held-out rows, for several schemes at once.
+
+    Levels are those of all rows: the responses of held-out rows stay unseen, but their
+    range is known. Where that is too much, as for runs, use `strict_errors`.
+
+    Args:
+        X: Variables. Shape (n, d).
+        Y: Responses [N m]. Shape (n, j).
+        schemes: Folds of each scheme.
+        torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
+        form: Levels and components.
+
+    Returns:
+        Errors of each scheme; choice a has a components.
+
+    Raises:
+        InputError: As `fit_nominal_pls`, and for folds of other rows.
+    """
+    X, Y = as_pair(X, Y)
+    form = form or NominalForm()
+    cells = merge_rows(form.make_levels(X).encode(X))
+    check_components(cells, form.components)
+    out = []
+    for folds in schemes:
+        check_folds(folds, len(X))
+        scale = response_scale(Y, form.scale_y)
+        miss = _all_folds(cells, Y / scale, folds, form.components) * scale**2
+        out.append(HeldOut(folds.scheme, miss, fold_power(torque, folds)))
+    return tuple(out)
+
+
+def strict_errors(
+    X: Array, Y: Array, folds: Folds, torque: Array, form: NominalForm | None = None
+) -> HeldOut:
+    """Errors as `nominal_errors`, with levels made of each fold's training rows."""
+    X, Y = as_pair(X, Y)
+    form = form or NominalForm()
+    check_folds(folds, len(X))
+    miss = []
+    for fold in range(folds.count):
+        train = folds.of_row != fold
+        cells = merge_rows(form.make_levels(X[train]).encode(X))
+        check_components(cells, form.components)
+        scale = response_scale(Y[train], form.scale_y)
+        held = _held(cells, Y / scale, np.where(train, -1, 0), 1)
+        miss.append(_pass(cells, Y / scale, held, 1, form.components) * scale**2)
+    power = fold_power(torque, folds)
+    return HeldOut(folds.scheme, np.concatenate(miss, axis=1), power)
+
+
+def _all_folds(cells: Cells, Y: Array, folds: Folds, components: int) -> Array:
+    """Squared errors of all folds, a few folds at a time. Shape (A + 1, F, j)."""
+    held = _held(cells, Y, folds.of_row, folds.count)
+    width = int(np.clip(ROOM // (components * len(cells.count)), 1, WIDTH))
+    starts = range(0, folds.count, width)
+    batches = [range(s, min(s + width, folds.count)) for s in starts]
+    parts = [_pass(cells, Y, held.part(b), len(b), components) for b in batches]
+    return np.concatenate(parts, axis=1)
+
+
+def _held(cells: Cells, Y: Array, fold: Array, count: int) -> _Held:
+    rows = np.flatnonzero(fold >= 0)
+    key, place = np.unique(cells.of_row[rows] * count + fold[rows], return_inverse=True)
+    sums = [np.bincount(place, y, len(key)) for y in Y[rows].T]
+    squares = [np.bincount(place, y * y, len(key)) for y in Y[rows].T]
+    number = np.bincount(place, minlength=len(key)).astype(float)
+    parts = (number, np.stack(sums, 1), np.stack(squares, 1))
+    return _Held(key // count, key % count, *parts)
+
+
+def _pass(cells: Cells, Y: Array, held: _Held, width: int, components: int) -> Array:
+    """Fit some folds side by side. Squared errors, shape (A + 1, width, j)."""
+    count, sums = _training(cells, Y, held, width)
+    total = count.sum(axis=0)
+    y_mean = sums.sum(axis=1) / total
+    middle = np.zeros((cells.pair_columns, width))
+    scatter_pairs(cells.codes, cells.sizes, count, middle)
+    middle /= total
+    S = np.zeros((Y.shape[1], *middle.shape))
+    for j, table in enumerate(S):
+        sums[j] -= count * y_mean[j]
+        scatter_pairs(cells.codes, cells.sizes, sums[j], table)
+    T = np.zeros((components, *count.shape))
+    energy = np.ones((components, width))
+    W, P = np.empty_like(middle), np.empty_like(middle)
+    predicted = y_mean.T[held.fold]
+    out = [_squared(held, predicted, width)]
+    first = None
+    for a in range(components):
+        norm = directions(S, _leading_all(S), W)
+        first = norm if first is None else first
+        alive = norm > EXHAUSTED * first
+        gather_pairs(cells.codes, cells.sizes, W, T[a])
+        T[a] -= (middle * W).sum(axis=0)
+        orthogonalise(T, energy, count, a)
+        weighted = count * T[a]
+        energy[a] = np.where(alive, (weighted * T[a]).sum(axis=0), 1.0)
+        P[:] = 0
+        scatter_pairs(cells.codes, cells.sizes, weighted, P)
+        q = np.stack([(s * T[a]).sum(axis=0) for s in sums]) / energy[a] * alive
+        deflate(S, P, middle, weighted.sum(axis=0), q)
+        predicted = predicted + (T[a][held.cell, held.fold] * q[:, held.fold]).T
+        out.append(_squared(held, predicted, width))
+    return np.stack(out)
+
+
+def _training(cells: Cells, Y: Array, held: _Held, width: int) -> tuple[Array, Array]:
+    """Rows and sums that each fold is fitted to. Shapes (c, F), (j, c, F)."""
+    count = np.repeat(cells.count[:, None], width, axis=1)
+    count[held.cell, held.fold] -= held.count
+    sums = np.repeat(cells.sums(Y).T[:, :, None], width, axis=2)
+    for j, table in enumerate(sums):
+        table[held.cell, held.fold] -= held.sums[:, j]
+    return count, sums
+
+
+def _leading_all(S: Array) -> Array:
+    """Eigenvector of S S' to the largest eigenvalue, in each fold. Shape (F, j)."""
+    products = [[np.einsum("pf,pf->f", a, b) for b in S] for a in S]
+    _, vectors = np.linalg.eigh(np.array(products).transpose(2, 0, 1))
+    return np.ascontiguousarray(vectors[:, :, -1])
+
+
+def _squared(held: _Held, predicted: Array, width: int) -> Array:
+    """Sum of (y - yhat)^2 over each fold's rows. Shape (F, j)."""
+    gap = held.squares - 2 * predicted * held.sums
+    gap += held.count[:, None] * predicted**2
+    return np.stack([np.bincount(held.fold, g, width) for g in gap.T], axis=1)

@@ -1,0 +1,250 @@
+"""Nominal-level PLSR with interactions: the paper's modified PLSR (eq. 30, 14 to 27).
+
+Each variable becomes a column per level, each two columns of different variables their
+product: 36 tables for 9 variables, 17 424 columns at 22 levels. No column is formed:
+see `residual/tables/nominal/kernels.py`. Kernel PLS: Dayal and MacGregor (1997), algorithm 1.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.recording import Array
+from residual.tables.blocks import as_pair, check_count, frozen
+from residual.tables.cells import Cells, merge_rows
+from residual.tables.levels import Levels, equal_levels, quantile_levels
+from residual.tables.nominal.kernels import (
+    explain,
+    gather_pairs,
+    scatter_pairs,
+    score,
+    weigh,
+)
+from residual.tables.pls import EXHAUSTED
+
+MakeLevels = Callable[[Array], Levels]
+
+
+@dataclass(frozen=True, slots=True)
+class NominalForm:
+    """How variables become tables.
+
+    Attributes:
+        levels: Levels of each variable; the paper's figure 12 chose 22.
+        components: Components A; the paper does not say, 15 is a budget.
+        spacing: "equal" (paper) or "quantile".
+        velocities: Columns with velocities, for quantile levels.
+        scale_y: Scale the responses, so that none dominates by its size.
+    """
+
+    levels: int = 22
+    components: int = 15
+    spacing: str = "equal"
+    velocities: tuple[int, ...] = ()
+    scale_y: bool = False
+
+    def make_levels(self, X: Array, names: tuple[str, ...] | None = None) -> Levels:
+        """Return the levels of calibration rows.
+
+        Raises:
+            InputError: If the spacing is not known; as `equal_levels` otherwise.
+        """
+        if self.spacing == "equal":
+            return equal_levels(X, self.levels, names)
+        if self.spacing == "quantile":
+            return quantile_levels(X, self.levels, names, velocities=self.velocities)
+        raise InputError(f"spacing must be equal or quantile, got '{self.spacing}'.")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class NominalPls:
+    """A fitted model; any number of leading components is a model of its own.
+
+    The p columns are the pairs of levels in the order of eq. 30.
+
+    Attributes:
+        levels: Levels of the variables.
+        x_mean: Share of rows in each column. Shape (p,).
+        y_mean, y_scale: Mean and scale of the responses. Shape (j,).
+        W, V, P: Loading weights, weights for X itself, loadings, by row. Shape (A, p).
+        Q: Loadings of the scaled responses, by row. Shape (A, j).
+        energy: Squared length of each score, t't. Shape (A,).
+        rows: Calibration rows.
+    """
+
+    levels: Levels
+    x_mean: Array
+    y_mean: Array
+    y_scale: Array
+    W: Array
+    V: Array
+    P: Array
+    Q: Array
+    energy: Array
+    rows: int
+
+    @property
+    def components(self) -> int:
+        """Number of components A; fewer than asked for where nothing was left."""
+        return len(self.V)
+
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """The variables of each table, in the order of the columns."""
+        return tuple(combinations(range(len(self.levels.names)), 2))
+
+    def coefficients(self, components: int | None = None) -> Array:
+        """B = V Q' (eq. 25), in units of Y. Shape (p, j).
+
+        Raises:
+            InputError: If there are not so many components.
+        """
+        a = self.count(components)
+        return self.V[:a].T @ (self.Q[:a] * self.y_scale)
+
+    def offset(self, components: int | None = None) -> Array:
+        """b0 = ybar - xbar B (eq. 26), in units of Y. Shape (j,)."""
+        return self.y_mean - self.x_mean @ self.coefficients(components)
+
+    def predict(self, X: Array, components: int | None = None) -> Array:
+        """Return b0 + x B (eq. 24), in units of Y. Shape (m, j)."""
+        codes = self.levels.encode(X)
+        B = self.coefficients(components)
+        out = np.empty((len(codes.values), B.shape[1]))
+        gather_pairs(*_compiled(codes), B, out)
+        return out + (self.y_mean - self.x_mean @ B)
+
+    def tables(self, components: int | None = None) -> tuple[Array, ...]:
+        """B cut into its tables. Each of shape (levels, levels, j), in units of Y."""
+        sizes = self.levels.sizes
+        shapes = [(sizes[i], sizes[j]) for i, j in self.pairs]
+        ends = np.cumsum([a * b for a, b in shapes])[:-1]
+        cut = np.split(self.coefficients(components), ends)
+        return tuple(t.reshape(*s, -1) for t, s in zip(cut, shapes, strict=True))
+
+    def transform(self, X: Array) -> Array:
+        """Scores of rows, t = (x - xbar) V (eq. 21). Shape (m, A)."""
+        out = self._read(X, self.V)
+        return out - self.V @ self.x_mean
+
+    def unvisited_share(self, X: Array) -> Array:
+        """Share of each row's cells that no calibration row visited. Shape (m,)."""
+        seen = (self.x_mean > 0).astype(float)[None]
+        return 1 - self._read(X, seen)[:, 0] / len(self.pairs)
+
+    def count(self, components: int | None) -> int:
+        """Return a number of components, checked; all of them for None."""
+        if components is None:
+            return self.components
+        remedy = "Ask for fewer, or fit again with more."
+        return check_count(components, 0, self.components, "components", remedy)
+
+    def _read(self, X: Array, table: Array) -> Array:
+        codes = self.levels.encode(X)
+        out = np.empty((len(codes.values), len(table)))
+        gather_pairs(*_compiled(codes), np.ascontiguousarray(table.T), out)
+        return out
+
+
+def fit_nominal_pls(
+    X: Array, Y: Array, form: NominalForm | None = None, levels: Levels | None = None
+) -> NominalPls:
+    """Fit the paper's modified PLSR.
+
+    Args:
+        X: Variables, such as q, qd, qdd of joints 1 to 3. Shape (n, d), d at least 2.
+        Y: Responses, such as torque errors [N m]. Shape (n, j).
+        form: Levels and components; the paper's form if None.
+        levels: Levels to use in place of those that the form makes of X.
+
+    Raises:
+        InputError: On fewer than 2 levels or variables, a constant column, more
+            components than the rank can be, or a value that is not finite.
+    """
+    X, Y = as_pair(X, Y)
+    form = form or NominalForm()
+    levels = form.make_levels(X) if levels is None else levels
+    cells = merge_rows(levels.encode(X))
+    return fit_cells(cells, Y, levels, form)
+
+
+def fit_cells(cells: Cells, Y: Array, levels: Levels, form: NominalForm) -> NominalPls:
+    """Fit to rows that are merged already; arguments as `fit_nominal_pls`."""
+    check_components(cells, form.components)
+    scale = response_scale(Y, form.scale_y)
+    n, y_mean = len(Y), Y.mean(axis=0)
+    table = np.zeros((cells.pair_columns, Y.shape[1] + 1))
+    weighted = np.column_stack([cells.sums((Y - y_mean) / scale), cells.count])
+    scatter_pairs(cells.codes, cells.sizes, weighted, table)
+    x_mean = table[:, -1] / n
+    # The responses are centred, so that their product with X - xbar is that with X.
+    S = np.ascontiguousarray(table[:, :-1].T)
+    parts = _components(cells, S, x_mean, form.components)
+    fields = (x_mean, y_mean, scale, *parts)
+    return NominalPls(levels, *map(frozen, fields), n)
+
+
+def component_bound(cells: Cells) -> int:
+    """Most components that there can be.
+
+    The centred indicators have no more rank than there are cells less one, and than
+    main effects and interactions of the visited levels have dimensions.
+    """
+    free = np.array([len(np.unique(c)) - 1 for c in cells.codes.T])
+    inner = (free.sum() ** 2 - (free**2).sum()) // 2
+    return int(min(len(cells.count) - 1, free.sum() + inner))
+
+
+def check_components(cells: Cells, components: int) -> None:
+    """Refuse more components than there can be, and tables of less than two variables.
+
+    Raises:
+        InputError: With the bound, the number and the remedy.
+    """
+    check_count(len(cells.sizes), 2, 64, "variables", "A table is of two variables.")
+    remedy = (
+        f"The bound is the rank of the tables ({len(cells.count)} distinct rows, up to "
+        f"{int(cells.sizes.max())} levels): take more rows or fewer components."
+    )
+    check_count(components, 1, component_bound(cells), "components", remedy)
+
+
+def response_scale(Y: Array, scale_y: bool) -> Array:
+    """Scale of each response: its standard deviation if asked for, else 1. (j,)."""
+    scale = Y.std(axis=0) if scale_y else np.ones(Y.shape[1])
+    return np.where(scale > 0, scale, 1.0)
+
+
+def leading(S: Array) -> tuple[Array, float]:
+    """Eigenvector of S S' to its largest eigenvalue, and S's norm. Shape (j, p)."""
+    values, vectors = np.linalg.eigh(S @ S.T)
+    q = np.ascontiguousarray(vectors[:, -1])
+    return q * np.sign(q[np.abs(q).argmax()]), float(max(values[-1], 0.0) ** 0.5)
+
+
+def _components(cells: Cells, S: Array, x_mean: Array, count: int) -> tuple[Array, ...]:
+    """Return W, V, P, Q and t't."""
+    W, V, P = (np.zeros((count, S.shape[1])) for _ in range(3))
+    Q, energy = np.zeros((count, len(S))), np.zeros(count)
+    first, done = 0.0, 0
+    for a in range(count):
+        q, size = leading(S)
+        first = first or size
+        if size <= EXHAUSTED * first:
+            break
+        weigh(S, q, W, V, P, a)
+        middle = float(x_mean @ V[a])
+        energy[a], total = score(
+            cells.codes, cells.sizes, cells.count, V[a], middle, P[a]
+        )
+        Q[a] = explain(S, V[a], P[a], x_mean, energy[a], total)
+        done = a + 1
+    return W[:done], V[:done], P[:done], Q[:done], energy[:done]
+
+
+def _compiled(codes) -> tuple[Array, Array]:
+    """Levels and sizes in the types that the kernels are compiled for."""
+    return codes.values.astype(np.uint16), np.array(codes.sizes, dtype=np.int64)

@@ -1,0 +1,133 @@
+"""Rows that do not fit: by distance in the model, off the model, and in the response.
+
+T^2 is the distance within the components, the squared prediction error (SPE, or Q) the
+distance from them (paper, eq. 23: e_i), the y-residual f_i (eq. 27) the miss.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from residual.recording import Array
+from residual.tables.blocks import as_pair, check_count, frozen
+from residual.tables.nominal.kernels import gather_pairs
+from residual.tables.nominal.pls import NominalPls
+from residual.tables.pls import Pls
+
+ALPHA = 0.01  # share of good rows that a limit calls outliers
+MAD = 1.4826  # of a normal distribution: its sd per median absolute deviation
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Distances:
+    """Distances of rows with their limits.
+
+    Attributes:
+        t2, spe: Shapes (n,). Dimensionless.
+        t2_limit, spe_limit: What 99 % of the calibration rows would keep.
+        y: Miss of each response in robust standard deviations. Shape (n, j).
+        y_limit: What 99 % of normal rows would keep.
+    """
+
+    t2: Array
+    spe: Array
+    t2_limit: float
+    spe_limit: float
+    y: Array
+    y_limit: float
+
+    @property
+    def x_outliers(self) -> Array:
+        """Rows beyond the limit of T^2 or SPE. Shape (n,)."""
+        return (self.t2 > self.t2_limit) | (self.spe > self.spe_limit)
+
+    @property
+    def y_outliers(self) -> Array:
+        """Rows whose miss of any response is beyond the limit. Shape (n,)."""
+        return (self.y > self.y_limit).any(axis=1)
+
+
+def hotelling_t2(scores: Array, variance: Array) -> Array:
+    """T^2_i = sum_a t_ia^2 / s_a^2. Shapes (n, a), (a,) to (n,)."""
+    return (scores**2 / variance).sum(axis=1)
+
+
+def t2_limit(components: int, rows: int, alpha: float = ALPHA) -> float:
+    """Limit of T^2: A (n^2 - 1) / (n (n - A)) F(A, n - A).
+
+    Raises:
+        InputError: If there are not more rows than components.
+    """
+    check_count(components, 1, rows - 1, "components", f"There are {rows} rows.")
+    factor = components * (rows**2 - 1) / (rows * (rows - components))
+    return float(factor * stats.f.isf(alpha, components, rows - components))
+
+
+def spe_limit(spe: Array, alpha: float = ALPHA) -> float:
+    """Limit of SPE: g chi^2(h) with the calibration mean and variance (Box 1954)."""
+    mean, variance = float(np.mean(spe)), float(np.var(spe))
+    if mean <= 0 or variance <= 0:
+        return mean
+    return variance / (2 * mean) * float(stats.chi2.isf(alpha, 2 * mean**2 / variance))
+
+
+def pls_distances(model: Pls, X: Array, Y: Array) -> Distances:
+    """Distances of calibration rows in a standard PLSR.
+
+    Args:
+        model: Fitted to these rows.
+        X: Regressors. Shape (n, k).
+        Y: Responses. Shape (n, j).
+    """
+    X, Y = as_pair(X, Y)
+    variance = (model.T**2).sum(axis=0) / (len(model.T) - 1)
+    t2 = hotelling_t2(model.transform(X), variance)
+    spe = (model.x_unexplained(X) ** 2).sum(axis=1)
+    return _distances(t2, spe, Y - model.predict(X), model.components)
+
+
+def nominal_distances(model: NominalPls, X: Array, Y: Array) -> Distances:
+    """Distances of calibration rows in the nominal form; no row of X is ever formed.
+
+    SPE = x'x - 2 x'xbar + xbar'xbar - 2 t'P'(x - xbar) + t'P'P t: reads of tables.
+
+    Args:
+        model: Fitted to these rows.
+        X: Variables. Shape (n, d).
+        Y: Responses. Shape (n, j).
+    """
+    X, Y = as_pair(X, Y)
+    table = np.vstack([model.V, model.P, model.x_mean[None]])
+    codes = model.levels.encode(X)
+    read = np.empty((len(X), len(table)))
+    sizes = np.array(codes.sizes, dtype=np.int64)
+    values = codes.values.astype(np.uint16)
+    gather_pairs(values, sizes, np.ascontiguousarray(table.T), read)
+    read -= table @ model.x_mean
+    a = model.components
+    t, onto, middle = read[:, :a], read[:, a : 2 * a], read[:, 2 * a]
+    # x'x - 2 x'xbar + xbar'xbar, with x'xbar - xbar'xbar just read.
+    length = len(model.pairs) - 2 * middle - model.x_mean @ model.x_mean
+    spe = length - 2 * (t * onto).sum(axis=1)
+    spe += ((t @ (model.P @ model.P.T)) * t).sum(axis=1)
+    t2 = hotelling_t2(t, model.energy / (model.rows - 1))
+    return _distances(t2, np.maximum(spe, 0), Y - model.predict(X), a)
+
+
+def robust_sizes(miss: Array) -> Array:
+    """Miss of each column in robust standard deviations about its median. (n, j)."""
+    gap = np.abs(miss - np.median(miss, axis=0))
+    scale = MAD * np.median(gap, axis=0)
+    return gap / np.where(scale > 0, scale, np.inf)
+
+
+def _distances(t2: Array, spe: Array, miss: Array, components: int) -> Distances:
+    return Distances(
+        frozen(t2),
+        frozen(spe),
+        t2_limit(components, len(t2)),
+        spe_limit(spe),
+        frozen(robust_sizes(miss)),
+        float(stats.norm.isf(ALPHA / 2)),
+    )

@@ -1,0 +1,1 @@
+"""PyBullet and the geometry around it: integrator, camera, clearance, kinematics."""

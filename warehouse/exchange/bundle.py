@@ -1,0 +1,151 @@
+"""A record with all that it was made from, as one file for another machine."""
+
+import hashlib
+import io
+import json
+import os
+import tarfile
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from residual.errors import InputError
+from warehouse.commit import read_record
+from warehouse.exchange.form import CONTENTS, LARGEST, MOST, SCHEMA, kind_of
+from warehouse.layout import SEALED, Found, find
+from warehouse.manifest import read_manifest
+from warehouse.origin.lineage import needed
+from warehouse.origin.made_with import files_of
+from warehouse.origin.robots import robot_folder
+from warehouse.verify import faults, read_row
+
+_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """What was put into a bundle.
+
+    Attributes:
+        about: Id of the record that it is about.
+        records: Its records, parents first: kind and id.
+        seals: How many sealed halves are in it.
+        left_out: How many sealed halves are not.
+        changes: How many patches of uncommitted code are in it.
+        size: Size of the file [bytes].
+    """
+
+    about: str
+    records: tuple[tuple[str, str], ...]
+    seals: int
+    left_out: int
+    changes: int
+    size: int
+
+
+def write_bundle(store: Path, id: str, out: Path, with_seal: bool = True) -> Bundle:
+    """Write a record and its ancestors into a tar file; the same ones, the same bytes.
+
+    Args:
+        store: The store.
+        id: Id of the record, or its beginning.
+        out: The file; replaced whole or not at all.
+        with_seal: Whether to put in what simulated runs hide. Without it nobody can
+            look at what was planted, nor run the experiment again.
+
+    Returns:
+        What is in it.
+
+    Raises:
+        InputError: If there is no such record, one of them is damaged, or the name of
+            the file is not usable.
+    """
+    _check_name(out)
+    about = find(store, id)
+    found = needed(store, about.id)
+    for each in found:
+        wrong = faults(each)
+        if wrong:
+            raise InputError(
+                f"{each.kind} {each.id} is damaged, it goes into no bundle: {wrong[0]}."
+            )
+    files = {p for each in found for p in _files(store, each)}
+    seals = {p for each in found for p in _seal(store, each)}
+    paths = sorted(files | (seals if with_seal else set()))
+    if len(paths) >= MOST:
+        raise InputError(f"{about.id} needs {len(paths)} files, at most {MOST} go in.")
+    sums = {p.relative_to(store).as_posix(): _sum(p) for p in paths}
+    for name, known in sums.items():
+        if kind_of(name) is None or known["bytes"] > LARGEST:
+            raise InputError(f"{name} ({known['bytes']} bytes) does not go in.")
+    contents = {
+        "schema": SCHEMA,
+        "about": about.id,
+        "records": [{"kind": e.kind, "id": e.id} for e in found],
+        "files": sums,
+    }
+    _write(store, out, contents)
+    count = len({p.parent for p in seals})
+    ids = tuple((e.kind, e.id) for e in found)
+    patches = sum(kind_of(name) == "made_with" and ".patch" in name for name in sums)
+    given = (count, 0, patches) if with_seal else (0, count, patches)
+    return Bundle(about.id, ids, *given, out.stat().st_size)
+
+
+def _check_name(out: Path) -> None:
+    if out.suffix != ".tar":
+        raise InputError(f"--out {out}: expected a name that ends in .tar.")
+    if out.is_dir() or not out.resolve().parent.is_dir():
+        raise InputError(f"--out {out}: expected a file in a folder that is there.")
+
+
+def _files(store: Path, found: Found) -> Iterator[Path]:
+    yield from (p for p in found.folder.iterdir() if p.is_file())
+    if found.kind == "runs":
+        told = read_manifest(store, found.id)
+        yield from files_of(store, told["provenance"])
+        hash = told.get("robot_hash")
+    else:
+        yield from files_of(store, json.loads(read_row(found)["provenance"] or "{}"))
+        hash = (read_record(store, found.id).get("request") or {}).get("robot_hash")
+    # A robot that is built in, or was not kept, has no folder.
+    with suppress(InputError, FileNotFoundError):
+        yield from sorted(robot_folder(store, hash or "").iterdir())
+
+
+def _seal(store: Path, found: Found) -> Iterator[Path]:
+    if found.kind == "runs":
+        folder = store / SEALED / f"run_id={found.id}"
+        yield from (folder.iterdir() if folder.is_dir() else ())
+
+
+def _sum(path: Path) -> dict:
+    total = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK):
+            total.update(block)
+    return {"sha256": total.hexdigest(), "bytes": path.stat().st_size}
+
+
+def _write(store: Path, out: Path, contents: dict) -> None:
+    part = out.with_name(f".{out.name}.{os.getpid()}")
+    try:
+        with tarfile.open(part, "w", format=tarfile.PAX_FORMAT) as tar:
+            text = json.dumps(contents, indent=1, sort_keys=True).encode()
+            tar.addfile(_member(CONTENTS, len(text)), io.BytesIO(text))
+            for name, known in contents["files"].items():
+                with (store / name).open("rb") as file:
+                    tar.addfile(_member(name, known["bytes"]), file)
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        os.replace(part, out)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _member(name: str, size: int) -> tarfile.TarInfo:
+    # No owner and no time: whoever packs the same packs the same bytes.
+    member = tarfile.TarInfo(name)
+    member.size, member.mode = size, 0o644
+    return member

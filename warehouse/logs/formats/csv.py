@@ -1,0 +1,162 @@
+"""Text logs with any separator."""
+
+import csv
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv as arrow_csv
+
+from residual.errors import InputError
+from warehouse.logs.columns import CsvFormat
+from warehouse.logs.file import LogFile
+
+Array = np.ndarray
+
+_SEPARATORS = ";\t,|"
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where the table in a text file is.
+
+    Attributes:
+        names: Line with the names of the columns, counted from 0.
+        samples: First line with samples.
+        separator: What stands between two columns.
+        units: Units that the file states, by name.
+        above: How many lines above the names are no part of the table.
+    """
+
+    names: int
+    samples: int
+    separator: str
+    units: Mapping[str, str] = field(default_factory=dict)
+    above: int = 0
+
+
+Find = Callable[[Sequence[str], CsvFormat], Layout | None]
+
+
+class CsvLog(LogFile):
+    """A text file with a line of names.
+
+    Args:
+        path: The file.
+        head: Its first bytes.
+        form: How it is written.
+        find: Finds the table where more than a line of names stands above it.
+    """
+
+    def __init__(
+        self, path: Path, head: bytes, form: CsvFormat, find: Find | None = None
+    ) -> None:
+        self.name = path.name
+        self._path = path
+        self._form = form
+        self._encoding, text = _decode(head)
+        lines = re.split(r"\r\n|\n|\r", text)
+        rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
+        if not rows:
+            raise InputError(
+                f"{self.name} has no line of names after {form.skip} lines."
+            )
+        found = find(lines, form) if find else None
+        if found is None:
+            separator = form.separator or sniff(lines[rows[0]])
+            found = Layout(rows[0], rows[0] + 1, separator)
+        self._skip, self._separator = found.samples, found.separator
+        header = split(lines[found.names], found.separator)
+        self.columns = tuple(name.strip() for name in header)
+        self.units = found.units
+        self.notes = _notes(found)
+        if all(is_number(name) for name in self.columns):
+            raise InputError(
+                f"{self.name} starts with numbers, expected a line of column names "
+                "such as t,q1,tau1."
+            )
+
+    def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
+        """Return the values of some columns, NaN where empty."""
+        # Columns are found by place, since a name may stand twice among the ignored.
+        places = [str(i) for i in range(len(self.columns))]
+        wanted = [places[self.columns.index(column)] for column in columns]
+        try:
+            table = arrow_csv.read_csv(
+                self._path,
+                read_options=arrow_csv.ReadOptions(
+                    skip_rows=self._skip, column_names=places, encoding=self._encoding
+                ),
+                parse_options=arrow_csv.ParseOptions(delimiter=self._separator),
+                convert_options=arrow_csv.ConvertOptions(
+                    include_columns=wanted,
+                    column_types=dict.fromkeys(wanted, pa.float64()),
+                    decimal_point=self._form.decimal,
+                ),
+            )
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+            raise InputError(self._explain(str(error))) from error
+        values = (table.column(place).to_numpy() for place in wanted)
+        return dict(zip(columns, values, strict=True))
+
+    def _explain(self, error: str) -> str:
+        """Turn what the parser says into what the user can do."""
+        if found := re.search(r"#(\d+).*invalid value '(.*)'", error):
+            place, value = int(found[1]), found[2][:30]
+            what = f"{self.name}: column '{self.columns[place]}' has '{value}'"
+            if re.fullmatch(r"\s*[-+]?\d+,\d+(e[-+]?\d+)?\s*", value, re.IGNORECASE):
+                return (
+                    f"{what}.\nDecimal comma? Say so in --map: csv = {{decimal = ','}}."
+                )
+            return f"{what}, expected a number."
+        if found := re.search(r"Expected (\d+) columns, got (\d+)", error):
+            return (
+                f"{self.name}: a line has {found[2]} values for {found[1]} names. "
+                "Repair it, or give the separator in --map: csv = {separator = ';'}."
+            )
+        if "too short" in error or "Empty CSV" in error:
+            return f"{self.name} has names but no samples."
+        return f"{self.name} is not a readable CSV file: {error.splitlines()[0][:120]}"
+
+
+def _notes(found: Layout) -> tuple[str, ...]:
+    notes = []
+    if found.above:
+        notes.append(f"{found.above} lines above the names")
+    if found.units:
+        stated = ", ".join(f"{name}: {unit}" for name, unit in found.units.items())
+        notes.append(f"units as the file says ({stated})")
+    return tuple(notes)
+
+
+def _decode(head: bytes) -> tuple[str, str]:
+    # The cut may fall inside a character; those up to the last line end are whole.
+    whole = head[: head.rfind(b"\n") + 1] or head
+    try:
+        return "utf-8", whole.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return "latin-1", whole.decode("latin-1")
+
+
+def sniff(header: str) -> str:
+    """Return the separator that splits the names into the most."""
+    best = max(_SEPARATORS, key=lambda s: len(split(header, s)))
+    # A blank separates only where nothing else does: names may have blanks in them.
+    return best if best in header else " "
+
+
+def split(line: str, separator: str) -> list[str]:
+    """Return the fields of a line."""
+    return next(csv.reader([line], delimiter=separator), [])
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number, with a decimal point or comma."""
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,1 @@
+"""Which code, packages, robots and records a record was made with."""

@@ -1,0 +1,90 @@
+"""Descriptions of robots that do not come with the program, kept with their runs.
+
+``robots/sha256=<hash>/<name>.urdf`` and, where there was one, ``robot.toml``; the hash
+is that of the robot (``Robot.content_hash``). So a run can be made again where the file
+that described its robot has changed or is not at hand.
+"""
+
+import shutil
+from functools import lru_cache
+from pathlib import Path
+
+from residual.errors import InputError, ModelgapError
+from residual.robot.robot import Robot, built_in_robots, load_robot
+from warehouse.files import publish, staged
+
+ROBOTS, TOML = "robots", "robot.toml"
+
+
+def keep_robot(store: Path, word: str, robot: Robot) -> None:
+    """Put the description of a robot into the store; one that is there stays.
+
+    Args:
+        store: The store.
+        word: What the robot was loaded from; built-in ones are not kept.
+        robot: What was loaded.
+    """
+    target = robot_folder(store, robot.content_hash)
+    if word in built_in_robots() or target.is_dir():
+        return
+    path = Path(word)
+    urdf = path if path.is_file() else next(path.glob("*.urdf"), path)
+    with staged(store, "robot") as folder:
+        try:
+            shutil.copyfile(urdf, folder / f"{robot.name}.urdf")
+            if path.is_dir() and (path / TOML).is_file():
+                shutil.copyfile(path / TOML, folder / TOML)
+            kept = load_robot(folder)
+        except (OSError, ModelgapError):
+            return
+        # Edited since it was loaded: then there is nothing to keep.
+        if (kept.content_hash, kept.name) == (robot.content_hash, robot.name):
+            publish(folder, target)
+
+
+def robot_word(store: Path, word: str, content_hash: str | None) -> str:
+    """Return what to load a robot from, such that it is the one that was used.
+
+    Args:
+        store: The store.
+        word: What it was loaded from then.
+        content_hash: Its hash then; None where that is not known.
+
+    Returns:
+        The same word, or the folder in the store with its description.
+
+    Raises:
+        InputError: If neither is the robot that was used.
+    """
+    try:
+        if content_hash in (None, load_robot(word).content_hash):
+            return word
+        why = f"{word} describes another robot now"
+    except ModelgapError as error:
+        why = str(error)
+    kept = robot_folder(store, content_hash or "")
+    if kept.is_dir() and _hash(str(kept)) == content_hash:
+        return str(kept)
+    raise InputError(
+        f"The robot that this was made with is not here: {why} And no description of "
+        "it was kept in the store. Put back the URDF and robot.toml of that time."
+    )
+
+
+def robot_folder(store: Path, content_hash: str) -> Path:
+    """Return where a description is kept.
+
+    Raises:
+        InputError: If the hash is none.
+    """
+    if len(content_hash) != 64 or set(content_hash) - set("0123456789abcdef"):
+        raise InputError(f"'{content_hash}' is not the hash of a robot.")
+    return store / ROBOTS / f"sha256={content_hash}"
+
+
+@lru_cache(maxsize=8)
+def _hash(folder: str) -> str | None:
+    try:
+        return load_robot(folder).content_hash
+    except ModelgapError:
+        return None

@@ -1,0 +1,137 @@
+"""The list of all records: read from ``_index``, plus what was committed since.
+
+The index is one Parquet file per kind with a copy of every catalogue row, and what
+writers left since (``warehouse.query.segments``). It may be deleted at any time:
+whoever opens the store next writes it again. It is only a copy, so a record that is not in it,
+or no longer on disk, is judged by its folder. Of two that write it at once the later
+wins, and what only the other knew is read from its record again.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+
+from residual.errors import InputError
+from warehouse.files import read_parquet, replace_file, sweep_staging
+from warehouse.layout import INDEX, KINDS, Kind, list_folders
+from warehouse.query.segments import drop_segments, read_segments
+
+# So many rows may be outside the index before it is written again: reading one costs
+# about a millisecond, writing all of them as much as reading some dozens.
+_SPARE = 32
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Catalogue:
+    """All records of a store at one moment.
+
+    Attributes:
+        folders: Folder of every record, by kind and id.
+        rows: Catalogue rows by kind, oldest first.
+        damaged: Messages about records whose row cannot be read; these are left out.
+    """
+
+    folders: Mapping[str, Mapping[str, str]]
+    rows: Mapping[str, pa.Table]
+    damaged: tuple[str, ...]
+
+
+def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
+    """List a store, and bring its index up to date where that pays.
+
+    Args:
+        store: The store.
+        before: What was read earlier; it is given back if nothing has changed.
+
+    Returns:
+        The catalogue.
+    """
+    folders = {kind: list_folders(store, kind) for kind in KINDS}
+    if before is not None and before.folders == folders:
+        return before
+    rows, damaged = {}, []
+    for kind in KINDS.values():
+        rows[kind.name], bad = _rows(store, kind, folders[kind.name], before)
+        damaged += bad
+    return Catalogue(folders, rows, tuple(damaged))
+
+
+def _rows(
+    store: Path, kind: Kind, folders: Mapping[str, str], before: Catalogue | None
+) -> tuple[pa.Table, list[str]]:
+    old = before.rows[kind.name] if before else _read_index(store, kind)
+    parts, merged = [_still_there(old, kind, folders)], []
+    gone = len(old) - len(parts[0])
+    if len(folders) > len(parts[0]) + (_SPARE if before else 0):
+        left, merged = read_segments(store, kind)
+        parts = [_once(pa.concat_tables([*parts, *left]), kind, folders)]
+    missing = folders.keys() - set(parts[0].column(kind.key).to_pylist())
+    new, damaged = _read_new(sorted(missing), kind, folders)
+    rows = pa.concat_tables([*parts, *new])
+    added = len(rows) - len(old) + gone
+    if not added and not gone:
+        return old, damaged
+    rows = rows.combine_chunks()
+    rows = rows.sort_by([("created", "ascending"), (kind.key, "ascending")])
+    if before is None and (added > _SPARE or 4 * added >= len(old) or gone):
+        _write_index(store, kind, rows)
+        drop_segments(merged)
+    return rows, damaged
+
+
+def _still_there(rows: pa.Table, kind: Kind, folders: Mapping) -> pa.Table:
+    listed = [id in folders for id in rows.column(kind.key).to_pylist()]
+    return rows if all(listed) else rows.filter(pa.array(listed, pa.bool_()))
+
+
+def _once(rows: pa.Table, kind: Kind, folders: Mapping) -> pa.Table:
+    """Drop rows of records that are gone, and all but the first of one id."""
+    known: set[str] = set()
+    keep = []
+    for id in rows.column(kind.key).to_pylist():
+        keep.append(id in folders and id not in known)
+        known.add(id)
+    return rows if all(keep) else rows.filter(pa.array(keep, pa.bool_()))
+
+
+def _read_new(
+    ids: Sequence[str], kind: Kind, folders: Mapping[str, str]
+) -> tuple[list[pa.Table], list[str]]:
+    new, damaged = [], []
+    for id in ids:
+        try:
+            new.append(_read_row(Path(folders[id]) / kind.row, kind))
+        except InputError as error:
+            damaged.append(str(error))
+    return new, damaged
+
+
+def _read_index(store: Path, kind: Kind) -> pa.Table:
+    # Missing, torn, or of a version with other columns: all of it can be read again.
+    with suppress(InputError):
+        table = read_parquet(store / INDEX / f"{kind.name}.parquet")
+        if table.schema.equals(kind.fields):
+            return table
+    return kind.fields.empty_table()
+
+
+def _write_index(store: Path, kind: Kind, rows: pa.Table) -> None:
+    # A store that one may only read is still read, only slower.
+    with suppress(OSError):
+        sweep_staging(store)
+        replace_file(store, store / INDEX / f"{kind.name}.parquet", rows)
+
+
+def _read_row(path: Path, kind: Kind) -> pa.Table:
+    """Read one catalogue row; columns of another version are left out or null."""
+    table = read_parquet(path)
+    columns = [
+        table.column(field.name).cast(field.type)
+        if field.name in table.column_names
+        else pa.nulls(len(table), field.type)
+        for field in kind.fields
+    ]
+    return pa.table(columns, schema=kind.fields)
