@@ -64,8 +64,8 @@ def _from_names(path: Path, node: ast.ImportFrom) -> set[str]:
     package = path.relative_to(ROOT).parent.parts
     base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
     module = ".".join(part for part in (base, node.module) if part)
-    # `from residual import robot` names a folder, `from residual.robot import x` a thing
-    # in it: the longer name tells both apart once it is cut by _within.
+    # `from residual import robot` names a folder, `from residual.robot import x` what
+    # is in it: the longer name tells both apart once it is cut by _within.
     return {f"{module}.{alias.name}" for alias in node.names}
 
 

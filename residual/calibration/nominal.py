@@ -12,12 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.calibration.rows import Run, torque_at
-from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.search import Rules, Task, start
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, Shape
 from residual.evidence.design import Design
-from residual.evidence.fit import fit
+from residual.evidence.fit import fit, start
 from residual.evidence.priors import priors
 from residual.evidence.states import as_model
 from residual.model.fit_logs import Logs, ready, start_nominal
@@ -97,7 +95,7 @@ def identified_without(
     states = _observed(nominal.model, tracks, regressors)
     design = Design(list(zip(tracks, states, strict=True)), nominal.model)
     wide = priors(design, nominal)
-    first = start(Task(design, wide[-1], Candidates((), {}), Rules()))
+    first = start(design, wide[-1])
     if named:
         # Some effects read the model's own torque: it should be about right.
         design.look(_observed(as_model(nominal, first), tracks, regressors))

@@ -1,1 +1,1 @@
-"""The arm: its description, its rigid-body dynamics, and what a motion can tell of it."""
+"""The arm: description, rigid-body dynamics, and what a motion tells of its inertia."""

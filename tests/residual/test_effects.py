@@ -96,7 +96,7 @@ def terms(name, robot, theta=None):
 
 def test_the_registry_is_the_folder():
     folder = Path(effects.__file__).parent
-    files = {p.stem for p in folder.glob("*.py")} - {"__init__", "base"}
+    files = {p.stem for p in folder.glob("[!_]*.py")} - {"base"}
     assert files == set(registry())
     assert all(name == effect.name for name, effect in registry().items())
 

@@ -6,25 +6,24 @@ from warehouse.origin.provenance import ROOT, plant_code_hash, plant_files, prov
 
 FILES = {
     "sim/__init__.py": "",
-    "sim/plant.py": "from residual.robot.dynamics import regressor\n",
+    "sim/plant.py": "from residual.dynamics import regressor\n",
     "sim/twin.py": "def run():\n    from residual import robot\n",
     "sim/arm.urdf": "<robot/>",
     "sim/__pycache__/plant.pyc": "x",
     "residual/__init__.py": "",
-    "residual/robot/dynamics.py": "import numpy\n"
-    "from residual.recording import Recording\n",
+    "residual/dynamics.py": "import numpy\nfrom residual.recording import Recording\n",
     "residual/recording.py": "from . import errors\n",
     "residual/errors.py": "",
-    "residual/robot/robot.py": "import residual.deep.inner as inner\n",
+    "residual/robot.py": "import residual.deep.inner as inner\n",
     "residual/deep/__init__.py": "",
     "residual/deep/inner.py": "",
     "residual/effects.py": "from residual.recording import Recording\n",
-    "flows/steps/diagnose.py": "from residual import effects\n",
+    "flows/steps.py": "from residual import effects\n",
 }
 COUNTED = set(FILES) - {
     "sim/__pycache__/plant.pyc",
     "residual/effects.py",
-    "flows/steps/diagnose.py",
+    "flows/steps.py",
 }
 
 

@@ -2,9 +2,9 @@
 
 The index is one Parquet file per kind with a copy of every catalogue row, and what
 writers left since (``warehouse.query.segments``). It may be deleted at any time:
-whoever opens the store next writes it again. It is only a copy, so a record that is not in it,
-or no longer on disk, is judged by its folder. Of two that write it at once the later
-wins, and what only the other knew is read from its record again.
+whoever opens the store next writes it again. It is only a copy, so a record that is
+not in it, or no longer on disk, is judged by its folder. Of two that write it at once
+the later wins, and what only the other knew is read from its record again.
 """
 
 from collections.abc import Mapping, Sequence

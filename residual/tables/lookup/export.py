@@ -25,7 +25,7 @@ def export_lookup(lookup: Lookup) -> dict[str, bytes]:
     Returns:
         File name and content; the same bytes for the same tables.
     """
-    evaluator = resources.files("residual").joinpath("lookup_evaluate.py")
+    evaluator = resources.files(__package__).joinpath("evaluate.py")
     return {
         "model.npz": _npz(lookup),
         "tables.csv": _csv(lookup),

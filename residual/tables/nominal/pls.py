@@ -2,7 +2,8 @@
 
 Each variable becomes a column per level, each two columns of different variables their
 product: 36 tables for 9 variables, 17 424 columns at 22 levels. No column is formed:
-see `residual/tables/nominal/kernels.py`. Kernel PLS: Dayal and MacGregor (1997), algorithm 1.
+see `residual/tables/nominal/kernels.py`. Kernel PLS: Dayal and MacGregor (1997),
+algorithm 1.
 """
 
 from collections.abc import Callable
