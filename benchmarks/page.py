@@ -1,0 +1,213 @@
+"""Write docs/benchmarks.md, and the results table of README.md, from the results files.
+
+    python benchmarks/page.py
+
+What a figure means stands in benchmarks/page.toml; a figure without words is an error.
+"""
+
+import json
+import math
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
+PAGE, README = ROOT / "docs" / "benchmarks.md", ROOT / "README.md"
+FENCES = "<!-- results -->\n", "<!-- end of results -->\n"
+_WORDS = tomllib.loads((ROOT / "benchmarks" / "page.toml").read_text(encoding="utf-8"))
+_ALSO, _SHORT = _WORDS.pop("also"), _WORDS.pop("readme")
+_HEAD, _BELOW = _WORDS.pop("head"), _WORDS.pop("below")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One entry of a results file, and the unit that it is shown in."""
+
+    entry: Mapping
+    unit: str
+
+    @property
+    def value(self) -> float | None:
+        """What was measured."""
+        return self.entry["value"]
+
+    @property
+    def n(self) -> int:
+        """Cases or repetitions."""
+        return self.entry["n"]
+
+    @property
+    def hits(self) -> int:
+        """Cases, whether the file has their number or their share."""
+        share = isinstance(self.value, float)
+        return round(self.value * self.n) if share else self.value
+
+    def __str__(self) -> str:
+        if self.value is None:
+            return "not measured"
+        if self.unit == "count":
+            return f"{_number(self.hits)} of {_number(self.n)}"
+        if self.unit == "share":
+            return f"{self.hits} of {self.n} ({_number(100 * self.hits / self.n)} %)"
+        return f"{_number(self.value)} {self.unit}".strip()
+
+    @property
+    def bar(self) -> str:
+        """The bar, and whether it was missed."""
+        bar, entry = self.entry["bar"], self.entry
+        if bar is None:
+            return "–"
+        percent = self.unit == "share" and isinstance(self.value, float)
+        low, high = (
+            f"{_number(100 * x)} %" if percent else f"{_number(x)}"
+            for x in (entry.get("low", bar), bar)
+        )
+        sign = "≥ " if entry.get("at_least") else "≤ "
+        if self.value is None:  # then nobody wrote down which way it goes
+            sign = ""
+        words = f"{low} to {high}" if "low" in entry else sign + high
+        return words + {False: " **missed**", None: " –"}.get(entry["ok"], "")
+
+    def details(self) -> Iterator[str]:
+        """What else the entry holds, in words."""
+        entry = self.entry
+        if self.unit == "share" and "interval" in entry:
+            yield "{} to {} %".format(*(_number(100 * x) for x in entry["interval"]))
+        if len(entry.get("data", ())) > 1:
+            yield ", ".join(f"{k} {a} of {b}" for k, (a, b) in entry["data"].items())
+        if fewer := _incomplete(entry):
+            yield "not in all: " + fewer
+        for key, words in _ALSO.items():
+            # Why there is no bar is said by there being none.
+            idle = key == "why" and entry["bar"] is None
+            if not idle and entry.get(key) not in (None, []):
+                yield words.format(_plain(entry[key]))
+
+
+def results() -> dict[str, dict]:
+    """Return the results files by name, those with words first and in their order."""
+    files = {p.stem: json.loads(p.read_text("utf-8")) for p in RESULTS.glob("*.json")}
+    return {name: files.pop(name) for name in _WORDS if name in files} | files
+
+
+def figures(name: str, content: Mapping) -> dict[str, tuple[str, Figure]]:
+    """Return words and figure of each entry of a results file."""
+    words = _WORDS[name]["figures"]
+    words = _WORDS[words["same_as"]]["figures"] if "same_as" in words else words
+    ordered = sorted(content["figures"], key=list(words).index)
+    return {
+        key: (words[key]["is"], Figure(content["figures"][key], words[key]["unit"]))
+        for key in ordered
+    }
+
+
+def page() -> str:
+    """Return the text of docs/benchmarks.md."""
+    return "\n".join([_HEAD, *(_section(*item) for item in results().items())])
+
+
+def readme_table() -> str:
+    """Return the table of results of the README, between its two comments."""
+    every = {
+        name: SimpleNamespace(**{k: f for k, (_, f) in figures(name, content).items()})
+        for name, content in results().items()
+    }
+    rows = [("on", "figure", "wanted"), ("---", "---", "---")]
+    for row in _SHORT:
+        found = (key.split(".") for key in row["bars"])
+        bars = "; ".join(getattr(every[file], key).bar for file, key in found)
+        rows.append((row["on"], row["figure"].format(**every), bars))
+    used = {key.split(".")[0] for row in _SHORT for key in row["bars"]}
+    from_ = [f"{k} ({_origin(v)})" for k, v in results().items() if k in used]
+    oks = [f.entry["ok"] for file in every.values() for f in vars(file).values()]
+    missed, met = oks.count(False), oks.count(True)
+    below = _BELOW.format(missed=missed, all=missed + met, origin="; ".join(from_))
+    return FENCES[0] + _table(rows) + below + FENCES[1]
+
+
+def main() -> int:
+    """Write the page and the table."""
+    PAGE.write_text(page(), encoding="utf-8")
+    before, _, rest = README.read_text(encoding="utf-8").partition(FENCES[0])
+    README.write_text(before + readme_table() + rest.partition(FENCES[1])[2], "utf-8")
+    return 0
+
+
+def _section(name: str, content: Mapping) -> str:
+    words = _WORDS[name]
+    rows = [("what", "value", "n", "bar", "also"), ("---", "---", "---:", "---", "---")]
+    for is_, entry in figures(name, content).values():
+        also = "; ".join(entry.details())
+        rows.append((is_, str(entry), _number(entry.n), entry.bar, also))
+    facts = (
+        f"`{RESULTS.name}/{name}.json`: {_origin(content)}, {content['cores']} cores, "
+    )
+    facts += f"Python {content['python']}; `{words['run']}`"
+    parts = [f"## {words['title']}", facts, words["about"].strip(), content.get("note")]
+    parts += [_table(rows).rstrip(), _arms(content.get("measured", ()))]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _arms(measured: list[Mapping]) -> str:
+    """The measured arms one by one, where least squares stand beside them."""
+    rows = [("log", "named", "error over least squares, per joint", "more than noise")]
+    rows.append(("---",) * 4)
+    for arm in measured:
+        if "least_squares" not in arm:
+            return ""
+        pairs = zip(
+            arm["filtered"]["augmented"], arm["least_squares"]["ordinary"], strict=True
+        )
+        named = (f"{e['name']} on {_plain(e['joints'])}" for e in arm["effects"])
+        split = arm["split"] if "|" not in arm["split"] else f"KR300 {arm['split']}"
+        ratios = ", ".join(f"{ours / peer:.2f}" for ours, peer in pairs)
+        left = "joints " + _plain(arm["unexplained"]) if arm["unexplained"] else "–"
+        rows.append((split.replace("|", " / "), "; ".join(named), ratios, left))
+    return _table(rows).rstrip() if measured else ""
+
+
+def _origin(content: Mapping) -> str:
+    seeds = f", seeds {content['seeds']}" if content.get("seeds") else ""
+    dirty = " with changes" if content["dirty"] else ""
+    return f"commit {content['commit'][:7]}{dirty}, {content['date'][:10]}{seeds}"
+
+
+def _incomplete(entry: Mapping) -> str:
+    """Effects of which some cases are not right, the worst first."""
+    counts = dict(entry.get("per_effect", {}))
+    for name, z in entry.get("z_per_effect", {}).items():
+        counts[name] = [sum(abs(x) <= 2 for x in z), len(z)]
+    shares = {k: v for k, v in entry.get("per_form", {}).items() if v < 1}
+    fewer = {k: v for k, v in counts.items() if isinstance(v, list) and v[0] < v[1]}
+    worst = sorted(fewer.items(), key=lambda item: item[1][0] / item[1][1])
+    some = [f"{k} {a} of {b}" for k, (a, b) in worst]
+    some += [f"{k} {_number(100 * v)} %" for k, v in shares.items()]
+    return ", ".join(name.replace("x_", "").replace("_", " ") for name in some)
+
+
+def _table(rows: list[tuple[str, ...]]) -> str:
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k} {_plain(v)}" for k, v in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(_plain, value))
+    return _number(value) if isinstance(value, int | float) else str(value)
+
+
+def _number(value: float) -> str:
+    """Three digits that count; large numbers in groups."""
+    if isinstance(value, int) or abs(value) >= 1000:
+        digits = 0 if isinstance(value, int) else 2 - math.floor(math.log10(abs(value)))
+        return f"{round(value, digits):,.0f}".replace(",", " ")
+    return f"{value:.3g}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
