@@ -2,7 +2,7 @@
 
     python benchmarks/page.py
 
-What a figure means stands in benchmarks/page.toml; a figure without words is an error.
+What a figure means stands in benchmarks/words/; a figure without words is an error.
 """
 
 import json
@@ -18,9 +18,11 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE, README = ROOT / "docs" / "benchmarks.md", ROOT / "README.md"
 FENCES = "<!-- results -->\n", "<!-- end of results -->\n"
-_WORDS = tomllib.loads((ROOT / "benchmarks" / "page.toml").read_text(encoding="utf-8"))
-_ALSO, _SHORT = _WORDS.pop("also"), _WORDS.pop("readme")
-_HEAD, _BELOW = _WORDS.pop("head"), _WORDS.pop("below")
+_WORDS = {
+    path.stem: tomllib.loads(path.read_text(encoding="utf-8"))
+    for path in (ROOT / "benchmarks" / "words").glob("*.toml")
+}
+_SHARED = _WORDS.pop("page")
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ class Figure:
             yield ", ".join(f"{k} {a} of {b}" for k, (a, b) in entry["data"].items())
         if fewer := _incomplete(entry):
             yield "not in all: " + fewer
-        for key, words in _ALSO.items():
+        for key, words in _SHARED["also"].items():
             # Why there is no bar is said by there being none.
             idle = key == "why" and entry["bar"] is None
             if not idle and entry.get(key) not in (None, []):
@@ -89,9 +91,10 @@ class Figure:
 
 
 def results() -> dict[str, dict]:
-    """Return the results files by name, those with words first and in their order."""
+    """Return the results files by name, in the order of the page."""
     files = {p.stem: json.loads(p.read_text("utf-8")) for p in RESULTS.glob("*.json")}
-    return {name: files.pop(name) for name in _WORDS if name in files} | files
+    known = {name: files.pop(name) for name in _SHARED["order"] if name in files}
+    return known | files
 
 
 def figures(name: str, content: Mapping) -> dict[str, tuple[str, Figure]]:
@@ -107,7 +110,9 @@ def figures(name: str, content: Mapping) -> dict[str, tuple[str, Figure]]:
 
 def page() -> str:
     """Return the text of docs/benchmarks.md."""
-    return "\n".join([_HEAD, *(_section(*item) for item in results().items())])
+    return "\n".join(
+        [_SHARED["head"].lstrip(), *(_section(*item) for item in results().items())]
+    )
 
 
 def readme_table() -> str:
@@ -117,15 +122,17 @@ def readme_table() -> str:
         for name, content in results().items()
     }
     rows = [("on", "figure", "wanted"), ("---", "---", "---")]
-    for row in _SHORT:
+    for row in _SHARED["readme"]:
         found = (key.split(".") for key in row["bars"])
         bars = "; ".join(getattr(every[file], key).bar for file, key in found)
         rows.append((row["on"], row["figure"].format(**every), bars))
-    used = {key.split(".")[0] for row in _SHORT for key in row["bars"]}
+    used = {key.split(".")[0] for row in _SHARED["readme"] for key in row["bars"]}
     from_ = [f"{k} ({_origin(v)})" for k, v in results().items() if k in used]
     oks = [f.entry["ok"] for file in every.values() for f in vars(file).values()]
     missed, met = oks.count(False), oks.count(True)
-    below = _BELOW.format(missed=missed, all=missed + met, origin="; ".join(from_))
+    below = _SHARED["below"].format(
+        missed=missed, all=missed + met, origin="; ".join(from_)
+    )
     return FENCES[0] + _table(rows) + below + FENCES[1]
 
 
