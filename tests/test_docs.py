@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from flows.cli.app import app
-from residual.robot.toml import parse_robot_toml
+from residual.robot.toml import parse_toml, read_robot_toml
 from residual.robot.vocabulary import DEFAULT_DECLARED, VOCABULARY
 from warehouse.logs.columns import load_columns
 
@@ -82,9 +82,9 @@ def test_the_example_of_a_map_is_read(tmp_path):
 
 
 def test_the_example_of_a_robot_file_is_read():
-    robot = parse_robot_toml(
-        _toml("docs/logs.md", "## robot.toml"), dof=2, where="docs/logs.md"
-    )
+    where = "docs/logs.md"
+    content = parse_toml(_toml(where, "## robot.toml"), where)
+    robot = read_robot_toml(content, dof=2, where=where)
     assert set(robot.declared) == {"coulomb", "viscous"}
     assert robot.prior_scale == 0.03
 

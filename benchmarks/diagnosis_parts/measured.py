@@ -138,7 +138,7 @@ def _without_structure(
     rng, out = np.random.default_rng(_SEED), []
     for recording in (*fit, *held_out):
         (witness,) = witnesses([recording], model)
-        torque = model.torque(witness.observe(model))
+        torque = model.torque_of_state(witness.observe(model))
         tau_hat = at_samples(torque, witness.track, recording)
         left = recording.tau - tau_hat
         left -= left.mean(axis=0)  # in any order a mean stays an offset

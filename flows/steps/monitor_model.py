@@ -9,7 +9,8 @@ import numpy as np
 
 from flows.inputs.robots import load
 from residual.errors import InputError
-from residual.model.model import Model, Term
+from residual.model.model import Model
+from residual.model.term import Term
 from residual.recording import Recording
 from residual.robot.robot import Robot
 

@@ -56,7 +56,7 @@ class Prepared:
         for run, track, regressor in zip(
             self.runs, self.tracks, self.regressors, strict=True
         ):
-            torque = model.torque(model.observe(track, regressor))
+            torque = model.torque_of_state(model.observe(track, regressor))
             out.append(torque_at(run.log, track) - torque)
         return tuple(out)
 

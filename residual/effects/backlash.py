@@ -54,6 +54,7 @@ EFFECT = Effect(
     shapes=lambda span, j: ((5e-4,), (1e-3,), (2e-3,), (4e-3,)),
     refine=Refinement("ratio", 0.7, lower=1e-5, upper=0.02),
     uses_model=True,
+    remembers=True,
     prior_sd=lambda robot: np.array([2e-3]),
     possible=lambda theta, shape: bool(LEAST < theta[0] / shape[0] < MOST),
     # Where the load never changes its side it is an offset of the encoder.

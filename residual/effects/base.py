@@ -113,6 +113,8 @@ class Effect:
         is_parameter: It says that a parameter the model has is wrong.
         needs_clock: It needs the order of the logs in time.
         uses_model: Its columns depend on the model's own torque.
+        remembers: Its columns depend on more than the sample: on its neighbours, or on
+            the motion before it.
         of_report: It distorts the report of the torque, not the torque: its columns
             are made of a torque that is without it.
         prior_sd: (robot,) -> prior of theta where the size is known from physics;
@@ -145,6 +147,7 @@ class Effect:
     is_parameter: bool = False
     needs_clock: bool = False
     uses_model: bool = False
+    remembers: bool = False
     of_report: bool = False
     prior_sd: Callable[[Robot], Array] | None = None
     possible: Callable[[Array, Shape], bool] = lambda theta, shape: True

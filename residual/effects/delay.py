@@ -38,6 +38,7 @@ EFFECT = Effect(
     shapes=lambda span, j: tuple((sign * a,) for a in FIRST for sign in (1, -1)),
     refine=Refinement("shift", 0.015, lower=-LARGEST, upper=LARGEST),
     uses_model=True,
+    remembers=True,
     of_report=True,
     prior_sd=lambda robot: np.array([0.01]),
     possible=_possible,

@@ -30,6 +30,7 @@ EFFECT = Effect(
     values=lambda theta, shape, robot: 1 / np.where(theta == 0, 1e-12, theta),
     from_values=lambda values, robot: (1 / values, ()),
     uses_model=True,
+    remembers=True,
     # In compliance: 1e4 N m/rad is a soft gear of an arm of 100 kg.
     prior_sd=lambda robot: np.array([2e-4]),
     possible=lambda theta, shape: bool(1 / HARD < theta[0] < 1 / SOFT),

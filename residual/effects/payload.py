@@ -37,8 +37,12 @@ def _from_values(values, robot):
     placement = flange_placement(robot.model)
     xx, xy, xz, yy, yz, zz = values[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    body = placement.act(pin.Inertia(values[0], values[1:4], inertia))
-    return body.toDynamicParameters(), ()
+    point = placement.act(pin.Inertia(values[0], values[1:4], np.zeros((3, 3))))
+    # Added by hand: a change of a load need not have the inertia of a body.
+    own = placement.rotation @ inertia @ placement.rotation.T
+    theta = point.toDynamicParameters()
+    theta[4:] += own[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    return theta, ()
 
 
 def _prior_sd(robot):

@@ -27,6 +27,7 @@ EFFECT = Effect(
     sentence="dry friction that yields like a spring before it slides",
     parameters={"level": "N m", "displacement": "rad"},
     columns=local(_feature),
+    remembers=True,
     values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),
     from_values=lambda values, robot: (values[:1], tuple(values[1:])),
     shapes=_shapes,

@@ -84,7 +84,7 @@ class Design:
         self.rows = np.array([max(len(x), 1) for x in tau], dtype=float)
         self.rms = np.array([np.sqrt(np.mean(x**2)) if len(x) else 1.0 for x in tau])
         self.rms = np.maximum(self.rms, 1e-9)
-        gaps = [t.tau - t.filter(model.torque(s)) for t, s in self._logs]
+        gaps = [t.tau - t.filter(model.torque_of_state(s)) for t, s in self._logs]
         self.target = self._stack(gaps)
         self._x = [np.zeros((len(y), 0)) for y in self.target]
         self.place = [np.zeros(0, dtype=int) for _ in range(self.dof)]

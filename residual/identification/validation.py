@@ -103,7 +103,7 @@ def acceleration(model: Model, track: Track, tau: Array) -> Array:
     """
     still = replace(track, qdd=np.zeros_like(track.qdd))
     state = model.observe(still)
-    rest = model.torque(state)
+    rest = model.torque_of_state(state)
     body = dynamics.with_inertial_parameters(model.robot.model, model.inertial)
     matrices = dynamics.mass_matrix(body, track.q) + _effect_inertia(model, state)
     least = float(np.linalg.eigvalsh(matrices)[:, 0].min())

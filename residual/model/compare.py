@@ -82,7 +82,7 @@ def compare(
         curves = {}
         for name, model in models.items():
             state = witness.observe(model)
-            torque = model.torque(state)
+            torque = model.torque_of_state(state)
             curves[name] = witness.track.filter(torque)
             _accumulate(sums[name], witness, torque, curves[name], filters.edge)
         inner = witness.track.inner
@@ -105,7 +105,7 @@ def moving_error(model: Model, held_out: Sequence[Witness]) -> Array:
     out = []
     for witness in held_out:
         track = witness.track
-        torque = track.filter(model.torque(witness.observe(model)))
+        torque = track.filter(model.torque_of_state(witness.observe(model)))
         miss = ((track.tau - torque) * track.moving) ** 2
         t = track.t[:: track.step]
         starts = np.searchsorted(t, np.arange(t[0], t[-1], BLOCK))

@@ -1,43 +1,27 @@
 """The one model type: nominal, identified and augmented are three values of it."""
 
-from dataclasses import dataclass, field, replace
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
-from residual.effects.base import Effect, Joints, Shape, State
+from residual.effects.base import State
+from residual.errors import InputError
+from residual.model.term import Term
+from residual.names import check_name
 from residual.recording import Array, Recording
 from residual.robot import dynamics
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, robot_from_texts
 from residual.signals.direction import SMOOTH, Standstill, directions
 from residual.signals.track import Filters, Track, at_samples, prepare
 
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Term:
-    """One effect on given joints with its coefficients.
-
-    Attributes:
-        effect: The effect.
-        joints: Joints it sits on, from 0.
-        shape: Its nonlinear parameters.
-        theta: Coefficients of its columns. Shape (k,).
-    """
-
-    effect: Effect
-    joints: Joints
-    shape: Shape
-    theta: Array
-
-    def torque(self, state: State) -> Array:
-        """Torque of this effect on all joints [N m]. Shape (n, dof)."""
-        dof = state.q.shape[1]
-        out = np.zeros((len(state.t), dof))
-        rows = list(self.effect.rows(self.joints, dof))
-        out[:, rows] = self.effect.columns(state, self.joints, self.shape) @ self.theta
-        return out
+FORM = 1  # of a model's record; raised when it changes
+LEAST_SPEED = 1e-3  # rad/s: standstill where no log has told what counts as such
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Model:
     """Rigid body plus effects.
 
@@ -60,6 +44,17 @@ class Model:
     clock: float | None = None
     filters: Filters = field(default_factory=Filters)
 
+    def __repr__(self) -> str:
+        places: dict[str, list[int]] = {}
+        for term in self.terms:
+            places.setdefault(term.effect.name, []).extend(j + 1 for j in term.joints)
+        every = set(range(1, 1 + self.robot.dof))
+        named = [
+            name if set(on) == every else " ".join([name, *(f"J{j}" for j in on)])
+            for name, on in places.items()
+        ]
+        return f"Model({self.robot.name}: {', '.join(['rigid body', *named])})"
+
     def predict(self, recording: Recording) -> Array:
         """Torque of the model on a recorded motion, at its own samples.
 
@@ -72,33 +67,84 @@ class Model:
             Joint torque [N m]. Shape (n, dof).
         """
         (track,), _ = prepare([recording], self.filters, self.speed_floor, True)
-        return at_samples(self.torque(self.observe(track)), track, recording)
+        torque = self.torque_of_state(self.observe(track))
+        return at_samples(torque, track, recording)
+
+    def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Torque at single states, each by itself.
+
+        A joint that stands has the friction of its velocity's sign.
+
+        Args:
+            q: Positions [rad]. Shape (n, dof).
+            qd: Velocities [rad/s]. Shape (n, dof).
+            qdd: Accelerations [rad/s^2]. Shape (n, dof).
+
+        Returns:
+            Joint torque [N m]. Shape (n, dof).
+
+        Raises:
+            InputError: On another shape, or where an effect depends on more than the
+                state, such as a delay.
+        """
+        motion = [np.asarray(x, dtype=float) for x in (q, qd, qdd)]
+        shape = (len(motion[0]), self.robot.dof)
+        if any(x.shape != shape for x in motion):
+            raise InputError(
+                f"q, qd and qdd have shapes {', '.join(str(x.shape) for x in motion)}, "
+                f"expected {shape} each: a row per state, a column per joint."
+            )
+        late = [t.effect for t in self.terms]
+        names = [e.name for e in late if e.remembers or e.needs_clock]
+        if names:
+            raise InputError(
+                f"The torque of {', '.join(dict.fromkeys(names))} depends on more than "
+                "the state. Use predict(recording), or leave it out: "
+                f"model.without('{names[0]}')."
+            )
+        still = self._by_sign()
+        return still.torque_of_state(still._state(1.0, np.zeros(shape[0]), motion))
+
+    def _by_sign(self) -> "Model":
+        """The same with the sign of velocity for the state of a bristle."""
+        shapes = [
+            replace(s, size=0.0) if s.kind == "bristle" else s for s in self.standstill
+        ]
+        floor = self.speed_floor
+        if floor is None:
+            floor = np.full(self.robot.dof, LEAST_SPEED)
+        return replace(self, standstill=tuple(shapes), speed_floor=floor)
 
     def observe(self, track: Track, regressor: Array | None = None) -> State:
         """What the effects see of one log, with this model's own torque."""
+        t = track.t - (track.t[0] if self.clock is None else self.clock)
+        return self._state(track.rate, t, (track.q, track.qd, track.qdd), regressor)
+
+    def _state(
+        self, rate: float, t: Array, motion: Sequence[Array], regressor=None
+    ) -> State:
+        q, qd, qdd = motion
         if regressor is None:
-            regressor = dynamics.regressor(
-                self.robot.model, track.q, track.qd, track.qdd
-            )
+            regressor = dynamics.regressor(self.robot.model, q, qd, qdd)
         shapes = self.standstill or (SMOOTH,) * self.robot.dof
         rigid = regressor @ self.inertial
         state = State(
             robot=self.robot,
-            rate=track.rate,
-            t=track.t - (track.t[0] if self.clock is None else self.clock),
-            q=track.q,
-            qd=track.qd,
-            qdd=track.qdd,
-            sign=directions(track.q, track.qd, self.speed_floor, shapes),
+            rate=rate,
+            t=t,
+            q=q,
+            qd=qd,
+            qdd=qdd,
+            sign=directions(q, qd, self.speed_floor, shapes),
             regressor=regressor,
             rigid=rigid,
             tau_model=rigid,
             inertial=self._loaded(),
             drive=self._drive(),
         )
-        return replace(state, tau_model=self.torque(state, as_reported=False))
+        return replace(state, tau_model=self.torque_of_state(state, as_reported=False))
 
-    def torque(self, state: State, as_reported: bool = True) -> Array:
+    def torque_of_state(self, state: State, as_reported: bool = True) -> Array:
         """Torque at the samples of a state made by ``observe`` [N m]. (n, dof)."""
         rigid = state.regressor @ self.inertial if as_reported else state.rigid
         out = rigid.copy()
@@ -138,3 +184,99 @@ class Model:
             start = stop
         size = len(self.inertial)
         return replace(self, inertial=values[:size], terms=tuple(terms))
+
+    def without(self, name: str, joints: Sequence[int] | None = None) -> "Model":
+        """The same model with an effect taken out; nothing else is refitted.
+
+        Args:
+            name: Name of the effect.
+            joints: Joints from 1 to take it from; None for all.
+
+        Raises:
+            InputError: If the model does not have it there.
+        """
+        out = self._terms_of(name, joints)
+        return replace(self, terms=tuple(t for t in self.terms if t not in out))
+
+    def with_parameters(
+        self, name: str, joints: Sequence[int] | None = None, **values: float
+    ) -> "Model":
+        """The same model with other values of an effect's physical parameters.
+
+        Args:
+            name: Name of the effect.
+            joints: Joints from 1 on which to change it; None for all.
+            values: New value of each parameter to change, in its SI unit.
+
+        Raises:
+            InputError: If the model does not have the effect there.
+            UnknownNameError: If it has no such parameter.
+        """
+        changed = {}
+        for term in self._terms_of(name, joints):
+            for key in values:
+                check_name(key, term.effect.parameters, f"parameter of {name}")
+            known = term.parameters(self.robot) | values
+            numbers = np.array([float(known[k]) for k in term.effect.parameters])
+            theta, shape = term.effect.from_values(numbers, self.robot)
+            theta = np.asarray(theta, dtype=float)
+            changed[id(term)] = replace(term, theta=theta, shape=tuple(shape))
+        return replace(self, terms=tuple(changed.get(id(t), t) for t in self.terms))
+
+    def _terms_of(self, name: str, joints: Sequence[int] | None) -> list[Term]:
+        names = dict.fromkeys(t.effect.name for t in self.terms)
+        check_name(name, names, "effect of this model")
+        own = [t for t in self.terms if t.effect.name == name]
+        if joints is not None:
+            own = [t for t in own if {j + 1 for j in t.joints} <= set(joints)]
+        if not own:
+            raise InputError(f"The model has no {name} on joints {list(joints or ())}.")
+        return own
+
+    def to_record(self) -> dict:
+        """The whole model as plain values: it is read back without any file."""
+        floor = self.speed_floor
+        return {
+            "form": FORM,
+            "robot": {
+                "name": self.robot.name,
+                "urdf": self.robot.urdf,
+                "toml": self.robot.toml,
+            },
+            "inertial": self.inertial.tolist(),
+            "terms": [t.to_record() for t in self.terms],
+            "speed_floor": None if floor is None else floor.tolist(),
+            "standstill": [asdict(s) for s in self.standstill],
+            "clock": self.clock,
+            "filters": asdict(self.filters),
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping) -> "Model":
+        """The model of a record: it predicts the very bits.
+
+        Raises:
+            InputError: If it is of another form, or damaged.
+        """
+        if record.get("form") != FORM:
+            raise InputError(
+                f"A model of form {record.get('form')!r}, expected {FORM}. Make it "
+                "again with this version."
+            )
+        try:
+            floor = record["speed_floor"]
+            return cls(
+                robot=robot_from_texts(**record["robot"]),
+                inertial=np.array(record["inertial"]),
+                terms=tuple(map(Term.from_record, record["terms"])),
+                speed_floor=None if floor is None else np.array(floor),
+                standstill=tuple(Standstill(**s) for s in record["standstill"]),
+                clock=record["clock"],
+                filters=Filters(**record["filters"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"The record of a model is damaged: {error}.") from error
+
+    def save(self, path: str | Path) -> None:
+        """Write the model into a JSON file, which ``load_model`` reads."""
+        Path(path).write_text(json.dumps(self.to_record(), allow_nan=False) + "\n")

@@ -8,7 +8,8 @@ import numpy as np
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, Span
 from residual.errors import InputError
-from residual.model.model import Model, Term
+from residual.model.model import Model
+from residual.model.term import Term
 from residual.recording import Array
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot

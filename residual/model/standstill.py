@@ -53,4 +53,4 @@ def _held(
 
 
 def _torque(model: Model, track: Track, regressor: Array) -> Array:
-    return model.torque(model.observe(track, regressor))
+    return model.torque_of_state(model.observe(track, regressor))

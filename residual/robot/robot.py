@@ -3,9 +3,9 @@
 import hashlib
 import json
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -15,11 +15,11 @@ import pinocchio as pin
 
 from residual.errors import RobotError
 from residual.names import check_name
-from residual.robot.toml import Declared, RobotToml, parse_robot_toml
+from residual.robot.toml import Declared, RobotToml, parse_toml, read_robot_toml
 from residual.robot.urdf import Chain, read_chain
 from residual.robot.urdf_model import build_model
 
-__all__ = ["Declared", "Robot", "built_in_robots", "load_robot"]
+__all__ = ["Declared", "Robot", "built_in_robots", "load_robot", "robot_from_texts"]
 
 Array = np.ndarray
 
@@ -97,24 +97,42 @@ def load_robot(spec: str | Path) -> Robot:
     """
     urdf_file, toml_file = _locate(spec)
     chain = read_chain(_read(urdf_file), urdf_file.name)
-    dof = len(chain.lower)
-    toml_text = _read(toml_file) if toml_file else ""
-    extra = parse_robot_toml(toml_text, dof, "robot.toml")
-    model = build_model(chain.text, urdf_file.name)
-    if model.nq != dof or model.nv != dof:
-        raise RobotError(
-            f"{urdf_file.name}: {model.nq} positions for {dof} joints, expected as "
-            "many. Report this URDF as a bug."
-        )
-    model.gravity.linear = extra.gravity
-    canonical = json.dumps(tomllib.loads(toml_text), sort_keys=True)
+    content = parse_toml(_read(toml_file) if toml_file else "", "robot.toml")
+    extra = read_robot_toml(content, len(chain.lower), "robot.toml")
     name = extra.name or _slug(chain.name) or _slug(Path(urdf_file.name).stem)
-    return _assemble(name or "robot", model, chain, extra, canonical)
+    canonical = json.dumps(content, sort_keys=True)
+    return _assemble(name or "robot", chain, extra, (urdf_file.name, canonical))
+
+
+@lru_cache(maxsize=16)
+def robot_from_texts(name: str, urdf: str, toml: str) -> Robot:
+    """Build a robot from what a `Robot` keeps: no file is read.
+
+    Args:
+        name: Its name.
+        urdf: The URDF text that it keeps.
+        toml: The canonical text of its robot.toml.
+
+    Raises:
+        RobotError: If the texts are not those of a robot.
+    """
+    chain = read_chain(urdf, name)
+    extra = read_robot_toml(json.loads(toml), len(chain.lower), name)
+    return _assemble(name, chain, extra, (name, toml))
 
 
 def _assemble(
-    name: str, model: pin.Model, chain: Chain, extra: RobotToml, canonical: str
+    name: str, chain: Chain, extra: RobotToml, texts: tuple[str, str]
 ) -> Robot:
+    where, canonical = texts
+    dof = len(chain.lower)
+    model = build_model(chain.text, where)
+    if model.nq != dof or model.nv != dof:
+        raise RobotError(
+            f"{where}: {model.nq} positions for {dof} joints, expected as many. "
+            "Report this URDF as a bug."
+        )
+    model.gravity.linear = extra.gravity
     for array in (chain.lower, chain.upper, chain.velocity_limit, chain.torque_limit):
         array.setflags(write=False)
     joints = extra.joints

@@ -66,11 +66,23 @@ class RobotToml:
     prior_scale: float | None = None
 
 
-def parse_robot_toml(text: str, dof: int, where: str) -> RobotToml:
-    """Read the text of a robot.toml.
+def parse_toml(text: str, where: str) -> dict:
+    """Parse the text of a robot.toml.
+
+    Raises:
+        RobotError: On text that is not TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise RobotError(f"{where} is not valid TOML: {error}.") from error
+
+
+def read_robot_toml(content: Mapping, dof: int, where: str) -> RobotToml:
+    """Check the content of a robot.toml.
 
     Args:
-        text: TOML.
+        content: Its tables.
         dof: Number of joints of the URDF beside it.
         where: File name, as messages begin.
 
@@ -78,13 +90,9 @@ def parse_robot_toml(text: str, dof: int, where: str) -> RobotToml:
         What it says.
 
     Raises:
-        RobotError: On text that is not TOML, a wrong size or a value out of range.
+        RobotError: On a wrong size or a value out of range.
         UnknownNameError: On a table, key or effect that is not known.
     """
-    try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise RobotError(f"{where} is not valid TOML: {error}.") from error
     check_keys(content, _TABLES, where)
     for name, table in content.items():
         if not isinstance(table, dict):

@@ -9,6 +9,7 @@ from residual.errors import RobotError
 
 Array = np.ndarray
 
+ENDLESS = "1e4"  # rad: the range that a continuous joint is written with
 _REFUSED = {
     "prismatic": "is prismatic",
     "floating": "is floating",
@@ -188,6 +189,8 @@ def _limits(joint: ET.Element, where: str) -> tuple[float, float, float, float]:
         return -np.inf, np.inf, speed, effort
     lower = _number(node, "lower", 0.0, what)
     upper = _number(node, "upper", 0.0, what)
+    if upper == -lower == float(ENDLESS):
+        return -np.inf, np.inf, speed, effort
     if lower >= upper:
         raise RobotError(
             f"{where}: joint '{name}' has no range (lower {lower:g}, upper {upper:g} "
@@ -215,6 +218,6 @@ def _as_revolute(root: ET.Element, joints: list[ET.Element]) -> str:
         limit = joint.find("limit")
         if limit is None:
             limit = ET.SubElement(joint, "limit", {"effort": "0", "velocity": "0"})
-        limit.set("lower", "-1e4")
-        limit.set("upper", "1e4")
+        limit.set("lower", f"-{ENDLESS}")
+        limit.set("upper", ENDLESS)
     return ET.tostring(root, encoding="unicode")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from residual import effects
 from residual.effects import registry
 from residual.effects.base import Span, State
-from residual.model.model import Term
+from residual.model.term import Term
 from residual.robot import dynamics
 from residual.robot.vocabulary import VOCABULARY
 from tests.residual.arms import SEVEN, arm, bare_irb140
@@ -204,6 +204,10 @@ def test_columns_look_at_nothing_but_the_same_sample(name):
         np.testing.assert_allclose(
             term.torque(part), term.torque(seen)[10:20], atol=ROUNDING
         )
+
+
+def test_effects_that_look_along_the_log_say_so():
+    assert {e.name for e in registry().values() if e.remembers} == WITH_MEMORY
 
 
 # -- what the parameters mean ------------------------------------------------------

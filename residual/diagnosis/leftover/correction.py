@@ -9,80 +9,20 @@ effects).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.leftover.curves import DIFFERENCE
 from residual.diagnosis.leftover.leftover import Leftover
-from residual.effects.base import State
 from residual.evidence.design import fold_labels
+from residual.model.corrected import DIFFERENCE, Column, Corrected, Tables, read
 from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.track import Track
 from residual.tables.choose import fit_effect_tables
-from residual.tables.form import NONE, EffectForm
-from residual.tables.lookup.lookup import Lookup
+from residual.tables.form import EffectForm
 
 LEVELS = (5, 10, 20)  # finer ones cost four times as much
 MOST_ROWS = 12_000  # more of the same logs change nothing but the time
-
-Column = tuple[str, tuple[int, ...], str]  # on, of (from 0), form
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Tables:
-    """The correction of one joint.
-
-    Attributes:
-        joint: From 0.
-        columns: What its tables read, beside the load; velocities among them.
-        lookup: The tables.
-        kind: What it got: one of the constants of `effect_tables`.
-    """
-
-    joint: int
-    columns: tuple[Column, ...]
-    lookup: Lookup
-    kind: str
-
-    def torque(self, state: State, load: Array) -> Array:
-        """Correction under the model's torque `load` [N m]. Shape (n,)."""
-        X = np.column_stack([*_read(state, self.columns), load])
-        X = X[:, : len(self.lookup.names)]
-        # Beyond what it was drawn on a table knows nothing.
-        inside = ~self.lookup.outside(X).any(axis=1)
-        return inside * self.lookup.predict(X)[:, 0]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Corrected:
-    """A model with tables on top of it.
-
-    Attributes:
-        model: The model.
-        tables: One entry per unexplained joint that could be checked.
-    """
-
-    model: Model
-    tables: tuple[Tables, ...]
-
-    @property
-    def helpless(self) -> tuple[int, ...]:
-        """Joints from 0 that no table of the state helps."""
-        return tuple(t.joint for t in self.tables if t.kind == NONE)
-
-    def observe(self, track: Track, regressor: Array | None = None) -> State:
-        """What the model's effects see of one log."""
-        return self.model.observe(track, regressor)
-
-    def torque(self, state: State) -> Array:
-        """Torque of the model and the tables [N m]. Shape (n, dof)."""
-        out = self.model.torque(state)
-        for own in self.tables:
-            if own.kind != NONE:
-                out[:, own.joint] += own.torque(state, out[:, own.joint])
-        return out
 
 
 def corrected(
@@ -101,7 +41,7 @@ def corrected(
     if not left:
         return None
     states = [model.observe(t) for t in tracks]
-    torque = [model.torque(s) for s in states]
+    torque = [model.torque_of_state(s) for s in states]
     logs = list(zip(tracks, states, torque, strict=True))
     tables = [_tables(logs, one) for one in left]
     kept = tuple(t for t in tables if t is not None)
@@ -115,7 +55,7 @@ def _tables(logs, left: Leftover) -> Tables | None:
     for track, state, torque in logs:
         rows = slice(None, None, track.step)
         load = track.filter(torque[:, j])[track.inner]
-        own = np.column_stack(_read(state, columns))[rows][track.inner]
+        own = np.column_stack(read(state, columns))[rows][track.inner]
         X.append(np.column_stack([own, load]))
         tau.append(track.tau[track.inner, j])
         Y.append(tau[-1] - load)
@@ -156,16 +96,6 @@ def _columns(left: Leftover) -> tuple[Column, ...]:
     found = [c.variable for c in left.curves if c.variable.on != "tau"]
     more = [(v.on, v.of, v.form) for v in found if (v.on, v.of) not in known]
     return tuple(own + more)
-
-
-def _read(state: State, columns: Sequence[Column]) -> list[Array]:
-    out = []
-    for on, of, form in columns:
-        values = getattr(state, on)
-        sign = -1 if form == DIFFERENCE else 1
-        first, *rest = of
-        out.append(values[:, first] + sign * sum(values[:, k] for k in rest))
-    return out
 
 
 def _form(columns: Sequence[Column]) -> EffectForm:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from residual.model.corrected import DIFFERENCE
 from residual.recording import Array
 from residual.tables.surrogates import randomise_phases
 
@@ -24,7 +25,7 @@ MOST_FOLDS = 0.6  # share of left-out folds that must improve (as in the gate)
 LEAST = 0.1  # share of the leftover under which a curve is not worth telling
 MOST = 3  # curves per joint
 
-PLAIN, DIRECTION, SUM, DIFFERENCE = "curve", "by direction", "sum", "difference"
+PLAIN, DIRECTION, SUM = "curve", "by direction", "sum"
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.diagnosis.diagnose import Diagnosis
-from residual.diagnosis.leftover.correction import Corrected, corrected
+from residual.diagnosis.leftover.correction import corrected
 from residual.diagnosis.leftover.leftover import Leftover, leftovers
 from residual.evidence.fit import Fit
+from residual.model.corrected import Corrected
 from residual.model.model import Model
 
 SHARED = 0.6  # squared loading on a component from which a joint belongs to it

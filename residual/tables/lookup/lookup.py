@@ -3,7 +3,7 @@
 The paper's "look up table of coefficients" (section 2.6.2): B f_pls of eq. 31.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +15,8 @@ from residual.tables.blocks import as_block, frozen
 from residual.tables.lookup.axes import Axis, Table
 from residual.tables.lookup.kernels import evaluate_levels, evaluate_row, evaluate_rows
 from residual.tables.lookup.pack import pack
+
+_ARRAYS = ("offset", "slope", "low", "high")
 
 
 # No slots: the packed form is made once and kept in the instance.
@@ -81,6 +83,36 @@ class Lookup:
         """The arrays that the compiled evaluation reads (see `pack`)."""
         linear, span = (self.offset, self.slope), (self.low, self.high)
         return pack(self.axes, self.tables, linear, span)
+
+    def to_record(self) -> dict:
+        """The tables as plain values."""
+        arrays = {name: getattr(self, name).tolist() for name in _ARRAYS}
+        return {
+            "names": list(self.names),
+            "joints": list(self.joints),
+            "axes": [
+                {"variable": a.variable, "edges": a.edges.tolist()} for a in self.axes
+            ],
+            "tables": [
+                {"axes": list(t.axes), "values": t.values.tolist()} for t in self.tables
+            ],
+            **arrays,
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping) -> "Lookup":
+        """The way back."""
+        axes = [Axis(a["variable"], np.array(a["edges"])) for a in record["axes"]]
+        tables = [
+            Table(tuple(t["axes"]), np.array(t["values"])) for t in record["tables"]
+        ]
+        return cls(
+            names=tuple(record["names"]),
+            joints=tuple(record["joints"]),
+            axes=tuple(axes),
+            tables=tuple(tables),
+            **{name: np.array(record[name]) for name in _ARRAYS},
+        )
 
     def _checked(self, X: Array) -> Array:
         X = as_block(X, "X")

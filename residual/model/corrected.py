@@ -1,0 +1,124 @@
+"""A model with look-up tables on top of it: what a statistical correction makes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.effects.base import State
+from residual.model.model import Model
+from residual.recording import Array, Recording
+from residual.signals.track import Track, at_samples, prepare
+from residual.tables.form import NONE
+from residual.tables.lookup.lookup import Lookup
+
+DIFFERENCE = "difference"  # of two positions, where their sum is not meant
+
+Column = tuple[str, tuple[int, ...], str]  # on, of (from 0), form
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tables:
+    """The correction of one joint.
+
+    Attributes:
+        joint: From 0.
+        columns: What its tables read, beside the load; velocities among them.
+        lookup: The tables.
+        kind: What it got: one of the constants of `tables.form`.
+    """
+
+    joint: int
+    columns: tuple[Column, ...]
+    lookup: Lookup
+    kind: str
+
+    def torque(self, state: State, load: Array) -> Array:
+        """Correction under the model's torque `load` [N m]. Shape (n,)."""
+        X = np.column_stack([*read(state, self.columns), load])
+        X = X[:, : len(self.lookup.names)]
+        # Beyond what it was drawn on a table knows nothing.
+        inside = ~self.lookup.outside(X).any(axis=1)
+        return inside * self.lookup.predict(X)[:, 0]
+
+
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Corrected:
+    """A model with tables on top of it.
+
+    Attributes:
+        model: The model.
+        tables: One entry per unexplained joint that could be checked.
+    """
+
+    model: Model
+    tables: tuple[Tables, ...]
+
+    def __repr__(self) -> str:
+        joints = ", ".join(f"J{t.joint + 1}" for t in self.tables if t.kind != NONE)
+        return f"Corrected({self.model!r}, tables on {joints or 'no joint'})"
+
+    @property
+    def helpless(self) -> tuple[int, ...]:
+        """Joints from 0 that no table of the state helps."""
+        return tuple(t.joint for t in self.tables if t.kind == NONE)
+
+    def predict(self, recording: Recording) -> Array:
+        """Torque on a recorded motion, as ``Model.predict`` [N m]. Shape (n, dof)."""
+        own = self.model
+        (track,), _ = prepare([recording], own.filters, own.speed_floor, True)
+        return at_samples(self.torque_of_state(self.observe(track)), track, recording)
+
+    def observe(self, track: Track, regressor: Array | None = None) -> State:
+        """What the model's effects see of one log."""
+        return self.model.observe(track, regressor)
+
+    def torque_of_state(self, state: State) -> Array:
+        """Torque of the model and the tables [N m]. Shape (n, dof)."""
+        out = self.model.torque_of_state(state)
+        for own in self.tables:
+            if own.kind != NONE:
+                out[:, own.joint] += own.torque(state, out[:, own.joint])
+        return out
+
+    def to_record(self) -> dict:
+        """Model and tables as plain values."""
+        return {
+            **self.model.to_record(),
+            "tables": [
+                {
+                    "joint": t.joint + 1,
+                    "columns": [
+                        [on, [j + 1 for j in of], f] for on, of, f in t.columns
+                    ],
+                    "kind": t.kind,
+                    "lookup": t.lookup.to_record(),
+                }
+                for t in self.tables
+            ],
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping) -> "Corrected":
+        """The way back: it predicts the very bits."""
+        tables = [
+            Tables(
+                t["joint"] - 1,
+                tuple((on, tuple(j - 1 for j in of), f) for on, of, f in t["columns"]),
+                Lookup.from_record(t["lookup"]),
+                t["kind"],
+            )
+            for t in record["tables"]
+        ]
+        return cls(Model.from_record(record), tuple(tables))
+
+
+def read(state: State, columns: Sequence[Column]) -> list[Array]:
+    """Values of the columns of a table along a log. Shapes (n,)."""
+    out = []
+    for on, of, form in columns:
+        values = getattr(state, on)
+        sign = -1 if form == DIFFERENCE else 1
+        first, *rest = of
+        out.append(values[:, first] + sign * sum(values[:, k] for k in rest))
+    return out

@@ -1,0 +1,45 @@
+"""A model as plain values that JSON can hold, and back, with tables or without."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from residual.errors import InputError
+from residual.model.corrected import Corrected
+from residual.model.model import Model
+
+
+def to_record(model: Model | Corrected) -> dict:
+    """Return a model whole: robot, inertial parameters, effects, signal path, tables.
+
+    Args:
+        model: The model.
+
+    Returns:
+        Plain values; `from_record` makes a model of the same bits of them.
+    """
+    return model.to_record()
+
+
+def from_record(record: Mapping) -> Model | Corrected:
+    """Return the model of a record.
+
+    Raises:
+        InputError: If it is of another form, or damaged.
+    """
+    return (Corrected if "tables" in record else Model).from_record(record)
+
+
+def load_model(path: str | Path) -> Model | Corrected:
+    """Return the model that was saved into a file.
+
+    Raises:
+        InputError: If the file cannot be read or holds no model.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is not the file of a model: {error}.") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path} is not the file of a model. Save one first.")
+    return from_record(content)

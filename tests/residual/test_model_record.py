@@ -1,0 +1,244 @@
+"""A model as a record: it comes back whole, and can be taken apart."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from residual.effects import registry
+from residual.effects.base import Span
+from residual.errors import InputError, UnknownNameError
+from residual.model.corrected import Corrected, Tables
+from residual.model.model import Model
+from residual.model.record import from_record, load_model, to_record
+from residual.model.term import Term
+from residual.robot.dynamics import inertial_parameters
+from residual.robot.robot import Robot, load_robot
+from residual.signals.direction import CHOICES
+from residual.signals.track import Filters, prepare
+from residual.tables.form import MAIN, NONE
+from residual.tables.lookup.axes import Axis, Table
+from residual.tables.lookup.lookup import Lookup
+from tests.residual.arms import SEVEN, arm, recording, smooth_motion, urdf_text
+
+NAMES = sorted(registry())
+SPEEDS = (0.01, 0.02)
+
+
+def term(robot: Robot, name: str, seed: int) -> Term:
+    """An effect somewhere on the arm, with coefficients drawn."""
+    rng, effect = np.random.default_rng(seed), registry()[name]
+    places = effect.candidates(robot.dof)
+    joints = places[seed % len(places)]
+    dof = robot.dof
+    span = Span(np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 5.0))
+    shapes = effect.shapes(span, joints[0] if joints else 0)
+    shape = shapes[seed % len(shapes)]
+    seen = Model(robot, inertial_parameters(robot.model), (), np.full(dof, 0.01))
+    state = seen.observe(seen_track(robot))
+    count = effect.columns(state, joints, shape).shape[2]
+    return Term(effect, joints, shape, 1e-3 * rng.normal(size=count))
+
+
+def seen_track(robot: Robot):
+    (track,), _ = prepare([log_of(robot)], Filters(), full_rate=True)
+    return track
+
+
+def log_of(robot: Robot):
+    t = 3.7 + np.arange(400) / 200
+    q, _, _ = smooth_motion(robot, t)
+    return recording(t, q, 0 * q)
+
+
+def model_of(names, robot=None, seed=0) -> Model:
+    robot = robot or arm(SEVEN)
+    rng = np.random.default_rng(seed)
+    inertial = inertial_parameters(robot.model)
+    return Model(
+        robot,
+        inertial * (1 + 0.05 * rng.normal(size=len(inertial))),
+        tuple(term(robot, name, seed + i) for i, name in enumerate(names)),
+        np.linspace(*SPEEDS, robot.dof),
+        tuple(CHOICES[(seed + j) % len(CHOICES)] for j in range(robot.dof)),
+        clock=1.25 if seed % 2 else None,
+    )
+
+
+def lookup(rng) -> Lookup:
+    edges = np.sort(rng.normal(size=3))
+    return Lookup(
+        names=("qd1", "q1", "load"),
+        joints=("J1",),
+        axes=(Axis(0, edges), Axis(1, edges + 0.1)),
+        tables=(
+            Table((0,), rng.normal(size=(4, 1))),
+            Table((0, 1), rng.normal(size=(4, 4, 1))),
+        ),
+        offset=rng.normal(size=1),
+        slope=rng.normal(size=(3, 1)),
+        low=np.full(3, -1e3),
+        high=np.full(3, 1e3),
+    )
+
+
+def through_text(record: dict) -> dict:
+    return json.loads(json.dumps(record, allow_nan=False))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_effect_comes_back_with_the_very_bits(name):
+    model = model_of([name, "viscous"])
+    again = from_record(through_text(to_record(model)))
+    log = log_of(model.robot)
+    np.testing.assert_array_equal(again.predict(log), model.predict(log))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.sampled_from(NAMES), max_size=4), st.integers(0, 50))
+def test_any_set_of_effects_comes_back_with_the_very_bits(names, seed):
+    model = model_of(names, seed=seed)
+    again = from_record(through_text(to_record(model)))
+    log = log_of(model.robot)
+    np.testing.assert_array_equal(again.predict(log), model.predict(log))
+    assert through_text(to_record(again)) == through_text(to_record(model))
+
+
+def test_tables_on_top_of_a_model_come_back_with_the_very_bits():
+    rng = np.random.default_rng(4)
+    columns = (("qd", (0,), ""), ("q", (0, 1), "difference"))
+    model = model_of(["coulomb"], arm())
+    tables = (Tables(0, columns, lookup(rng), MAIN), Tables(1, (), lookup(rng), NONE))
+    made = Corrected(model, tables)
+    again = from_record(through_text(to_record(made)))
+    log = log_of(model.robot)
+    np.testing.assert_array_equal(again.predict(log), made.predict(log))
+    assert np.abs(made.predict(log) - model.predict(log))[:, 0].max() > 0.01
+    assert again.helpless == (1,)
+    assert repr(made).endswith("tables on J1)")
+
+
+def test_the_robot_comes_back_without_its_files(tmp_path):
+    text = urdf_text().replace('type="revolute"', 'type="continuous"', 1)
+    (tmp_path / "arm.urdf").write_text(text)
+    (tmp_path / "robot.toml").write_text(
+        "[robot]\nname = 'lab'\ngravity = [0, 1.0, -9.7]\n"
+        "[declared.coulomb]\nlevel = [3, 4]\n"
+    )
+    robot = load_robot(tmp_path)
+    again = from_record(through_text(to_record(model_of([], robot)))).robot
+    assert (again.name, again.content_hash) == ("lab", robot.content_hash)
+    assert not np.isfinite(again.upper[0])
+    np.testing.assert_array_equal(again.upper, robot.upper)
+    np.testing.assert_array_equal(
+        again.model.gravity.linear, robot.model.gravity.linear
+    )
+    np.testing.assert_array_equal(again.declared["coulomb"].values["level"], [3, 4])
+
+
+def test_a_file_of_a_model_is_written_and_read(tmp_path):
+    model = model_of(["payload"])
+    model.save(tmp_path / "model.json")
+    again, log = load_model(tmp_path / "model.json"), log_of(model.robot)
+    np.testing.assert_array_equal(again.predict(log), model.predict(log))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("no json", "not the file of a model"),
+        ("[1]", "not the file of a model"),
+        ('{"form": 9}', "form 9, expected 1"),
+        ('{"form": 1}', "damaged"),
+    ],
+)
+def test_what_is_no_model_is_refused(tmp_path, text, message):
+    (tmp_path / "model.json").write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_model(tmp_path / "model.json")
+
+
+# -- taken apart -------------------------------------------------------------------
+
+
+def test_an_effect_is_taken_out_and_nothing_else():
+    model = model_of(["payload", "coulomb", "stribeck"])
+    log = log_of(model.robot)
+    less = model.without("payload")
+    expected = replace(model, terms=model.terms[1:]).predict(log)
+    np.testing.assert_array_equal(less.predict(log), expected)
+    assert np.abs(less.predict(log) - model.predict(log)).max() > 1e-6
+
+
+def test_an_effect_is_taken_from_some_joints_only():
+    robot = arm()
+    terms = [Term(registry()["coulomb"], (j,), (), np.ones(1)) for j in (0, 1)]
+    model = replace(model_of([], robot), terms=tuple(terms))
+    assert model.without("coulomb", joints=[2]).terms == (terms[0],)
+    with pytest.raises(InputError, match="no coulomb on joints"):
+        model.without("coulomb", joints=[3])
+
+
+def test_an_effect_that_the_model_lacks_is_answered_with_those_it_has():
+    with pytest.raises(UnknownNameError, match="Valid: coulomb"):
+        model_of(["coulomb"]).without("payload")
+
+
+def test_a_parameter_is_set_and_the_others_stay():
+    model = model_of(["payload"])
+    heavy = model.with_parameters("payload", mass=2.0, com_z=0.1)
+    (before,), (after,) = model.terms, heavy.terms
+    expected = before.parameters(model.robot) | {"mass": 2.0, "com_z": 0.1}
+    assert after.parameters(model.robot) == pytest.approx(expected, abs=1e-9)
+    with pytest.raises(UnknownNameError, match="parameter of payload"):
+        model.with_parameters("payload", weight=1.0)
+
+
+# -- at single states --------------------------------------------------------------
+
+
+def test_the_torque_at_states_is_that_of_the_log():
+    model = model_of(["payload", "viscous", "spring", "torque_gain"])
+    smooth = replace(model, standstill=())
+    track = seen_track(model.robot)
+    expected = smooth.torque_of_state(smooth.observe(track))
+    torque = smooth.torque(track.q, track.qd, track.qdd)
+    np.testing.assert_allclose(torque, expected, rtol=1e-12, atol=1e-12)
+    few = slice(7, 9)
+    np.testing.assert_allclose(
+        smooth.torque(track.q[few], track.qd[few], track.qdd[few]), expected[few]
+    )
+
+
+def test_states_know_no_motion_before_them():
+    robot = arm()
+    model = model_of(["coulomb"], robot, seed=4)
+    assert any(s.kind == "bristle" and s.size for s in model.standstill)
+    q, qd, qdd = np.random.default_rng(0).normal(size=(3, 5, robot.dof))
+    turned = model.torque(q[::-1], qd[::-1], qdd[::-1])
+    np.testing.assert_allclose(turned[::-1], model.torque(q, qd, qdd))
+
+
+@pytest.mark.parametrize("name", ["delay", "warmup", "presliding"])
+def test_what_depends_on_more_than_the_state_is_refused(name):
+    model = model_of([name])
+    q = np.zeros((2, 7))
+    with pytest.raises(InputError, match=f"{name} depends on more than the state"):
+        model.torque(q, q, q)
+    assert model.without(name).torque(q, q, q).shape == (2, 7)
+
+
+def test_states_of_another_shape_are_refused():
+    with pytest.raises(InputError, match=r"expected \(3, 7\) each"):
+        model_of([]).torque(np.zeros((3, 7)), np.zeros((3, 6)), np.zeros((3, 7)))
+
+
+def test_a_model_says_what_it_is():
+    robot = arm()
+    own = [Term(registry()["viscous"], (j,), (), np.ones(1)) for j in (0, 1)]
+    own.append(Term(registry()["coulomb"], (1,), (), np.ones(1)))
+    model = replace(model_of([], robot), terms=tuple(own))
+    assert repr(model) == "Model(small_arm: rigid body, viscous, coulomb J2)"
