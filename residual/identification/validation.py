@@ -5,7 +5,7 @@ are fitted to some logs and tried on the others. Feed-forward and open loop need
 or its simulation: ``modelgap validate``.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +17,6 @@ from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.robot import dynamics
 from residual.signals.track import Track, prepare
-
-Fit = Callable[[Sequence[Recording]], Mapping[str, Model]]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -124,34 +122,4 @@ def _effect_inertia(model: Model, state: State) -> Array:
         pushed = replace(state, qdd=np.tile(np.eye(dof)[j], (n, 1)))
         for term, before in zip(model.terms, rest, strict=True):
             out[:, :, j] += term.torque(pushed) - before
-    return out
-
-
-def unseen(
-    groups: Mapping[str, Sequence[Recording]], fit: Fit
-) -> dict[str, dict[str, Errors]]:
-    """Leave one group of logs out at a time: fit to the others, try on it.
-
-    With one log per group it is an unseen trajectory, with all logs of a kind an
-    unseen family.
-
-    Args:
-        groups: Logs by group.
-        fit: Makes models, by name, of the logs that are left.
-
-    Returns:
-        Errors by group left out, then by model.
-
-    Raises:
-        InputError: If there are fewer than two groups.
-    """
-    if len(groups) < 2:
-        raise InputError(
-            f"{len(groups)} group of logs, expected 2 or more: one is left out and the "
-            "others are fitted. Give more logs."
-        )
-    out = {}
-    for name, left_out in groups.items():
-        others = [r for other, logs in groups.items() if other != name for r in logs]
-        out[name] = torque_errors(fit(others), left_out)
     return out

@@ -9,6 +9,8 @@ from residual.recording import Array
 
 # A column that varies by less than this share of its own size is rounding, not signal.
 CONSTANT = 1e-12
+# Covariance below this share of the first one is rounding: nothing is left to explain.
+EXHAUSTED = 1e-12
 
 
 def as_block(values: Array, name: str) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.recording import Array
-from residual.tables.blocks import as_block, as_names, as_pair, check_varying
+from residual.tables.blocks import as_names, as_pair, check_varying
 from residual.tables.build import build_lookup
 from residual.tables.crossval import Folds, HeldOut, fold_power, leave_one_out, simplest
 from residual.tables.form import (
@@ -41,7 +41,7 @@ class EffectModel:
         lookup: The correction; loads are variables of it only where a joint takes them.
         chosen: Option of each joint.
         errors: Errors on runs left out of the options of each joint. They helped to
-            choose: report those of `nested_errors`.
+            choose, so they are no proof.
         options: Options that the errors are of, but for the ridge, which is each
             joint's own.
         proven: Whether there were enough runs to choose by.
@@ -94,39 +94,6 @@ def fit_effect_tables(
     chosen = tuple(_named_option(options[p], form, r) for p, r in pairs)
     lookup = build_lookup(base, rest, chosen, form)
     return EffectModel(lookup, chosen, errors, options, proven, base, rest)
-
-
-def nested_errors(
-    X: Array,
-    Y: Array,
-    folds: Folds,
-    run: Array,
-    torque: Array,
-    form: EffectForm | None = None,
-) -> HeldOut:
-    """Errors of the whole method, its choices made without the held-out rows.
-
-    Args:
-        X: Variables. Shape (n, d).
-        Y: Residual [N m]. Shape (n, j).
-        folds: What is held out: runs, families, blocks.
-        run: Run of each row, by which the inner choice is made. Shape (n,).
-        torque: Measured torque [N m]. Shape (n, j).
-        form: What may be chosen from.
-
-    Returns:
-        Errors of two choices: no correction, and the method's.
-    """
-    X, Y = as_pair(X, Y)
-    torque, run = as_block(torque, "torque"), np.asarray(run)
-    miss = []
-    for keep in _training(folds):
-        model = fit_effect_tables(X[keep], Y[keep], run[keep], torque[keep], form)
-        used = X[~keep][:, : len(model.lookup.names)]
-        gap = Y[~keep] - model.lookup.predict(used)
-        miss.append([(Y[~keep] ** 2).sum(axis=0), (gap**2).sum(axis=0)])
-    stacked = np.array(miss).transpose(1, 0, 2)
-    return HeldOut(folds.scheme, stacked, fold_power(torque, folds))
 
 
 def list_options(form: EffectForm) -> tuple[Option, ...]:

@@ -5,20 +5,17 @@ repetition a period later, stay in the training set: they measure memory of the 
 Runs and families held out measure what the model knows of motion that it never saw.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.tables.blocks import as_block, as_pair, check_count, frozen
+from residual.tables.blocks import as_block, check_count, frozen
 
 BLOCKS = 20  # paper, section 2.5.2
 TRIFLE = 0.02  # of the squared error: 1 % of the error is no reason for more tables
-
-# Predictions of every choice for held-out rows: (X train, Y train, X held) -> (c, m, j)
-Predictor = Callable[[Array, Array, Array], Array]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -62,10 +59,6 @@ class HeldOut:
         """
         return relative_error(self.miss.sum(axis=1), self.power.sum(axis=0))
 
-    def mean_of_subsets(self) -> Array:
-        """RMSEV as the paper takes it: the mean over the folds [%]. (choices, j)."""
-        return np.nanmean(relative_error(self.miss, self.power), axis=1)
-
 
 def relative_error(miss: Array, power: Array) -> Array:
     """Return 100 ||Y* - Yhat|| / ||Y*|| (paper, eq. 29) [%]; NaN without torque."""
@@ -93,7 +86,9 @@ def systematic(rows: int, blocks: int = BLOCKS) -> Folds:
         InputError: If there are fewer rows than blocks, or fewer than two blocks.
     """
     _check_blocks(rows, blocks)
-    return Folds("systematic", frozen(np.arange(rows) * blocks // rows), _told(blocks))
+    return Folds(
+        "systematic", frozen(np.arange(rows) * blocks // rows), _block_names(blocks)
+    )
 
 
 def systematic_repeats(
@@ -121,7 +116,9 @@ def systematic_repeats(
         phase = np.arange(len(rows)) % length
         of_row[rows] = i * each + phase * each // length
     kept, of_row = np.unique(of_row, return_inverse=True)
-    return Folds("systematic, repeats together", frozen(of_row), _told(len(kept)))
+    return Folds(
+        "systematic, repeats together", frozen(of_row), _block_names(len(kept))
+    )
 
 
 def random_blocks(rows: int, rng: np.random.Generator, blocks: int = BLOCKS) -> Folds:
@@ -131,29 +128,7 @@ def random_blocks(rows: int, rng: np.random.Generator, blocks: int = BLOCKS) -> 
         InputError: If there are fewer rows than blocks, or fewer than two blocks.
     """
     _check_blocks(rows, blocks)
-    return Folds("random", frozen(rng.permutation(rows) % blocks), _told(blocks))
-
-
-def held_out(
-    predict: Predictor, X: Array, Y: Array, folds: Folds, torque: Array
-) -> HeldOut:
-    """Predict every fold by a fit to all others.
-
-    Args:
-        predict: Fits and predicts; one prediction per choice, such as component counts.
-        X: Regressors. Shape (n, k).
-        Y: What is to be predicted, such as the residual [N m]. Shape (n, j).
-        folds: The scheme.
-        torque: Measured torque Y*, which errors are relative to [N m]. Shape (n, j).
-    """
-    X, Y = as_pair(X, Y)
-    check_folds(folds, len(X))
-    miss = []
-    for fold in range(folds.count):
-        out = folds.of_row == fold
-        gap = Y[out] - predict(X[~out], Y[~out], X[out])
-        miss.append((gap**2).sum(axis=1))
-    return HeldOut(folds.scheme, np.stack(miss, axis=1), fold_power(torque, folds))
+    return Folds("random", frozen(rng.permutation(rows) % blocks), _block_names(blocks))
 
 
 def fold_power(torque: Array, folds: Folds) -> Array:
@@ -175,14 +150,6 @@ def check_folds(folds: Folds, rows: int) -> None:
             f"The folds are of {len(folds.of_row)} rows, the data of {rows}: "
             "make the folds of the rows that are fitted."
         )
-
-
-def optimal_count(errors: HeldOut) -> int:
-    """A_opt: the choice with the least pooled error over all responses.
-
-    Each response counts by its share of torque, so that none decides alone.
-    """
-    return int(np.argmin((errors.pooled() ** 2).sum(axis=1)))
 
 
 def simplest(errors: HeldOut, joint: int) -> int:
@@ -210,5 +177,5 @@ def _check_blocks(rows: int, blocks: int) -> None:
     check_count(blocks, 2, rows, "blocks", remedy)
 
 
-def _told(blocks: int) -> tuple[str, ...]:
+def _block_names(blocks: int) -> tuple[str, ...]:
     return tuple(f"block {i + 1}" for i in range(blocks))

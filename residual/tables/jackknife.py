@@ -10,10 +10,7 @@ import numpy as np
 from scipy import stats
 
 from residual.recording import Array
-from residual.tables.blocks import as_pair, check_count, frozen
-from residual.tables.cells import merge_rows
-from residual.tables.crossval import Folds, check_folds
-from residual.tables.nominal.pls import NominalForm, fit_cells, fit_nominal_pls
+from residual.tables.blocks import check_count, frozen
 
 ALPHA = 0.05
 
@@ -62,32 +59,3 @@ def jackknife(left_out: Array, full: Array) -> Jackknife:
     spread = ((left_out - full) ** 2).sum(axis=0)
     errors = np.sqrt((groups - 1) / groups * spread)
     return Jackknife(frozen(full.copy()), frozen(errors), groups)
-
-
-def jackknife_nominal(
-    X: Array, Y: Array, folds: Folds, form: NominalForm | None = None
-) -> Jackknife:
-    """Jack-knife of the coefficients of the paper form, on its visited columns.
-
-    Args:
-        X: Variables. Shape (n, d).
-        Y: Responses [N m]. Shape (n, j).
-        folds: Groups: runs, or random rows to see what they hide.
-        form: Levels and components.
-
-    Returns:
-        Values and errors of the columns that some row visited. Shape (live, j).
-    """
-    X, Y = as_pair(X, Y)
-    form = form or NominalForm()
-    check_folds(folds, len(X))
-    model = fit_nominal_pls(X, Y, form)
-    live = model.x_mean > 0
-    codes = model.levels.encode(X)
-    left_out = []
-    for fold in range(folds.count):
-        keep = folds.of_row != fold
-        cells = merge_rows(codes.rows(keep))
-        fit = fit_cells(cells, Y[keep], model.levels, form)
-        left_out.append(fit.coefficients()[live])
-    return jackknife(np.array(left_out), model.coefficients()[live])

@@ -89,12 +89,6 @@ class Codes:
         """Rows with at least one value outside the calibrated range."""
         return int(self.outside.any(axis=1).sum())
 
-    @property
-    def outside_counts(self) -> dict[str, int]:
-        """Values outside the calibrated range, per variable."""
-        counts = self.outside.sum(axis=0)
-        return {n: int(c) for n, c in zip(self.names, counts, strict=True)}
-
     def rows(self, chosen: Array) -> "Codes":
         """Return some of the rows, by number or by mask."""
         parts = self.values[chosen], self.sizes, self.outside[chosen], self.names

@@ -13,7 +13,6 @@ from residual.recording import Array
 from residual.tables.blocks import as_pair, check_count, frozen
 from residual.tables.nominal.kernels import gather_pairs
 from residual.tables.nominal.pls import NominalPls
-from residual.tables.pls import Pls
 
 ALPHA = 0.01  # share of good rows that a limit calls outliers
 MAD = 1.4826  # of a normal distribution: its sd per median absolute deviation
@@ -70,21 +69,6 @@ def spe_limit(spe: Array, alpha: float = ALPHA) -> float:
     if mean <= 0 or variance <= 0:
         return mean
     return variance / (2 * mean) * float(stats.chi2.isf(alpha, 2 * mean**2 / variance))
-
-
-def pls_distances(model: Pls, X: Array, Y: Array) -> Distances:
-    """Distances of calibration rows in a standard PLSR.
-
-    Args:
-        model: Fitted to these rows.
-        X: Regressors. Shape (n, k).
-        Y: Responses. Shape (n, j).
-    """
-    X, Y = as_pair(X, Y)
-    variance = (model.T**2).sum(axis=0) / (len(model.T) - 1)
-    t2 = hotelling_t2(model.transform(X), variance)
-    spe = (model.x_unexplained(X) ** 2).sum(axis=1)
-    return _distances(t2, spe, Y - model.predict(X), model.components)
 
 
 def nominal_distances(model: NominalPls, X: Array, Y: Array) -> Distances:

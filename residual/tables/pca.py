@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from sklearn.decomposition import PCA
 
-from residual.errors import InputError
 from residual.recording import Array
 from residual.tables.blocks import (
     as_block,
@@ -43,33 +43,6 @@ class Pca:
         """Share of the whole variance per component, adding up to 1. Shape (a,)."""
         return self.eigenvalues / len(self.names)
 
-    def transform(self, X: Array) -> Array:
-        """Scores of new rows: T = (X - xbar) / s P. Shape (m, a)."""
-        return self._scaled(X) @ self.loadings
-
-    def unexplained(self, X: Array, components: int) -> Array:
-        """What the first components leave of new rows, in scaled units. Shape (m, k).
-
-        E = (X - xbar) / s - T P'    (paper, eq. 12)
-
-        Raises:
-            InputError: If there are not so many components.
-        """
-        most = self.loadings.shape[1]
-        check_count(components, 0, most, "components", "Ask for fewer.")
-        P = self.loadings[:, :components]
-        Z = self._scaled(X)
-        return Z - (Z @ P) @ P.T
-
-    def _scaled(self, X: Array) -> Array:
-        Z = as_block(X, "X")
-        if Z.shape[1] != len(self.names):
-            raise InputError(
-                f"X has {Z.shape[1]} columns, the components were fitted to "
-                f"{len(self.names)}: {', '.join(self.names)}. Give these, in order."
-            )
-        return (Z - self.mean) / self.scale
-
     def strongest(
         self, component: int, count: int = 3
     ) -> tuple[tuple[str, float], ...]:
@@ -102,14 +75,11 @@ def fit_pca(X: Array, names: Sequence[str] | None = None) -> Pca:
     check_varying(X, names)
     mean, scale = X.mean(axis=0), X.std(axis=0, ddof=1)
     Z = (X - mean) / scale
-    _, singular, Vt = np.linalg.svd(Z, full_matrices=False)
-    largest = np.abs(Vt).argmax(axis=1)
-    Vt = Vt * np.sign(Vt[np.arange(len(Vt)), largest])[:, None]
-    P = np.ascontiguousarray(Vt.T)
-    values = singular**2 / (len(X) - 1)
-    return Pca(
-        names, frozen(mean), frozen(scale), frozen(P), frozen(Z @ P), frozen(values)
-    )
+    fit = PCA(svd_solver="full").fit(Z)
+    # The sign is scikit-learn's: of a component's loadings the largest is positive.
+    P = np.ascontiguousarray(fit.components_.T)
+    parts = mean, scale, P, Z @ P, fit.explained_variance_
+    return Pca(names, *map(frozen, parts))
 
 
 def state_block(q: Array, qd: Array, qdd: Array) -> Array:

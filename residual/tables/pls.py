@@ -1,17 +1,20 @@
-"""Partial least squares regression with every quantity that the paper names.
+"""Partial least squares regression under the names of the paper (eq. 14 to 27).
 
-Eq. 14 to 27 of the paper, by the kernel algorithm 1 of Dayal, B. S. and MacGregor,
-J. F. (1997), J. Chemometrics 11, 73-85: X is never deflated, only X'Y is.
+scikit-learn fits; here are the scaling of the paper, its names, and the rule for when
+nothing is left to explain.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from sklearn.cross_decomposition import PLSRegression
 
 from residual.errors import InputError
 from residual.recording import Array
 from residual.tables.blocks import (
+    EXHAUSTED,
     as_block,
     as_names,
     as_pair,
@@ -20,8 +23,8 @@ from residual.tables.blocks import (
     frozen,
 )
 
-# Covariance below this share of the first one is rounding: nothing is left to explain.
-EXHAUSTED = 1e-12
+# The weights are an eigenvector found by iteration: to the last digits, not to 1e-3.
+_TO_THE_END = {"tol": 1e-24, "max_iter": 20_000}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -36,9 +39,8 @@ class Pls:
         y_mean, y_scale: The same of Y; the scale is 1 unless asked for. Shape (j,).
         T: Orthogonal scores (eq. 14). Shape (n, A).
         W: Orthonormal loading weights (eq. 19). Shape (k, A).
-        V: Weights that give scores from X itself, V = W G (eq. 19). Shape (k, A).
+        V: Weights that give scores from X itself, V = W (P'W)^-1 (eq. 19). (k, A).
         P, Q: Loadings of X and Y (eq. 16). Shapes (k, A), (j, A).
-        G: (P'W)^-1, upper triangular (eq. 20 says bidiagonal). Shape (A, A).
     """
 
     names: tuple[str, ...]
@@ -51,7 +53,6 @@ class Pls:
     V: Array
     P: Array
     Q: Array
-    G: Array
 
     @property
     def components(self) -> int:
@@ -75,37 +76,24 @@ class Pls:
 
     def transform(self, X: Array, components: int | None = None) -> Array:
         """Scores of new rows, t = (x - xbar) V (eq. 21). Shape (m, a)."""
-        return self._scaled(X) @ self.V[:, : self._count(components)]
-
-    def predict(self, X: Array, components: int | None = None) -> Array:
-        """Return b0 + x B (eq. 24), in units of Y. Shape (m, j)."""
-        X = as_block(X, "X")
-        return self.offset(components) + X @ self.coefficients(components)
-
-    def x_unexplained(self, X: Array, components: int | None = None) -> Array:
-        """e_i = x_i - xhat_i in scaled units (eq. 22, 23). Shape (m, k)."""
-        a = self._count(components)
-        return self._scaled(X) - self.transform(X, a) @ self.P[:, :a].T
-
-    def y_unexplained(self, X: Array, Y: Array, components: int | None = None) -> Array:
-        """f_i = y_i - yhat_i in units of Y (eq. 27). Shape (m, j)."""
-        X, Y = as_pair(X, Y)
-        return Y - self.predict(X, components)
-
-    def _count(self, components: int | None) -> int:
-        if components is None:
-            return self.components
-        remedy = "Ask for fewer, or fit again with more."
-        return check_count(components, 0, self.components, "components", remedy)
-
-    def _scaled(self, X: Array) -> Array:
         X = as_block(X, "X")
         if X.shape[1] != len(self.names):
             raise InputError(
                 f"X has {X.shape[1]} columns, the model was fitted to "
                 f"{len(self.names)}: {', '.join(self.names)}. Give these, in order."
             )
-        return (X - self.x_mean) / self.x_scale
+        return (X - self.x_mean) / self.x_scale @ self.V[:, : self._count(components)]
+
+    def predict(self, X: Array, components: int | None = None) -> Array:
+        """Return b0 + x B (eq. 24), in units of Y. Shape (m, j)."""
+        X = as_block(X, "X")
+        return self.offset(components) + X @ self.coefficients(components)
+
+    def _count(self, components: int | None) -> int:
+        if components is None:
+            return self.components
+        remedy = "Ask for fewer, or fit again with more."
+        return check_count(components, 0, self.components, "components", remedy)
 
 
 def fit_pls(
@@ -119,7 +107,7 @@ def fit_pls(
     """Fit a partial least squares regression (paper, eq. 14 to 27).
 
     Columns of X are scaled to unit variance: rad, rad/s and rad/s^2 do not compare.
-    Fewer components than asked for come back where all that X can tell about Y is told.
+    Fewer components than asked for come back where nothing of Y is left to explain.
 
     Args:
         X: Regressors. Shape (n, k).
@@ -136,47 +124,31 @@ def fit_pls(
     names = as_names(names, X.shape[1], "x")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
     check_varying(X, names)
-    means = X.mean(axis=0), Y.mean(axis=0)
+    x_mean, y_mean = X.mean(axis=0), Y.mean(axis=0)
     x_scale = X.std(axis=0, ddof=1)
     # A constant response stays as it is: nothing of it is left after centring.
     y_scale = Y.std(axis=0, ddof=1) if scale_y else np.ones(Y.shape[1])
     y_scale = np.where(y_scale > 0, y_scale, 1.0)
-    Z = (X - means[0]) / x_scale
+    Z = (X - x_mean) / x_scale
     rank = int(np.linalg.matrix_rank(Z))
-    count = rank if components is None else components
-    check_count(
-        count,
-        1,
-        rank,
-        "components",
-        f"The bound is the rank of X ({len(X)} rows, {X.shape[1]} columns).",
+    remedy = f"The bound is the rank of X ({len(X)} rows, {X.shape[1]} columns)."
+    count = check_count(
+        rank if components is None else components, 1, rank, "components", remedy
     )
-    parts = _kernel_pls(Z, (Y - means[1]) / y_scale, count)
-    scales = (means[0], x_scale, means[1], y_scale)
-    G = np.linalg.inv(parts[3].T @ parts[1])
-    return Pls(names, *map(frozen, (*scales, *parts, G)))
+    parts = _components(Z, (Y - y_mean) / y_scale, count)
+    return Pls(names, *map(frozen, (x_mean, x_scale, y_mean, y_scale, *parts)))
 
 
-def _kernel_pls(Z: Array, F: Array, count: int) -> tuple[Array, ...]:
-    """Dayal and MacGregor's algorithm 1; returns T, W, V, P, Q."""
-    S = Z.T @ F
-    found: list[tuple[Array, ...]] = []
-    first = 0.0
-    for _ in range(count):
-        # w: eigenvector of E'FF'E to its largest eigenvalue (below eq. 18).
-        left, singular, _ = np.linalg.svd(S, full_matrices=False)
-        first = first or singular[0]
-        if singular[0] <= EXHAUSTED * first:
-            break
-        w = left[:, 0] * np.sign(left[np.abs(left[:, 0]).argmax(), 0])
-        # v: the same weights for X itself, before anything was taken from it.
-        v = w - sum((p @ w) * earlier for _, _, earlier, p, _ in found)
-        t = Z @ v
-        energy = t @ t
-        p, q = Z.T @ t / energy, S.T @ v / energy
-        S = S - energy * np.outer(p, q)
-        found.append((t, w, v, p, q))
-    if not found:
-        widths = (len(Z), Z.shape[1], Z.shape[1], Z.shape[1], F.shape[1])
-        return tuple(np.zeros((width, 0)) for width in widths)
-    return tuple(np.column_stack(columns) for columns in zip(*found, strict=True))
+def _components(Z: Array, F: Array, count: int) -> tuple[Array, ...]:
+    """T, W, V, P and Q of scaled blocks, without components that are rounding."""
+    with warnings.catch_warnings():
+        # Of a response that is explained, or of weights that rounding keeps moving.
+        warnings.simplefilter("ignore")
+        fit = PLSRegression(count, scale=False, **_TO_THE_END).fit(Z, F)
+    T, Q = fit.x_scores_, fit.y_loadings_
+    # |w'E'F| of each component, by Q = F't / t't
+    covariance = (T**2).sum(axis=0) * np.linalg.norm(Q, axis=0)
+    rounding = covariance <= EXHAUSTED * covariance[0]
+    used = int(np.argmax(rounding)) if rounding.any() else count
+    parts = T, fit.x_weights_, fit.x_rotations_, fit.x_loadings_, Q
+    return tuple(np.ascontiguousarray(part[:, :used]) for part in parts)

@@ -31,7 +31,7 @@ class RealComponents:
         count: Against phase-randomised surrogates: the number to use.
         permuted: Against permuted rows, which forget that rows are autocorrelated.
         eigenvalues: Those of the data. Shape (k,).
-        phase_limit, permuted_limit: Quantile of the surrogates' eigenvalues. (k,).
+        phase_limit: Quantile of the surrogates' eigenvalues. Shape (k,).
         draws: Surrogates of each kind.
     """
 
@@ -39,7 +39,6 @@ class RealComponents:
     permuted: int
     eigenvalues: Array
     phase_limit: Array
-    permuted_limit: Array
     draws: int
 
 
@@ -83,7 +82,7 @@ def real_components(
         permuted[i] = _eigenvalues(rng.permuted(X[order], axis=0))
     limits = [np.quantile(p, quantile, axis=0) for p in (phase, permuted)]
     counts = [_leading(own, limit) for limit in limits]
-    return RealComponents(*counts, frozen(own), *map(frozen, limits), draws)
+    return RealComponents(*counts, frozen(own), frozen(limits[0]), draws)
 
 
 def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:

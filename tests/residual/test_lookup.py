@@ -12,11 +12,10 @@ from residual.errors import InputError
 from residual.tables.choose import fit_effect_tables
 from residual.tables.form import EffectForm
 from residual.tables.lookup.axes import Axis, Table
-from residual.tables.lookup.build import main_lookup, nominal_lookup
+from residual.tables.lookup.build import nominal_lookup
 from residual.tables.lookup.export import export_lookup
 from residual.tables.lookup.lookup import Lookup, no_slope
 from residual.tables.lookup.pack import find_triples
-from residual.tables.main_tables import main_effects, make_pyramid, normal_equations
 from residual.tables.nominal.pls import NominalForm, fit_nominal_pls
 from tests.residual.motion_blocks import NAMES, motion
 
@@ -38,13 +37,6 @@ def test_tables_equal_the_paper_form(block, model, components):
     lookup = nominal_lookup(model, components)
     expected = model.predict(block[0], components)
     np.testing.assert_allclose(lookup.predict(block[0]), expected, **EXACT)
-
-
-def test_tables_equal_main_effects(block):
-    X, Y = block[:2]
-    pyramid = make_pyramid(X, velocities=(3, 4, 5))
-    main = main_effects(normal_equations(X, Y, pyramid), pyramid)[1]
-    np.testing.assert_allclose(main_lookup(main).predict(X), main.predict(X), **EXACT)
 
 
 @pytest.mark.parametrize("joints", [1, 3, 4, 6])

@@ -7,7 +7,7 @@ import pytest
 
 from residual.errors import InputError
 from residual.identification.identify import identify
-from residual.identification.validation import acceleration_error, torque_errors, unseen
+from residual.identification.validation import acceleration_error, torque_errors
 from tests.residual.identified import logs, truth
 
 
@@ -47,22 +47,7 @@ def test_a_joint_that_stands_has_no_acceleration_error(found):
     assert np.isfinite(error.overall)
 
 
-def test_every_group_is_left_out_once_and_never_fitted(found):
-    groups = {name: logs(1, noise=0.3, seed=i) for i, name in enumerate("abc")}
-    asked = []
-
-    def fit(recordings):
-        asked.append(len(recordings))
-        return {"identified": found.model}
-
-    made = unseen(groups, fit)
-    assert asked == [2, 2, 2]
-    assert list(made) == ["a", "b", "c"]
-    assert made["a"]["identified"].overall("moving") < 3
-
-
 BAD = {
-    "one group": (lambda f: unseen({"a": []}, dict), "expected 2 or more"),
     "no log": (lambda f: torque_errors({"m": f.model}, []), "at least one model"),
     "no model": (lambda f: torque_errors({}, logs(1)), "at least one model"),
     "impossible body": (

@@ -15,9 +15,7 @@ from flows.report.words.quantity import (
     as_list,
     dig,
     known,
-    number,
     percent,
-    probability,
     records,
 )
 
@@ -76,21 +74,6 @@ def is_wrong_value(effect: Mapping, declared: Any) -> bool:
         return True
     mass = as_list(dig(effect, "parameters", "mass", "value"))
     return bool(mass) and known(mass[0]) and mass[0] < 0
-
-
-def sureness(effect: Mapping) -> str:
-    """Return how sure one finding is, in one line."""
-    evidence = effect.get("evidence") or {}
-    parts = []
-    if known(effect.get("probability")):
-        parts.append(f"probability {probability(effect['probability'])}")
-    if known(evidence.get("nats")):
-        by = f" by {evidence['by']}" if evidence.get("by") else ""
-        parts.append(f"{number(evidence['nats'])} nats{by}")
-    parts.append(held_out_words(evidence.get("held_out")))
-    if known(evidence.get("p_value")):
-        parts.append(f"p = {number(evidence['p_value'])}")
-    return ", ".join(parts)
 
 
 def held_out_words(word: Any) -> str:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from residual.tables.blocks import as_names
 from residual.tables.lookup.axes import Axis, Table
 from residual.tables.lookup.lookup import Lookup, no_slope
-from residual.tables.main_tables import MainEffects
 from residual.tables.nominal.pls import NominalPls
 
 
@@ -34,23 +33,6 @@ def nominal_lookup(
         tuple(Table(pair, values) for pair, values in pairs),
         offset,
         no_slope(len(levels.names), len(offset)),
-        levels.low,
-        levels.high,
-    )
-
-
-def main_lookup(main: MainEffects, joints: Sequence[str] | None = None) -> Lookup:
-    """Main effects as one table per variable."""
-    levels = main.levels
-    axes = tuple(Axis(i, edges) for i, edges in enumerate(levels.edges))
-    tables = tuple(Table((i,), values) for i, values in enumerate(main.tables))
-    return Lookup(
-        levels.names,
-        as_names(joints, len(main.offset), "joint "),
-        axes,
-        tables,
-        main.offset,
-        no_slope(len(levels.names), len(main.offset)),
         levels.low,
         levels.high,
     )

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.recording import Array
-from residual.tables.blocks import as_pair
+from residual.tables.blocks import EXHAUSTED, as_pair
 from residual.tables.cells import Cells, merge_rows
 from residual.tables.crossval import Folds, HeldOut, check_folds, fold_power
 from residual.tables.nominal.fold_kernels import deflate, directions, orthogonalise
 from residual.tables.nominal.kernels import gather_pairs, scatter_pairs
 from residual.tables.nominal.pls import NominalForm, check_components, response_scale
-from residual.tables.pls import EXHAUSTED
 
 WIDTH = 8  # folds that share a pass: one cache line of a table
 ROOM = 4e7  # numbers that the scores of a pass may take: 320 MB
@@ -50,7 +49,7 @@ def nominal_errors(
     """Errors of 0 to A components on held-out rows, for several schemes at once.
 
     Levels are those of all rows: the responses of held-out rows stay unseen, but their
-    range is known. Where that is too much, as for runs, use `strict_errors`.
+    range is known.
 
     Args:
         X: Variables. Shape (n, d).
@@ -76,25 +75,6 @@ def nominal_errors(
         miss = _all_folds(cells, Y / scale, folds, form.components) * scale**2
         out.append(HeldOut(folds.scheme, miss, fold_power(torque, folds)))
     return tuple(out)
-
-
-def strict_errors(
-    X: Array, Y: Array, folds: Folds, torque: Array, form: NominalForm | None = None
-) -> HeldOut:
-    """Errors as `nominal_errors`, with levels made of each fold's training rows."""
-    X, Y = as_pair(X, Y)
-    form = form or NominalForm()
-    check_folds(folds, len(X))
-    miss = []
-    for fold in range(folds.count):
-        train = folds.of_row != fold
-        cells = merge_rows(form.make_levels(X[train]).encode(X))
-        check_components(cells, form.components)
-        scale = response_scale(Y[train], form.scale_y)
-        held = _held(cells, Y / scale, np.where(train, -1, 0), 1)
-        miss.append(_pass(cells, Y / scale, held, 1, form.components) * scale**2)
-    power = fold_power(torque, folds)
-    return HeldOut(folds.scheme, np.concatenate(miss, axis=1), power)
 
 
 def _all_folds(cells: Cells, Y: Array, folds: Folds, components: int) -> Array:

@@ -6,7 +6,6 @@ see `residual/tables/nominal/kernels.py`. Kernel PLS: Dayal and MacGregor (1997)
 algorithm 1.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.tables.blocks import as_pair, check_count, frozen
+from residual.tables.blocks import EXHAUSTED, as_pair, check_count, frozen
 from residual.tables.cells import Cells, merge_rows
 from residual.tables.levels import Levels, equal_levels, quantile_levels
 from residual.tables.nominal.kernels import (
@@ -24,9 +23,6 @@ from residual.tables.nominal.kernels import (
     score,
     weigh,
 )
-from residual.tables.pls import EXHAUSTED
-
-MakeLevels = Callable[[Array], Levels]
 
 
 @dataclass(frozen=True, slots=True)
