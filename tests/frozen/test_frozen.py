@@ -1,0 +1,66 @@
+"""What the program says of fixed logs is what it said before its modules moved."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from residual.model.fit_logs import ready, start_nominal
+from residual.monitoring.monitor import calibrate
+from residual.monitoring.record import to_record
+from residual.robot.robot import load_robot
+from residual.signals.track import Filters
+from tests.frozen.make import HIDDEN, document
+from warehouse.logs.read import read_log
+
+FROZEN = Path(__file__).parent
+# Another processor rounds otherwise, and a search by differences repeats that: on one
+# machine all of these are equal bit for bit.
+CLOSE = 1e-9
+
+
+def frozen(name):
+    return json.loads((FROZEN / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def assert_same(now, then, where=""):
+    """All that was said then is said now; keys may have come since."""
+    if isinstance(then, dict):
+        assert set(then) <= set(now), where
+        for key in then:
+            assert_same(now[key], then[key], f"{where}.{key}")
+    elif isinstance(then, list):
+        assert len(now) == len(then), where
+        for i, (a, b) in enumerate(zip(now, then, strict=True)):
+            assert_same(a, b, f"{where}[{i}]")
+    elif isinstance(then, float) and isinstance(now, float):
+        np.testing.assert_allclose(now, then, CLOSE, 1e-12, err_msg=where)
+    else:
+        assert now == then, where
+
+
+@pytest.mark.parametrize("name", ["effects", "none", "unknown", "identification"])
+def test_it_says_what_it_said(name, tmp_path):
+    assert_same(document(name, tmp_path), frozen(name))
+
+
+@pytest.mark.slow  # a minute: every scheme, every number of levels
+def test_a_calibration_has_the_figures_it_had(tmp_path):
+    assert_same(document("calibration", tmp_path), frozen("calibration"))
+
+
+def test_a_monitor_has_the_limits_it_had():
+    robot = load_robot("irb140")
+    names = ("fit_1", "fit_2", "fit_3", "held_out")
+    *good, other = (read_log(f"{HIDDEN / n}.csv@0:10", robot)[0] for n in names)
+    logs = ready(robot, good, None, Filters())
+    nominal = start_nominal(logs, ("viscous", "coulomb", "rotor_inertia"))
+    monitor = calibrate(nominal.model, good)
+    now = {
+        "monitor": to_record(monitor),
+        "alarms": [asdict(alarm) for alarm in monitor.watch(other)],
+        "novelty": monitor.novelty(other).tolist(),
+    }
+    assert_same(now, frozen("monitoring"))
