@@ -43,26 +43,12 @@ def commands(folder: Path) -> dict[str, list[str]]:
     slow, fast, pick, held = (f"{HIDDEN / name}.csv@0:10" for name in names)
     strange, short = f"{shaken(folder)}@0:10", [f"{HIDDEN / n}.csv@0:4" for n in names]
     proof = ["--holdout", held]
+    earlier = ["--baseline", slow, fast]
     return {
         "effects": ["diagnose", fast, pick, *ARM, *proof],
-        "none": ["diagnose", pick, *ARM, "--baseline", slow, fast, "--holdout", held],
-        "unknown": [
-            "diagnose",
-            f"{shaken(folder)}@0:10",
-            *ARM,
-            "--baseline",
-            slow,
-            fast,
-        ],
-        "identification": [
-            "identify",
-            fast,
-            pick,
-            *ARM,
-            "--holdout",
-            held,
-            "--essential",
-        ],
+        "none": ["diagnose", pick, *ARM, *earlier, *proof],
+        "unknown": ["diagnose", strange, *ARM, *earlier],
+        "identification": ["identify", fast, pick, *ARM, *proof, "--essential"],
         "calibration": ["calibrate", *short[1:], *ARM],
     }
 
