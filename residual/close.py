@@ -23,17 +23,14 @@ from residual.diagnosis.null_record import Null, fitting, said
 from residual.diagnosis.result import Outcome
 from residual.diagnosis.search import Rules
 from residual.diagnosis.verdict import Case, complaint, write
-from residual.effects import registry
 from residual.errors import InputError
 from residual.evidence.priors import ROUGH, priors
 from residual.model.compare import compare, witnesses
 from residual.model.fit_logs import ready, start_nominal
 from residual.model.model import Model
 from residual.model.nominal import declared_names
-from residual.names import check_name
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.robot.vocabulary import VOCABULARY
 from residual.signals.split import hold_out_end, session_clock
 from residual.signals.track import Filters
 
@@ -67,13 +64,6 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     """
     tell = progress or (lambda stage, share: None)
     names = declared_names(robot, declared)
-    for name in names:
-        if name in VOCABULARY and name not in registry():
-            raise InputError(
-                f"Effect '{name}' is in the vocabulary but cannot be declared or "
-                f"looked for yet. Known now: {', '.join(registry())}."
-            )
-        check_name(name, registry(), "effect")
     _check_joints(robot, [*fit, *baseline, *held_out])
     same_run = not held_out
     if same_run:
@@ -190,8 +180,8 @@ def _warnings(
             "refuted by the held-out logs "
             f"(error there {100 * -gain:.1f} % higher with it), withdrawn"
         )
-        if tested.group.effect.name == "payload":
-            why += "; was the load mounted otherwise there?"
+        question = tested.group.effect.if_refuted
+        why += f"; {question}" if question else ""
         out.append(complaint(tested, why))
     for tested in judged.dropped:
         why = "withdrawn: it carries too little alone, now that others are refuted"

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from flows.cli.app import app
+from residual.effects import vocabulary
+from residual.model.nominal import DEFAULT_DECLARED
 from residual.robot.toml import parse_toml, read_robot_toml
-from residual.robot.vocabulary import DEFAULT_DECLARED, VOCABULARY
 from warehouse.logs.columns import load_columns
 
 ROOT = Path(__file__).parents[1]
@@ -63,14 +64,14 @@ def _described_effects() -> dict[str, dict[str, str]]:
 
 
 def test_the_effects_page_has_every_name_parameter_and_unit():
-    assert _described_effects() == VOCABULARY
+    assert _described_effects() == vocabulary()
 
 
 def test_the_effects_page_reserves_what_no_file_implements():
     folder = {path.stem for path in (ROOT / "residual" / "effects").glob("*.py")}
     reserved = re.search(r"## Reserved(.*?)##", _text("docs/effects.md"), re.S)[1]
     named = set(re.findall(r"`(\w+)`", reserved))
-    assert named == set(VOCABULARY) - folder
+    assert named == set(vocabulary()) - folder
 
 
 def test_the_example_of_a_map_is_read(tmp_path):
@@ -84,7 +85,7 @@ def test_the_example_of_a_map_is_read(tmp_path):
 def test_the_example_of_a_robot_file_is_read():
     where = "docs/logs.md"
     content = parse_toml(_toml(where, "## robot.toml"), where)
-    robot = read_robot_toml(content, dof=2, where=where)
+    robot = read_robot_toml(content, 2, where, vocabulary())
     assert set(robot.declared) == {"coulomb", "viscous"}
     assert robot.prior_scale == 0.03
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 
 from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
+from flows.inputs.robots import load
 from flows.specs.experiment import derived_seed
 from residual.errors import InputError
-from residual.robot.robot import Robot, load_robot
+from residual.robot.robot import Robot
 from sim.streams import stream
 
 SHARED = 10  # cases per excitation
@@ -102,7 +103,7 @@ class Draft:
 
 def drafts(asked: Asked) -> list[Draft]:
     """Return the cases of a study."""
-    known, unknown = vocabulary(load_robot(asked.robot))
+    known, unknown = vocabulary(load(asked.robot))
     kinds = _forever(asked.seed, "kinds", _KINDS)
     named = _forever(asked.seed, "effects", known)
     strange = _forever(asked.seed, "unknown", unknown)

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 from flows.blind.score import SINGLE, Name, Said, Score, members, score
 from flows.blind.size import Hidden
+from residual.effects import registry
 from residual.robot.robot import Robot
 from sim.amounts import main_parameter
 from sim.records import PlantSpec
 
 # A smaller gap than this share of the refit's error says nothing of who closes it.
 _LEAST_GAP = 0.02
-_CHANGES = {"coulomb": "level", "viscous": "coefficient", "rotor_inertia": "inertia"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,12 +98,12 @@ def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
     out = []
     for effect in plant.effects:
         values = dict(effect.parameters)
-        key = _CHANGES.get(effect.name)
-        if key is not None:
-            field = "rotor" if effect.name == "rotor_inertia" else effect.name
+        known = registry().get(effect.name)
+        if known is not None and known.usual_in_every_drive:
+            field = "rotor" if known.carries == "acceleration" else effect.name
             joint = effect.joints[0] - 1
             scatter = getattr(base, field)[joint] - getattr(maker, field)[joint]
-            values[key] += float(scatter)
+            values[next(iter(known.parameters))] += float(scatter)
         out.append(values)
     return out
 

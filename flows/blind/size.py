@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.effects import reported_joints
 from residual.robot.robot import Robot
 from sim.amounts import amount, as_told, multiplied
 from sim.records import PlantEffect
@@ -44,11 +45,6 @@ def smallest(
     return None
 
 
-def told_joints(name: str, joints: Sequence[int], dof: int) -> tuple[int, ...]:
-    """Return joints as a verdict has them: a load is at the last one."""
-    return (dof,) if name == "payload" else tuple(sorted(joints))
-
-
 def draw_sized(
     robot: Robot,
     rng: np.random.Generator,
@@ -73,7 +69,7 @@ def draw_sized(
     drawn = draw_hidden(robot, rng, name)
     values = dict(drawn.parameters)
     usual = amount(name, values)
-    least = smallest(minimum, name, told_joints(name, drawn.joints, robot.dof))
+    least = smallest(minimum, name, reported_joints(name, drawn.joints, robot.dof))
     if multiple is None or usual is None or least is None:
         return drawn
     smallest_amount = as_told(name, float(least["value"]))
@@ -86,7 +82,7 @@ def measured(
     effect: PlantEffect, minimum: Sequence[Mapping], robot: Robot, unit: str | None
 ) -> Hidden:
     """Return an effect with its size beside the smallest that would be seen."""
-    joints = told_joints(effect.name, effect.joints, robot.dof)
+    joints = reported_joints(effect.name, effect.joints, robot.dof)
     name = effect.name
     there = amount(name, dict(effect.parameters))
     least = smallest(minimum, name, joints)

@@ -18,12 +18,13 @@ import pyarrow as pa
 from flows.blind.draw import Asked, Draft, Excitation, arm_of, motions
 from flows.blind.row import case_row, true_parameters
 from flows.blind.score import UNKNOWN
-from flows.blind.size import Hidden, draw_sized, measured, told_joints
+from flows.blind.size import Hidden, draw_sized, measured
 from flows.errors import RunError
+from flows.inputs.robots import load
 from flows.keep.diagnosis import read_outcome
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment, study
-from residual.robot.robot import load_robot
+from residual.effects import registry, reported_joints
 from sim.records import PlantEffect
 from sim.streams import stream
 
@@ -74,7 +75,7 @@ def hidden_effects(
     asked: Asked, draft: Draft, minimum: Minimum
 ) -> tuple[PlantEffect, ...]:
     """Draw joints and sizes of what a case hides."""
-    robot = load_robot(asked.robot)
+    robot = load(asked.robot)
     made: list[PlantEffect] = []
     for place, wish in enumerate(draft.wishes):
         rng = stream(asked.seed, f"hidden/{draft.index}/{place}")
@@ -179,7 +180,7 @@ def judge(
     runs, ids, seconds = done
     # The verdict as it was committed: without one there is nothing to judge.
     verdict = read_outcome(store, ids[1]).verdict
-    robot, draft = load_robot(asked.robot), case.draft
+    robot, draft = load(asked.robot), case.draft
     sealed = seal.open_seal(store, runs["fit"][0]).spec
     plant = experiment.plant_of(sealed)
     hidden = [measured(e, case.minimum, robot, _unit(e)) for e in plant.effects]
@@ -243,7 +244,6 @@ def _specs(
 
 def _same_thing(one: PlantEffect, other: PlantEffect) -> bool:
     """Whether two effects are one: of one name or one family, on a common joint."""
-    from residual.effects import registry
 
     def family(effect: PlantEffect) -> str:
         known = registry().get(effect.name)
@@ -254,9 +254,8 @@ def _same_thing(one: PlantEffect, other: PlantEffect) -> bool:
 
 
 def _unit(effect: PlantEffect) -> str | None:
-    from residual.robot.vocabulary import VOCABULARY
-
-    return next(iter(VOCABULARY.get(effect.name, {}).values()), None)
+    known = registry().get(effect.name)
+    return next(iter(known.parameters.values())) if known else None
 
 
 def _oracle(
@@ -268,10 +267,11 @@ def _oracle(
     from residual.diagnosis.oracle import oracle
     from warehouse.runs import read_run
 
-    robot = load_robot(asked.robot)
+    robot = load(asked.robot)
     fit, held_out = ([read_run(store, i) for i in runs[k]] for k in ("fit", "held_out"))
     told = [
-        (h.effect.name, told_joints(h.effect.name, h.joints, robot.dof)) for h in hidden
+        (h.effect.name, reported_joints(h.effect.name, h.joints, robot.dof))
+        for h in hidden
     ]
     with threadpool_limits(1, user_api="blas"):
         error = oracle(robot, fit, held_out, told).overall("filtered")

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from residual.effects import vocabulary
 from residual.robot.robot import Robot, load_robot
 
 _INSTEAD: ContextVar[Mapping[str, str]] = ContextVar("instead", default={})  # noqa: B039
@@ -14,8 +15,9 @@ def load(word: str) -> Robot:
 
     Raises:
         RobotError: If there is no such robot or it is not usable.
+        UnknownNameError: If it declares an effect or a parameter that is not known.
     """
-    return load_robot(_INSTEAD.get().get(word, word))
+    return load_robot(_INSTEAD.get().get(word, word), vocabulary())
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from flows.steps.diagnose import verdict_json
 from flows.steps.experiment import plan
 from flows.workers.campaign import Tell, run_all
 from flows.workers.pool import Here, Pool
+from residual.effects import reported_joints
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 
@@ -119,8 +120,7 @@ def open_seal(runs: Runs, store: Path) -> list[dict]:
     return [
         {
             "name": effect["name"],
-            # A payload sits on the flange, which is the last joint's body.
-            "joints": [dof] if effect["name"] == "payload" else effect["joints"],
+            "joints": list(reported_joints(effect["name"], effect["joints"], dof)),
             "parameters": dict(effect["parameters"]),
         }
         for effect in found

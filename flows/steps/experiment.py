@@ -7,10 +7,11 @@ from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
+from flows.inputs.robots import load
 from flows.specs.experiment import ExperimentSpec
 from residual.errors import InputError
 from residual.recording import Recording
-from residual.robot.robot import Robot, load_robot
+from residual.robot.robot import Robot
 from sim.records import Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
 
 
@@ -221,7 +222,7 @@ def checked_robot(spec: ExperimentSpec) -> Robot:
 
 @lru_cache(maxsize=8)
 def _robot(name: str) -> Robot:
-    return load_robot(name)
+    return load(name)
 
 
 def _simulate(spec: ExperimentSpec, robot: Robot) -> tuple:

@@ -11,13 +11,13 @@ from functools import lru_cache
 from pathlib import Path
 
 from flows.inputs.logs import read_words
+from flows.inputs.robots import load
 from flows.settings import cores, store_folder
 from flows.steps.diagnose import Progress, check_declared
 from flows.workers.pool import Here, Pool
 from residual.diagnosis.null_record import Null, from_record, to_record
 from residual.errors import InputError, ModelgapError
 from residual.recording import Recording
-from residual.robot.robot import load_robot
 
 KIND = "null"  # of validations
 OF_A_BLOCK = 4  # draws that share their encoder noise
@@ -181,7 +181,7 @@ def _identity(asked: Asked) -> dict:
     return {
         "logs": logs,
         "baseline": len(baseline),
-        "robot": load_robot(asked.robot).content_hash,
+        "robot": load(asked.robot).content_hash,
         "declared": None if asked.declared is None else list(asked.declared),
         "seed": asked.seed,
         "method": method_hash(),
@@ -194,7 +194,7 @@ def _keep(asked: Asked, done: Mapping[int, Mapping], ids: Sequence[str]) -> Null
     blocks = sorted(done)
     first = done[blocks[0]]
     record = {
-        "robot": load_robot(asked.robot).name,
+        "robot": load(asked.robot).name,
         "kind": KIND,
         "asked": _identity(asked),
         "seed": asked.seed,
@@ -239,7 +239,7 @@ def _source(asked: Asked):
     from residual.null.source import source
 
     fit, baseline, _ = _read(asked)
-    return source(load_robot(asked.robot), fit, asked.declared, baseline)
+    return source(load(asked.robot), fit, asked.declared, baseline)
 
 
 @lru_cache(maxsize=1)
@@ -256,7 +256,7 @@ def _read(
         raise InputError(f"--draws is {asked.draws}, expected 1 or more; 200 is usual.")
     check_declared(asked.declared)
     words, place = (*asked.logs, *asked.baseline), store_folder(asked.store)
-    logs = read_words(words, load_robot(asked.robot), asked.columns, place)
+    logs = read_words(words, load(asked.robot), asked.columns, place)
     count = len(asked.logs)
     ids = tuple(logs.runs.values())
     return logs.recordings[:count], logs.recordings[count:], ids

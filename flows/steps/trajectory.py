@@ -9,9 +9,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from flows.inputs.robots import load
 from flows.outputs import check_writable, write_all
 from flows.say import say
-from residual.robot.robot import Robot, load_robot
+from residual.robot.robot import Robot
 from sim.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.usage import Usage, usage
@@ -61,7 +62,7 @@ def preview(wanted: Wanted, console: Console) -> Reference:
         OSError: If a file cannot be written.
     """
     check_writable(wanted.files, [Path(wanted.robot)])
-    robot = load_robot(wanted.robot)
+    robot = load(wanted.robot)
     reference = make_reference(robot, wanted.spec, wanted.rate)
     contents: dict[Path, str | bytes] = {}
     if wanted.csv:

@@ -10,10 +10,6 @@ import numpy as np
 from residual.effects.base import Effect, Span
 from residual.evidence.design import Design, Group
 
-# What every drive has: a model that lacks all three must gain them in one step, since
-# each alone leaves a residual in which the others cannot be seen.
-USUAL = ("viscous", "coulomb", "rotor_inertia")
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Candidates:
@@ -57,7 +53,9 @@ def collect(
     groups += together
     variants = Counter(g.key for g in groups)
     price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
-    usual = [g for g in together if g.effect.name in USUAL]
+    # A model that lacks all that every drive has must gain it in one step, since each
+    # alone leaves a residual in which the others cannot be seen.
+    usual = [g for g in together if g.effect.usual_in_every_drive]
     for count in range(2, len(usual) + 1):
         for some in combinations(usual, count):
             parts = [part for g in some for part in g.parts]

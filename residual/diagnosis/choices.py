@@ -35,5 +35,4 @@ def allowed(
 
 
 def _barred(design: Design, nominal: Nominal) -> list[tuple[Prior, set]]:
-    flags = {e.name: e.is_parameter for e in registry().values()}
-    return [(p, forbidden(p, nominal, flags)) for p in priors(design, nominal)]
+    return [(p, forbidden(p, nominal)) for p in priors(design, nominal)]

@@ -15,7 +15,6 @@ from residual.evidence.fit import Fit
 from residual.recording import Array
 from residual.signals.track import Track
 
-PERIODIC = "ripple"  # the one effect that is a basis of all functions of a position
 STATIC = "static"  # the family of torques that depend on nothing but the position
 
 
@@ -28,7 +27,7 @@ def only_curves(
     """Return the names that a free curve of as many numbers could stand for.
 
     Looked at are joints with two or more names that depend on the position alone and
-    a ripple among them.
+    a wave that repeats among them.
 
     Args:
         design: Columns and rows.
@@ -39,7 +38,7 @@ def only_curves(
     out = []
     for j in range(design.dof):
         mine = [t for t in tested if t.group.joints == (j,) and _of_position(t)]
-        if len(mine) > 1 and any(t.group.effect.name == PERIODIC for t in mine):
+        if len(mine) > 1 and any(t.group.effect.repeats for t in mine):
             left = design.residual(j, fitted.ids, fitted.theta)
             drawn = sum(_torque(design, fitted, t, j) for t in mine)
             numbers = sum(len(t.group.ids) + len(t.group.shape) for t in mine)
@@ -53,7 +52,7 @@ def only_curves(
 
 def _of_position(tested: Tested) -> bool:
     effect = tested.group.effect
-    return effect.name == PERIODIC or effect.family == STATIC
+    return effect.repeats or effect.family == STATIC
 
 
 def _torque(design: Design, fitted: Fit, tested: Tested, j: int) -> Array:

@@ -146,8 +146,8 @@ def directions(bench: Bench, group: Group) -> list[Array]:
 def _one_vector(effect: Effect, group: Group) -> bool:
     count = len(group.ids)
     units = list(effect.parameters.values())[:count]
-    turns = effect.name == "ripple"
-    return count > 1 and (turns or (len(units) == count and len(set(units)) == 1))
+    alike = len(units) == count and len(set(units)) == 1
+    return count > 1 and (effect.repeats or alike)
 
 
 def _of_its_own_shape(effect: Effect, group: Group) -> bool:

@@ -131,7 +131,7 @@ def _shortlist(task: Task, base: Fit, instead: Group | None) -> list[Group]:
         groups = [g for g in groups if not g.parts and where & _rows(task, g)]
     values = screen(task.design, task.prior, base, groups)
     values -= [task.candidates.cost(g) for g in groups]
-    taken = {g.key for g in base.members if g.effect.name != "ripple"}
+    taken = {g.key for g in base.members if not g.effect.repeats}
     if instead is not None:
         taken.add(instead.key)
     families = {(g.effect.family, g.joints) for g in base.members if g.effect.family}

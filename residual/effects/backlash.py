@@ -45,6 +45,7 @@ def _over_load(state, j):
 
 EFFECT = Effect(
     name="backlash",
+    noun="gear backlash",
     sentence="play in a gear, crossed when the load changes its side",
     parameters={"half_gap": "rad"},
     columns=_columns,

@@ -12,6 +12,7 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="balancer",
+    noun="a balancer",
     sentence="a torque that follows sin and cos of position, as from a counterbalance",
     parameters={"sin": "N m", "cos": "N m"},
     columns=local(_feature),

@@ -17,6 +17,7 @@ from residual.robot.robot import Robot
 Joints = tuple[int, ...]
 Shape = tuple[float, ...]
 Scope = Literal["local", "pair", "link", "flange", "global"]
+Carried = Literal["", "body", "speed", "acceleration"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -100,17 +101,30 @@ class Effect:
     """One physical effect that a model may lack.
 
     Attributes:
-        name: Its name in the vocabulary.
+        name: Its name, that of its file.
         sentence: What it is, in words, for a control engineer.
         parameters: Parameter keys with their SI units, in order.
         columns: Torque columns: (state, joints, shape) -> (n, rows, k), where the
             rows are the joints it acts on: its own, or all of them.
+        noun: What a sentence calls it ("a spring"); empty for its name in words.
+        place: Where a sentence puts it, by its ``{joints}`` or ``{links}`` in words.
         scope: Which joints it belongs to.
         values: (theta, shape, robot) -> one value per parameter key.
         from_values: (values, robot) -> (theta, shape): the way back.
         shapes: Values of the nonlinear parameters to start from.
         refine: How the first nonlinear parameter is searched; None where linear.
         is_parameter: It says that a parameter the model has is wrong.
+        in_every_model: No model is without that parameter, declared or not.
+        usual_in_every_drive: Its place, from 1, in the list of what every drive has and
+            a model is taken to have where nobody says otherwise; 0 for none.
+        carries: What its coefficients are a part of, besides the torque of its columns:
+            the inertial parameters of the last body ("body"), the drive's torque per
+            "speed" or per "acceleration"; empty for nothing.
+        repeats: It is one wave of many over the position, its coefficients cos and sin.
+            A joint may have several, and many of them can draw any curve.
+        needs_known_body: It changes a body of the arm, so it is not blamed where the
+            nominal bodies are hardly known.
+        not_negative: Its coefficients cannot be negative in any real arm.
         needs_clock: It needs the order of the logs in time.
         uses_model: Its columns depend on the model's own torque.
         remembers: Its columns depend on more than the sample: on its neighbours, or on
@@ -127,6 +141,7 @@ class Effect:
             that it usually comes; None where the first alone or a plain vector says it.
         far_fetched: Where two effects of one size explain the same, the one with the
             smaller number is named first.
+        if_refuted: What to ask the user where held-out logs refute it.
         family: Effects of one family on one joint exclude each other.
         groupable: It is also tried on all joints at once.
         variable: (state, joint) -> what the report draws it against, with label.
@@ -136,6 +151,8 @@ class Effect:
     sentence: str
     parameters: Mapping[str, str]
     columns: Columns
+    noun: str = ""
+    place: str = "on {joints}"
     scope: Scope = "local"
     values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: theta
     from_values: Callable[[Array, Robot], tuple[Array, Shape]] = lambda values, robot: (
@@ -145,6 +162,12 @@ class Effect:
     shapes: Callable[[Span, int], Sequence[Shape]] = _no_shape
     refine: Refinement | None = None
     is_parameter: bool = False
+    in_every_model: bool = False
+    usual_in_every_drive: int = 0
+    carries: Carried = ""
+    repeats: bool = False
+    needs_known_body: bool = False
+    not_negative: bool = False
     needs_clock: bool = False
     uses_model: bool = False
     remembers: bool = False
@@ -154,6 +177,7 @@ class Effect:
     reports: Callable[[str, Array, Array], bool] | None = None
     usual: Callable[[Sequence[State], Joints], Sequence[Array]] | None = None
     far_fetched: float = 0.0
+    if_refuted: str = ""
     family: str = ""
     groupable: bool = False
     variable: Callable[[State, int], tuple[Array, str]] = lambda state, j: (

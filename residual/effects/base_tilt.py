@@ -19,6 +19,7 @@ def _columns(state, joints, shape):
 
 EFFECT = Effect(
     name="base_tilt",
+    noun="a tilted base",
     sentence="gravity from another direction, as on a base that does not stand upright",
     parameters={"tilt_x": "rad", "tilt_y": "rad"},
     columns=_columns,

@@ -9,9 +9,12 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="coulomb",
+    noun="Coulomb friction",
     sentence="dry friction of constant size against the direction of motion",
     parameters={"level": "N m"},
     columns=local(_feature),
     is_parameter=True,
+    usual_in_every_drive=2,
+    not_negative=True,
     groupable=True,
 )

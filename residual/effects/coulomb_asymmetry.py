@@ -11,6 +11,7 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="coulomb_asymmetry",
+    noun="Coulomb friction that differs by direction",
     sentence="dry friction that is stronger in one direction than in the other",
     parameters={"level": "N m"},
     columns=local(_feature),

@@ -32,6 +32,8 @@ WIDTH = 0.02  # rad/s, where values are declared without a log at hand
 
 EFFECT = Effect(
     name="coupled_friction",
+    noun="coupled friction",
+    place="between {joints}",
     sentence="friction and inertia of a gear that turns with both joints' motion",
     parameters={
         "level": "N m",

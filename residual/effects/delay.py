@@ -29,6 +29,7 @@ def _possible(theta, shape):
 
 EFFECT = Effect(
     name="delay",
+    noun="a delay between torque and position",
     sentence="torque that is reported later than the angles",
     parameters={"delay": "s"},
     columns=_columns,

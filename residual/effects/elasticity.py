@@ -23,6 +23,7 @@ def _over_load(state, j):
 
 EFFECT = Effect(
     name="elasticity",
+    noun="joint elasticity",
     sentence="a gear that twists under its load",
     parameters={"stiffness": "N m/rad"},
     columns=_columns,

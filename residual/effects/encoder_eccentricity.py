@@ -19,6 +19,7 @@ def _columns(state, joints, shape):
 
 EFFECT = Effect(
     name="encoder_eccentricity",
+    noun="encoder eccentricity",
     sentence="an encoder whose error repeats once per turn",
     parameters={"cos": "rad", "sin": "rad"},
     columns=_columns,

@@ -13,6 +13,7 @@ def _columns(state, joints, shape):
 
 EFFECT = Effect(
     name="encoder_offset",
+    noun="an encoder offset",
     sentence="an encoder that is off by a constant angle",
     parameters={"angle": "rad"},
     columns=_columns,

@@ -15,11 +15,15 @@ def _columns(state, joints, shape):
 
 EFFECT = Effect(
     name="link_inertia",
+    noun="the inertia",
+    place="of {links}",
     sentence="a link that is heavier or lighter than in the model",
     parameters={"scale": "1"},
     columns=_columns,
     scope="link",
     is_parameter=True,
+    in_every_model=True,
+    needs_known_body=True,
     prior_sd=lambda robot: np.array([0.3]),
     # No body weighs less than nothing.
     possible=lambda theta, shape: bool(theta[0] > -1),

@@ -15,11 +15,13 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="load_friction",
+    noun="friction that grows with load",
     sentence="friction that grows with the torque that the gear carries",
     parameters={"coefficient": "1"},
     columns=local(_feature),
     uses_model=True,
     # A load presses teeth and bearings together; none of them runs easier for it.
     possible=lambda theta, shape: theta[0] > 0,
+    not_negative=True,
     variable=_over_load,
 )

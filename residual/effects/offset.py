@@ -11,6 +11,7 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="offset",
+    noun="a constant torque offset",
     sentence="a constant torque, as from a biased current sensor",
     parameters={"torque": "N m"},
     columns=local(_feature),

@@ -68,6 +68,8 @@ def _usual(states, joints):
 
 EFFECT = Effect(
     name="payload",
+    noun="a payload",
+    place="at the flange",
     sentence="a load on the flange that the model does not have",
     parameters={
         "mass": "kg",
@@ -86,6 +88,9 @@ EFFECT = Effect(
     values=_values,
     from_values=_from_values,
     is_parameter=True,
+    carries="body",
+    needs_known_body=True,
+    if_refuted="was the load mounted otherwise there?",
     prior_sd=_prior_sd,
     usual=_usual,
     reports=_reports,

@@ -12,6 +12,7 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="position_friction",
+    noun="friction that varies with position",
     sentence="dry friction whose size varies with the joint's position",
     parameters={"cos": "N m", "sin": "N m"},
     columns=local(_feature),

@@ -13,6 +13,7 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="power_viscous",
+    noun="viscous friction that grows less than linearly",
     sentence="viscous friction that grows less than linearly with speed",
     parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
     columns=local(_feature),

@@ -24,6 +24,7 @@ def _shapes(span, j):
 
 EFFECT = Effect(
     name="presliding",
+    noun="pre-sliding friction",
     sentence="dry friction that yields like a spring before it slides",
     parameters={"level": "N m", "displacement": "rad"},
     columns=local(_feature),

@@ -11,6 +11,7 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="quadratic_viscous",
+    noun="friction that grows with the square of speed",
     sentence="resistance that grows with the square of speed (churning grease)",
     parameters={"coefficient": "N m s^2/rad^2"},
     columns=local(_feature),

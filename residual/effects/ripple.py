@@ -36,6 +36,7 @@ def _from_values(values, robot):
 
 EFFECT = Effect(
     name="ripple",
+    noun="torque ripple",
     sentence="a torque periodic in the joint's position (cogging or gear mesh)",
     parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
     columns=local(_feature),
@@ -43,5 +44,6 @@ EFFECT = Effect(
     from_values=_from_values,
     shapes=_shapes,
     refine=Refinement("shift", 0.8),
+    repeats=True,
     variable=against_position,
 )

@@ -13,10 +13,14 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="rotor_inertia",
+    noun="rotor inertia",
     sentence="inertia of the motor's rotor, multiplied by the gear ratio squared",
     parameters={"inertia": "kg m^2"},
     columns=local(_feature),
     is_parameter=True,
+    usual_in_every_drive=3,
+    carries="acceleration",
+    not_negative=True,
     groupable=True,
     variable=_over_acceleration,
 )

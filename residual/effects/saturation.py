@@ -26,6 +26,7 @@ def _over_torque(state, j):
 
 EFFECT = Effect(
     name="saturation",
+    noun="torque saturation",
     sentence="a report of torque that ends at a certain size",
     parameters={"level": "N m"},
     columns=local(_feature),

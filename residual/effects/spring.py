@@ -23,6 +23,7 @@ def _usual(states, joints):
 
 EFFECT = Effect(
     name="spring",
+    noun="a spring",
     sentence="a torque proportional to position, as from a spring or hose package",
     parameters={"stiffness": "N m/rad", "rest": "rad"},
     columns=local(_feature),

@@ -21,6 +21,7 @@ def _shapes(span, j):
 
 EFFECT = Effect(
     name="stribeck",
+    noun="Stribeck friction",
     sentence="extra friction at low speed that fades as the joint speeds up",
     parameters={"level": "N m", "velocity": "rad/s", "exponent": "1"},
     columns=local(_feature),
@@ -28,4 +29,5 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values[:1], tuple(values[1:])),
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
+    not_negative=True,
 )

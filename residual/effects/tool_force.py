@@ -20,6 +20,7 @@ def _prior_sd(robot):
 
 EFFECT = Effect(
     name="tool_force",
+    noun="a constant force at the tool",
     sentence="a constant force on the flange, as from a hose or a tool that presses",
     parameters={"x": "N", "y": "N", "z": "N"},
     columns=_columns,

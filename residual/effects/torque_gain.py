@@ -15,6 +15,7 @@ def _over_torque(state, j):
 
 EFFECT = Effect(
     name="torque_gain",
+    noun="a torque scale error",
     sentence="measured torque scaled by a wrong torque constant",
     parameters={"gain": "1"},
     columns=local(_feature),

@@ -9,9 +9,13 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="viscous",
+    noun="viscous friction",
     sentence="resistance proportional to the joint's speed (grease, seals)",
     parameters={"coefficient": "N m s/rad"},
     columns=local(_feature),
     is_parameter=True,
+    usual_in_every_drive=1,
+    carries="speed",
+    not_negative=True,
     groupable=True,
 )

@@ -11,6 +11,7 @@ def _feature(state, j, shape):
 
 EFFECT = Effect(
     name="viscous_asymmetry",
+    noun="viscous friction that differs by direction",
     sentence="viscous friction that is stronger in one direction than in the other",
     parameters={"coefficient": "N m s/rad"},
     columns=local(_feature),

@@ -18,6 +18,7 @@ def _shapes(span, j):
 
 EFFECT = Effect(
     name="warmup",
+    noun="friction that falls as the arm warms up",
     sentence="friction that falls with the time since the session began",
     parameters={"level": "N m", "time_constant": "s"},
     columns=local(_feature),

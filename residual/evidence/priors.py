@@ -1,10 +1,10 @@
 """How much the nominal model is believed, before the logs speak."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from residual.effects import registry
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, Prior
 from residual.model.nominal import ASSUMED, GIVEN, Nominal
@@ -121,11 +121,11 @@ def _prior(precision: Array, scale: float | None) -> Prior:
     return Prior(precision, float(log_det), scale)
 
 
-def forbidden(prior: Prior, nominal: Nominal, is_parameter: Mapping[str, bool]) -> set:
+def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
     """Effects that may not be blamed under this prior.
 
     A declared effect is no candidate unless its value is known, or assumed and borne
-    out by the logs; a payload is none where the rigid part is too rough. Named by an
+    out by the logs; a body is none where the rigid part is too rough. Named by an
     exact duplicate of a column that is free already, both would be empty words.
     """
     known = nominal.covariance is not None
@@ -133,10 +133,10 @@ def forbidden(prior: Prior, nominal: Nominal, is_parameter: Mapping[str, bool]) 
     for term, given in zip(nominal.model.terms, nominal.given, strict=True):
         width = prior.assumed if given == ASSUMED else given
         settled = known or (width is not None and width < ASSUMED)
-        if not (settled and is_parameter[term.effect.name]):
+        if not (settled and term.effect.is_parameter):
             out.add(term.effect.name)
     if not known and prior.scale is not None and prior.scale > ROUGH:
-        out |= {"payload", "link_inertia"}
+        out |= {e.name for e in registry().values() if e.needs_known_body}
     return out
 
 

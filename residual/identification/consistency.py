@@ -33,7 +33,6 @@ POSES = 10_000
 _LEAST = 1e-4  # of the nominal link's own scale: how far inside the cone to stay
 _FLOOR_SIZE = 0.05  # m: what a smaller link may have become with a tool on it
 _FLOOR_MASS = 0.005  # of the arm's mass, likewise
-_POSITIVE = ("viscous", "coulomb", "rotor_inertia", "stribeck", "load_friction")
 _SOLVED = ("optimal", "optimal_inaccurate")
 
 
@@ -155,7 +154,7 @@ def _constraints(cp: ModuleType, nominal: Model, value: Any) -> list:
         out.append(inverse @ pseudo @ inverse >> _LEAST * np.eye(4))
     place = len(nominal.inertial)
     for term in nominal.terms:
-        if term.effect.name in _POSITIVE:
+        if term.effect.not_negative:
             out.append(value[place : place + len(term.theta)] >= 0)
         place += len(term.theta)
     return out
@@ -230,7 +229,7 @@ def least_mass_matrix(model: Model, poses: int = POSES, seed: int = 0) -> float:
     only in all likelihood; for consistent links it is proved.
 
     Args:
-        model: Rigid body and effects; ``rotor_inertia`` adds to the diagonal.
+        model: Rigid body and effects; rotors add to the diagonal.
         poses: How many.
         seed: Of the poses, within the arm's ranges.
 
@@ -244,7 +243,7 @@ def least_mass_matrix(model: Model, poses: int = POSES, seed: int = 0) -> float:
     body = dynamics.with_inertial_parameters(robot.model, model.inertial)
     matrices = dynamics.mass_matrix(body, q)
     for term in model.terms:
-        if term.effect.name == "rotor_inertia":
+        if term.effect.carries == "acceleration":
             (joint,) = term.joints
             matrices[:, joint, joint] += term.theta[0]
     return float(np.linalg.eigvalsh(matrices)[:, 0].min())

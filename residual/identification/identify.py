@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.effects import registry
 from residual.errors import InputError
 from residual.identification import solve
 from residual.identification.essential import Essential, reduce
@@ -36,7 +35,6 @@ from residual.model.fit_logs import Logs, ready, start_nominal
 from residual.model.model import Model
 from residual.model.nominal import declared_names
 from residual.model.standstill import with_standstill
-from residual.names import check_name
 from residual.recording import Array, Recording
 from residual.robot.base_parameters import BaseParameters, random_states
 from residual.robot.robot import Robot
@@ -112,10 +110,7 @@ def identify(
         InputError: If a log is of another arm, nothing moves, or rows are too few.
     """
     logs = ready(robot, _checked(robot, recordings), clock, Filters())
-    names = declared_names(robot, declared)
-    for name in names:
-        check_name(name, registry(), "effect")
-    nominal = start_nominal(logs, names).model
+    nominal = start_nominal(logs, declared_names(robot, declared)).model
     base = structure(nominal)
     first = _fitted(nominal, base, logs, options)
     # A prediction needs an answer at standstill; one that reaches into moving rows

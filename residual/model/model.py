@@ -157,16 +157,16 @@ class Model:
         """Inertial parameters with the loads that the terms add. Shape (10 dof,)."""
         out = self.inertial.copy()
         for term in self.terms:
-            if term.effect.name == "payload":
+            if term.effect.carries == "body":
                 out[-len(term.theta) :] += term.theta
         return out
 
     def _drive(self) -> Array:
         """What the drives take per speed and per acceleration. Shape (2, dof)."""
         out = np.zeros((2, self.robot.dof))
-        for row, name in enumerate(("viscous", "rotor_inertia")):
+        for row, carried in enumerate(("speed", "acceleration")):
             for term in self.terms:
-                if term.effect.name == name:
+                if term.effect.carries == carried:
                     out[row, list(term.joints)] += term.theta
         return out
 

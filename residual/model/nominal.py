@@ -10,13 +10,19 @@ from residual.effects.base import Effect, Joints, Span
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.model.term import Term
+from residual.names import check_keys, check_name
 from residual.recording import Array
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot
-from residual.robot.vocabulary import DEFAULT_DECLARED
 from residual.signals.track import Filters
 
 MOST_SHAPES = 4
+# What a model has where nobody says otherwise, in the order of its coefficients.
+DEFAULT_DECLARED = tuple(
+    effect.name
+    for effect in sorted(registry().values(), key=lambda e: e.usual_in_every_drive)
+    if effect.usual_in_every_drive
+)
 GIVEN, ASSUMED = 0.1, 1.0  # relative sd of a declared value, and of an assumed one
 
 
@@ -49,10 +55,15 @@ class Nominal:
 
 
 def declared_names(robot: Robot, names: Sequence[str] | None) -> tuple[str, ...]:
-    """What the model has: the user's list, else robot.toml's, else the usual three."""
-    if names is not None:
-        return tuple(dict.fromkeys(names))
-    return tuple(robot.declared) or DEFAULT_DECLARED
+    """What the model has: the user's list, else robot.toml's, else the usual three.
+
+    Raises:
+        UnknownNameError: If no effect has such a name.
+    """
+    chosen = (robot.declared or DEFAULT_DECLARED) if names is None else names
+    for name in chosen:
+        check_name(name, registry(), "effect")
+    return tuple(dict.fromkeys(chosen))
 
 
 def build_nominal(
@@ -62,6 +73,7 @@ def build_nominal(
 
     Raises:
         InputError: If a declared effect cannot stand without its values.
+        UnknownNameError: If robot.toml gives a value that the effect does not have.
     """
     terms, widths = [], []
     for name in names:
@@ -82,8 +94,10 @@ def build_nominal(
 
 
 def _given(effect: Effect, joints: Joints, values, robot: Robot) -> Term:
+    check_keys(values, effect.parameters, f"[declared.{effect.name}] of robot.toml")
     missing = [k for k in effect.parameters if k not in values]
-    if missing and effect.name != "payload":
+    # Of a load the mass alone may be given: what is not is zero.
+    if missing and effect.carries != "body":
         raise InputError(
             f"[declared.{effect.name}] lacks {', '.join(missing)}. "
             f"Give all of {', '.join(effect.parameters)}, or no values at all."

@@ -15,7 +15,13 @@ import pinocchio as pin
 
 from residual.errors import RobotError
 from residual.names import check_name
-from residual.robot.toml import Declared, RobotToml, parse_toml, read_robot_toml
+from residual.robot.toml import (
+    Declared,
+    Effects,
+    RobotToml,
+    parse_toml,
+    read_robot_toml,
+)
 from residual.robot.urdf import Chain, read_chain
 from residual.robot.urdf_model import build_model
 
@@ -80,13 +86,15 @@ def built_in_robots() -> tuple[str, ...]:
     return tuple(sorted(f.name for f in _robots_folder().iterdir() if f.is_dir()))
 
 
-def load_robot(spec: str | Path) -> Robot:
+def load_robot(spec: str | Path, effects: Effects | None = None) -> Robot:
     """Load a robot.
 
     Args:
         spec: A built-in name, a URDF file (nothing beside it is picked up), or a
             folder with exactly one *.urdf and an optional robot.toml. A built-in name
             wins over a folder of that name in the working directory.
+        effects: Parameters of each effect that its robot.toml may declare
+            (``residual.effects.vocabulary``); None to take any.
 
     Returns:
         The robot.
@@ -98,7 +106,7 @@ def load_robot(spec: str | Path) -> Robot:
     urdf_file, toml_file = _locate(spec)
     chain = read_chain(_read(urdf_file), urdf_file.name)
     content = parse_toml(_read(toml_file) if toml_file else "", "robot.toml")
-    extra = read_robot_toml(content, len(chain.lower), "robot.toml")
+    extra = read_robot_toml(content, len(chain.lower), "robot.toml", effects)
     name = extra.name or _slug(chain.name) or _slug(Path(urdf_file.name).stem)
     canonical = json.dumps(content, sort_keys=True)
     return _assemble(name or "robot", chain, extra, (urdf_file.name, canonical))

@@ -2,16 +2,16 @@
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from residual.errors import RobotError
 from residual.names import check_keys, check_name
-from residual.robot.vocabulary import VOCABULARY
 
 Array = np.ndarray
+Effects = Mapping[str, Collection[str]]
 
 SLUG = re.compile(r"[a-z0-9_-]{1,40}")
 _TABLES = {
@@ -25,7 +25,6 @@ _TABLES = {
     ),
     "couplings": ("motor_from_joint",),
     "prior": ("scale",),
-    "declared": tuple(VOCABULARY),
 }
 
 
@@ -34,7 +33,7 @@ class Declared:
     """An effect that the nominal model has.
 
     Attributes:
-        values: Its parameters by key, SI units of the vocabulary. Shapes (dof,). Empty
+        values: Its parameters by key, SI units. Shapes (dof,). Empty
             where the effect is declared without values.
         assumed: Whether the values are an assumption, not a measurement.
         source: Where the values are from.
@@ -78,13 +77,16 @@ def parse_toml(text: str, where: str) -> dict:
         raise RobotError(f"{where} is not valid TOML: {error}.") from error
 
 
-def read_robot_toml(content: Mapping, dof: int, where: str) -> RobotToml:
+def read_robot_toml(
+    content: Mapping, dof: int, where: str, effects: Effects | None = None
+) -> RobotToml:
     """Check the content of a robot.toml.
 
     Args:
         content: Its tables.
         dof: Number of joints of the URDF beside it.
         where: File name, as messages begin.
+        effects: Parameters of each effect that may be declared; None to take any.
 
     Returns:
         What it says.
@@ -93,7 +95,7 @@ def read_robot_toml(content: Mapping, dof: int, where: str) -> RobotToml:
         RobotError: On a wrong size or a value out of range.
         UnknownNameError: On a table, key or effect that is not known.
     """
-    check_keys(content, _TABLES, where)
+    check_keys(content, (*_TABLES, "declared"), where)
     for name, table in content.items():
         if not isinstance(table, dict):
             raise RobotError(f"{where}: '{name}' must be a table: [{name}].")
@@ -101,7 +103,7 @@ def read_robot_toml(content: Mapping, dof: int, where: str) -> RobotToml:
             check_keys(table, _TABLES[name], f"[{name}] of {where}")
     known = {
         "joints": _joints(content.get("joints", {}), dof, where),
-        "declared": _all_declared(content.get("declared", {}), dof, where),
+        "declared": _all_declared(content.get("declared", {}), dof, where, effects),
         "motor_from_joint": _coupling(content.get("couplings", {}), dof, where),
         "prior_scale": _scale(content.get("prior", {}), where),
         "name": _name(content.get("robot", {}), where),
@@ -125,27 +127,30 @@ def _joints(table: dict, dof: int, where: str) -> Mapping[str, Array]:
     return arrays
 
 
-def _all_declared(tables: dict, dof: int, where: str) -> Mapping[str, Declared]:
-    for name in tables:
-        check_name(name, VOCABULARY, f"effect in {where}")
-    return {n: _declared(n, table, dof, where) for n, table in tables.items()}
+def _all_declared(
+    tables: dict, dof: int, where: str, effects: Effects | None
+) -> Mapping[str, Declared]:
+    out = {}
+    for name, table in tables.items():
+        if effects is not None:
+            check_name(name, effects, f"effect in {where}")
+        place = f"[declared.{name}] of {where}"
+        if not isinstance(table, dict):
+            raise RobotError(f"{where}: write {name} as a table [declared.{name}].")
+        if effects is not None:
+            check_keys(table, (*effects[name], "assumed", "source"), place)
+        out[name] = _declared(table, dof, place)
+    return out
 
 
-def _declared(name: str, table: dict, dof: int, where: str) -> Declared:
-    place = f"[declared.{name}] of {where}"
-    if not isinstance(table, dict):
-        raise RobotError(f"{where}: write {name} as a table [declared.{name}].")
-    check_keys(table, (*VOCABULARY[name], "assumed", "source"), place)
-    assumed, source = table.get("assumed", False), table.get("source", "")
+def _declared(table: dict, dof: int, place: str) -> Declared:
+    table = dict(table)
+    assumed, source = table.pop("assumed", False), table.pop("source", "")
     if not isinstance(assumed, bool) or not isinstance(source, str):
         raise RobotError(f"{place}: assumed must be true or false, source a text.")
     if assumed and not source:
         raise RobotError(f"{place}: assumed values need a source = '...'.")
-    values = {
-        key: _array(table[key], (dof,), f"{place}: {key}")
-        for key in VOCABULARY[name]
-        if key in table
-    }
+    values = {k: _array(v, (dof,), f"{place}: {k}") for k, v in table.items()}
     return Declared(values, assumed, source)
 
 

@@ -8,7 +8,7 @@ from flows.report.words import quantity
 from flows.report.words.outlook import confusable_words, unexplained_words
 from flows.report.words.phrases import joint_words, listing, noun, phrase
 from flows.report.words.verdict import headline, rising
-from residual.robot.vocabulary import VOCABULARY
+from residual.effects import vocabulary
 from tests.flows import report_outcomes as made
 
 SPRING = {"name": "spring", "joints": [2]}
@@ -163,10 +163,10 @@ def test_joints_in_words(joints: list[int], dof: int | None, words: str) -> None
     assert joint_words(joints, dof) == words
 
 
-@pytest.mark.parametrize("name", VOCABULARY)
+@pytest.mark.parametrize("name", vocabulary())
 def test_every_effect_has_words_of_its_own(name: str) -> None:
     assert "_" not in noun(name)
-    others = [noun(other) for other in VOCABULARY if other != name]
+    others = [noun(other) for other in vocabulary() if other != name]
     assert noun(name) not in others
     assert phrase({"name": name, "joints": [2]}).startswith(noun(name))
 

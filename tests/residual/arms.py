@@ -14,10 +14,10 @@ from residual.diagnosis.findings import Finding, findings
 from residual.diagnosis.result import Outcome
 from residual.diagnosis.search import Rules
 from residual.model.fit_logs import ready, start_nominal
+from residual.model.nominal import DEFAULT_DECLARED
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot
-from residual.robot.vocabulary import DEFAULT_DECLARED
 from residual.signals.split import session_clock
 from residual.signals.track import Filters
 from sim.synthetic.draw import draw

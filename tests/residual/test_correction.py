@@ -10,7 +10,7 @@ from residual.diagnosis.leftover.words import shared_source
 from residual.diagnosis.search import Rules
 from residual.model.compare import compare, witnesses
 from residual.model.fit_logs import ready, start_nominal
-from residual.robot.vocabulary import DEFAULT_DECLARED
+from residual.model.nominal import DEFAULT_DECLARED
 from residual.signals.split import session_clock
 from residual.signals.track import Filters
 from tests.residual.arms import arm, plain_logs, quiet

@@ -15,7 +15,6 @@ from residual.effects import registry
 from residual.effects.base import Span, State
 from residual.model.term import Term
 from residual.robot import dynamics
-from residual.robot.vocabulary import VOCABULARY
 from tests.residual.arms import SEVEN, arm, bare_irb140
 
 NAMES = sorted(registry())
@@ -120,11 +119,6 @@ def test_one_new_file_adds_an_effect(tmp_path, monkeypatch):
     seen = state(robot)
     torque = Term(found["creaking"], (1,), (), np.array([2.0])).torque(seen)
     np.testing.assert_allclose(torque[:, 1], 2 * seen.q[:, 1] ** 3)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_parameters_and_units_are_those_of_the_vocabulary(name):
-    assert dict(registry()[name].parameters) == VOCABULARY[name]
 
 
 @pytest.mark.parametrize("name", NAMES)

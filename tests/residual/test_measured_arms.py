@@ -16,8 +16,8 @@ from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.search import Rules
 from residual.evidence.states import as_model
 from residual.model.fit_logs import ready, start_nominal
+from residual.model.nominal import DEFAULT_DECLARED
 from residual.robot.robot import load_robot
-from residual.robot.vocabulary import DEFAULT_DECLARED
 from residual.signals.track import Filters
 from sim.synthetic.logs import Case
 from tests.residual.arms import classes, doubts, names, quiet

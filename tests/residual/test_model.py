@@ -11,11 +11,15 @@ from residual.effects.base import Span
 from residual.errors import InputError, UnknownNameError
 from residual.evidence.priors import ASSUMED
 from residual.model.model import Model
-from residual.model.nominal import GIVEN, build_nominal, declared_names
+from residual.model.nominal import (
+    DEFAULT_DECLARED,
+    GIVEN,
+    build_nominal,
+    declared_names,
+)
 from residual.model.term import Term
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.robot.robot import load_robot
-from residual.robot.vocabulary import DEFAULT_DECLARED
 from residual.signals.track import Filters
 from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, recording, smooth_motion
 

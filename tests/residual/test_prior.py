@@ -25,8 +25,6 @@ from residual.robot.dynamics import inertial_parameters
 from tests.residual.arms import SEVEN, arm, bare_irb140
 from tests.residual.linear import NOMINAL, Problem, random_state, track
 
-FLAGS = {e.name: e.is_parameter for e in registry().values()}
-
 
 def term(name, joint, theta):
     return Term(registry()[name], (joint,), (), np.array(theta, dtype=float))
@@ -166,7 +164,7 @@ def test_what_may_not_be_blamed(rng, name, given, scale, baseline, barred):
     covariance = np.eye(NOMINAL + len(own.theta)) if baseline else None
     found = nominal([own], [given], covariance=covariance)
     prior = replace(Problem.draw(rng, rows=20).prior, scale=scale)
-    assert forbidden(prior, found, FLAGS) == barred
+    assert forbidden(prior, found) == barred
 
 
 def test_names_of_the_declared_effects_come_once_each():

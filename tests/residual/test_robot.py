@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from flows.inputs.robots import load
+from residual.effects import vocabulary
 from residual.errors import RobotError, UnknownNameError
 from residual.robot.robot import load_robot
 
@@ -197,7 +199,15 @@ BAD_TOML = {
 def test_bad_robot_toml_is_refused(folder, text, message):
     (folder / "robot.toml").write_text(text)
     with pytest.raises((RobotError, UnknownNameError), match=message):
-        load_robot(folder)
+        load_robot(folder, vocabulary())
+
+
+def test_effects_are_checked_by_who_knows_them(folder):
+    (folder / "robot.toml").write_text("[declared.creaking]\nlevel = [1, 2]\n")
+    declared = load_robot(folder).declared["creaking"]
+    np.testing.assert_array_equal(declared.values["level"], [1, 2])
+    with pytest.raises(UnknownNameError, match=r"effect in robot\.toml .creaking"):
+        load(str(folder))
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from residual.close import close_the_loop
-from residual.effects import registry
+from residual.effects import registry, vocabulary
 from residual.errors import InputError
-from residual.robot.vocabulary import VOCABULARY
 from sim.synthetic.state import Hidden
 from tests.residual.arms import (
     SEVEN,
@@ -208,7 +207,7 @@ def test_a_finding_says_who_it_is_how_sure_and_how_large(outcome_of, kind):
             "equivalent"
         ]
         for key, parameter in effect["parameters"].items():
-            assert VOCABULARY[effect["name"]][key] == parameter["unit"]
+            assert vocabulary()[effect["name"]][key] == parameter["unit"]
             assert np.all(np.asarray(parameter["std"]) >= 0)
         evidence = effect["evidence"]
         assert evidence["by"] in ("fit", "plausibility")

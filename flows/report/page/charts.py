@@ -7,7 +7,7 @@ import numpy as np
 
 from flows.report.page import figures
 from flows.report.page.plots import LABELS
-from flows.report.words.phrases import noun
+from flows.report.words.phrases import effect_named, noun
 from flows.report.words.quantity import as_list, bare_percent, dig, known, percent
 from flows.report.words.rows import (
     METRICS,
@@ -112,7 +112,7 @@ def concerned(outcome: Outcome) -> list[int]:
     then those that stay unexplained; failing all that the worst one.
     """
     named = findings(outcome)
-    whole = [f for f in named if f.name == "payload" or not f.joints]
+    whole = [f for f in named if effect_named(f.name).scope == "flange" or not f.joints]
     joints = [j for f in named if f not in whole for j in f.joints]
     joints += _most_changed(outcome) if whole else []
     joints += as_list(dig(outcome.verdict, "unexplained", "joints"))

@@ -5,39 +5,11 @@ from itertools import pairwise
 from typing import Any
 
 from flows.report.words.quantity import records
+from residual.effects import registry
+from residual.effects.base import Effect
 
 _NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight")
-
-_NOUNS = {
-    "viscous": "viscous friction",
-    "coulomb": "Coulomb friction",
-    "rotor_inertia": "rotor inertia",
-    "link_inertia": "the inertia",
-    "payload": "a payload",
-    "offset": "a constant torque offset",
-    "coulomb_asymmetry": "Coulomb friction that differs by direction",
-    "viscous_asymmetry": "viscous friction that differs by direction",
-    "quadratic_viscous": "friction that grows with the square of speed",
-    "power_viscous": "viscous friction that grows less than linearly",
-    "stribeck": "Stribeck friction",
-    "load_friction": "friction that grows with load",
-    "position_friction": "friction that varies with position",
-    "coupled_friction": "coupled friction",
-    "presliding": "pre-sliding friction",
-    "warmup": "friction that falls as the arm warms up",
-    "spring": "a spring",
-    "balancer": "a balancer",
-    "ripple": "torque ripple",
-    "torque_gain": "a torque scale error",
-    "saturation": "torque saturation",
-    "encoder_offset": "an encoder offset",
-    "encoder_eccentricity": "encoder eccentricity",
-    "elasticity": "joint elasticity",
-    "backlash": "gear backlash",
-    "base_tilt": "a tilted base",
-    "delay": "a delay between torque and position",
-    "tool_force": "a constant force at the tool",
-}
+_UNKNOWN = Effect("", "", {}, columns=lambda state, joints, shape: state.tau_model)
 
 
 def count(value: int) -> str:
@@ -91,7 +63,12 @@ def noun(name: Any) -> str:
     """Return an effect in words; a name that is not known loses its underscores."""
     if not name:
         return "an effect without a name"
-    return _NOUNS.get(name, str(name).replace("_", " "))
+    return effect_named(name).noun or str(name).replace("_", " ")
+
+
+def effect_named(name: Any) -> Effect:
+    """Return the effect of that name; one without words where nobody knows it."""
+    return registry().get(name) or _UNKNOWN
 
 
 def sentence_case(text: str) -> str:
@@ -102,16 +79,13 @@ def sentence_case(text: str) -> str:
 def place(effect: Mapping, dof: int | None = None) -> str:
     """Return where an effect sits, with its preposition: 'on joint 2'."""
     joints = [j for j in effect.get("joints") or [] if isinstance(j, int)]
-    name = effect.get("name")
-    if name == "payload":
-        return "at the flange"
+    own = effect_named(effect.get("name"))
+    if own.scope == "flange":
+        return own.place
     if not joints:
         return ""
-    if name == "link_inertia":
-        return joint_words(joints, dof).replace("joint", "link").join(["of ", ""])
-    if name == "coupled_friction" and len(joints) == 2:
-        return f"between {joint_words(joints)}"
-    return f"on {joint_words(joints, dof)}"
+    words = joint_words(joints, None if own.scope == "pair" else dof)
+    return own.place.format(joints=words, links=words.replace("joint", "link"))
 
 
 def phrase(effect: Mapping, dof: int | None = None) -> str:
@@ -125,6 +99,6 @@ def alternatives(effect: Mapping, dof: int | None = None) -> list[str]:
     words = []
     for other in records(effect.get("equivalent")):
         joints = list(other.get("joints") or [])
-        same = joints == own and other.get("name") not in ("payload", "link_inertia")
+        same = joints == own and "{joints}" in effect_named(other.get("name")).place
         words.append(noun(other.get("name")) if same else phrase(other, dof))
     return words

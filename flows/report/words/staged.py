@@ -4,10 +4,9 @@ import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from flows.report.words.phrases import phrase, sentence_case
+from flows.report.words.phrases import effect_named, phrase, sentence_case
 from flows.report.words.quantity import MISSING, measured
 from flows.report.words.verdict import ordered
-from residual.robot.vocabulary import VOCABULARY
 
 _JUDGED = {
     "right": "the first name is what was hidden",
@@ -112,7 +111,7 @@ def _rows(hidden: Hidden | None, found: Mapping | None) -> list[tuple[str, str, 
     there = {"name": hidden.name, "joints": list(hidden.joints)} if hidden else None
     named = [phrase(e) if e else "nothing" for e in (there, found)]
     rows = [("effect", *map(sentence_case, named))]
-    units = VOCABULARY.get(hidden.name if hidden else "", {})
+    units = effect_named(hidden.name).parameters if hidden else {}
     true = dict(hidden.parameters) if hidden else {}
     theirs = (found or {}).get("parameters") or {}
     for key in dict.fromkeys([*theirs, *true]):

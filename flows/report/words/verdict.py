@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from flows.report.words.phrases import (
     alternatives,
     count,
+    effect_named,
     joint_words,
     listing,
     phrase,
@@ -22,7 +23,6 @@ from flows.report.words.quantity import (
 _NAMED_AT_MOST = 3
 _SURE = 0.9
 _CANNOT_TELL = "These data cannot tell a name in brackets from the one before it."
-_PARAMETER_ALWAYS = {"link_inertia"}
 
 
 class Change(NamedTuple):
@@ -70,7 +70,7 @@ def ordered(verdict: Mapping) -> list[Mapping]:
 def is_wrong_value(effect: Mapping, declared: Any) -> bool:
     """Return whether the model has this effect, only with a wrong value."""
     name = effect.get("name")
-    if name in as_list(declared) or name in _PARAMETER_ALWAYS:
+    if name in as_list(declared) or effect_named(name).in_every_model:
         return True
     mass = as_list(dig(effect, "parameters", "mass", "value"))
     return bool(mass) and known(mass[0]) and mass[0] < 0
@@ -92,8 +92,8 @@ def change(verdict: Mapping) -> Change | None:
     friction history and not by the model. Several: all joints together.
     """
     joints = {j for e in ordered(verdict) for j in e.get("joints") or []}
-    payload = any(e.get("name") == "payload" for e in ordered(verdict))
-    if len(joints) == 1 and not payload:
+    scopes = {effect_named(e.get("name")).scope for e in ordered(verdict)}
+    if len(joints) == 1 and "flange" not in scopes:
         found = _joint_change(verdict, joints.pop())
         if found:
             return found
