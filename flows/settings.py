@@ -9,7 +9,11 @@ from residual.errors import InputError
 
 STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"
 PREFECT = "_prefect"  # folder of Prefect in the store
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+}
 
 
 def store_folder(option: str | None = None) -> Path:
@@ -35,8 +39,8 @@ def cores() -> int:
 @contextmanager
 def one_thread_each() -> Iterator[None]:
     """Give processes started inside one BLAS thread each; ours is left as it is."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         yield
     finally:
