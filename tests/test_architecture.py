@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from residual.effects import registry
+
 ROOT = Path(__file__).parents[1]
 ROOMS = ("flows", "residual", "sim", "warehouse")
 
@@ -37,6 +39,17 @@ ONLY = {
     "pyarrow": ("warehouse/", "flows/"),
     "pandas": (),
 }
+# Strings that are an effect's name by chance: (file, string) and what they are there.
+HOMONYMS = {
+    ("residual/tables/lookup/evaluate.py", "offset"): "the constant of a look-up model",
+    (
+        "residual/tables/lookup/export.py",
+        "offset",
+    ): "the same in the files that it makes",
+    ("residual/tables/lookup/lookup.py", "offset"): "the same in its record",
+}
+NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
+NAMES_STILL_IN = ("sim/",)  # leaves with the tables of the plant
 MAX_LINES = 300
 MAX_BODY = 40
 
@@ -107,6 +120,38 @@ def test_who_has_only_logs_loads_neither_engine_nor_scheduler(module):
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
     )
     assert (done.stdout.strip(), done.stderr) == ("[]", "")
+
+
+def _strings(path: Path) -> set[str]:
+    """Return the string constants of a file, docstrings left out."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    docs = {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(
+            node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+        )
+        and ast.get_docstring(node) is not None
+    }
+    return {
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and id(node) not in docs
+    }
+
+
+def test_no_effect_is_named_outside_its_file():
+    product = [*_sources(*ROOMS), *ROOT.glob("modelgap.py")]
+    named = {
+        (_name(path), text)
+        for path in product
+        if not _name(path).startswith((*NAMED_BY_FILES, *NAMES_STILL_IN))
+        for text in _strings(path) & set(registry())
+    }
+    assert named == set(HOMONYMS)
+    assert len(HOMONYMS) <= 10
 
 
 def _pages() -> list[Path]:
