@@ -14,7 +14,7 @@ import numpy as np
 from residual.errors import InputError
 from warehouse.files import publish, read_parquet, staged, to_arrays, to_table
 from warehouse.files import write_parquet as write
-from warehouse.ids import canonical, check_id, digest
+from warehouse.ids import canonical, check_id, data_hash, digest
 from warehouse.layout import SEALED, find_run
 from warehouse.manifest import read_manifest
 from warehouse.schema import SIGNALS
@@ -76,12 +76,15 @@ def open_seal(store: Path, run_id: str) -> Sealed:
         raise InputError(f"Run {run.id} has no sealed half in {store}.") from error
     except ValueError as error:
         raise InputError(f"{folder / SPEC} is damaged: it is no JSON.") from error
-    if sealed_hash(spec) != read_manifest(store, run.id)["sealed_sha256"]:
+    manifest = read_manifest(store, run.id)
+    truth = to_arrays(read_parquet(folder / TRUTH))
+    hashed = manifest["sealed_sha256"], manifest["truth_hash"]
+    if (sealed_hash(spec), data_hash(truth)) != hashed:
         raise InputError(
-            f"The seal of run {run.id} is broken: {folder / SPEC} is not what was "
+            f"The seal of run {run.id} is broken: {folder} is not the seal that was "
             "hashed when the run was made."
         )
-    return Sealed(spec, to_arrays(read_parquet(folder / TRUTH)))
+    return Sealed(spec, truth)
 
 
 def _folder(store: Path, run_id: str) -> Path:

@@ -288,7 +288,7 @@ CHANNELS = ["t", "q", "tau) FROM x --"]
         ),
         ("_diagnosis.parquet", other("record", "payload", "nothing"), "its id is"),
         ("_run.parquet", mistyped, "another form"),
-        ("truth.parquet", lambda table: table.slice(1), "its truth is not"),
+        ("truth.parquet", lambda table: table.slice(1), "not the seal"),
     ],
 )
 def test_records_that_are_not_what_their_id_says_are_refused(

@@ -1,6 +1,5 @@
 """A record with all that it was made from, as one file for another machine."""
 
-import hashlib
 import io
 import json
 import os
@@ -12,15 +11,13 @@ from pathlib import Path
 
 from residual.errors import InputError
 from warehouse.commit import read_record
-from warehouse.exchange.form import CONTENTS, LARGEST, MOST, SCHEMA, kind_of
+from warehouse.exchange.form import CONTENTS, LARGEST, MOST, SCHEMA, kind_of, sum_of
 from warehouse.layout import SEALED, Found, find
 from warehouse.manifest import read_manifest
 from warehouse.origin.lineage import needed
 from warehouse.origin.made_with import files_of
 from warehouse.origin.robots import robot_folder
 from warehouse.verify import faults, read_row
-
-_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +72,7 @@ def write_bundle(store: Path, id: str, out: Path, with_seal: bool = True) -> Bun
     paths = sorted(files | (seals if with_seal else set()))
     if len(paths) >= MOST:
         raise InputError(f"{about.id} needs {len(paths)} files, at most {MOST} go in.")
-    sums = {p.relative_to(store).as_posix(): _sum(p) for p in paths}
+    sums = {p.relative_to(store).as_posix(): sum_of(p) for p in paths}
     for name, known in sums.items():
         if kind_of(name) is None or known["bytes"] > LARGEST:
             raise InputError(f"{name} ({known['bytes']} bytes) does not go in.")
@@ -118,14 +115,6 @@ def _seal(store: Path, found: Found) -> Iterator[Path]:
     if found.kind == "runs":
         folder = store / SEALED / f"run_id={found.id}"
         yield from (folder.iterdir() if folder.is_dir() else ())
-
-
-def _sum(path: Path) -> dict:
-    total = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            total.update(block)
-    return {"sha256": total.hexdigest(), "bytes": path.stat().st_size}
 
 
 def _write(store: Path, out: Path, contents: dict) -> None:

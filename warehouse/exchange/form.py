@@ -1,6 +1,8 @@
 """What may be in a bundle: kinds of files by their path, and how large."""
 
+import hashlib
 import re
+from pathlib import Path
 
 from warehouse.ids import ID_DIGITS
 from warehouse.layout import KINDS, SAMPLES_FILE, SEALED
@@ -53,3 +55,10 @@ def kind_of(name: str) -> str | None:
         that is not, letter by letter, where the store has such a file.
     """
     return next((k for k, form in _FORMS.items() if form.fullmatch(name)), None)
+
+
+def sum_of(path: Path) -> dict:
+    """Return hash and size of a file, as the list of contents has them."""
+    with path.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    return {"sha256": sha256, "bytes": path.stat().st_size}
