@@ -171,6 +171,26 @@ def test_every_effect_has_words_of_its_own(name: str) -> None:
     assert phrase({"name": name, "joints": [2]}).startswith(noun(name))
 
 
+@pytest.mark.parametrize(
+    ("name", "joints", "words"),
+    [
+        ("spring", [2], "a spring on joint 2"),
+        ("coulomb", [1, 2, 3], "Coulomb friction on all three joints"),
+        ("link_inertia", [3], "the inertia of link 3"),
+        ("link_inertia", [1, 2, 3], "the inertia of all three links"),
+        ("coupled_friction", [2, 3], "coupled friction between joints 2 and 3"),
+        ("payload", [3], "a payload at the flange"),
+        ("base_tilt", [], "a tilted base"),
+        ("x_hose", [1], "x hose on joint 1"),
+        (None, [1], "an effect without a name on joint 1"),
+    ],
+)
+def test_an_effect_stands_where_its_file_puts_it(
+    name: str | None, joints: list[int], words: str
+) -> None:
+    assert phrase({"name": name, "joints": joints}, dof=3) == words
+
+
 def test_joints_that_got_worse_are_named() -> None:
     stages = {"identified": [10.0, 10.0, None], "augmented": [10.1, 11.0, 3.0]}
     result = {"error": {"filtered": stages}}

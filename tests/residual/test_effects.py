@@ -123,10 +123,13 @@ def test_one_new_file_adds_an_effect(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_effect_is_told_in_words_that_fit_into_a_sentence(name):
-    sentence = registry()[name].sentence
-    assert sentence
-    assert sentence[0].islower()
-    assert not sentence.endswith(".")
+    effect = registry()[name]
+    assert effect.sentence[0].islower()
+    assert effect.noun
+    assert not effect.noun.startswith("The")
+    for words in (effect.sentence, effect.noun):
+        assert not words.endswith(".")
+        assert "_" not in words
 
 
 # -- rows and linearity ------------------------------------------------------------
