@@ -1,13 +1,45 @@
-"""Set before numpy is loaded, so that a bare `pytest` runs as `make test` does."""
+"""What holds for every test: threads, examples, a clean checkout, a compiled plant."""
 
+import fcntl
 import os
 
+import pytest
 from hypothesis import settings
 
-# Two test processes with two BLAS threads each fight over two cores.
+from tests.checkout import changed, listing
+
+# Before numpy is loaded, so that a bare `pytest` runs as `make test` does: two test
+# processes with two BLAS threads each fight over two cores.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-# The first example of a compiled function takes seconds; and no run is a lottery.
-settings.register_profile("modelgap", deadline=None, derandomize=True)
+# The first example of a compiled function takes seconds; no run is a lottery, so there
+# is nothing to remember either.
+settings.register_profile("modelgap", deadline=None, derandomize=True, database=None)
 settings.load_profile("modelgap")
+
+_BEFORE = pytest.StashKey()
+
+
+def pytest_sessionstart(session):
+    if not hasattr(session.config, "workerinput"):  # once, not in every process
+        session.config.stash[_BEFORE] = listing()
+
+
+def pytest_sessionfinish(session):
+    before = session.config.stash.get(_BEFORE, None)
+    if before is not None and (touched := changed(before, listing())):
+        reporter = session.config.get_terminal_writer()
+        reporter.line("\nChanged in the checkout while the tests ran:", red=True)
+        reporter.line("\n".join(touched))
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+@pytest.fixture(scope="session")
+def compiled_plant(tmp_path_factory):
+    """Compile the plant in one process, so that all others find it on disk."""
+    with (tmp_path_factory.getbasetemp().parent / "plant.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        from tests.sim.plant_cases import drive, motion
+
+        drive(reference=motion(duration=2.0))

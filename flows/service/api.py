@@ -16,7 +16,7 @@ ACTIVE = ("PENDING", "RUNNING", "CANCELLING")
 
 
 def ask(
-    url: str, path: str, body: Any = None, method: str | None = None, wait: float = 20
+    url: str, path: str, body: Any = None, method: str | None = None, wait: float = 60
 ) -> Any:
     """Send one request to the API and return its answer.
 

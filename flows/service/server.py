@@ -16,7 +16,7 @@ from pathlib import Path
 from time import monotonic, sleep
 from urllib.request import urlopen
 
-_PATIENCE = 120.0  # s; the first start makes the database, on a busy machine slowly
+_PATIENCE = 600.0  # s; the first start makes the database, on a busy machine slowly
 _GRACE = 10.0  # s
 # None of our flows uses blocks, and registering them takes seconds.
 _LEAN = {"PREFECT_API_BLOCKS_REGISTER_ON_START": "false", "PREFECT_UI_ENABLED": "false"}
@@ -89,7 +89,7 @@ def answers(url: str | None) -> bool:
     if not url:
         return False
     try:
-        with urlopen(f"{url.rstrip('/')}/health", timeout=2) as reply:
+        with urlopen(f"{url.rstrip('/')}/health", timeout=10) as reply:
             return reply.status == 200
     except (OSError, ValueError):
         return False

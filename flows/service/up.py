@@ -30,7 +30,7 @@ from residual.errors import InputError
 
 Say = Callable[[str], None]
 _EVERY = "every"  # slug of the schedule of --every
-_PATIENCE = 180.0  # s; the first start makes the database, on a busy machine slowly
+_PATIENCE = 600.0  # s; the first start makes the database, on a busy machine slowly
 
 
 def up(wanted: Wanted, say: Say) -> tuple[Running, bool]:

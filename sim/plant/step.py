@@ -72,8 +72,8 @@ def advance(k, body, outside, packed, state, trace):
 @compiled
 def _speeds(arm, qd, motor_qd):
     x = np.empty(len(qd) + int(arm.elastic.sum()))
-    x[: len(qd)] = qd
     for j in range(len(qd)):
+        x[j] = qd[j]
         if arm.elastic[j] > 0:
             x[int(arm.contacts[j, 0])] = motor_qd[j]
     return x
@@ -84,7 +84,9 @@ def _inertia(arm, body, x):
     """Return the mass matrix of links, rotors and shared gears, and its momentum."""
     dof, size = len(arm.rotor), len(x)
     mass = np.zeros((size, size))
-    mass[:dof, :dof] = body[:dof]
+    for i in range(dof):
+        for j in range(dof):
+            mass[i, j] = body[i, j]
     for c in range(len(arm.contacts)):
         inertia = arm.rotor[c] if c < dof else arm.contacts[c, 5]
         _add(mass, arm.contacts[c], inertia)
@@ -176,25 +178,27 @@ def _solve(arm, state, rubbing, mass, momentum):
     for i in range(size):
         for j in range(size):
             speeds[i] += inverse[i, j] * momentum[j]
-    by_impulse = np.empty((count, size))
-    for i in range(size):
-        by_impulse[:, i] = _contact_speeds(arm.contacts, inverse[i])
-    coupling = np.empty((count, count))
+    by_impulse = _contact_speeds(arm.contacts, inverse)
+    coupling = _contact_speeds(arm.contacts, by_impulse)
+    free = np.empty(count)
     for c in range(count):
-        coupling[:, c] = _contact_speeds(arm.contacts, by_impulse[c])
-    free = _contact_speeds(arm.contacts, speeds)
+        free[c] = _speed(arm.contacts[c], speeds)
     forward, backward = arm.dt * rubbing[0], arm.dt * rubbing[1]
     slide(coupling, free, forward, backward, state.impulse)
     for c in range(count):
-        speeds += state.impulse[c] * by_impulse[c]
+        for i in range(size):
+            speeds[i] += state.impulse[c] * by_impulse[c, i]
     return speeds
 
 
 @compiled
-def _contact_speeds(contacts, x):
-    speeds = np.empty(len(contacts))
+def _contact_speeds(contacts, rows):
+    """Return the speeds of all contacts (c) at each row of unknowns (n). (c, n)."""
+    speeds = np.empty((len(contacts), len(rows)))
+    # Loops: numba takes seconds to compile an assignment to a slice.
     for c in range(len(contacts)):
-        speeds[c] = _speed(contacts[c], x)
+        for i in range(len(rows)):
+            speeds[c, i] = _speed(contacts[c], rows[i])
     return speeds
 
 

@@ -6,10 +6,37 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from flows.service.server import start_server
+from flows.settings import API, quiet_prefect
 from residual.diagnosis.result import Outcome
 
 JOINTS = range(1, 7)
 NAMES = ("t", *(f"q{i}" for i in JOINTS), *(f"tau{i}" for i in JOINTS))
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """A Prefect server for one file of tests, its database in a folder of ours."""
+    home = tmp_path_factory.mktemp("prefect")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(API, raising=False)
+        for name, value in quiet_prefect(home).items():
+            patch.setenv(name, value)
+        own = start_server(home)
+        own.wait()
+        patch.setenv(API, own.url)
+        from prefect import settings
+
+        updates = {
+            settings.PREFECT_HOME: home,
+            settings.PREFECT_API_URL: own.url,
+            settings.PREFECT_LOGGING_TO_API_ENABLED: False,  # they may come too late
+            # Without a heartbeat a flow ends when it ends, and not a second later.
+            settings.PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None,
+        }
+        with settings.temporary_settings(updates):
+            yield
+        own.stop()
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from flows.workers import campaign, runner
 from flows.workers.campaign import run_all
 from flows.workers.pool import Done, Here, Pool
 from residual.errors import InputError
+from tests.waiting import PATIENCE, until
 
 ROOT = Path(__file__).parents[2]
 
@@ -163,11 +163,8 @@ def test_no_process_outlives_its_parent(tmp_path, how):
     process.stdout.readline()
     workers = [int(word) for word in process.stdout.readline().split()[1:]]
     process.send_signal(how)
-    process.wait(timeout=20)
-    until = time.monotonic() + 10
-    while any(_lives(pid) for pid in workers):
-        assert time.monotonic() < until, "a worker is still there"
-        time.sleep(0.05)
+    process.wait(PATIENCE)
+    until(lambda: not any(map(_lives, workers)), "all workers have ended")
 
 
 def test_a_planned_experiment_knows_its_id_without_running(tmp_path):

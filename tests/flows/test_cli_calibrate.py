@@ -54,7 +54,7 @@ def place(tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def stored(tmp_path_factory):
+def stored(tmp_path_factory, compiled_plant):
     """A store with three runs of two families, and their ids."""
     store, ids = tmp_path_factory.mktemp("store"), []
     for number, kind in enumerate(("cyclic", "cyclic", "fourier")):

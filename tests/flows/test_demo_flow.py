@@ -4,8 +4,8 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -15,30 +15,12 @@ from flows.scheduled import stages
 from flows.scheduled.surroundings import Around, surrounded
 from flows.service import server as server_of
 from flows.steps import demo as steps
+from tests.flows.blind_rows import row
+from tests.waiting import until
 
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.prefect
-
-
-@pytest.fixture(scope="session")
-def server(tmp_path_factory):
-    """One Prefect server for the session, its home and database in a folder of ours."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(tmp_path_factory.mktemp("prefect")))
-        patch.setenv("PREFECT_SERVER_ANALYTICS_ENABLED", "false")
-        patch.setenv("DO_NOT_TRACK", "1")
-        patch.delenv("PREFECT_API_URL", raising=False)
-        from prefect.settings import (
-            PREFECT_FLOWS_HEARTBEAT_FREQUENCY,
-            temporary_settings,
-        )
-        from prefect.testing.utilities import prefect_test_harness
-
-        # Without a heartbeat a flow ends when it ends, and not a second later.
-        quick = {PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}
-        with prefect_test_harness(120), temporary_settings(quick):
-            yield
 
 
 @pytest.fixture
@@ -137,6 +119,33 @@ def test_report_and_verdict_appear_among_the_artifacts(server, order, tmp_path):
     assert Artifact.get("campaign-progress").type == "progress"
 
 
+def test_the_flow_of_a_blind_study_runs_it_and_links_its_page(
+    server, monkeypatch, tmp_path
+):
+    from flows.blind.sums import summary
+    from flows.scheduled import blind as blind_flow
+
+    asked = []
+    rows = [row("single", "right", multiple=3.0)]
+    made = SimpleNamespace(
+        rows=rows, summary=summary(rows), id="aa", failed=("case 1",)
+    )
+
+    def run_study(study, store, tell):
+        asked.append((study.n, study.seed, store))
+        tell("case 0 judged", 1.0)
+        return made
+
+    page = tmp_path / "report.html"
+    monkeypatch.setattr(blind_flow.blind_run, "run_study", run_study)
+    monkeypatch.setattr(blind_flow, "store_page", lambda *given: page)
+    assert blind_flow.blind(7, 3, str(tmp_path)) == str(page)
+    assert asked == [(7, 3, tmp_path)]
+    # Without a seed it is the day of the schedule.
+    blind_flow.blind(2, None, str(tmp_path))
+    assert 20200101 < asked[1][1] < 21000101
+
+
 def _deployments() -> list[dict]:
     return yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
 
@@ -227,13 +236,13 @@ def test_our_server_answers_and_ends_when_its_owner_is_killed(tmp_path):
         text=True,
     )
     url, process = owner.stdout.readline().split()
-    assert server_of.answers(url)
+    until(lambda: server_of.answers(url), "the server answers")
     owner.kill()
     owner.wait()
-    until = time.monotonic() + 30
-    while Path(f"/proc/{process}/cmdline").exists() and server_of.answers(url):
-        assert time.monotonic() < until, "the server is still there"
-        time.sleep(0.1)
+    # An ended process that nobody has taken note of yet has no command line.
+    command = Path(f"/proc/{process}/cmdline")
+    until(lambda: not command.exists() or not command.read_bytes(), "it has ended")
+    assert not server_of.answers(url)
 
 
 def test_an_address_that_is_none_is_no_server():

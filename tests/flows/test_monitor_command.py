@@ -26,7 +26,7 @@ def run(store, seed, *effects, start=0.0):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(tmp_path_factory, compiled_plant):
     """A store with three good runs, one more, and one whose encoder jumps."""
     store = tmp_path_factory.mktemp("store")
     good = [run(store, 1, start=s) for s in (0.0, 50.0, 100.0, 150.0)]

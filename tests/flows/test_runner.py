@@ -15,6 +15,7 @@ import pytest
 from flows.workers.cluster import Cluster, ClusterLostError
 from flows.workers.runner import RUNNER, Runner, chosen_runner, workers_of
 from residual.errors import InputError
+from tests.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 
@@ -88,10 +89,10 @@ def test_a_cluster_answers_like_a_pool_and_a_lost_worker_costs_no_job(
 ):
     from flows.workers import cluster as module
 
-    monkeypatch.setattr(module, "_PATIENCE", 60)
+    monkeypatch.setattr(module, "_PATIENCE", PATIENCE)
     address, workers = cluster
     with Cluster(address) as many:
-        many._client.wait_for_workers(2, timeout=60)
+        many._client.wait_for_workers(2, timeout=PATIENCE)
         done = sorted(many.run(math.sqrt, [4.0, -1.0, 9.0]), key=attrgetter("index"))
         assert [d.value for d in done] == [2.0, None, 3.0]
         assert isinstance(done[1].error, ValueError)

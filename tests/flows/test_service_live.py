@@ -7,7 +7,6 @@ import socket
 import sqlite3
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +15,7 @@ import pytest
 from flows.service import api
 from flows.service.state import read_running
 from flows.service.up import start_every
+from tests.waiting import PATIENCE, until
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = """
@@ -37,7 +37,7 @@ def modelgap(*words: str, **options) -> subprocess.CompletedProcess:
         env={**bare, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
-        timeout=240,
+        timeout=PATIENCE,
         **options,
     )
 
@@ -66,14 +66,6 @@ def service(tmp_path_factory):
         modelgap("down", "--wait", "0", *words)
 
 
-def wait_for(what, seconds: float = 150.0):
-    until = time.monotonic() + seconds
-    while not (found := what()):
-        assert time.monotonic() < until, "did not happen in time"
-        time.sleep(0.5)
-    return found
-
-
 def runs_of(service, deployment: str) -> list[dict]:
     wanted = {"deployments": {"name": {"any_": [deployment]}}}
     return api.ask(service.url, "/flow_runs/filter", wanted)
@@ -100,14 +92,16 @@ def test_up_gives_the_address_and_a_second_one_changes_nothing(service):
 def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
     given = {"campaign_file": str(service.folder / "c.toml")}
     start_every(service.url, "campaign/campaign", 15, given)
-    wait_for(lambda: completed(service, "campaign"))
+    until(lambda: completed(service, "campaign"), "the campaign has ended", 0.5)
     start_every(service.url, "campaign/campaign", 0)
     asked = modelgap(
         "sql", "SELECT run_id FROM runs", "--format", "json", *service.words
     )
     stored = {row["run_id"] for row in json.loads(asked.stdout)}
     assert len(stored) == 2
-    (watched,) = wait_for(lambda: completed(service, "monitor"))
+    (watched,) = until(
+        lambda: completed(service, "monitor"), "the monitoring has ended", 0.5
+    )
     assert set(watched["parameters"]["runs"]) == stored
 
 
@@ -124,7 +118,7 @@ def test_after_a_kill_up_starts_anew_and_closes_what_was_left(service):
     known = len(runs_of(service, "campaign"))
     for process in read_running(service.home).processes:
         os.kill(process.pid, signal.SIGKILL)
-    wait_for(lambda: not read_running(service.home).alive)
+    until(lambda: not read_running(service.home).alive, "all is killed")
     sick = modelgap("status", *service.words)
     assert sick.returncode == 1
     assert "does not answer" in sick.stdout

@@ -33,7 +33,7 @@ def run(store, plant=None, **more):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(tmp_path_factory, compiled_plant):
     """A store with two runs, of a loaded arm and of one that is as described."""
     store = tmp_path_factory.mktemp("store")
     quiet = {"scatter": 0.0, "noise": {"torque": 0.0, "encoder": 0.0}}

@@ -17,7 +17,7 @@ KEYS = {"viscous": "coefficient", "coulomb": "level", "rotor_inertia": "inertia"
 
 
 @pytest.fixture(scope="module")
-def logs():
+def logs(compiled_plant):
     """Logs of an arm that is as described, but for 2 % scatter."""
     made = []
     for i, kind in enumerate(FAMILIES):

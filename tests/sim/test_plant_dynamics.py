@@ -17,6 +17,8 @@ from sim.records import PlantSpec
 from sim.streams import stream
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
+pytestmark = pytest.mark.usefixtures("compiled_plant")
+
 SHORT = motion("move_stop_move", 1.5)
 RIGID = [n for n in KINDS if n not in ("elasticity", "backlash")]
 

@@ -11,6 +11,8 @@ from sim.plant.signal_faults import reported
 from sim.plant.transmission import series_spring
 from tests.sim.plant_cases import ROBOT, drive, effect, motion, standing
 
+pytestmark = pytest.mark.usefixtures("compiled_plant")
+
 MOVE = motion("move_stop_move", 4.0)
 
 

@@ -21,6 +21,8 @@ from sim.streams import stream
 from sim.twin import open_loop, track
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
+pytestmark = pytest.mark.usefixtures("compiled_plant")
+
 MOVE = motion("fourier", 2.0)
 QUIET = Noise(0.0, 0.0)
 HIDDEN = (

@@ -13,6 +13,8 @@ from sim.plant.stepping import DivergedError
 from sim.records import PlantSpec, Rates
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
+pytestmark = pytest.mark.usefixtures("compiled_plant")
+
 MOVE, ONSET = motion("fourier", 2.5), 0.5
 BEFORE = round(ONSET * 1000)
 

@@ -7,6 +7,7 @@ import time
 import pytest
 
 import warehouse
+from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as made
 from tests.warehouse.store_campaign import RUNS, campaign
 from warehouse.layout import list_folders
@@ -66,7 +67,7 @@ def test_killed_at_any_moment_it_is_consistent_and_can_be_completed(
         started = processes.Event()
         process = processes.Process(target=campaign, args=(store, started))
         process.start()
-        assert started.wait(60)
+        assert started.wait(PATIENCE)
         # Some runs further than before, and then at any moment of the next.
         wanted = len(list_folders(store, "runs")) + rng.randrange(3)
         while len(list_folders(store, "runs")) < wanted and process.is_alive():
