@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from flows.specs.experiment import ExperimentSpec, derived_seed, experiment_of
-from flows.specs.toml import read_toml
 from residual.errors import InputError
 from residual.names import check_keys
+from warehouse.toml import read_toml
 
 MOST = 10_000  # runs; more is a slip of a list, and weeks of work
 _RANGE = ("low", "high", "log")

@@ -11,9 +11,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from flows.specs.toml import checked, read_toml
 from residual.errors import InputError
 from sim.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
+from warehouse.toml import checked, read_toml
 
 # Strict: TOML has types, so "7" for 7 or true for 1 is a slip and not a wish. Lists
 # are the only arrays that TOML has.

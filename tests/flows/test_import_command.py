@@ -169,7 +169,7 @@ BAD = {
     "import no.csv --robot arm.urdf": "No log file 'no.csv'",
     "import A.csv A.csv --robot arm.urdf": "are one run",
     "import A.csv --robot irb140": "missing column",
-    "import A.csv --robot arm.urdf --map no.toml": "Cannot read the map",
+    "import A.csv --robot arm.urdf --map no.toml": "Cannot read no.toml: No such file",
     "import arm.urdf --robot arm.urdf": "arm.urdf",
     "import . --robot arm.urdf": "is a folder, expected a log file",
     f"import A.csv --robot arm.urdf --trajectory {'x' * 99}": "expected a short name",

@@ -123,20 +123,29 @@ BAD_MAPS = {
     "not toml": ("time =", "not valid TOML"),
     "key": ("tim = {}", "did you mean 'time'"),
     "inner key": ("time = {colum = 't'}", "did you mean 'column'"),
-    "no table": ("time = 't'", "must be a table"),
-    "name": ("time = {column = 3}", "must be a text"),
+    "no table": ("time = 't'", "time is 't', expected a table"),
+    "name": ("time = {column = 3}", r"\[time\] column is 3, expected text in quotes"),
     "time unit": ("time = {unit = 'min'}", "Valid: ms, s, us"),
     "unit": ("q = {columns = ['a', 'b'], unit = 'degrees'}", "did you mean 'deg'"),
     "side": ("q = {columns = ['a', 'b'], side = 'moter'}", "did you mean 'motor'"),
-    "no columns": ("q = {unit = 'deg'}", "needs columns"),
+    "no columns": ("q = {unit = 'deg'}", r"\[q\] needs the key 'columns'"),
     "sign": ("q = {columns = ['a', 'b'], sign = [1, 2]}", "list of 1 and -1"),
     "sign length": ("q = {columns = ['a', 'b'], sign = [1]}", "1 entries for 2"),
-    "zero": ("q = {columns = ['a', 'b'], zero = [nan, 0]}", "list of numbers"),
-    "zero of torque": ("tau = {columns = ['a', 'b'], zero = [0, 0]}", "key in tau"),
+    "zero": (
+        "q = {columns = ['a', 'b'], zero = [nan, 0]}",
+        r"zero \(entry 1\) is nan, expected a finite number",
+    ),
+    "zero of torque": (
+        "tau = {columns = ['a', 'b'], zero = [0, 0]}",
+        "only a position has its own",
+    ),
     "separator": ("csv = {separator = ';;'}", "one character"),
     "both": ("csv = {separator = ',', decimal = ','}", "both ','"),
     "decimal": ("csv = {decimal = ';'}", "Unknown decimal"),
-    "skip": ("csv = {skip = -1}", "number of lines"),
+    "skip": (
+        "csv = {skip = -1}",
+        r"\[csv\] skip is -1, expected greater than or equal to 0",
+    ),
 }
 
 
@@ -148,7 +157,7 @@ def test_bad_maps_are_refused(tmp_path, text, message):
 
 
 def test_a_map_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(InputError, match="Cannot read the map"):
+    with pytest.raises(InputError, match=r"Cannot read .*none.toml: No such file"):
         load_columns(tmp_path / "none.toml")
 
 

@@ -1,13 +1,17 @@
 """COLUMNS.toml: which column is what, in which unit. Nothing is converted by guess."""
 
 import math
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field, replace
 from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass
 
 from residual.errors import InputError
-from residual.names import check_keys, check_name
+from residual.names import check_name
+from warehouse.toml import checked, read_toml
 
 JOINT_SIGNALS = ("q", "tau", "qd", "qdd", "q_ref")
 
@@ -24,27 +28,42 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "tau": {"N m": 1.0, "Nm": 1.0, **dict.fromkeys(LOGGED_UNITS, 1.0)},
 }
 
+# TOML has types, so "7" for 7 or true for 1 is a slip and not a wish.
+_Numbers = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...]
+_TABLE = ConfigDict(extra="forbid")
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, config=_TABLE)
 class SignalMap:
     """One signal of all joints.
 
     Attributes:
         columns: Column names, joint 1 first.
-        unit: Unit of the columns.
+        unit: Unit of the columns; empty for the usual one.
         side: "link" or "motor".
         sign: Factor 1 or -1 of each joint, empty for all 1.
         zero: Reading at the joint's zero in the unit of the columns, empty for all 0.
     """
 
-    columns: tuple[str, ...]
-    unit: str
-    side: str = "link"
-    sign: tuple[float, ...] = ()
-    zero: tuple[float, ...] = ()
+    columns: Annotated[tuple[str, ...], Field(min_length=1)]
+    unit: str = ""
+    side: Literal["link", "motor"] = "link"
+    sign: _Numbers = ()
+    zero: _Numbers = ()
+
+    @model_validator(mode="after")
+    def _check(self) -> "SignalMap":
+        if not {*self.sign} <= {1, -1}:
+            raise ValueError("sign must be a list of 1 and -1")
+        for key, values in (("sign", self.sign), ("zero", self.zero)):
+            if values and len(values) != len(self.columns):
+                raise ValueError(
+                    f"{key} has {len(values)} entries for {len(self.columns)} columns"
+                )
+        return self
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, config=_TABLE)
 class CsvFormat:
     """How a text log is written.
 
@@ -55,11 +74,19 @@ class CsvFormat:
     """
 
     separator: str | None = None
-    decimal: str = "."
-    skip: int = 0
+    decimal: Literal[".", ","] = "."
+    skip: Annotated[int, Field(ge=0, strict=True)] = 0
+
+    @model_validator(mode="after")
+    def _check(self) -> "CsvFormat":
+        if self.separator is not None and len(self.separator) != 1:
+            raise ValueError("separator must be one character")
+        if self.separator == self.decimal:
+            raise ValueError(f"separator and decimal are both '{self.decimal}'")
+        return self
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, config=_TABLE)
 class BagFormat:
     """What of a bag is read.
 
@@ -71,10 +98,16 @@ class BagFormat:
 
     topic: str | None = None
     joints: tuple[str, ...] = ()
-    time: str = "header"
+    time: Literal["header", "record"] = "header"
+
+    @model_validator(mode="after")
+    def _check(self) -> "BagFormat":
+        if len(set(self.joints)) < len(self.joints):
+            raise ValueError("joints names one of them twice")
+        return self
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, config=_TABLE)
 class ColumnMap:
     """The checked content of a COLUMNS.toml.
 
@@ -93,6 +126,26 @@ class ColumnMap:
     bag: BagFormat = BagFormat()
 
 
+@dataclass(frozen=True, slots=True, config=_TABLE)
+class _Time:
+    column: str = "t"
+    unit: Literal["s", "ms", "us"] = "s"
+
+
+@dataclass(frozen=True, slots=True, config=_TABLE)
+class _File:
+    """The tables of a COLUMNS.toml."""
+
+    time: _Time = _Time()
+    q: SignalMap | None = None
+    tau: SignalMap | None = None
+    qd: SignalMap | None = None
+    qdd: SignalMap | None = None
+    q_ref: SignalMap | None = None
+    csv: CsvFormat = CsvFormat()
+    bag: BagFormat = BagFormat()
+
+
 def load_columns(path: str | Path) -> ColumnMap:
     """Read a COLUMNS.toml.
 
@@ -104,102 +157,24 @@ def load_columns(path: str | Path) -> ColumnMap:
 
     Raises:
         InputError: If the file is not usable.
-        UnknownNameError: On a key, unit or side that is not known.
+        UnknownNameError: On a unit that is not known.
     """
-    path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"Cannot read the map '{path}': {error.strerror}.") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path.name} is not valid TOML: {error}.") from error
-    check_keys(content, ("time", "csv", "bag", *JOINT_SIGNALS), path.name)
-    for key, table in content.items():
-        if not isinstance(table, dict):
-            raise InputError(f"{path.name}: '{key}' must be a table: {key} = {{...}}.")
-    time = content.get("time", {})
-    check_keys(time, ("column", "unit"), f"time of {path.name}")
+    name = Path(path).name
+    file = checked(_File, read_toml(path), name)
+    given = {key: getattr(file, key) for key in JOINT_SIGNALS}
     return ColumnMap(
-        time=_text(time, "column", "t", f"{path.name}: time"),
-        time_unit=_one_of(time, "unit", TIME_UNITS, f"time unit in {path.name}"),
-        signals={
-            name: _signal(name, content[name], path.name)
-            for name in JOINT_SIGNALS
-            if name in content
-        },
-        csv=_csv(content.get("csv", {}), path.name),
-        bag=_bag(content.get("bag", {}), path.name),
+        time=file.time.column,
+        time_unit=file.time.unit,
+        signals={k: _in_unit(k, s, name) for k, s in given.items() if s},
+        csv=file.csv,
+        bag=file.bag,
     )
 
 
-def _signal(name: str, table: dict, where: str) -> SignalMap:
-    place = f"{name} of {where}"
-    # Only a position has a zero of its own.
-    zero = ("zero",) if name in ("q", "q_ref") else ()
-    check_keys(table, ("columns", "unit", "side", "sign", *zero), place)
-    columns = table.get("columns")
-    if not _is_list(columns, str) or not columns:
-        raise InputError(f"{place}: needs columns = ['...', ...], joint 1 first.")
-    sign = table.get("sign", [])
-    if not _is_list(sign, int | float) or any(s not in (1, -1) for s in sign):
-        raise InputError(f"{place}: sign must be a list of 1 and -1.")
-    zeros = table.get("zero", [])
-    if not _is_list(zeros, int | float) or not all(map(math.isfinite, zeros)):
-        raise InputError(f"{place}: zero must be a list of numbers.")
-    for key, values in (("sign", sign), ("zero", zeros)):
-        if values and len(values) != len(columns):
-            raise InputError(
-                f"{place}: {key} has {len(values)} entries for {len(columns)} columns."
-            )
-    return SignalMap(
-        columns=tuple(columns),
-        unit=_one_of(table, "unit", UNITS[name], f"unit in {place}"),
-        side=_one_of(table, "side", ("link", "motor"), f"side in {place}"),
-        sign=tuple(map(float, sign)),
-        zero=tuple(map(float, zeros)),
-    )
-
-
-def _csv(table: dict, where: str) -> CsvFormat:
-    place = f"csv of {where}"
-    check_keys(table, ("separator", "decimal", "skip"), place)
-    separator, skip = table.get("separator"), table.get("skip", 0)
-    if separator is not None and not (
-        isinstance(separator, str) and len(separator) == 1
-    ):
-        raise InputError(f"{place}: separator must be one character.")
-    decimal = _one_of(table, "decimal", (".", ","), f"decimal in {place}")
-    if decimal == separator:
-        raise InputError(f"{place}: separator and decimal are both '{decimal}'.")
-    if not isinstance(skip, int) or isinstance(skip, bool) or skip < 0:
-        raise InputError(f"{place}: skip must be a number of lines.")
-    return CsvFormat(separator, decimal, skip)
-
-
-def _bag(table: dict, where: str) -> BagFormat:
-    place = f"bag of {where}"
-    check_keys(table, ("topic", "joints", "time"), place)
-    joints = table.get("joints", [])
-    if not _is_list(joints, str) or len(set(joints)) < len(joints):
-        raise InputError(f"{place}: joints must be a list of names, joint 1 first.")
-    topic = _text(table, "topic", "", place) or None
-    time = _one_of(table, "time", ("header", "record"), f"time in {place}")
-    return BagFormat(topic, tuple(joints), time)
-
-
-def _one_of(table: dict, key: str, valid: Mapping | tuple, what: str) -> str:
-    """Return one of the valid texts; the first is the default."""
-    return check_name(table.get(key, next(iter(valid))), valid, what)
-
-
-def _text(table: dict, key: str, default: str, what: str) -> str:
-    value = table.get(key, default)
-    if not isinstance(value, str):
-        raise InputError(f"{what}: {key} must be a text in quotes.")
-    return value
-
-
-def _is_list(value: object, kind: type) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(v, kind) and not isinstance(v, bool) for v in value
-    )
+def _in_unit(key: str, signal: SignalMap, where: str) -> SignalMap:
+    """Return a signal with its unit, the usual one where the file gives none."""
+    if signal.zero and key not in ("q", "q_ref"):
+        raise InputError(f"{where}: [{key}] has a zero; only a position has its own.")
+    unit = signal.unit or next(iter(UNITS[key]))
+    check_name(unit, UNITS[key], f"unit of {key} in {where}")
+    return replace(signal, unit=unit)

@@ -103,7 +103,7 @@ def check_units(
 
 def _default(name: str, dof: int) -> SignalMap:
     columns = tuple(f"{name}{i}" for i in range(1, dof + 1))
-    return SignalMap(columns, next(iter(UNITS[name])))
+    return SignalMap(columns=columns, unit=next(iter(UNITS[name])))
 
 
 def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) -> None:

@@ -4,12 +4,12 @@ import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from residual.errors import InputError
 from residual.names import check_name
 
-Record = TypeVar("Record", bound=BaseModel)
+Record = TypeVar("Record")
 
 _EXPECTED = {
     "float_type": "a number",
@@ -17,6 +17,8 @@ _EXPECTED = {
     "string_type": "text in quotes",
     "tuple_type": "a list",
     "model_type": "a table",
+    "dataclass_type": "a table",
+    "too_short": "a list that is not empty",
     "finite_number": "a finite number",
 }
 
@@ -41,7 +43,7 @@ def checked(record: type[Record], content: dict[str, Any], where: str) -> Record
     """Check the content of a file.
 
     Args:
-        record: What the file must hold.
+        record: What the file must hold: a model or dataclass of pydantic.
         content: What it holds.
         where: Name of the file, for messages.
 
@@ -49,15 +51,15 @@ def checked(record: type[Record], content: dict[str, Any], where: str) -> Record
         InputError: On the first fault; an unknown key gets the nearest valid one.
     """
     try:
-        return record.model_validate(content)
+        return TypeAdapter(record).validate_python(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise InputError(f"{where}: {_words(record, first)}") from error
 
 
-def _words(record: type[BaseModel], fault: dict[str, Any]) -> str:
+def _words(record: Any, fault: dict[str, Any]) -> str:
     *tables, key = fault["loc"] or ("",)
-    if fault["type"] == "extra_forbidden":
+    if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return _unknown(key, _keys(record, tables), f"key in {_place(tables)}")
     if fault["type"] == "missing":
         return f"{_place(tables)} needs the key '{key}'."
@@ -84,19 +86,19 @@ def _unknown(name: object, valid: list[str], what: str) -> str:
     return f"{what} '{name}' is not usable here."
 
 
-def _keys(record: type[BaseModel], tables: list) -> list[str]:
+def _keys(record: Any, tables: list) -> list[str]:
     """Return the valid keys of the table at a place."""
     for table in tables:
         if isinstance(table, int):
             continue
-        record = _inner(record.model_fields[table].annotation)
-    return [field.alias or name for name, field in record.model_fields.items()]
+        record = _inner(record.__pydantic_fields__[table].annotation)
+    return [field.alias or name for name, field in record.__pydantic_fields__.items()]
 
 
 def _inner(annotation: Any) -> Any:
     """Return the record of a field: itself, or of the elements of a list."""
     for inner in getattr(annotation, "__args__", ()):
-        if isinstance(inner, type) and issubclass(inner, BaseModel):
+        if hasattr(inner, "__pydantic_fields__"):
             return inner
     return annotation
 
