@@ -53,8 +53,8 @@ def sql(
     modelgap sql "FROM samples WHERE run_id = '...'" --format parquet --out run.parquet
     ```
 
-    Without a query on a terminal: a prompt, with completion by the tab key and a
-    history; without a terminal the query is read from standard input.
+    Without a query on a terminal: one query after the other, each ended by ;.
+    Without a terminal one query is read from standard input.
 
     Args:
         query: One SELECT over the views, in the SQL of DuckDB.

@@ -1,7 +1,8 @@
 """What modelgap sql does; apart, since it loads the database."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,10 +15,17 @@ from flows.settings import store_folder
 from residual.errors import InputError
 from residual.names import check_name
 from warehouse.query.named import NAMED, TAKES
-from warehouse.query.store import open_store
+from warehouse.query.store import Store, open_store
 from warehouse.schema import all_views
 
+with suppress(ImportError):
+    import readline  # noqa: F401  gives the prompt its arrow keys
+
 LIST = "list"
+FIRST, NEXT = "modelgap> ", "     ...> "
+HELP = (
+    "A query ends with ; or an empty line. Ctrl-D ends. Views: modelgap sql --schema."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +74,6 @@ def answer(question: Question, option: str | None) -> None:
     elif question.named == LIST:
         _give(named_table(), question)
     elif not any(asked) and sys.stdin.isatty():
-        from flows.cli.prompt import prompt
-
         with open_store(store_folder(option)) as store:
             prompt(store, question.format)
     else:
@@ -75,6 +81,44 @@ def answer(question: Question, option: str | None) -> None:
         with open_store(store_folder(option)) as store:
             _give(store.sql(query, values), question)
             tell_damage(store)
+
+
+def prompt(store: Store, format: str) -> None:
+    """Read queries and print answers until the end; an error ends only its query.
+
+    Args:
+        store: The opened store.
+        format: How to print answers.
+    """
+    print(HELP)
+    for query in _typed():
+        try:
+            print_table(store.sql(query), format)
+            tell_damage(store)
+        except InputError as error:
+            print(error)
+        except KeyboardInterrupt:
+            print("cancelled")
+
+
+def _typed() -> Iterator[str]:
+    lines: list[str] = []
+    while True:
+        try:
+            line = input(NEXT if lines else FIRST).strip()
+        except KeyboardInterrupt:
+            print()
+            lines.clear()
+            continue
+        except EOFError:
+            print()
+            return
+        lines.append(line)
+        if not line or line.endswith(";"):
+            query = "\n".join(lines).strip()
+            lines.clear()
+            if query:
+                yield query
 
 
 def schema_table() -> pa.Table:

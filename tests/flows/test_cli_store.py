@@ -10,7 +10,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli import main, prompt
+from flows.cli import main, store_ask
 from tests.warehouse import store_samples as made
 from warehouse.quarantine import quarantine
 from warehouse.query.named import NAMED
@@ -216,9 +216,7 @@ def test_the_prompt_answers_until_the_end(ids, tmp_path, monkeypatch, capsys):
             KeyboardInterrupt,
             "SELECT 'cancelled'",
             KeyboardInterrupt,
-            "\\named runs_of_model",
-            "\\named runs_of_model model=zz",
-            "\\nothing",
+            "COPY runs TO 'file';",
             "SELECT 7 AS seven",
             "",
             EOFError,
@@ -232,25 +230,14 @@ def test_the_prompt_answers_until_the_end(ids, tmp_path, monkeypatch, capsys):
         raise line
 
     monkeypatch.setattr("builtins.input", typed)
-    monkeypatch.setattr("flows.cli.prompt._prepare", lambda _: None)
     with open_store(Path(ids["store"])) as store:
-        prompt.prompt(store, "csv")
+        store_ask.prompt(store, "csv")
     out = capsys.readouterr().out
     assert "n\n3\n" in out
     assert "Parser Error" in out
-    assert "Expected \\named runs_of_model model=..." in out
+    assert "Only one SELECT" in out
     assert "seven\n7\n" in out
     assert "'cancelled'" not in out
-
-
-def test_the_prompt_completes_views_columns_and_sql():
-    assert "diagnoses" in prompt.completions("diag")
-    assert prompt.completions("runs.dur") == ["runs.duration_s"]
-    assert "tau6" in prompt.completions("tau")
-    assert "SELECT" in prompt.completions("SEL")
-    assert "select" in prompt.completions("sel")
-    assert prompt.complete("runs.dur", 0) == "runs.duration_s"
-    assert prompt.complete("runs.dur", 1) is None
 
 
 def test_compact_says_what_it_did(run, tmp_path):
