@@ -7,10 +7,10 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.robot.robot import Robot
+from sim.draw import draw_hidden
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
-from sim.plant.draw import draw_hidden
 from sim.plant.stepping import Trace, simulate
 from sim.records import PlantRun, PlantSpec, Rates, Reference
 from sim.sensors import every_nth, log_of

@@ -107,6 +107,25 @@ class PlantSpec:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Sizes:
+    """Usual sizes on one robot, per joint.
+
+    Attributes:
+        torque: Range of the torque in normal motion [N m]. Shape (dof,).
+        coulomb: Coulomb friction [N m]. Shape (dof,).
+        viscous: Viscous friction [N m s/rad]. Shape (dof,).
+        rotor: Inertia of the rotor at the link side [kg m^2]. Shape (dof,).
+        loaded: Joints, from 1, that carry a good part of the weight.
+    """
+
+    torque: Array
+    coulomb: Array
+    viscous: Array
+    rotor: Array
+    loaded: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class PlantRun:
     """One experiment on the plant.
 

@@ -4,13 +4,13 @@ import numpy as np
 
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from sim.catalogue import acting
 from sim.plant import tables as at
 from sim.plant.sensor_faults import hold_frozen
-from sim.plant.signal_faults import reported
 from sim.plant.stepping import Trace
 from sim.records import Noise, PlantEffect, Rates, Reference
 from sim.synthetic.seeds import stream
-from sim.synthetic.sensors import WHITE_TORQUE, encoder, torque_noise
+from sim.synthetic.sensors import WHITE_TORQUE, encoder, reported, torque_noise
 from sim.synthetic.sizes import sizes
 
 Array = np.ndarray
@@ -44,8 +44,9 @@ def log_of(
     q = trace.rows[::every, at.READING]
     if sizes_.encoder > 0:
         q = encoder(q, stream(seed, f"encoder/{label}"), sizes_.encoder)
-    q = hold_frozen(q, t, effects)
-    tau = reported(trace.rows[:, at.DRIVE], trace.t, effects)[::every]
+    hidden = acting(effects)
+    q = hold_frozen(q, t, hidden)
+    tau = reported(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
     span = sizes(robot).torque * (sizes_.torque / WHITE_TORQUE)
     rng = stream(seed, f"torque/{label}")
     tau = tau + torque_noise(len(t), span, rates.log, rng)

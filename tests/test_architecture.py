@@ -49,7 +49,6 @@ HOMONYMS = {
     ("residual/tables/lookup/lookup.py", "offset"): "the same in its record",
 }
 NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
-NAMES_STILL_IN = ("sim/",)  # leaves with the tables of the plant
 MAX_LINES = 300
 MAX_BODY = 40
 
@@ -147,7 +146,7 @@ def test_no_effect_is_named_outside_its_file():
     named = {
         (_name(path), text)
         for path in product
-        if not _name(path).startswith((*NAMED_BY_FILES, *NAMES_STILL_IN))
+        if not _name(path).startswith(NAMED_BY_FILES)
         for text in _strings(path) & set(registry())
     }
     assert named == set(HOMONYMS)

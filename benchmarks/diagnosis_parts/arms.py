@@ -11,8 +11,8 @@ from functools import lru_cache
 from flows.blind.row import true_parameters
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
+from sim.catalogue import forms, kinds
 from sim.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
-from sim.synthetic.effects import FORMS
 from sim.synthetic.motion import make_motion
 from sim.synthetic.plant import Plant, true_friction, true_torque
 from sim.synthetic.room import room
@@ -23,7 +23,6 @@ from sim.synthetic.state import Hidden
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 RATE, PAUSE = 250.0, 10.0  # Hz, s
-_CHANGES = {"coulomb": "level", "viscous": "coefficient", "rotor_inertia": "inertia"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,9 +116,9 @@ def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: i
 
 def _with_scatter(plant: Plant, effect: PlantEffect) -> dict:
     """Return what a verdict would state: a change is against what the maker says."""
-    values, key = dict(effect.parameters), _CHANGES.get(effect.name)
-    if key is not None:
-        field = "rotor" if effect.name == "rotor_inertia" else effect.name
+    values, known = dict(effect.parameters), kinds().get(effect.name)
+    if known is not None and known.of_drive:
+        key, field = known.amount[0], known.of_drive
         joint = effect.joints[0] - 1
         true, told = true_friction(plant), sizes(plant.robot)
         values[key] += float(getattr(true, field)[joint] - getattr(told, field)[joint])
@@ -153,10 +152,10 @@ def as_form(effect: PlantEffect, form: str) -> PlantEffect:
 
     Args:
         effect: The named effect whose form it is.
-        form: One of ``sim.synthetic.effects.FORMS``.
+        form: One of ``sim.catalogue.forms``.
     """
     values = dict(effect.parameters)
     if form == "lugre":
         values["displacement"] = 2e-3  # rad: the bristles of a heavy gear
-    assert effect.name in FORMS[form]
+    assert effect.name in forms()[form]
     return PlantEffect(form, effect.joints, tuple(sorted(values.items())))

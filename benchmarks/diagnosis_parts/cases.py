@@ -13,14 +13,13 @@ from flows.blind.sums import CLEAR
 from flows.specs.experiment import derived_seed
 from residual.close import close_the_loop
 from residual.diagnosis.oracle import oracle
+from sim.catalogue import forms, kinds, unnamed
 from sim.records import PlantEffect
-from sim.synthetic.effects import FORMS, UNNAMED
 from sim.synthetic.seeds import stream
 
 BENCHES = 10  # excitations that all cases of one run share
 # Every fifth draw of an effect is an arm in the physics engine.
 _IN_ENGINE = 5
-_ONLY_IN_ENGINE = ("x_dead_zone", "x_wall")
 _TRIES = 20
 _WITH_ORACLE = ("singles", "pairs")  # clear effects of the diagnosis' own forms
 
@@ -67,7 +66,7 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         "detection": [(e, s) for s in seeds[: (len(seeds) + 1) // 2] for e in named],
         "nulls": [("", first + i) for i in range(20 * len(seeds))],
         "pairs": [("", first + i) for i in range(6 * len(seeds))],
-        "forms": [(form, s) for s in seeds for form in FORMS],
+        "forms": [(form, s) for s in seeds for form in forms()],
         "unknown": [(e, s) for s in seeds for e in strange],
     }
     return [_task(group, what, first, seed) for what, seed in many[group]]
@@ -137,7 +136,7 @@ def _hidden(task: Task, minimum: Sequence[Mapping]) -> tuple[str, list[PlantEffe
         return UNKNOWN, [draw_sized(robot, rng, task.what, None, minimum)]
     if task.group == "pairs":
         return PAIR, _pair(rng, minimum)
-    name = FORMS[task.what][0] if task.group == "forms" else task.what
+    name = forms()[task.what][0] if task.group == "forms" else task.what
     if task.group == "detection":
         return SINGLE, [draw_sized(robot, rng, name, 1.0, minimum)]
     return SINGLE, [_clear(rng, name, MULTIPLES[1:], minimum)]
@@ -175,13 +174,16 @@ def _pair(rng, minimum: Sequence[Mapping]) -> list[PlantEffect]:
 def _as_taken(form: str, meant: list[PlantEffect], verdict: Mapping) -> list:
     """Return the effect that a form was taken for, if it may be taken for it."""
     said = {e["name"] for e in verdict["effects"]}
-    name = next((n for n in FORMS[form] if n in said), meant[0].name)
+    name = next((n for n in forms()[form] if n in said), meant[0].name)
     return [PlantEffect(name, e.joints, e.parameters) for e in meant]
 
 
 def _task(group: str, what: str, first: int, seed: int) -> Task:
     fifth = (seed - first) % _IN_ENGINE == _IN_ENGINE - 1
-    engine = what in _ONLY_IN_ENGINE or (fifth and group in ("singles", "unknown"))
+    known = kinds().get(what)
+    engine = (known is not None and not known.on_synthetic) or (
+        fifth and group in ("singles", "unknown")
+    )
     # Nulls are cheap to vary: each has motions of its own.
     motion = seed if group == "nulls" else first + (seed - first) % BENCHES
     return Task(group, what, PYBULLET if engine else SYNTHETIC, motion, seed)
@@ -191,7 +193,7 @@ def _quick(group: str, seed: int) -> list[Task]:
     few = {
         "singles": ("offset", "stribeck"),
         "nulls": ("",),
-        "unknown": (UNNAMED[0],),
+        "unknown": (unnamed()[0],),
         "pairs": ("",),
         "forms": ("one_way_viscous",),
         "detection": ("offset",),

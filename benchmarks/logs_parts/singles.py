@@ -6,10 +6,10 @@ from time import perf_counter
 from benchmarks.figures import Figures, figure
 from flows.blind.rates import wilson
 from residual.close import close_the_loop
-from sim.synthetic.effects import NAMED
+from sim.draw import usual_effects
 from sim.synthetic.logs import standard_case
 
-EFFECTS = tuple(sorted(NAMED))
+EFFECTS = tuple(usual_effects())
 _FEW = "too few draws, or not the deciding ones; the full run decides"
 _NO_BAR = "for information, no bar of its own"
 

@@ -7,18 +7,18 @@ import pinocchio as pin
 
 from benchmarks.figures import Figures, figure
 from benchmarks.plant_parts.runs import ROBOT, drawn, drive, reference
+from sim.catalogue import kinds
 from sim.engine.bullet import World
 from sim.plant import tables as at
 from sim.plant.arm import Phase, build_arm, new_state, phases
-from sim.plant.perturbations import KINDS
 from sim.plant.rows import channels_of
 from sim.plant.signal_faults import read
 from sim.plant.step import advance
-from sim.plant.stepping import tool_torque
+from sim.plant.stepping import pushed
 from sim.records import PlantSpec
 
 _SOFT = ("elasticity", "backlash")
-_RIGID = tuple(name for name in KINDS if name not in _SOFT)
+_RIGID = tuple(name for name in kinds() if name not in _SOFT)
 
 
 def identity_figures(seeds: int, quick: bool) -> Figures:
@@ -43,7 +43,7 @@ def identity_figures(seeds: int, quick: bool) -> Figures:
         ],
     }
     sums = [
-        _sum_miss(names) for names in (("payload", "stribeck"), _SOFT, tuple(KINDS))
+        _sum_miss(names) for names in (("payload", "stribeck"), _SOFT, tuple(kinds()))
     ]
     return {
         "identity_rigid": figure(
@@ -92,7 +92,7 @@ def _step(
     hold = pin.rnea(model, data, q, qd, zero)
     now[at.DRIVE] += hold
     body = np.vstack([pin.crba(model, data, q), hold])
-    outside = zero if phase.force is None else tool_torque(phase, data, q)
+    outside = sum(pushed(phase, data, q, qd).values(), start=zero)
     world.reset(q, qd)
     link = advance(k, body, outside, packed, state, rows)
     world.step(link)

@@ -7,8 +7,8 @@ from itertools import product
 
 from benchmarks.figures import Figures, figure
 from benchmarks.plant_parts.runs import ROBOT, drawn, drive, hum, reference
+from sim.draw import usual_effects
 from sim.experiment import run_experiment
-from sim.plant.draw import SOUGHT
 from sim.plant.energy import balance
 from sim.records import PlantEffect, PlantSpec, Rates
 
@@ -84,7 +84,8 @@ def determinism_figures(specs: int) -> Figures:
 
 def digest(seed: int) -> str:
     """Return a hash over everything that an experiment returns."""
-    names = (SOUGHT[seed % len(SOUGHT)], "x_random_walk", "elasticity")
+    usual = usual_effects()
+    names = (usual[seed % len(usual)], "x_random_walk", "elasticity")
     motion = reference(_FAMILIES[seed % 3], 5.0, seed)
     plant = PlantSpec(drawn(names, seed), seed=seed)
     run = run_experiment(ROBOT, motion, plant, Rates())

@@ -4,10 +4,10 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from residual.robot.robot import load_robot
+from sim.draw import draw_hidden
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
-from sim.plant.draw import draw_hidden
 from sim.plant.stepping import Trace, simulate
 from sim.records import PlantEffect, PlantSpec, Reference
 from sim.streams import stream

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+import warehouse
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.store_parts.made import folder
 from flows.specs.campaign import load_campaign
@@ -22,7 +23,6 @@ from flows.workers.pool import Here
 from residual.recording import Recording
 from warehouse.layout import list_folders
 from warehouse.origin.provenance import provenance
-from warehouse.query.store import open_store
 from warehouse.runs import read_run
 from warehouse.seal import open_seal
 
@@ -120,7 +120,7 @@ def _check(store: Path) -> tuple[int, list[str]]:
     """Return how many runs there are, and what is wrong with them."""
     store.mkdir(exist_ok=True)
     wrong = []
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         rows = opened.sql(
             "SELECT run_id, count(t) AS n FROM runs LEFT JOIN samples USING (run_id) "
             "GROUP BY run_id"
@@ -140,7 +140,7 @@ def _check(store: Path) -> tuple[int, list[str]]:
 
 def _content(store: Path) -> list:
     """Every value that a campaign stores, but for the times of the commits."""
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         tables = [
             opened.sql(f"SELECT * EXCLUDE ({out}) FROM {view} ORDER BY ALL").to_pydict()
             for view, out in (

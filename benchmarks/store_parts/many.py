@@ -7,11 +7,12 @@ from time import perf_counter
 
 import numpy as np
 
+import warehouse
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.store_parts.made import folder, small
 from warehouse.commit import commit_run
 from warehouse.query.segments import flush
-from warehouse.query.store import Store, open_store
+from warehouse.query.store import Store
 from warehouse.runs import read_run
 
 FULL = 10_000
@@ -32,12 +33,12 @@ def many_figures(count: int, rounds: int) -> Figures:
         start = perf_counter()
         _fill(place, count)
         filled = perf_counter() - start
-        first = _timed(lambda: open_store(place).close())
+        first = _timed(lambda: warehouse.open(place).close())
         figures = {
             "first_open_s": figure(first, None, 1, what="after the writers, no reader")
         }
         figures |= _asked(place, rounds, "")
-        with open_store(place) as store:
+        with warehouse.open(place) as store:
             packing = _timed(store.compact)
         figures |= _asked(place, rounds, "_compact")
         figures["compact_s"] = figure(packing, None, 1)
@@ -51,8 +52,8 @@ def many_figures(count: int, rounds: int) -> Figures:
 
 
 def _asked(place: Path, rounds: int, tail: str) -> Figures:
-    opening = [_timed(lambda: open_store(place).close()) for _ in range(rounds)]
-    with open_store(place) as store:
+    opening = [_timed(lambda: warehouse.open(place).close()) for _ in range(rounds)]
+    with warehouse.open(place) as store:
         ids = store.sql("SELECT run_id FROM runs")["run_id"].to_pylist()
         some = np.random.default_rng(0).choice(ids, rounds)
         figures = {

@@ -4,10 +4,10 @@ import multiprocessing
 from pathlib import Path
 from time import monotonic
 
+import warehouse
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.store_parts.made import folder, small
 from warehouse.commit import commit_run
-from warehouse.query.store import open_store
 from warehouse.runs import read_run
 
 WRITERS, ROWS, FULL = 3, 400, 60.0
@@ -74,7 +74,7 @@ def _read(place: Path, until: float) -> tuple[int, int, list[str]]:
         pass
     while monotonic() < until:
         try:
-            with open_store(place) as store:
+            with warehouse.open(place) as store:
                 for _ in range(3):
                     rows = store.sql(
                         "SELECT run_id, any_value(rows) AS rows, count(t) AS found "
@@ -89,7 +89,7 @@ def _read(place: Path, until: float) -> tuple[int, int, list[str]]:
 
 
 def _visible(place: Path) -> set[str]:
-    with open_store(place) as store:
+    with warehouse.open(place) as store:
         return set(store.sql("SELECT run_id FROM runs")["run_id"].to_pylist())
 
 

@@ -11,8 +11,10 @@ from functools import cache
 from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
 from flows.inputs.robots import load
 from flows.specs.experiment import derived_seed
+from residual.effects import registry
 from residual.errors import InputError
 from residual.robot.robot import Robot
+from sim.catalogue import kinds, unnamed
 from sim.streams import stream
 
 SHARED = 10  # cases per excitation
@@ -24,8 +26,6 @@ _FAMILIES = ("fourier", "cyclic", "move_stop_move")
 _EXPERIMENTS = (3, 4, 5, 6)
 _HELD_OUT = ("welding", "fourier")  # one of a family that is never fitted
 TORQUE_NOISE, ENCODER = (0.005, 0.015, 0.03), (5e-5, 1e-4, 2e-4)
-# A faulty sensor is the monitor's matter, and some of its faults have names here.
-_SENSOR_FAULT = "x_fault_"
 _PAUSE = 10.0  # s
 
 
@@ -104,12 +104,12 @@ class Draft:
 def drafts(asked: Asked) -> list[Draft]:
     """Return the cases of a study."""
     known, unknown = vocabulary(load(asked.robot))
-    kinds = _forever(asked.seed, "kinds", _KINDS)
+    drawn_kinds = _forever(asked.seed, "kinds", _KINDS)
     named = _forever(asked.seed, "effects", known)
     strange = _forever(asked.seed, "unknown", unknown)
     out = []
     for index in range(asked.n):
-        drawn, rng = next(kinds), stream(asked.seed, f"multiples/{index}")
+        drawn, rng = next(drawn_kinds), stream(asked.seed, f"multiples/{index}")
         wishes: tuple[Wish, ...] = ()
         if drawn == SINGLE:
             wishes = (Wish(next(named), float(rng.choice(MULTIPLES))),)
@@ -177,17 +177,13 @@ def vocabulary(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
     The first are all that the diagnosis looks for and the plant can have, so that a
     new effect is in the next study without a word being said here.
     """
-    from residual.effects import registry
-    from sim.plant.perturbations import KINDS
-
     named = [
         name
         for name, effect in sorted(registry().items())
-        if name in KINDS and effect.candidates(robot.dof)
+        if name in kinds() and effect.candidates(robot.dof)
     ]
-    strange = [n for n in sorted(KINDS) if n.startswith("x_")]
-    strange = [n for n in strange if not n.startswith(_SENSOR_FAULT)]
-    return tuple(named), tuple(strange)
+    # A broken sensor is the monitor's matter, and some of its faults have names here.
+    return tuple(named), tuple(sorted(unnamed()))
 
 
 def _forever(seed: int, name: str, items: tuple[str, ...]) -> Iterator[str]:

@@ -7,7 +7,7 @@ from flows.blind.score import SINGLE, Name, Said, Score, members, score
 from flows.blind.size import Hidden
 from residual.effects import registry
 from residual.robot.robot import Robot
-from sim.amounts import main_parameter
+from sim.catalogue import main_parameter
 from sim.records import PlantSpec
 
 # A smaller gap than this share of the refit's error says nothing of who closes it.

@@ -7,7 +7,8 @@ import numpy as np
 
 from residual.effects import reported_joints
 from residual.robot.robot import Robot
-from sim.amounts import amount, as_told, multiplied
+from sim.catalogue import amount, multiplied, stated
+from sim.draw import draw_hidden
 from sim.records import PlantEffect
 
 # An arm that has ten times as much as any is no arm; where noise is that large, the
@@ -64,15 +65,13 @@ def draw_sized(
         multiple: Wanted size in minimum detectable ones, None for the usual one.
         minimum: ``minimum_detectable`` of a verdict on the same motion.
     """
-    from sim.plant.draw import draw_hidden
-
     drawn = draw_hidden(robot, rng, name)
     values = dict(drawn.parameters)
     usual = amount(name, values)
     least = smallest(minimum, name, reported_joints(name, drawn.joints, robot.dof))
     if multiple is None or usual is None or least is None:
         return drawn
-    smallest_amount = as_told(name, float(least["value"]))
+    smallest_amount = stated(name, float(least["value"]))
     wanted = min(multiple * smallest_amount, MOST * usual)
     sized = multiplied(name, values, wanted / usual)
     return PlantEffect(name, drawn.joints, tuple(sorted(sized.items())))
@@ -88,5 +87,5 @@ def measured(
     least = smallest(minimum, name, joints)
     if not there:
         return Hidden(effect, joints, None, unit, None)
-    multiple = there / as_told(name, float(least["value"])) if least else None
-    return Hidden(effect, joints, as_told(name, there), unit, multiple)
+    multiple = there / stated(name, float(least["value"])) if least else None
+    return Hidden(effect, joints, stated(name, there), unit, multiple)

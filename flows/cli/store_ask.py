@@ -105,7 +105,7 @@ def _typed() -> Iterator[str]:
     lines: list[str] = []
     while True:
         try:
-            line = input(NEXT if lines else FIRST)
+            line = input(NEXT if lines else FIRST).strip()
         except KeyboardInterrupt:
             print()
             lines.clear()
@@ -114,7 +114,7 @@ def _typed() -> Iterator[str]:
             print()
             return
         lines.append(line)
-        if not line.strip() or line.rstrip().endswith(";"):
+        if not line or line.endswith(";"):
             query = "\n".join(lines).strip()
             lines.clear()
             if query:

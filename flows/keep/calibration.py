@@ -88,14 +88,14 @@ def found_effects(
     """
     if not ids:
         return (), None, None
-    from warehouse.query.store import open_store
+    import warehouse
 
     query = (
         "SELECT d.diagnosis_id AS id, l.parent AS run FROM diagnoses d JOIN lineage l "
         "ON l.child = d.diagnosis_id AND l.role = 'fit' WHERE d.verdict = 'effects' "
         "ORDER BY d.created DESC"
     )
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         found = opened.sql(query).to_pylist()
     runs: dict[str, set[str]] = {}
     for row in found:

@@ -212,7 +212,7 @@ def checked_robot(spec: ExperimentSpec) -> Robot:
     Raises:
         InputError: If there is no such robot, effect, parameter or joint.
     """
-    from sim.plant.perturbations import check_effect
+    from sim.catalogue import check_effect
 
     robot = _robot(spec.robot)
     for effect in spec.plant_spec().effects:

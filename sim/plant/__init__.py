@@ -1,5 +1,5 @@
 """The arm under control: bodies, friction, transmission, drives and their faults.
 
-`stepping` is the loop; `perturbations` lists what an arm may hide; each other file is
-one physical level.
+`stepping` is the loop; each other file is one physical level. What an arm may hide
+stands in `sim.effects`.
 """

@@ -8,16 +8,17 @@ import pinocchio as pin
 
 from residual.errors import InputError
 from residual.robot.robot import Robot
-from sim.plant.bodies import scattered, with_effects
+from sim import kinds
+from sim.catalogue import Acting, acting, changed, check_effect
 from sim.plant.controller import Maker, maker_of
-from sim.plant.perturbations import check_effect, parameters
-from sim.plant.rows import contacts_of, friction_rows, torque_rows
+from sim.plant.rows import contacts_of, friction_rows, shared, torque_rows
 from sim.plant.sensor_faults import EncoderFaults, encoder_faults
 from sim.plant.signal_faults import encoder_errors, torque_constants
 from sim.plant.tables import Constants, State
-from sim.plant.thermal import SLOW, warmth_at
+from sim.plant.thermal import warmth_at
 from sim.plant.transmission import series_spring
 from sim.records import PlantEffect, PlantSpec
+from sim.synthetic.body import scatter
 from sim.synthetic.room import room
 from sim.synthetic.seeds import stream
 
@@ -52,7 +53,7 @@ class Phase:
         last: Step after the last one.
         model: Rigid body.
         constants: Everything else, as the compiled step reads it.
-        force: Force on the flange in the base frame [N]. Shape (3,), or None.
+        pushes: Effects that push the links from outside.
         errors: Constant, cosine, sine of the encoder errors [rad]. Shape (3, dof).
         faults: Encoders that are broken, None if none is.
     """
@@ -61,7 +62,7 @@ class Phase:
     last: int
     model: pin.Model
     constants: Constants
-    force: Array | None
+    pushes: tuple[Acting, ...]
     errors: Array
     faults: EncoderFaults | None = None
 
@@ -80,7 +81,7 @@ def build_arm(robot: Robot, plant: PlantSpec) -> Arm:
     base = Maker(
         *(f * value for f, value in zip(factors, maker_of(robot), strict=True))
     )
-    model = scattered(robot, plant.scatter, plant.seed)
+    model = scatter(robot.model, plant.scatter, stream(plant.seed, "scatter"))
     return Arm(robot, plant.effects, model, base)
 
 
@@ -91,15 +92,13 @@ def new_state(arm: Arm, start: float) -> State:
         arm: The arm.
         start: Time since then [s].
     """
-    dof, count = arm.robot.dof, len(arm.effects) + 1
-    pairs = sum(effect.name == "coupled_friction" for effect in arm.effects)
-    memory = np.zeros(count * dof)
-    for i, effect in enumerate(arm.effects):
-        if effect.name == "warmup":
-            constant = parameters(effect)["time_constant"]
-            memory[i * dof : (i + 1) * dof] = warmth_at(start, constant)
-    memory[-dof:] = warmth_at(start, SLOW)
-    return State(np.zeros((3, dof)), np.zeros(dof + pairs), memory)
+    dof, count = arm.robot.dof, len(arm.effects)
+    memory = np.zeros((count + 1) * dof)
+    rows = friction_rows(arm.base, arm.effects, range(count))
+    for _, _, slot, _, constant, *_ in rows[rows[:, 0] == kinds.WARMUP]:
+        memory[int(slot)] = warmth_at(start, constant)
+    gears = len(shared(arm.effects))
+    return State(np.zeros((3, dof)), np.zeros(dof + gears), memory)
 
 
 def phases(arm: Arm, steps: int, dt: float, series: Array) -> list[Phase]:
@@ -122,21 +121,21 @@ def phases(arm: Arm, steps: int, dt: float, series: Array) -> list[Phase]:
 
 def first_step(effect: PlantEffect, steps: int, dt: float) -> int:
     """Return the first control step on which an effect acts."""
-    onset = effect.onset
-    if effect.name == "x_friction_jump":
-        onset = max(onset, parameters(effect)["share"] * steps * dt)
+    what, p, _, onset = acting([effect])[0]
+    if what.begins:
+        onset = max(onset, what.begins(p) * steps * dt)
     return int(np.ceil(onset / dt - 1e-6))
 
 
 def _phase(
     arm: Arm, active: list[int], span: tuple[int, int], dt: float, series: Array
 ) -> Phase:
-    effects = tuple(arm.effects[i] for i in active)
+    effects = acting(arm.effects[i] for i in active)
     robot, dof = arm.robot, arm.robot.dof
-    rotor = arm.base.rotor + _added(effects, "rotor_inertia", "inertia", dof)
+    rotor = arm.base.rotor + _added(effects, dof)
     if rotor.min() <= 0:
         raise InputError(
-            f"Effect 'rotor_inertia' leaves joint {int(rotor.argmin()) + 1} with "
+            f"The effects leave the rotor of joint {int(rotor.argmin()) + 1} with "
             f"{rotor.min():g} kg m^2, expected more than 0. Take a smaller change."
         )
     springs = _springs(effects, rotor)
@@ -161,37 +160,28 @@ def _phase(
         torque=torque_rows(arm.effects, active),
         series=series,
     )
-    model = with_effects(arm.model, effects)
     faults = encoder_faults(effects, dt)
-    return Phase(*span, model, constants, _force(effects), errors, faults)
+    pushes = tuple(effect for effect in effects if effect.what.push)
+    model = changed(arm.model, effects)
+    return Phase(*span, model, constants, pushes, errors, faults)
 
 
-def _added(effects: Sequence[PlantEffect], name: str, key: str, dof: int) -> Array:
+def _added(effects: Sequence[Acting], dof: int) -> Array:
+    """Return what the effects add to the rotors [kg m^2]. Shape (dof,)."""
     total = np.zeros(dof)
-    for effect in effects:
-        if effect.name == name:
-            total[[j - 1 for j in effect.joints]] += parameters(effect)[key]
+    for what, p, joints, _ in effects:
+        if what.of_drive == "rotor":
+            total[list(joints)] += p[what.amount[0]]
     return total
 
 
-def _force(effects: Sequence[PlantEffect]) -> Array | None:
-    forces = [
-        [parameters(effect)[axis] for axis in "xyz"]
-        for effect in effects
-        if effect.name == "tool_force"
-    ]
-    return np.sum(forces, axis=0) if forces else None
-
-
-def _springs(effects: Sequence[PlantEffect], rotor: Array) -> Array:
+def _springs(effects: Sequence[Acting], rotor: Array) -> Array:
     """Return stiffness, damping and half gap of each joint; rigid ones 0. (3, dof)."""
     springs = np.zeros((3, len(rotor)))
-    for joint in range(1, len(rotor) + 1):
-        here = [effect for effect in effects if joint in effect.joints]
-        compliances = [
-            1.0 / parameters(e)["stiffness"] for e in here if e.name == "elasticity"
-        ]
-        gaps = [parameters(e)["half_gap"] for e in here if e.name == "backlash"]
+    for j in range(len(rotor)):
+        here = [(e.what, e.p) for e in effects if j in e.joints]
+        compliances = [what.compliance(p) for what, p in here if what.compliance]
+        gaps = [what.gap(p) for what, p in here if what.gap]
         if compliances or gaps:
-            springs[:, joint - 1] = series_spring(compliances, gaps, rotor[joint - 1])
+            springs[:, j] = series_spring(compliances, gaps, rotor[j])
     return springs

@@ -11,7 +11,8 @@ from pathlib import Path
 import numba
 
 _PLANT = Path(__file__).parent
-_SOURCES = (*sorted(_PLANT.glob("*.py")), _PLANT.parent / "laws.py")
+_BESIDE = (_PLANT.parent / "laws.py", _PLANT.parent / "kinds.py")
+_SOURCES = (*sorted(_PLANT.glob("*.py")), *_BESIDE)
 _CODE = hashlib.sha256(b"".join(path.read_bytes() for path in _SOURCES)).hexdigest()
 _FOLDER = _PLANT / "__pycache__" / f"compiled-{_CODE[:12]}"
 

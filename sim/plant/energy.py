@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from sim import kinds
 from sim.plant import tables as at
 from sim.plant.stepping import Trace
-from sim.plant.torques import MOTOR_SIDE
 
 Array = np.ndarray
 
@@ -42,8 +42,9 @@ def balance(trace: Trace, every: int = 50) -> Balance:
     now = rows[:-1]
     power = now[:, at.MOTOR] * motor
     lost = now[:, at.FRICTION] * motor
-    for i, name in enumerate(trace.channels):
-        speed = motor if name in MOTOR_SIDE else link
+    at_motor = {row[2] for row in arm.torque if row[0] in kinds.AT_MOTOR}
+    for i in range(len(trace.channels)):
+        speed = motor if i in at_motor else link
         lost = lost + now[:, at.CHANNELS + i] * speed
     twist = np.abs(now[:, at.MOTOR_Q] - now[:, at.Q])
     engaged = (twist >= arm.gap) & (arm.elastic > 0)

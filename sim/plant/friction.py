@@ -10,8 +10,7 @@ still, and nothing chatters.
 import numpy as np
 from numba import njit
 
-from sim import laws
-from sim.plant import tables as at
+from sim import kinds, laws
 from sim.plant.compiled import compiled
 
 _direction = njit(laws.direction)
@@ -29,11 +28,11 @@ _BRISTLE_DAMPING = 0.2
 @compiled
 def friction_of(row, u, angle, load, memory):
     """Return what one row adds at speed u: forward, backward, viscosity."""
-    if row[0] == at.LEVEL:
+    if row[0] == kinds.LEVEL:
         return row[3], row[3], 0.0
-    if row[0] == at.ASYMMETRY:
+    if row[0] == kinds.ASYMMETRY:
         return row[3], -row[3], 0.0
-    if row[0] <= at.POWER:
+    if row[0] <= kinds.POWER:
         return 0.0, 0.0, _viscosity(row, u)
     level = _level(row, u, angle, load, memory)
     return level, level, 0.0
@@ -42,11 +41,11 @@ def friction_of(row, u, angle, load, memory):
 @compiled
 def _viscosity(row, u):
     kind, coefficient = row[0], row[3]
-    if kind == at.VISCOUS_ASYMMETRY:
+    if kind == kinds.VISCOUS_ASYMMETRY:
         return coefficient * _direction(u)
-    if kind == at.QUADRATIC:
+    if kind == kinds.QUADRATIC:
         return coefficient * _quadratic(u)
-    if kind == at.POWER:
+    if kind == kinds.POWER:
         return coefficient * _power(u, row[4])
     return coefficient
 
@@ -54,13 +53,13 @@ def _viscosity(row, u):
 @compiled
 def _level(row, u, angle, load, memory):
     kind, size, number = row[0], row[3], row[4]
-    if kind == at.STRIBECK:
+    if kind == kinds.STRIBECK:
         return size * _stribeck(u, number, row[5])
-    if kind == at.CARRIED:
+    if kind == kinds.CARRIED:
         return size * _carried(load, number)
-    if kind == at.POSITION:
+    if kind == kinds.POSITION:
         return size * _eccentric(angle - number)
-    if kind == at.WARMUP:
+    if kind == kinds.WARMUP:
         return size * max(0.0, 1.0 - memory)
     return -size  # bristles bear this part of the dry friction
 

@@ -1,8 +1,6 @@
-"""Sensors that break during a run: encoders that the controller believes, torque logs.
+"""Encoders that break during a run, and that the controller believes.
 
-A jump is an ``encoder_offset``, a fallen torque constant a ``torque_gain``, both with
-an onset; here is what the vocabulary of effects has no word for. Nothing here acts
-without an effect ``x_fault_...``: all other arms keep their bits.
+Nothing here acts without a frozen or drifting encoder: all other arms keep their bits.
 """
 
 from collections.abc import Sequence
@@ -10,14 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sim.catalogue import Acting
 from sim.plant import tables as at
-from sim.plant.perturbations import parameters
-from sim.records import PlantEffect
+from sim.synthetic.sensors import SLACK
 
 Array = np.ndarray
-
-FROZEN, DRIFT = "x_fault_frozen", "x_fault_drift"
-_SLACK = 1e-9  # s: an onset on a step acts on that step
 
 
 class EncoderFaults(NamedTuple):
@@ -42,22 +37,21 @@ class EncoderFaults(NamedTuple):
             now[at.READING_RATE, joint] = 0.0
 
 
-def encoder_faults(effects: Sequence[PlantEffect], dt: float) -> EncoderFaults | None:
+def encoder_faults(effects: Sequence[Acting], dt: float) -> EncoderFaults | None:
     """Return the encoder faults among the effects that act, None if there are none."""
     frozen, drift = [], []
-    for effect in effects:
-        first = int(np.ceil(effect.onset / dt - 1e-6))
-        for joint in (j - 1 for j in effect.joints):
-            if effect.name == FROZEN:
-                frozen.append((joint, first))
-            elif effect.name == DRIFT:
-                drift.append((joint, first, parameters(effect)["rate"]))
+    for what, p, joints, onset in effects:
+        first = int(np.ceil(onset / dt - 1e-6))
+        if what.frozen:
+            frozen += [(joint, first) for joint in joints]
+        if what.drift:
+            drift += [(joint, first, what.drift(p)) for joint in joints]
     if not frozen and not drift:
         return None
     return EncoderFaults(tuple(frozen), tuple(drift))
 
 
-def hold_frozen(q: Array, t: Array, effects: Sequence[PlantEffect]) -> Array:
+def hold_frozen(q: Array, t: Array, effects: Sequence[Acting]) -> Array:
     """Return the log of the encoders where a frozen one repeats its last word.
 
     What is frozen is the number itself: the noise of the reading stands still too.
@@ -67,39 +61,11 @@ def hold_frozen(q: Array, t: Array, effects: Sequence[PlantEffect]) -> Array:
         t: Times since the run began [s]. Shape (n,).
         effects: All effects of the arm.
     """
-    if not any(effect.name == FROZEN for effect in effects):
+    if not any(effect.what.frozen for effect in effects):
         return q
     out = q.copy()
-    for effect in effects:
-        if effect.name == FROZEN:
-            rows = [j - 1 for j in effect.joints]
-            first = int(np.searchsorted(t, effect.onset - _SLACK))
+    for what, _, joints, onset in effects:
+        if what.frozen:
+            first, rows = int(np.searchsorted(t, onset - SLACK)), list(joints)
             out[first:, rows] = out[max(first - 1, 0), rows]
     return out
-
-
-def torque_faults(tau: Array, t: Array, effects: Sequence[PlantEffect]) -> None:
-    """Change reports of torque in place: bias, gain, spikes.
-
-    The drive itself works, and the controller does not read this sensor. Spikes come
-    at the onset and then every ``interval``, each ``width`` long, with changing sign.
-
-    Args:
-        tau: Reported torque [N m]. Shape (n, dof).
-        t: Times since the run began [s]. Shape (n,).
-        effects: All effects of the arm.
-    """
-    for effect in effects:
-        if not effect.name.startswith("x_fault_torque"):
-            continue
-        p, joints = parameters(effect), [j - 1 for j in effect.joints]
-        first = int(np.searchsorted(t, effect.onset - _SLACK))
-        if effect.name == "x_fault_torque_bias":
-            tau[first:, joints] += p["torque"]
-        elif effect.name == "x_fault_torque_gain":
-            tau[first:, joints] *= 1.0 + p["gain"]
-        elif effect.name == "x_fault_torque_spikes":
-            since = t[first:] - effect.onset + _SLACK
-            count, into = np.divmod(since, p["interval"])
-            sign = np.where(count % 2 == 0, 1.0, -1.0) * (into < p["width"])
-            tau[first:, joints] += p["size"] * sign[:, None]

@@ -1,19 +1,19 @@
-"""Signals that lie: encoders that the controller believes, torque in the log."""
+"""Signals that lie: encoders that the controller believes, torque constants."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
+from sim.catalogue import Acting
 from sim.plant import tables as at
 from sim.plant.compiled import compiled
-from sim.plant.perturbations import parameters
-from sim.plant.sensor_faults import torque_faults
-from sim.records import PlantEffect
 
 Array = np.ndarray
 
 FAST, FAR = 60.0, 1.0  # rad/s, rad: beyond them a real arm has been stopped
 
 
-def encoder_errors(effects: tuple[PlantEffect, ...], dof: int) -> Array:
+def encoder_errors(effects: Sequence[Acting], dof: int) -> Array:
     """Return constant, cosine and sine of the error, true minus reading [rad].
 
     Args:
@@ -24,23 +24,18 @@ def encoder_errors(effects: tuple[PlantEffect, ...], dof: int) -> Array:
         The three coefficients of each joint. Shape (3, dof).
     """
     errors = np.zeros((3, dof))
-    for effect in effects:
-        values, rows = parameters(effect), [j - 1 for j in effect.joints]
-        if effect.name == "encoder_offset":
-            errors[0, rows] += values["angle"]
-        elif effect.name == "encoder_eccentricity":
-            errors[1, rows] += values["cos"]
-            errors[2, rows] += values["sin"]
+    for what, p, joints, _ in effects:
+        if what.encoder:
+            errors[:, list(joints)] += np.reshape(what.encoder(p), (3, 1))
     return errors
 
 
-def torque_constants(effects: tuple[PlantEffect, ...], dof: int) -> Array:
+def torque_constants(effects: Sequence[Acting], dof: int) -> Array:
     """Return real over reported torque of each joint. Shape (dof,)."""
     ratio = np.ones(dof)
-    for effect in effects:
-        if effect.name == "torque_gain":
-            rows = [j - 1 for j in effect.joints]
-            ratio[rows] /= 1.0 + parameters(effect)["gain"]
+    for what, p, joints, _ in effects:
+        if what.gain:
+            ratio[list(joints)] /= 1.0 + what.gain(p)
     return ratio
 
 
@@ -87,30 +82,3 @@ def true_angle(reading: Array, errors: Array) -> Array:
     for _ in range(20):  # contracts by the size of the error each time
         x = reading + shift + cos * np.cos(x) + sin * np.sin(x)
     return x
-
-
-def reported(drive: Array, t: Array, effects: tuple[PlantEffect, ...]) -> Array:
-    """Return the torque that the drives report, noise apart.
-
-    The drive itself works; its report comes late and ends at the range of its sensor.
-
-    Args:
-        drive: Torque that the drives believe to give [N m]. Shape (n, dof).
-        t: Times [s]. Shape (n,).
-        effects: All effects; each acts from its onset on.
-    """
-    out = drive.copy()
-    for effect in effects:
-        values, acts = parameters(effect), t >= effect.onset - 1e-9
-        if effect.name == "saturation":
-            for row in (j - 1 for j in effect.joints):
-                clipped = np.clip(out[:, row], -values["level"], values["level"])
-                out[acts, row] = clipped[acts]
-    for effect in effects:
-        if effect.name == "delay":
-            lag, acts = parameters(effect)["delay"], t >= effect.onset - 1e-9
-            for row in range(out.shape[1]):
-                late = np.interp(t - lag, t, out[:, row])
-                out[acts, row] = late[acts]
-    torque_faults(out, t, effects)
-    return out

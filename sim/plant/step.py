@@ -11,6 +11,7 @@ What each joint then passes on to the rigid arm is sent to Bullet, and Bullet mo
 
 import numpy as np
 
+from sim import kinds
 from sim.plant import tables as at
 from sim.plant.compiled import compiled
 from sim.plant.friction import bristle, friction_of, slide
@@ -158,7 +159,7 @@ def _rub(arm, state, now, x, mass, momentum):
         rubbing[0, c] += forward
         rubbing[1, c] += backward
         rubbing[2, c] += viscosity
-        if row[0] == at.BRISTLE:
+        if row[0] == kinds.BRISTLE:
             z, torque = bristle(state.memory[slot], u, row, arm.rotor[c], dt)
             state.memory[slot] = z
             rubbing[3, c] += torque
@@ -242,7 +243,7 @@ def _record_friction(arm, state, rubbing, now, x, x_new):
         friction[int(arm.contacts[c, 4])] += arm.contacts[c, 2] * torque
     for f in range(len(arm.friction)):
         row = arm.friction[f]
-        if row[0] == at.WARMUP:
+        if row[0] == kinds.WARMUP:
             c, slot = int(row[1]), int(row[2])
             warmth = state.memory[slot]
             now[at.TEMPERATURE, c] = AMBIENT + RISE * warmth

@@ -8,13 +8,11 @@ import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from residual.errors import ModelgapError
-from residual.robot.dynamics import flange_frame
 from sim.engine.bullet import World
 from sim.plant import tables as at
 from sim.plant.arm import Arm, Phase, new_state, phases
 from sim.plant.controller import Controller
-from sim.plant.rows import channels_of
-from sim.plant.series import series_of
+from sim.plant.rows import channels_of, series_of
 from sim.plant.signal_faults import read, true_angle
 from sim.plant.step import advance
 from sim.plant.tables import State, pack
@@ -142,7 +140,7 @@ def _run(phase: Phase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
     """Run one phase; return position and velocity after its last step."""
     model, data, arm = phase.model, phase.model.createData(), pack(phase.constants)
     rows, state, dof, still = run.rows, run.state, model.nv, np.zeros(model.nv)
-    body, outside = np.empty((dof + 1, dof)), np.zeros(dof)
+    body, outside = np.empty((dof + 1, dof)), still
     with World(model, arm.dt) as world:
         world.reset(q, qd)
         for k in range(phase.first, phase.last):
@@ -158,22 +156,23 @@ def _run(phase: Phase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
             )
             body[:dof] = pin.crba(model, data, q)
             body[dof] = pin.rnea(model, data, q, qd, still)
-            if phase.force is not None:
-                outside = tool_torque(phase, data, q)
-                channel = at.CHANNELS + run.channels.index("tool_force")
-                now[channel] = -outside
+            if phase.pushes:
+                torques = pushed(phase, data, q, qd)
+                for name, torque in torques.items():
+                    now[at.CHANNELS + run.channels.index(name)] = -torque
+                outside = np.sum(list(torques.values()), axis=0)
             world.step(advance(k, body, outside, arm, state, rows))
             q, qd = world.state()
     return q, qd
 
 
-def tool_torque(phase: Phase, data: pin.Data, q: Array) -> Array:
-    """Return the torque of the force on the flange [N m]. Shape (dof,)."""
-    frame = flange_frame(phase.model)
-    jacobian = pin.computeFrameJacobian(
-        phase.model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    )
-    return jacobian[:3].T @ phase.force
+def pushed(phase: Phase, data: pin.Data, q: Array, qd: Array) -> dict[str, Array]:
+    """Return the torque from outside on the links, by effect [N m]. Shapes (dof,)."""
+    out: dict[str, Array] = {}
+    for what, p, *_ in phase.pushes:
+        torque = what.push(p, phase.model, data, q, qd)
+        out[what.name] = out[what.name] + torque if what.name in out else torque
+    return out
 
 
 def _start(phase: Phase, reference: Reference, state: State) -> tuple[Array, Array]:

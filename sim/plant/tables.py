@@ -8,13 +8,10 @@ from sim.plant.compiled import compiled
 
 Array = np.ndarray
 
-# Columns of a row of friction: what, on which contact, its memory, four numbers.
-# Contacts are the joints, then the shared gears of pairs.
+# Columns of a row of friction: kind (`sim.kinds`), on which contact, its memory, four
+# numbers. Contacts are the joints, then the shared gears of pairs. Columns of a row of
+# torque: kind, on which joint, into which channel, four numbers.
 WIDTH = 7
-LEVEL, ASYMMETRY, VISCOUS, VISCOUS_ASYMMETRY, QUADRATIC, POWER = range(6)
-STRIBECK, CARRIED, POSITION, WARMUP, BRISTLE = range(6, 11)
-# Columns of a row of torque: what, on which joint, into which channel, four numbers.
-CONSTANT, HOSE, GAS_SPRING, RIPPLE, COGGING_SUM, WALL, SERIES, DEAD_ZONE = range(8)
 
 # Rows of the trace, before one row for each explicit channel.
 (

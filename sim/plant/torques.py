@@ -3,17 +3,12 @@
 import numpy as np
 from numba import njit
 
-from sim import laws
-from sim.plant import tables as at
+from sim import kinds, laws
 from sim.plant.compiled import compiled
 
 _hose = njit(laws.hose)
 _gas_spring = njit(laws.gas_spring)
 _magnet = njit(laws.magnet)
-
-# These act on the motor side of an elastic transmission, the rest on the link.
-MOTOR_SIDE = ("ripple", "x_cogging_sum", "x_dead_zone")
-_AT_MOTOR = (at.RIPPLE, at.COGGING_SUM, at.DEAD_ZONE)
 
 
 @compiled
@@ -28,19 +23,19 @@ def torque_of(row, angle, q, motor, now):
         now: Given torques of this time [N m]. Shape (s,).
     """
     kind, a, b, c = row[0], row[3], row[4], row[5]
-    if kind == at.CONSTANT:
+    if kind == kinds.CONSTANT:
         return a
-    if kind == at.HOSE:
+    if kind == kinds.HOSE:
         return a * _hose(angle - b)
-    if kind == at.GAS_SPRING:
+    if kind == kinds.GAS_SPRING:
         return a * _gas_spring(angle - b)
-    if kind == at.RIPPLE:
+    if kind == kinds.RIPPLE:
         return a * _magnet(b * angle + c)
-    if kind == at.COGGING_SUM:
+    if kind == kinds.COGGING_SUM:
         return a * np.cos(b * (angle + q[int(c)]))
-    if kind == at.WALL:
+    if kind == kinds.WALL:
         return a * c * max(0.0, c * (angle - b))
-    if kind == at.SERIES:
+    if kind == kinds.SERIES:
         return now[int(a)]
     return min(max(motor, -a), a)  # dead zone: what is lost of a small torque
 
@@ -63,7 +58,7 @@ def resist(table, q, motor_q, motor, now, channels):
     at_link, at_motor = np.zeros_like(q), np.zeros_like(q)
     for e in range(len(table)):
         row, joint = table[e], int(table[e, 1])
-        inside = row[0] in _AT_MOTOR
+        inside = row[0] in kinds.AT_MOTOR
         angles = motor_q if inside else q
         torque = torque_of(row, angles[joint], angles, motor[joint], now)
         channels[int(row[2]), joint] += torque

@@ -1,10 +1,9 @@
-"""The true rigid body: the nominal one scattered, with a load in its hand."""
+"""The true rigid body: the nominal one scattered; and its flange."""
 
 import numpy as np
 import pinocchio as pin
 
 from residual.robot.dynamics import flange_placement
-from sim.synthetic.state import Hidden
 
 Array = np.ndarray
 
@@ -37,39 +36,12 @@ def scatter(model: pin.Model, relative: float, rng: np.random.Generator) -> pin.
     return true
 
 
-def with_payload(model: pin.Model, payload: Hidden) -> pin.Model:
-    """Return a copy with a load fixed to the flange: a steel ball, unless told.
-
-    Args:
-        model: Model of the arm.
-        payload: `mass` [kg] and `com_x`, `com_y`, `com_z` [m] in the flange frame;
-            `ixx` to `izz` about that centre [kg m^2] where known, else left out or NaN.
-
-    Returns:
-        The copy; the last body is the sum of link and load.
-    """
-    p = payload.parameters
-    centre = np.array([p["com_x"], p["com_y"], p["com_z"]])
-    # Radius of a steel ball of that mass (7850 kg/m^3).
-    radius = (3 * p["mass"] / (4 * np.pi * 7850.0)) ** (1 / 3)
-    inertia = 0.4 * p["mass"] * radius**2 * np.eye(3)
-    if not np.isnan(p.get("ixx", np.nan)):
-        upper = [p[key] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
-        inertia[np.triu_indices(3)] = upper
-        inertia = np.triu(inertia) + np.triu(inertia, 1).T
-    load = pin.Inertia(p["mass"], centre, inertia)
-    loaded = pin.Model(model)
-    loaded.inertias[loaded.njoints - 1] += flange_placement(model).act(load)
-    return loaded
-
-
 def outward(model: pin.Model) -> Array:
     """Return the axis of the last joint in the flange frame, pointing away. (3,).
 
     Away is where the flange lies from the last joint, else where its link's mass is.
     """
-    data = model.createData()
-    last = model.njoints - 1
+    data, last = model.createData(), model.njoints - 1
     jacobian = pin.computeJointJacobian(model, data, pin.neutral(model), last)
     axis = jacobian[3:, -1]
     flange = flange_placement(model)

@@ -1,6 +1,6 @@
 """Write a small case as files: what an engineer would export, and the sealed truth.
 
-python -m sim.synthetic.demo FOLDER [SEED] [EFFECT]
+python -m sim.synthetic.demo FOLDER SEED EFFECT
 """
 
 import json
@@ -11,7 +11,7 @@ import numpy as np
 
 from residual.recording import Recording
 from residual.robot.robot import load_robot
-from sim.synthetic.draw import draw
+from sim.draw import draw
 from sim.synthetic.logs import LogPlan, make
 from sim.synthetic.plant import Plant
 from sim.synthetic.seeds import stream
@@ -25,7 +25,7 @@ _PLAN = (
 )
 
 
-def write_demo(folder: Path, seed: int = 7, effect: str = "payload") -> list[Path]:
+def write_demo(folder: Path, seed: int, effect: str) -> list[Path]:
     """Write logs of the built-in arm with one hidden effect.
 
     Three logs to fit and one of another motion family to hold out, as CSV; truth.json
@@ -73,8 +73,6 @@ def _write_csv(path: Path, recording: Recording) -> None:
 
 
 if __name__ == "__main__":
-    words = sys.argv[1:]
-    for written in write_demo(
-        Path(words[0]), *(int(w) for w in words[1:2]), *words[2:3]
-    ):
+    folder, seed, effect = sys.argv[1:]
+    for written in write_demo(Path(folder), int(seed), effect):
         print(written)

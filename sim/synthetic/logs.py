@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.synthetic.draw import draw
+from sim.catalogue import kinds, of_drives
+from sim.draw import draw
 from sim.synthetic.motion import make_motion
 from sim.synthetic.plant import Plant, true_friction, true_torque
 from sim.synthetic.room import room
@@ -21,7 +22,7 @@ _FIT = ("fourier", "fourier", "cyclic", "slow_cyclic", *2 * ("move_stop_move",))
 _HELD_OUT = ("fourier", "move_stop_move", "cyclic")
 
 # Declared by default with unknown level: only a change against a baseline shows.
-CHANGES = ("viscous", "coulomb", "rotor_inertia")
+CHANGES = tuple(effect.name for effect in of_drives())
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,12 +152,9 @@ def _undeclared_case(
     if effect not in CHANGES:
         raise ValueError(f"Only {CHANGES} can be left undeclared, not {effect!r}.")
     plant = Plant(robot, (), seed)
-    friction = true_friction(plant)
-    parameters = {
-        "viscous": {"coefficient": friction.viscous},
-        "coulomb": {"level": friction.coulomb},
-        "rotor_inertia": {"inertia": friction.rotor},
-    }[effect]
+    change = kinds()[effect]
+    there = getattr(true_friction(plant), change.of_drive)
+    parameters = {change.amount[0]: there}
     truth = Hidden(effect, tuple(range(1, robot.dof + 1)), parameters)
     declared = tuple(name for name in CHANGES if name != effect)
     return _case(plant, standard_plan(baseline), declared, truth)

@@ -1,20 +1,23 @@
 """The synthetic arm: a motion in, its true torque out, part by part."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
+from residual.errors import InputError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
-from sim.synthetic.body import scatter, with_payload
-from sim.synthetic.bristle import deflection
-from sim.synthetic.disguise import changed_body, motor, pushed, reading, reported
-from sim.synthetic.effects import LAWS
+from sim.catalogue import Acting, acting, changed
+from sim.effects._bristle import deflection
+from sim.effects.base import State
+from sim.synthetic.body import scatter
 from sim.synthetic.motion import Motion
 from sim.synthetic.seeds import stream
+from sim.synthetic.sensors import reported
 from sim.synthetic.sizes import sizes
-from sim.synthetic.state import Hidden, State
+from sim.synthetic.state import Hidden
 
 Array = np.ndarray
 
@@ -109,41 +112,51 @@ def true_torque(
 
     Returns:
         The parts and the sum.
+
+    Raises:
+        InputError: If an effect is one that only the arm in the physics engine has.
     """
-    hidden = plant.hidden if active else ()
-    model = true_model(plant)
+    hidden = acting(plant.hidden if active else ())
     for effect in hidden:
-        if effect.name == "payload":
-            model = with_payload(model, effect)
-        model = changed_body(model, effect)
+        if not effect.what.on_synthetic:
+            raise InputError(f"A synthetic arm cannot have '{effect.what.name}'.")
+    model = changed(true_model(plant), hidden)
     rigid = inverse_dynamics(model, motion.q, motion.qd, motion.qdd)
-    rigid += pushed(model, hidden, motion.q)
+    loads = [e.what.load(model, motion.q, e.p) for e in hidden if e.what.load]
+    rigid += np.sum(loads, axis=0)
     friction = true_friction(plant)
     drives, qd, qdd = _drives(hidden, motion, rigid)
     z = deflection(drives, friction.displacement)
     base = friction.coulomb * z + friction.viscous * qd + friction.rotor * qdd
     parts = []
     for i, effect in enumerate(hidden):
-        rng = stream(plant.seed, f"effect/{i}/{effect.name}/{log}")
+        rng = stream(plant.seed, f"effect/{i}/{effect.what.name}/{log}")
         parts.append(_part(effect, motion, start, (rigid, z, friction), rng))
     tau = (rigid + base + sum(parts)) * _gain(hidden, plant.robot.dof)
-    tau = reported(hidden, motion.t, tau)
-    return Torque(rigid, base, tuple(parts), tau, reading(hidden, drives))
+    tau = reported(tau, motion.t, hidden)
+    return Torque(rigid, base, tuple(parts), tau, _reading(hidden, drives))
 
 
 def _drives(
-    hidden: tuple[Hidden, ...], motion: Motion, load: Array
+    hidden: Sequence[Acting], motion: Motion, load: Array
 ) -> tuple[Array, Array, Array]:
-    """Return position, speed and acceleration of the motors, which may lead."""
+    """Return position, speed and acceleration of the motors, which may lead.
+
+    In angles of the links; the load is what the gears pass on [N m].
+    """
     rate = 1 / (motion.t[1] - motion.t[0])
-    lead = motor(hidden, motion.q, load, rate) - motion.q
+    q = motion.q.copy()
+    for what, p, joints, _ in hidden:
+        for j in joints if what.lead else ():
+            q[:, j] += what.lead(load[:, j], rate, p)
+    lead = q - motion.q
     first = np.gradient(lead, 1 / rate, axis=0)
     second = np.gradient(first, 1 / rate, axis=0)
     return motion.q + lead, motion.qd + first, motion.qdd + second
 
 
 def _part(
-    effect: Hidden,
+    effect: Acting,
     motion: Motion,
     start: float,
     arm: tuple[Array, Array, Friction],
@@ -151,10 +164,9 @@ def _part(
 ) -> Array:
     """Return the torque of one additive effect on all joints. Shape (n, dof)."""
     rigid, z, friction = arm
-    torque = np.zeros_like(rigid)
-    if effect.name not in LAWS:
+    torque, rows = np.zeros_like(rigid), list(effect.joints)
+    if effect.what.law is None:
         return torque
-    rows = [j - 1 for j in effect.joints]
     state = State(
         t=start + motion.t,
         q=motion.q[:, rows],
@@ -166,13 +178,25 @@ def _part(
         displacement=friction.displacement[rows],
         rng=rng,
     )
-    torque[:, rows] = LAWS[effect.name](state, effect.parameters)
+    torque[:, rows] = effect.what.law(state, effect.p)
     return torque
 
 
-def _gain(hidden: tuple[Hidden, ...], dof: int) -> Array:
+def _gain(hidden: Sequence[Acting], dof: int) -> Array:
+    """Return reported over real torque of each joint. Shape (dof,)."""
     gain = np.ones(dof)
-    for effect in hidden:
-        if effect.name == "torque_gain":
-            gain[[j - 1 for j in effect.joints]] += effect.parameters["gain"]
+    for what, p, joints, _ in hidden:
+        if what.gain:
+            gain[list(joints)] += what.gain(p)
     return gain
+
+
+def _reading(hidden: Sequence[Acting], angle: Array) -> Array:
+    """Return what the encoders read of the motors' angles [rad]. Shape (n, dof)."""
+    out = angle.copy()
+    for what, p, joints, _ in hidden:
+        if what.encoder:
+            shift, cos, sin = what.encoder(p)
+            x = angle[:, list(joints)]
+            out[:, list(joints)] -= shift + cos * np.cos(x) + sin * np.sin(x)
+    return out

@@ -11,7 +11,9 @@ import numpy as np
 from residual.errors import InputError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
+from sim.catalogue import of_drives
 from sim.synthetic.room import room
+from sim.synthetic.sizes import declared
 
 Array = np.ndarray
 
@@ -101,18 +103,9 @@ class Friction:
 
 def declared_friction(robot: Robot) -> Friction:
     """Return the friction and rotors that a robot declares with values."""
-
-    def values(name: str, key: str) -> Array:
-        known = robot.declared.get(name)
-        if known is None or not known.values:
-            return np.zeros(robot.dof)
-        return np.asarray(known.values[key], dtype=float)
-
-    return Friction(
-        values("coulomb", "level"),
-        values("viscous", "coefficient"),
-        values("rotor_inertia", "inertia"),
-    )
+    nothing = np.zeros(robot.dof)
+    known = {e.of_drive: declared(robot, e, nothing) for e in of_drives()}
+    return Friction(**known)
 
 
 def smooth_torque(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import warehouse
 from flows.cli import main
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from tests.warehouse import log_files as files
 from warehouse.commit import read_record
-from warehouse.query.store import open_store
 from warehouse.runs import read_run
 
 JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
@@ -48,7 +48,7 @@ def run(place, capsys):
 
 
 def ask(query):
-    with open_store("store") as store:
+    with warehouse.open("store") as store:
         return store.sql(query).to_pylist()
 
 

@@ -20,7 +20,7 @@ from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot
 from residual.signals.split import session_clock
 from residual.signals.track import Filters
-from sim.synthetic.draw import draw
+from sim.draw import draw
 from sim.synthetic.logs import CHANGES, Case, LogPlan, make
 from sim.synthetic.plant import Plant
 from sim.synthetic.seeds import stream

@@ -5,13 +5,12 @@ import pinocchio as pin
 import pytest
 
 from residual.robot.dynamics import flange_placement, inertial_parameters
+from sim.catalogue import acting, changed, kinds
+from sim.draw import draw_hidden
 from sim.engine.bullet import World
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
-from sim.plant.bodies import with_effects
-from sim.plant.draw import draw_hidden
 from sim.plant.energy import balance
-from sim.plant.perturbations import KINDS
 from sim.plant.urdf import urdf_of
 from sim.records import PlantSpec
 from sim.streams import stream
@@ -20,7 +19,7 @@ from tests.sim.plant_cases import ROBOT, drive, effect, motion
 pytestmark = pytest.mark.usefixtures("compiled_plant")
 
 SHORT = motion("move_stop_move", 1.5)
-RIGID = [n for n in KINDS if n not in ("elasticity", "backlash")]
+RIGID = [n for n in kinds() if n not in ("elasticity", "backlash")]
 
 
 def miss(trace):
@@ -31,7 +30,7 @@ def miss(trace):
     return np.abs(total - rows[:, at.MOTOR]).max()
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", kinds())
 def test_channels_of_every_effect_add_up(name):
     trace = drive(draw_hidden(ROBOT, stream(5, name), name), reference=SHORT)
     assert miss(trace) < 1e-9
@@ -40,7 +39,7 @@ def test_channels_of_every_effect_add_up(name):
 def test_channels_of_all_effects_together_add_up():
     effects = [
         draw_hidden(ROBOT, stream(6, name), name)
-        for name in KINDS
+        for name in kinds()
         if name != "base_tilt"
     ]
     assert miss(drive(*effects, reference=SHORT)) < 1e-9
@@ -92,7 +91,7 @@ def test_the_written_urdf_is_the_same_body():
 def test_a_payload_with_a_tensor_has_it_about_its_centre():
     tensor = dict(ixx=0.02, ixy=0.001, ixz=0.0, iyy=0.03, iyz=0.0, izz=0.025)
     load = effect("payload", 6, mass=3.0, com_x=0.1, com_y=0.0, com_z=0.02, **tensor)
-    added = inertial_parameters(with_effects(ROBOT.model, (load,)))
+    added = inertial_parameters(changed(ROBOT.model, acting([load])))
     added = added - inertial_parameters(ROBOT.model)
     place = flange_placement(ROBOT.model)
     body = pin.Inertia.FromDynamicParameters(added[-10:])
@@ -104,7 +103,7 @@ def test_a_payload_with_a_tensor_has_it_about_its_centre():
 
 def test_a_tilt_adds_gravity_along_the_base():
     tilt = effect("base_tilt", tilt_x=0.03, tilt_y=-0.02)
-    gravity = with_effects(ROBOT.model, (tilt,)).gravity.linear
+    gravity = changed(ROBOT.model, acting([tilt])).gravity.linear
     np.testing.assert_allclose(gravity, [0.2943, -0.1962, -9.81], atol=0.01)
     assert np.linalg.norm(gravity) == pytest.approx(9.81)
 

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
+from sim.catalogue import acting
 from sim.plant import tables as at
 from sim.plant.controller import Replay
 from sim.plant.friction import slide
-from sim.plant.signal_faults import reported
 from sim.plant.transmission import series_spring
+from sim.synthetic.sensors import reported
 from tests.sim.plant_cases import ROBOT, drive, effect, motion, standing
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")
@@ -219,11 +220,11 @@ def test_a_wrong_torque_constant_stands_in_the_loop():
 def test_reports_of_torque_come_late_and_end_at_their_range():
     t = np.arange(1000) / 1000
     torque = np.column_stack([10 * np.sin(6 * t), 5 * np.cos(4 * t)])
-    late = reported(torque, t, (effect("delay", delay=0.0105),))
+    late = reported(torque, t, acting([effect("delay", delay=0.0105)]))
     np.testing.assert_allclose(
         late[20:, 0], 10 * np.sin(6 * (t[20:] - 0.0105)), atol=1e-3
     )
-    short = reported(torque, t, (effect("saturation", 1, level=4.0),))
+    short = reported(torque, t, acting([effect("saturation", 1, level=4.0)]))
     assert np.abs(short[:, 0]).max() == 4.0
     np.testing.assert_array_equal(short[:, 1], torque[:, 1])
 

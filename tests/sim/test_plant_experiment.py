@@ -11,10 +11,10 @@ import pytest
 from residual.errors import InputError, UnknownNameError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot
+from sim.catalogue import check_effect, kinds, vocabulary
+from sim.draw import draw_hidden, usual_effects
 from sim.experiment import run_experiment
 from sim.plant import tables as at
-from sim.plant.draw import SOUGHT, draw_hidden
-from sim.plant.perturbations import KINDS, check_effect
 from sim.plant.stepping import DivergedError
 from sim.records import Noise, PlantEffect, PlantSpec, Rates, Reference
 from sim.streams import stream
@@ -131,7 +131,7 @@ def test_a_runaway_stops_with_time_and_state():
         (effect("payload", 6, mass=-1.0), InputError, "above 0"),
         (effect("payload", 6, mass=1.0, ixx=1.0), InputError, "all of ixx"),
         (effect("delay", 2, delay=0.01), InputError, "none"),
-        (effect("torque_gain", 2, gain=-1.5), InputError, "more than -1"),
+        (effect("torque_gain", 2, gain=-1.5), InputError, "above -1"),
         (effect("coupled_friction", 5, level=1.0), InputError, "two of"),
         (effect("coupled_friction", (5, 6), level=1.0, sign=2.0), InputError, "sign"),
     ],
@@ -162,7 +162,7 @@ def test_rates_that_do_not_fit_are_refused(rates, words):
         run_experiment(ROBOT, MOVE, PlantSpec(), rates)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", kinds())
 def test_everything_can_be_drawn(name):
     drawn = draw_hidden(ROBOT, stream(3, "hidden"), name)
     check_effect(drawn, ROBOT)
@@ -170,11 +170,11 @@ def test_everything_can_be_drawn(name):
     assert all(type(value) is float for _, value in drawn.parameters)
 
 
-def test_drawing_covers_what_is_sought_and_no_more():
+def test_drawing_covers_what_is_usual_and_no_more():
     drawn = {draw_hidden(ROBOT, stream(s, "hidden")).name for s in range(300)}
-    assert drawn == set(SOUGHT)
+    assert drawn == set(usual_effects())
     every = {draw_hidden(ROBOT, stream(s, "h"), every=True).name for s in range(600)}
-    assert every == {name for name in KINDS if not name.startswith("x_")}
+    assert every == set(vocabulary())
     with pytest.raises(UnknownNameError):
         draw_hidden(ROBOT, stream(1, "hidden"), "magic")
 

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
+from sim.catalogue import acting
 from sim.experiment import run_experiment
 from sim.plant import tables as at
-from sim.plant.sensor_faults import hold_frozen, torque_faults
+from sim.plant.sensor_faults import hold_frozen
 from sim.plant.stepping import DivergedError
 from sim.records import PlantSpec, Rates
+from sim.synthetic.sensors import reported
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")
@@ -76,8 +78,7 @@ def test_the_arm_follows_an_encoder_that_drifts(fine):
 
 def log_with(*effects):
     t, tau = np.arange(500) / 250, np.full((500, 6), 4.0)
-    torque_faults(tau, t, effects)
-    return tau
+    return reported(tau, t, acting(effects))
 
 
 def test_a_torque_sensor_has_bias_gain_and_spikes_from_its_onset_on():
@@ -103,7 +104,8 @@ def test_a_torque_sensor_that_lies_does_not_move_the_arm(fine):
 
 def test_a_log_without_a_frozen_encoder_is_left_as_it_is():
     q = np.ones((5, 6))
-    assert hold_frozen(q, np.arange(5.0), (effect("encoder_offset", 1),)) is q
+    others = acting([effect("encoder_offset", 1)])
+    assert hold_frozen(q, np.arange(5.0), others) is q
 
 
 @pytest.mark.parametrize(
@@ -111,7 +113,7 @@ def test_a_log_without_a_frozen_encoder_is_left_as_it_is():
     [
         (effect("x_fault_drift", 1), "needs 'rate'"),
         (effect("x_fault_frozen", 9), r"joints \[9\], expected one or more of 1 to 6"),
-        (effect("x_fault_torque_gain", 1, gain=-1.0), "gain is -1, expected more than"),
+        (effect("x_fault_torque_gain", 1, gain=-1.0), "gain is -1, expected a num"),
         (effect("x_fault_torque_spikes", 1, size=1, width=0.0), "width is 0, expected"),
     ],
 )

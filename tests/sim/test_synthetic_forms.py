@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from residual.effects import registry
-from sim.amounts import amount, as_told, main_parameter, multiplied
-from sim.plant.perturbations import KINDS
-from sim.synthetic.effects import FORMS, LAWS, forms
+from sim import catalogue
+from sim.catalogue import amount, main_parameter, multiplied, stated
+from sim.effects import other_forms as forms
+from sim.effects import registry as simulated
 
 
 def _state(q, t):
@@ -55,9 +56,10 @@ def test_a_cubic_cable_hardens_and_a_soft_limit_gives_in():
 
 
 def test_every_form_is_of_an_effect_with_a_name_and_has_a_law():
-    for form, names in FORMS.items():
-        assert set(names) <= set(KINDS)
-        assert form in LAWS or form == "soft_limit"
+    for form, names in catalogue.forms().items():
+        assert set(names) <= set(catalogue.vocabulary())
+        assert (simulated()[form].law is None) == (form == "soft_limit")
+        assert form not in catalogue.kinds()
         assert form not in registry()
 
 
@@ -70,6 +72,6 @@ def test_an_effect_grows_in_proportion_to_its_amount():
     gear = multiplied("elasticity", {"stiffness": 1e4}, 2.0)
     assert gear == {"stiffness": 5e3}
     assert amount("elasticity", gear) == pytest.approx(2e-4)
-    assert as_told("elasticity", 2e-4) == pytest.approx(5e3)
+    assert stated("elasticity", 2e-4) == pytest.approx(5e3)
     assert amount("saturation", {"level": 3.0}) is None
     assert main_parameter("saturation", {"level": 3.0}) == "level"

@@ -2,12 +2,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from residual.errors import InputError
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
-from sim.synthetic import effects
-from sim.synthetic.body import outward, scatter, with_payload
-from sim.synthetic.bristle import deflection
-from sim.synthetic.draw import draw
+from sim.catalogue import acting, changed, unnamed
+from sim.draw import draw, usual_effects
+from sim.effects._bristle import deflection
+from sim.synthetic.body import outward, scatter
 from sim.synthetic.motion import make_motion
 from sim.synthetic.plant import Plant, true_friction, true_model, true_torque
 from sim.synthetic.room import room
@@ -15,7 +16,8 @@ from sim.synthetic.seeds import stream
 from sim.synthetic.state import Hidden
 
 ROBOT = load_robot("irb140")
-LOCAL = [n for n in (*effects.NAMED, *effects.UNNAMED) if n != "payload"]
+IN_ENGINE = ("x_dead_zone", "x_wall")
+LOCAL = sorted({*usual_effects(), *unnamed()} - {"payload", *IN_ENGINE})
 
 
 def motion(family="fourier", seed=1):
@@ -81,7 +83,7 @@ def test_a_payload_loads_the_arm_like_a_point_of_that_weight():
         "payload", (6,), {"mass": 2.0, "com_x": 0.1, "com_y": 0.02, "com_z": 0.0}
     )
     model = true_model(Plant(ROBOT, (), 2))
-    loaded = with_payload(model, hidden)
+    loaded = changed(model, acting([hidden]))
     added = inertial_parameters(loaded) - inertial_parameters(model)
     assert added[50] == pytest.approx(2.0)
     # The flange is 65 mm out on the axis of joint 6.
@@ -151,5 +153,5 @@ def test_sizes_of_a_draw_depend_on_the_seed_alone():
 
 @pytest.mark.parametrize(("name", "joint"), [("magic", None), ("stribeck", 7)])
 def test_what_cannot_be_drawn_is_refused(name, joint):
-    with pytest.raises(ValueError, match=name):
+    with pytest.raises(InputError, match=name):
         draw(ROBOT, name, stream(1, "draw"), joint)

@@ -6,11 +6,12 @@ from contextlib import contextmanager
 
 import pytest
 
+import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.commit import commit_run
 from warehouse.layout import find_run, list_folders
-from warehouse.query import catalogue, segments
+from warehouse.query import segments
 from warehouse.query.store import open_store
 from warehouse.schema import DEFAULT_DOF, NUMBER, WHOLE, all_views
 
@@ -19,7 +20,7 @@ ASKED = f"{SUMS} GROUP BY run_id ORDER BY run_id"
 
 
 def ask(store, query=ASKED):
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         return opened.sql(query).to_pylist()
 
 
@@ -31,7 +32,7 @@ def fill(store, count, start=0):
 def rows_read(monkeypatch):
     """Names of the catalogue rows that are read one by one."""
     read = []
-    real = catalogue.read_parquet
+    real = warehouse.query.catalogue.read_parquet
 
     def spy(path, *more):
         read.append(path.name)
@@ -124,14 +125,14 @@ def test_a_pack_that_is_no_good_costs_time_and_no_run(packed, how, tmp_path):
     else:
         gone = before.pop(0)["run_id"]
         shutil.rmtree(find_run(store, gone).folder)
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         assert opened.sql(ASKED).to_pylist() == before
         assert opened.damaged == ()
 
 
 def test_a_pack_that_vanishes_under_a_reader_is_no_error(packed):
     store, before, _ = packed
-    with open_store(store) as reader, open_store(store) as other:
+    with warehouse.open(store) as reader, warehouse.open(store) as other:
         assert reader.sql(ASKED).to_pylist() == before
         other.compact(largest=50_000)
         assert len(list((store / "_index").glob("packed-*.parquet"))) == 1
@@ -179,7 +180,7 @@ def test_a_full_disk_does_not_stop_questions(tmp_path):
 
 def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("warehouse.query.store._memory", lambda: 400_000_000)
-    with open_store(tmp_path) as store:
+    with warehouse.open(tmp_path) as store:
         with pytest.raises(InputError, match=r"larger than 0\.093 GB\. Ask"):
             store.sql("FROM range(1000000000000)")
         with pytest.raises(InputError, match="Out of Memory"):
@@ -189,7 +190,7 @@ def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
 
 def test_values_are_never_a_part_of_the_query(tmp_path):
     fill(tmp_path, 2)
-    with open_store(tmp_path) as store:
+    with warehouse.open(tmp_path) as store:
         evil = "' OR true; DROP VIEW runs; --"
         asked = "SELECT count(*) AS n FROM runs WHERE run_id = $id"
         assert store.sql(asked, {"id": evil}).to_pylist() == [{"n": 0}]

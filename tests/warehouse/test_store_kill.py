@@ -6,11 +6,11 @@ import time
 
 import pytest
 
+import warehouse
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as made
 from tests.warehouse.store_campaign import RUNS, campaign
 from warehouse.layout import list_folders
-from warehouse.query.store import open_store
 from warehouse.runs import read_run
 from warehouse.seal import open_seal
 
@@ -27,7 +27,7 @@ def processes():
 
 def check(store):
     """All that is visible is whole."""
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         rows = opened.sql(
             "SELECT run_id, count(t) AS n FROM runs LEFT JOIN samples USING (run_id) "
             "GROUP BY run_id"
@@ -45,7 +45,7 @@ def check(store):
 
 def content(store):
     """Every value in the store, but for the times of the commits."""
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         tables = {
             view: opened.sql(f"FROM {view} ORDER BY ALL")
             for view in ("samples", "errors")

@@ -7,19 +7,18 @@ import duckdb
 import pyarrow.parquet as pq
 import pytest
 
+import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse import schema
 from warehouse.commit import commit_record, commit_run
 from warehouse.layout import find_run
 from warehouse.quarantine import quarantine, tombstone
-from warehouse.query import catalogue
 from warehouse.query.named import NAMED, TAKES
-from warehouse.query.store import open_store
 
 
 def ask(store, query, values=None):
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         return opened.sql(query, values).to_pylist()
 
 
@@ -50,7 +49,7 @@ def store(template, tmp_path):
 @pytest.fixture(scope="module")
 def opened(template):
     """It, opened."""
-    with open_store(template) as store:
+    with warehouse.open(template) as store:
         yield store
 
 
@@ -73,7 +72,7 @@ PROMISED = {
 def test_every_view_has_the_columns_and_types_of_the_schema(tmp_path, store, full):
     folder = store if full else tmp_path / "empty"
     folder.mkdir(exist_ok=True)
-    with open_store(folder) as opened:
+    with warehouse.open(folder) as opened:
         for view, columns in schema.all_views().items():
             rows = opened.sql(f"FROM {view}")
             assert rows.column_names == [c.name for c in columns]
@@ -176,7 +175,7 @@ def test_parents_are_in_the_lineage(store):
 
 
 def test_an_opened_store_sees_what_is_committed_and_quarantined_since(store):
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         count = "SELECT count(*) n FROM runs WHERE NOT quarantined"
         assert opened.sql(count).to_pylist() == [{"n": 3}]
         id = made.commit(store, 8)
@@ -369,7 +368,7 @@ def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path, how, which):
     ids = [r["run_id"] for r in ask(tmp_path, "FROM runs")]
     path = find_run(tmp_path, sorted(ids)[which]).folder / "part-0.parquet"
     damage(path, how)
-    with open_store(tmp_path) as opened:
+    with warehouse.open(tmp_path) as opened:
         rows = opened.sql(
             "SELECT run_id, sum(COLUMNS(* EXCLUDE (robot, run_id))) FROM samples "
             "GROUP BY run_id"
@@ -390,7 +389,7 @@ def test_a_damaged_row_is_named_and_the_others_are_listed(store):
     shutil.rmtree(store / "_index")
     path = find_run(store, ids[1]).row
     damage(path, "torn")
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         assert opened.sql("FROM runs")["run_id"].to_pylist() == [ids[0], ids[2]]
         assert opened.sql("FROM samples").num_rows == 100
         assert [str(path) in line for line in opened.damaged] == [True]
@@ -401,7 +400,7 @@ def test_a_path_in_a_text_blames_no_file(store):
         find_run(store, ask(store, "FROM runs")[0]["run_id"]).folder / "part-0.parquet"
     )
     told = str(path).replace("'", "''")
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         with pytest.raises(InputError, match="Conversion Error"):
             opened.sql(f"SELECT '{told}'::INTEGER")
         assert opened.damaged == ()
@@ -434,7 +433,7 @@ def test_what_is_in_the_index_is_not_read_again(store, monkeypatch):
     rows = ask(store, "FROM runs")
     made.commit(store, 5)
     read = []
-    real = catalogue.read_parquet
+    real = warehouse.query.catalogue.read_parquet
     monkeypatch.setattr(
         "warehouse.query.catalogue.read_parquet",
         lambda path: read.append(path) or real(path),
@@ -454,7 +453,7 @@ def test_a_store_that_may_only_be_read_is_read(store):
 
 def test_a_path_that_is_no_store_is_told(tmp_path):
     with pytest.raises(InputError, match="There is no store at"):
-        open_store(tmp_path / "nothing")
+        warehouse.open(tmp_path / "nothing")
     (tmp_path / "a*b").mkdir()
     with pytest.raises(InputError, match="must not contain"):
-        open_store(tmp_path / "a*b")
+        warehouse.open(tmp_path / "a*b")

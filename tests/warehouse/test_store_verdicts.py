@@ -3,11 +3,11 @@
 import pyarrow as pa
 import pytest
 
+import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.commit import read_record
 from warehouse.query.named import NAMED, TAKES
-from warehouse.query.store import open_store
 from warehouse.verdicts import store_verdict
 
 MODEL = {"theta": [1.0, 2.0], "effects": [{"name": "payload", "joints": [2]}]}
@@ -20,7 +20,7 @@ def runs(tmp_path):
 
 
 def ask(store, query):
-    with open_store(store) as opened:
+    with warehouse.open(store) as opened:
         return [tuple(row.values()) for row in opened.sql(query).to_pylist()]
 
 

@@ -4,26 +4,17 @@ Each is one of the named effects as another author writes it down. Whoever names
 effect behind it is right, whatever the exact form.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 from numba import njit
 
-from sim import laws
-from sim.synthetic.state import State
-
-Array = np.ndarray
+from sim.effects.base import Array, Effect, State, Values
+from sim.effects.stribeck import stribeck
 
 _MICRO = 0.1  # damping of the bristles, as a share of the level per (rad/s)
 _HARDENING = 0.3  # 1/rad^2
 
 
-def lorentzian(state: State, p: Mapping) -> Array:
-    """Return level z / (1 + (qd / velocity)^2): Stribeck's curve after Hess (1990)."""
-    return p["level"] * state.bristle * laws.stribeck(state.qd, p["velocity"])
-
-
-def lugre(state: State, p: Mapping) -> Array:
+def lugre(state: State, p: Values) -> Array:
     """Return a LuGre contact (Canudas de Wit 1995) whose level fades with speed.
 
     dz/dt = qd - |qd| z / (d g), torque = level z / d + damping dz/dt, with
@@ -39,19 +30,19 @@ def lugre(state: State, p: Mapping) -> Array:
     return p["level"] * (z + _MICRO * p["displacement"] * rate)
 
 
-def hyperbolic_warmup(state: State, p: Mapping) -> Array:
+def hyperbolic_warmup(state: State, p: Values) -> Array:
     """Return level z / (1 + t / time_constant): slower than any exponential."""
     fade = 1.0 / (1.0 + state.t / p["time_constant"])
     return p["level"] * fade[:, None] * state.bristle
 
 
-def cubic_cable(state: State, p: Mapping) -> Array:
+def cubic_cable(state: State, p: Values) -> Array:
     """Return stiffness (x + 0.3 x^3), x = q - rest: a bundle of hoses that hardens."""
     x = state.q - p["rest"]
     return p["stiffness"] * (x + _HARDENING * x**3)
 
 
-def one_way_viscous(state: State, p: Mapping) -> Array:
+def one_way_viscous(state: State, p: Values) -> Array:
     """Return 2 coefficient qd forwards and nothing backwards, blended by z.
 
     Half of it is viscous friction in both directions, half its asymmetry.
@@ -76,3 +67,43 @@ def _lugre(q, g, displacement):
             rest = np.exp(-abs(step) / (displacement * g[i, j]))
             z[i, j] = end + (z[i - 1, j] - end) * rest
     return z
+
+
+EFFECTS = (
+    Effect(
+        name="lorentzian",
+        parameters={"level": "N m", "velocity": "rad/s"},
+        form_of=("stribeck",),
+        law=stribeck,
+    ),
+    Effect(
+        name="lugre",
+        parameters={"level": "N m", "velocity": "rad/s", "displacement": "rad"},
+        form_of=("stribeck", "presliding"),
+        law=lugre,
+    ),
+    Effect(
+        name="hyperbolic_warmup",
+        parameters={"level": "N m", "time_constant": "s"},
+        form_of=("warmup",),
+        law=hyperbolic_warmup,
+    ),
+    Effect(
+        name="soft_limit",
+        parameters={"level": "N m"},
+        form_of=("saturation",),
+        report=lambda tau, t, onset, p: soft_limit(tau, p["level"]),
+    ),
+    Effect(
+        name="cubic_cable",
+        parameters={"stiffness": "N m/rad", "rest": "rad"},
+        form_of=("spring",),
+        law=cubic_cable,
+    ),
+    Effect(
+        name="one_way_viscous",
+        parameters={"coefficient": "N m s/rad"},
+        form_of=("viscous_asymmetry",),
+        law=one_way_viscous,
+    ),
+)

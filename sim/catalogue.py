@@ -1,0 +1,213 @@
+"""The one place that reads `sim.effects`: names, values, checks, amounts."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple, get_args
+
+import numpy as np
+import pinocchio as pin
+
+from residual.errors import InputError
+from residual.names import check_keys, check_name
+from residual.robot.robot import Robot
+from sim.effects import registry
+from sim.effects.base import Effect, Joints, OfDrive
+from sim.records import PlantEffect
+from sim.synthetic.state import Hidden
+
+
+class Acting(NamedTuple):
+    """An effect where it acts.
+
+    Attributes:
+        what: What the catalogue has of it.
+        p: Its values, defaults filled in.
+        joints: Its joints, from 0.
+        onset: Time from which it acts [s].
+    """
+
+    what: Effect
+    p: Mapping[str, float]
+    joints: Joints
+    onset: float
+
+
+def kinds() -> dict[str, Effect]:
+    """Return every effect that the plant can have, by name."""
+    return {name: e for name, e in registry().items() if not e.form_of}
+
+
+def vocabulary() -> list[str]:
+    """Return the names of those that have one outside of the simulation, sorted."""
+    return sorted(name for name, effect in registry().items() if effect.named)
+
+
+def unnamed() -> list[str]:
+    """Return the names of those that no vocabulary has, broken sensors apart."""
+    return [n for n, e in kinds().items() if not e.named and not e.of_sensor]
+
+
+def forms() -> dict[str, tuple[str, ...]]:
+    """Return other authors' forms: by name the effects that each may be taken for."""
+    return {name: e.form_of for name, e in registry().items() if e.form_of}
+
+
+def of_drives() -> list[Effect]:
+    """Return the effects whose numbers every drive has, in the order of `OfDrive`."""
+    found = [effect for effect in registry().values() if effect.of_drive]
+    return sorted(found, key=lambda effect: get_args(OfDrive).index(effect.of_drive))
+
+
+def acting(effects: Iterable[PlantEffect | Hidden]) -> list[Acting]:
+    """Return checked effects with what the catalogue has of them."""
+    return [
+        Acting(
+            registry()[e.name],
+            {**registry()[e.name].defaults, **dict(e.parameters)},
+            tuple(joint - 1 for joint in e.joints),
+            e.onset,
+        )
+        for e in effects
+    ]
+
+
+def changed(model: pin.Model, effects: Sequence[Acting]) -> pin.Model:
+    """Return a copy with every load, changed link and tilt among the effects.
+
+    Raises:
+        InputError: If a load has a tensor that no body can have.
+    """
+    out = pin.Model(model)
+    for what, p, joints, _ in effects:
+        if what.body:
+            out = what.body(out, joints, p)
+    return out
+
+
+# -- how much of it there is ---------------------------------------------------------
+
+
+def amount(name: str, parameters: Mapping[str, float]) -> float | None:
+    """Return how much there is of an effect, without sign: its torque grows with it.
+
+    In the unit of its first parameter, or the inverse of that (compliance of a gear).
+
+    Args:
+        name: Name of the effect.
+        parameters: Its parameters, SI.
+
+    Returns:
+        The amount, None for an effect that has none in proportion to its torque
+        (presliding, saturation, all out of the vocabulary).
+    """
+    effect = registry().get(name)
+    if effect is None or not effect.amount:
+        return None
+    size = float(np.linalg.norm([parameters[key] for key in effect.amount]))
+    return stated(name, size)
+
+
+def stated(name: str, value: float) -> float:
+    """Return an amount as the size that people state, or the other way round."""
+    return 1.0 / value if registry()[name].inverse else value
+
+
+def multiplied(
+    name: str, parameters: Mapping[str, float], factor: float
+) -> dict[str, float]:
+    """Return the parameters of the same effect, larger by a factor."""
+    effect = registry()[name]
+    keys = (*effect.amount, *effect.along)
+    if effect.inverse:
+        return {k: v / factor if k in keys else v for k, v in parameters.items()}
+    return {k: v * factor if k in keys else v for k, v in parameters.items()}
+
+
+def main_parameter(name: str, parameters: Mapping[str, float]) -> str | None:
+    """Return the key that an estimate is judged by: of a vector its largest part."""
+    effect = registry().get(name)
+    keys = [key for key in effect.amount if key in parameters] if effect else []
+    if not keys:
+        return next(iter(parameters), None)
+    return max(keys, key=lambda key: abs(parameters[key]))
+
+
+# -- what cannot be ------------------------------------------------------------------
+
+
+def check_effect(effect: PlantEffect, robot: Robot) -> None:
+    """Check name, joints, parameters and onset of one effect.
+
+    Raises:
+        UnknownNameError: On an unknown name or parameter, with the nearest valid one.
+        InputError: On joints where it cannot sit, or a value that cannot be.
+    """
+    check_name(effect.name, kinds(), "effect of the plant")
+    what, given = registry()[effect.name], dict(effect.parameters)
+    check_keys(given, what.parameters, f"effect '{effect.name}'")
+    for key in what.parameters:
+        if key not in given and key not in what.defaults:
+            raise InputError(
+                f"Effect '{effect.name}' needs '{key}'; it has "
+                f"{', '.join(given) or 'no parameter'}. Give '{key}' in SI units."
+            )
+    if not (math.isfinite(effect.onset) and effect.onset >= 0):
+        raise InputError(
+            f"Effect '{effect.name}': onset is {effect.onset:g}, expected 0 s or later."
+        )
+    _check_values(what, given)
+    _check_joints(effect, robot.dof)
+    _check_left(effect, given, robot)
+
+
+def _check_values(what: Effect, given: Mapping[str, float]) -> None:
+    """Refuse what no arm can be: weightless links, motors that push the other way."""
+    for key, value in given.items():
+        limit = what.above.get(key, -math.inf)
+        if not math.isfinite(value) or value <= limit:
+            wanted = f"number above {limit:g}" if key in what.above else "finite number"
+            raise InputError(
+                f"Effect '{what.name}': {key} is {value:g}, expected a {wanted}."
+            )
+    if any(abs(given.get(key, 1.0)) != 1.0 for key in what.signs):
+        raise InputError(f"Effect '{what.name}': a sign is 1 or -1, nothing else.")
+    if 0 < sum(key in given for key in what.together) < len(what.together):
+        raise InputError(
+            f"Effect '{what.name}': give all of {', '.join(what.together)} or none."
+        )
+
+
+def _check_joints(effect: PlantEffect, dof: int) -> None:
+    joints = effect.joints
+    inside = all(isinstance(j, int) and 1 <= j <= dof for j in joints)
+    fits, wanted = {
+        "joint": (len(joints) >= 1, f"one or more of 1 to {dof}"),
+        "pair": (len(joints) == 2, f"two of 1 to {dof}"),
+        "flange": (joints in ((), (dof,)), f"[{dof}]"),
+        "global": (joints == (), "none"),
+    }[registry()[effect.name].scope]
+    if len(set(joints)) < len(joints):
+        raise InputError(
+            f"Effect '{effect.name}' is on joints {list(joints)}: one stands twice."
+        )
+    if not (inside and fits):
+        raise InputError(
+            f"Effect '{effect.name}' is on joints {list(joints)}, expected {wanted}."
+        )
+
+
+def _check_left(effect: PlantEffect, given: Mapping[str, float], robot: Robot) -> None:
+    """Refuse a change that would leave less than none of what the arm has."""
+    what = registry()[effect.name]
+    declared = robot.declared.get(effect.name)
+    for key, change in given.items():
+        if not what.of_drive or change >= 0:
+            continue
+        for joint in effect.joints:
+            values = declared.values.get(key) if declared else None
+            has = float(values[joint - 1]) if values is not None else 0.0
+            if has + change < 0:
+                raise InputError(
+                    f"Effect '{effect.name}': {key} is {change:g} on joint {joint}, "
+                    f"which has {has:g}; expected {-has:g} or more."
+                )

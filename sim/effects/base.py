@@ -1,0 +1,237 @@
+"""What the simulated world knows of an effect: data, and how each arm has it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from residual.robot.robot import Robot
+from sim.records import Sizes
+
+Array = np.ndarray
+Rng = np.random.Generator
+Values = Mapping[str, float]
+Joints = tuple[int, ...]  # from 0, unless said otherwise
+Scope = Literal["joint", "pair", "flange", "global"]
+OfDrive = Literal["viscous", "coulomb", "rotor"]  # fields of Sizes
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class State:
+    """The true state of a synthetic arm during one log, for one hidden effect.
+
+    Kinematics and friction have one column per joint of the effect (k of them), in the
+    order of its joints.
+
+    Attributes:
+        t: Session time: zero when the session began, pauses counted [s]. Shape (n,).
+        q: True positions [rad]. Shape (n, k).
+        qd: True velocities [rad/s]. Shape (n, k).
+        qdd: True accelerations [rad/s^2]. Shape (n, k).
+        bristle: State of the dry friction, -1 to 1: the sign of the motion, with
+            memory. Shape (n, k).
+        load: True torque of the rigid body [N m]. Shape (n, k).
+        coulomb: True Coulomb level of the base friction [N m]. Shape (k,).
+        displacement: Displacement over which the bristles yield [rad]. Shape (k,).
+        rng: Random stream of this effect in this log.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    bristle: Array
+    load: Array
+    coulomb: Array
+    displacement: Array
+    rng: Rng
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Here:
+    """What is usual on the joints where an effect is drawn: of several the least.
+
+    Attributes:
+        robot: The arm.
+        torque: Range of the torque in normal motion [N m].
+        coulomb: Coulomb friction [N m].
+        viscous: Viscous friction [N m s/rad].
+        rotor: Inertia of the rotor at the link side [kg m^2].
+        centre: Middle of a motion of the first of the joints [rad].
+        amplitude: Largest deviation from it [rad].
+    """
+
+    robot: Robot
+    torque: float
+    coulomb: float
+    viscous: float
+    rotor: float
+    centre: float
+    amplitude: float
+
+
+def any_joint(rng: Rng, dof: int, usual: Sizes) -> int:
+    """Draw a joint, from 1."""
+    return int(rng.integers(1, dof + 1))
+
+
+def anywhere(rng: Rng, dof: int, usual: Sizes) -> int:
+    """Draw a joint, from 1, after a number that old draws need to keep their seeds."""
+    rng.uniform()
+    return any_joint(rng, dof, usual)
+
+
+def first_joints(rng: Rng, dof: int, usual: Sizes) -> int:
+    """Draw one of the first three, which carry the arm: there gears and range show."""
+    return int(rng.integers(1, min(3, dof) + 1))
+
+
+def loaded(rng: Rng, dof: int, usual: Sizes) -> int:
+    """Draw one with weight to carry nine times in ten, else one of the first half."""
+    if rng.uniform() < 0.1:
+        return int(rng.integers(1, max(2, dof // 2 + 1)))
+    return _heaviest(rng, usual)
+
+
+def balanced(rng: Rng, dof: int, usual: Sizes) -> int:
+    """Draw one with weight to balance, after a number as in `anywhere`."""
+    rng.uniform()
+    return _heaviest(rng, usual)
+
+
+def _heaviest(rng: Rng, usual: Sizes) -> int:
+    """Draw one of the two joints that carry most."""
+    most = sorted(usual.loaded, key=lambda j: -usual.torque[j - 1])[:2]
+    return int(rng.choice(most))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Effect:
+    """One effect that an arm may hide.
+
+    An effect acts by some of the functions below, each of its values p with defaults
+    filled in; those of the plant in the physics engine and of the synthetic arm need
+    not be the same formula, and none is one of the diagnosis.
+
+    Attributes:
+        name: Its name in the vocabulary; ``x_...`` outside of it.
+        parameters: Keys with their SI units, in order.
+        defaults: Values of those keys that need not be given.
+        scope: Where it sits: on each of its joints, on a pair, the flange, or the arm.
+        above: Limits that a value must exceed.
+        signs: Keys that are 1 or -1.
+        together: Keys of which all are given or none.
+        form_of: Effects of the vocabulary that it may be taken for, where it is one of
+            them as another author writes it; on synthetic arms only.
+        of_drive: Which number of the drives it changes, by its name in `Sizes`; its
+            value adds to what the robot declares.
+        of_sensor: It is a broken sensor.
+        amount: Parameters that its torque is in proportion to; the first is the one
+            that its size is stated in, several are one vector.
+        inverse: The softer, the more of it there is.
+        along: Parameters that grow along without being the size.
+        rare: It is drawn only where it is asked for.
+        where: (rng, dof, usual sizes) -> a joint, from 1, of the usual ones.
+        usual: (rng, here) -> usual values.
+
+        body: (model, joints, p) -> the changed rigid body. On both arms.
+        encoder: p -> constant, cosine and sine of true minus reading [rad]. Both arms.
+        gain: p -> how much more torque is reported than given, as a share. Both arms.
+        report: (tau, t, onset, p) -> what is reported of a torque (n, k). Both arms.
+        stage: Reports of lower stages come first.
+
+        friction: (p, Coulomb level) -> kind and numbers of a row of friction.
+        gear: p -> inertia, sign, level and coefficient of a gear that a pair shares.
+        torque: (p, joints) -> kind and numbers of a row of torque, on each joint, of a
+            pair on the first.
+        series: (p, t, rng) -> torque over the whole motion on one joint. Shape (n,).
+        push: (p, model, data, q, qd) -> torque from outside on all joints, at every
+            step [N m]. Shape (dof,).
+        compliance: p -> of a spring between motor and link [rad/(N m)].
+        gap: p -> half of the play between them [rad].
+        begins: p -> share of the motion after which it acts.
+        frozen: The encoder stands still.
+        drift: p -> rate at which an encoder wanders off [rad/s].
+
+        law: (state, p) -> torque on the joints of a synthetic arm. Shape (n, k).
+        load: (model, q, p) -> torque on all joints of it. Shape (n, dof).
+        lead: (load, rate, p) -> by how much a motor of it leads its link, for the
+            torque of the joint and samples per second [rad]. Shape (n,).
+    """
+
+    name: str
+    parameters: Mapping[str, str]
+    defaults: Values = field(default_factory=dict)
+    scope: Scope = "joint"
+    above: Values = field(default_factory=dict)
+    signs: tuple[str, ...] = ()
+    together: tuple[str, ...] = ()
+    form_of: tuple[str, ...] = ()
+    of_drive: OfDrive | None = None
+    of_sensor: bool = False
+    amount: tuple[str, ...] = ()
+    inverse: bool = False
+    along: tuple[str, ...] = ()
+    rare: bool = False
+    where: Callable[[Rng, int, Sizes], int] = anywhere
+    usual: Callable[[Rng, Here], dict[str, float]] | None = None
+
+    body: Callable[[pin.Model, Joints, Values], pin.Model] | None = None
+    encoder: Callable[[Values], tuple[float, float, float]] | None = None
+    gain: Callable[[Values], float] | None = None
+    report: Callable[[Array, Array, float, Values], Array] | None = None
+    stage: int = 0
+
+    friction: Callable[[Values, float], Sequence[float]] | None = None
+    gear: Callable[[Values], tuple[float, float, float, float]] | None = None
+    torque: Callable[[Values, Joints], Sequence[float]] | None = None
+    series: Callable[[Values, Array, Rng], Array] | None = None
+    push: Callable[[Values, pin.Model, pin.Data, Array, Array], Array] | None = None
+    compliance: Callable[[Values], float] | None = None
+    gap: Callable[[Values], float] | None = None
+    begins: Callable[[Values], float] | None = None
+    frozen: bool = False
+    drift: Callable[[Values], float] | None = None
+
+    law: Callable[[State, Values], Array] | None = None
+    load: Callable[[pin.Model, Array, Values], Array] | None = None
+    lead: Callable[[Array, float, Values], Array] | None = None
+
+    @property
+    def named(self) -> bool:
+        """Whether the vocabulary has a name for it."""
+        return not self.name.startswith("x_") and not self.form_of
+
+    @property
+    def on_synthetic(self) -> bool:
+        """Whether a synthetic arm can have it."""
+        ways = (self.law, self.load, self.lead, self.body, self.encoder, self.gain)
+        return any(ways) or (self.report is not None and not self.of_sensor)
+
+    @property
+    def has_channel(self) -> bool:
+        """Whether the plant records a torque of its own for it."""
+        return any((self.torque, self.series, self.push))
+
+
+def row(kind: int, *keys: str) -> Callable[[Values, object], tuple[float, ...]]:
+    """Return a function of (p, anything) that makes a row of that kind from values."""
+    return lambda p, _: (kind, *(p[key] for key in keys))
+
+
+def sign(rng: Rng) -> float:
+    """Draw 1 or -1."""
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def turn(rng: Rng) -> float:
+    """Draw an angle of a whole turn [rad]."""
+    return rng.uniform(0.0, 2 * np.pi)
+
+
+def split(size: float, angle: float, keys: Sequence[str] = ("cos", "sin")) -> dict:
+    """Return a vector of that length and direction by its two components."""
+    parts = size * float(np.cos(angle)), size * float(np.sin(angle))
+    return dict(zip(keys, parts, strict=True))

@@ -1,0 +1,14 @@
+"""Dry friction: a change of what the drive has."""
+
+from sim import kinds
+from sim.effects.base import Effect, row
+
+EFFECT = Effect(
+    name="coulomb",
+    parameters={"level": "N m"},
+    of_drive="coulomb",
+    amount=("level",),
+    usual=lambda rng, here: {"level": rng.uniform(0.3, 1.0) * here.coulomb},
+    friction=row(kinds.LEVEL, "level"),
+    law=lambda state, p: p["level"] * state.bristle,
+)

@@ -1,0 +1,21 @@
+"""More dry friction in one direction: level max(z, 0) - level min(z, 0)."""
+
+import numpy as np
+
+from sim import kinds
+from sim.effects.base import Effect, row, sign
+
+
+def _law(state, p):
+    forward, backward = np.maximum(state.bristle, 0), np.minimum(state.bristle, 0)
+    return p["level"] * forward - p["level"] * backward
+
+
+EFFECT = Effect(
+    name="coulomb_asymmetry",
+    parameters={"level": "N m"},
+    amount=("level",),
+    usual=lambda rng, here: {"level": sign(rng) * rng.uniform(0.1, 0.4) * here.coulomb},
+    friction=row(kinds.ASYMMETRY, "level"),
+    law=_law,
+)

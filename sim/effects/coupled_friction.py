@@ -1,0 +1,40 @@
+"""Friction of a gear that turns with u = q_i + sign q_j, felt by both joints.
+
+f = level z(u) + coefficient u'; torque (f, sign f), z a bristle driven by u.
+"""
+
+import numpy as np
+
+from sim.effects._bristle import deflection
+from sim.effects.base import Effect, sign
+
+
+def _law(state, p):
+    way = p["sign"]
+    u = state.q[:, 0] + way * state.q[:, 1]
+    z = deflection(u[:, None], state.displacement[:1])[:, 0]
+    f = p["level"] * z + p["coefficient"] * (state.qd[:, 0] + way * state.qd[:, 1])
+    return np.column_stack([f, way * f])
+
+
+EFFECT = Effect(
+    name="coupled_friction",
+    parameters={
+        "level": "N m",
+        "coefficient": "N m s/rad",
+        "inertia": "kg m^2",
+        "sign": "1",
+    },
+    defaults={"coefficient": 0.0, "inertia": 0.0, "sign": 1.0},
+    scope="pair",
+    signs=("sign",),
+    amount=("level",),
+    along=("coefficient", "inertia"),
+    usual=lambda rng, here: {
+        "level": rng.uniform(0.3, 0.8) * here.coulomb,
+        "coefficient": rng.uniform(0.1, 0.3) * here.viscous,
+        "sign": sign(rng),
+    },
+    gear=lambda p: (p["inertia"], p["sign"], p["level"], p["coefficient"]),
+    law=_law,
+)

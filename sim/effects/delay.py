@@ -1,0 +1,23 @@
+"""Torque that is reported late, on all joints."""
+
+import numpy as np
+
+from sim.effects.base import Effect
+
+
+def _late(tau, t, onset, p):
+    then = t - p["delay"]
+    return np.column_stack([np.interp(then, t, column) for column in tau.T])
+
+
+EFFECT = Effect(
+    name="delay",
+    parameters={"delay": "s"},
+    scope="global",
+    above={"delay": 0.0},
+    amount=("delay",),
+    rare=True,
+    usual=lambda rng, here: {"delay": rng.uniform(0.004, 0.02)},
+    report=_late,
+    stage=1,
+)

@@ -1,0 +1,16 @@
+"""A soft gear: the motor, on which the encoder sits, leads by load / stiffness."""
+
+from sim.effects.base import Effect, first_joints
+
+EFFECT = Effect(
+    name="elasticity",
+    parameters={"stiffness": "N m/rad"},
+    above={"stiffness": 0.0},
+    amount=("stiffness",),
+    inverse=True,
+    rare=True,
+    where=first_joints,
+    usual=lambda rng, here: {"stiffness": rng.uniform(3e3, 1.5e4)},
+    compliance=lambda p: 1.0 / p["stiffness"],
+    lead=lambda load, rate, p: load / p["stiffness"],
+)

@@ -1,0 +1,20 @@
+"""coefficient sqrt(load^2 + e^2) z with e a tenth of the Coulomb level."""
+
+from sim import kinds, laws
+from sim.effects.base import Effect, loaded
+
+
+def _law(state, p):
+    load = laws.carried(state.load, 0.1 * state.coulomb)
+    return p["coefficient"] * load * state.bristle
+
+
+EFFECT = Effect(
+    name="load_friction",
+    parameters={"coefficient": "1"},
+    amount=("coefficient",),
+    where=loaded,
+    usual=lambda rng, here: {"coefficient": rng.uniform(0.03, 0.1)},
+    friction=lambda p, level: (kinds.CARRIED, p["coefficient"], 0.1 * level),
+    law=_law,
+)

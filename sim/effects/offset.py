@@ -1,0 +1,17 @@
+"""A constant torque."""
+
+import numpy as np
+
+from sim import kinds
+from sim.effects.base import Effect, row, sign
+
+EFFECT = Effect(
+    name="offset",
+    parameters={"torque": "N m"},
+    amount=("torque",),
+    usual=lambda rng, here: {
+        "torque": sign(rng) * rng.uniform(0.02, 0.06) * here.torque
+    },
+    torque=row(kinds.CONSTANT, "torque"),
+    law=lambda state, p: p["torque"] * np.ones_like(state.q),
+)

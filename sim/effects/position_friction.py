@@ -1,0 +1,28 @@
+"""z a (cos x + 0.1 cos 2x), x = q - atan2(sin, cos), a = |(cos, sin)|.
+
+With the base friction: Fc (1 + (a / Fc) cos x + ...), an eccentric gear wheel.
+"""
+
+import numpy as np
+
+from sim import kinds, laws
+from sim.effects.base import Effect, split, turn
+
+
+def _polar(p):
+    return np.hypot(p["cos"], p["sin"]), np.arctan2(p["sin"], p["cos"])
+
+
+def _law(state, p):
+    size, phase = _polar(p)
+    return size * laws.eccentric(state.q - phase) * state.bristle
+
+
+EFFECT = Effect(
+    name="position_friction",
+    parameters={"cos": "N m", "sin": "N m"},
+    amount=("cos", "sin"),
+    usual=lambda rng, here: split(rng.uniform(0.2, 0.5) * here.coulomb, turn(rng)),
+    friction=lambda p, level: (kinds.POSITION, *_polar(p)),
+    law=_law,
+)

@@ -1,0 +1,22 @@
+"""coefficient qd times the viscosity of grease that shears."""
+
+from sim import kinds, laws
+from sim.effects.base import Effect, row
+
+
+def _law(state, p):
+    thin = laws.power_viscosity(state.qd, p["exponent"])
+    return p["coefficient"] * state.qd * thin
+
+
+EFFECT = Effect(
+    name="power_viscous",
+    parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
+    amount=("coefficient",),
+    usual=lambda rng, here: {
+        "coefficient": rng.uniform(0.3, 1.0) * here.viscous,
+        "exponent": rng.uniform(0.3, 0.7),
+    },
+    friction=row(kinds.POWER, "coefficient", "exponent"),
+    law=_law,
+)

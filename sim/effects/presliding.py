@@ -1,0 +1,27 @@
+"""level z of another contact, whose bristles yield further."""
+
+import numpy as np
+
+from sim import kinds
+from sim.effects._bristle import deflection
+from sim.effects.base import Effect, any_joint, row
+
+
+def _law(state, p):
+    ways = np.full(state.q.shape[1], p["displacement"])
+    return p["level"] * deflection(state.q, ways)
+
+
+EFFECT = Effect(
+    name="presliding",
+    parameters={"level": "N m", "displacement": "rad"},
+    above={"level": 0.0, "displacement": 0.0},
+    rare=True,
+    where=any_joint,
+    usual=lambda rng, here: {
+        "level": here.coulomb,
+        "displacement": rng.uniform(0.003, 0.03),
+    },
+    friction=row(kinds.BRISTLE, "level", "displacement"),
+    law=_law,
+)

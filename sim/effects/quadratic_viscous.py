@@ -1,0 +1,18 @@
+"""coefficient qd times the viscosity of churning oil."""
+
+from sim import kinds, laws
+from sim.effects.base import Effect, row
+
+
+def _law(state, p):
+    return p["coefficient"] * state.qd * laws.quadratic_viscosity(state.qd)
+
+
+EFFECT = Effect(
+    name="quadratic_viscous",
+    parameters={"coefficient": "N m s^2/rad^2"},
+    amount=("coefficient",),
+    usual=lambda rng, here: {"coefficient": rng.uniform(0.15, 0.5) * here.viscous},
+    friction=row(kinds.QUADRATIC, "coefficient"),
+    law=_law,
+)

@@ -1,0 +1,23 @@
+"""The cogging of a magnet at order q + phase."""
+
+from sim import kinds, laws
+from sim.effects.base import Effect, row, turn
+
+
+def _law(state, p):
+    return p["amplitude"] * laws.magnet(p["order"] * state.q + p["phase"])
+
+
+EFFECT = Effect(
+    name="ripple",
+    parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
+    defaults={"phase": 0.0},
+    amount=("amplitude",),
+    usual=lambda rng, here: {
+        "amplitude": rng.uniform(0.01, 0.04) * here.torque,
+        "order": rng.uniform(6.0, 50.0),
+        "phase": turn(rng),
+    },
+    torque=row(kinds.RIPPLE, "amplitude", "order", "phase"),
+    law=_law,
+)

@@ -1,0 +1,17 @@
+"""stiffness times q - rest: a hose that softens."""
+
+from sim import kinds, laws
+from sim.effects.base import Effect, row
+
+EFFECT = Effect(
+    name="spring",
+    parameters={"stiffness": "N m/rad", "rest": "rad"},
+    defaults={"rest": 0.0},
+    amount=("stiffness",),
+    usual=lambda rng, here: {
+        "stiffness": rng.uniform(0.03, 0.1) * here.torque,
+        "rest": rng.uniform(-0.3, 0.3) + here.centre,
+    },
+    torque=row(kinds.HOSE, "stiffness", "rest"),
+    law=lambda state, p: p["stiffness"] * laws.hose(state.q - p["rest"]),
+)

@@ -1,0 +1,24 @@
+"""level z / (1 + (qd / velocity)^2): a Lorentzian (Hess 1990), not an exponential."""
+
+from sim import kinds, laws
+from sim.effects.base import Effect, row
+
+
+def stribeck(state, p):
+    """Return the torque on a synthetic arm; its exponent is 2. Shape (n, k)."""
+    return p["level"] * state.bristle * laws.stribeck(state.qd, p["velocity"])
+
+
+EFFECT = Effect(
+    name="stribeck",
+    parameters={"level": "N m", "velocity": "rad/s", "exponent": "1"},
+    defaults={"exponent": 2.0},
+    above={"velocity": 0.0},
+    amount=("level",),
+    usual=lambda rng, here: {
+        "level": rng.uniform(0.2, 0.6) * here.coulomb,
+        "velocity": rng.uniform(0.03, 0.15),
+    },
+    friction=row(kinds.STRIBECK, "level", "velocity", "exponent"),
+    law=stribeck,
+)

@@ -1,0 +1,13 @@
+"""A wrong torque constant: the drives believe to give more than they do."""
+
+from sim.effects.base import Effect, loaded, sign
+
+EFFECT = Effect(
+    name="torque_gain",
+    parameters={"gain": "1"},
+    above={"gain": -1.0},
+    amount=("gain",),
+    where=loaded,
+    usual=lambda rng, here: {"gain": sign(rng) * rng.uniform(0.05, 0.15)},
+    gain=lambda p: p["gain"],
+)

@@ -1,0 +1,135 @@
+"""Effects that no vocabulary has: the right answer to them is "unknown"."""
+
+import numpy as np
+
+from sim import kinds
+from sim.effects.base import Effect, Here, Rng, any_joint, row, sign, turn
+
+
+def _size(rng: Rng, here: Here) -> float:
+    return rng.uniform(0.03, 0.06) * here.torque
+
+
+def _vibration(p, t, rng):
+    """Driven by time, not by motion."""
+    return p["amplitude"] * np.sin(2 * np.pi * p["frequency"] * t + p["phase"])
+
+
+def _square_wave(p, t, rng):
+    """Something switches on and off."""
+    return p["amplitude"] * np.sign(np.sin(2 * np.pi * p["frequency"] * t))
+
+
+def _random_walk(p, t, rng):
+    """Return a walk of zero mean and standard deviation `amplitude`."""
+    walk = rng.normal(size=len(t)).cumsum()
+    walk -= walk.mean()
+    return p["amplitude"] * walk / walk.std()
+
+
+def _random_walks(state, p):
+    walk = state.rng.normal(size=state.q.shape).cumsum(axis=0)
+    walk -= walk.mean(axis=0)
+    return p["amplitude"] * walk / walk.std(axis=0)
+
+
+def _cogging_sum(state, p):
+    """Return amplitude cos(order (q_i + q_j)) on joint i, nothing on joint j."""
+    torque = p["amplitude"] * np.cos(p["order"] * state.q.sum(axis=1))
+    return np.column_stack([torque, np.zeros_like(torque)])
+
+
+def _friction_jump(state, p):
+    """Return level z in the second part of every log, from `share` of it on."""
+    late = np.arange(len(state.t)) >= p["share"] * len(state.t)
+    return p["level"] * late[:, None] * state.bristle
+
+
+def _on_all(series):
+    return lambda s, p: series(p, s.t, s.rng)[:, None] * np.ones_like(s.q)
+
+
+def _wall(rng: Rng, here: Here) -> dict[str, float]:
+    side = sign(rng)
+    angle = here.centre + side * rng.uniform(0.1, 0.4) * here.amplitude
+    stiffness = rng.uniform(0.5, 1.0) * here.torque
+    return {"angle": angle, "stiffness": stiffness, "side": side}
+
+
+EFFECTS = (
+    Effect(
+        name="x_vibration",
+        parameters={"amplitude": "N m", "frequency": "Hz", "phase": "rad"},
+        defaults={"phase": 0.0},
+        usual=lambda rng, here: {
+            "amplitude": _size(rng, here),
+            "frequency": rng.uniform(2.0, 7.0),
+            "phase": turn(rng),
+        },
+        series=_vibration,
+        law=_on_all(_vibration),
+    ),
+    Effect(
+        name="x_square_wave",
+        parameters={"amplitude": "N m", "frequency": "Hz"},
+        usual=lambda rng, here: {
+            "amplitude": _size(rng, here),
+            "frequency": rng.uniform(0.2, 0.4),
+        },
+        series=_square_wave,
+        law=_on_all(_square_wave),
+    ),
+    Effect(
+        name="x_random_walk",
+        parameters={"amplitude": "N m"},
+        usual=lambda rng, here: {"amplitude": _size(rng, here)},
+        series=_random_walk,
+        law=_random_walks,
+    ),
+    Effect(
+        name="x_cogging_sum",
+        parameters={"amplitude": "N m", "order": "1"},
+        scope="pair",
+        usual=lambda rng, here: {
+            "amplitude": _size(rng, here),
+            "order": rng.uniform(8.0, 14.0),
+        },
+        torque=lambda p, joints: (
+            kinds.COGGING_SUM,
+            p["amplitude"],
+            p["order"],
+            joints[1],
+        ),
+        law=_cogging_sum,
+    ),
+    Effect(
+        name="x_friction_jump",
+        parameters={"level": "N m", "share": "1"},
+        defaults={"share": 0.5},
+        usual=lambda rng, here: {
+            "level": rng.uniform(0.4, 0.8) * here.coulomb,
+            "share": rng.uniform(0.4, 0.6),
+        },
+        friction=row(kinds.LEVEL, "level"),
+        begins=lambda p: p["share"],
+        law=_friction_jump,
+    ),
+    Effect(
+        name="x_dead_zone",
+        parameters={"level": "N m"},
+        above={"level": 0.0},
+        where=any_joint,
+        usual=lambda rng, here: {"level": rng.uniform(0.02, 0.06) * here.torque},
+        torque=row(kinds.DEAD_ZONE, "level"),
+    ),
+    Effect(
+        name="x_wall",
+        parameters={"angle": "rad", "stiffness": "N m/rad", "side": "1"},
+        defaults={"side": 1.0},
+        above={"stiffness": 0.0},
+        signs=("side",),
+        where=any_joint,
+        usual=_wall,
+        torque=row(kinds.WALL, "stiffness", "angle", "side"),
+    ),
+)

@@ -1,0 +1,14 @@
+"""Viscous friction: a change of what the drive has."""
+
+from sim import kinds
+from sim.effects.base import Effect, row
+
+EFFECT = Effect(
+    name="viscous",
+    parameters={"coefficient": "N m s/rad"},
+    of_drive="viscous",
+    amount=("coefficient",),
+    usual=lambda rng, here: {"coefficient": rng.uniform(0.3, 1.0) * here.viscous},
+    friction=row(kinds.VISCOUS, "coefficient"),
+    law=lambda state, p: p["coefficient"] * state.qd,
+)

@@ -1,0 +1,15 @@
+"""+coefficient qd forwards and -coefficient qd backwards, blended by z."""
+
+from sim import kinds
+from sim.effects.base import Effect, row, sign
+
+EFFECT = Effect(
+    name="viscous_asymmetry",
+    parameters={"coefficient": "N m s/rad"},
+    amount=("coefficient",),
+    usual=lambda rng, here: {
+        "coefficient": sign(rng) * rng.uniform(0.1, 0.4) * here.viscous
+    },
+    friction=row(kinds.VISCOUS_ASYMMETRY, "coefficient"),
+    law=lambda state, p: p["coefficient"] * state.qd * state.bristle,
+)

@@ -1,0 +1,30 @@
+"""Friction that fades as the gear warms up.
+
+On synthetic arms level z (0.75 exp(-t/T) + 0.25 exp(-t/(3T))): oil, then the housing;
+in the physics engine the friction itself heats.
+"""
+
+import numpy as np
+
+from sim import kinds
+from sim.effects.base import Effect, row
+
+
+def _law(state, p):
+    oil = np.exp(-state.t / p["time_constant"])
+    fade = 0.75 * oil + 0.25 * oil ** (1 / 3)
+    return p["level"] * fade[:, None] * state.bristle
+
+
+EFFECT = Effect(
+    name="warmup",
+    parameters={"level": "N m", "time_constant": "s"},
+    above={"time_constant": 0.0},
+    amount=("level",),
+    usual=lambda rng, here: {
+        "level": rng.uniform(0.3, 0.8) * here.coulomb,
+        "time_constant": rng.uniform(40.0, 150.0),
+    },
+    friction=row(kinds.WARMUP, "level", "time_constant"),
+    law=_law,
+)
