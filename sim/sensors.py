@@ -1,7 +1,5 @@
 """From what happened to what a robot logs: slower, rounded, noisy."""
 
-import numpy as np
-
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.catalogue import acting
@@ -12,8 +10,6 @@ from sim.records import Noise, PlantEffect, Rates, Reference
 from sim.synthetic.seeds import stream
 from sim.synthetic.sensors import WHITE_TORQUE, encoder, reported, torque_noise
 from sim.synthetic.sizes import sizes
-
-Array = np.ndarray
 
 
 def log_of(

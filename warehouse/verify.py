@@ -41,13 +41,7 @@ def faults(found: Found) -> tuple[str, ...]:
     except InputError as error:
         return (str(error),)
     # A row of another form is no record of ours, whatever it holds.
-    except (
-        KeyError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        pa.ArrowException,
-    ) as error:
+    except (*_OTHER_FORM, pa.ArrowException) as error:
         return (f"{found.row.name} has another form than expected: {error}",)
 
 

@@ -4,8 +4,6 @@ import numpy as np
 
 from sim.plant.compiled import compiled
 
-Array = np.ndarray
-
 # Gear teeth in play touch hard: angular frequency of the rotor on them [rad/s].
 MESH = 2 * np.pi * 100.0
 DAMPING = 0.05  # of critical, rotor against a fixed link

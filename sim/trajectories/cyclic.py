@@ -14,8 +14,6 @@ from sim.trajectories.limits import LimitError
 from sim.trajectories.plan import Plan, check
 from sim.trajectories.workpiece import Cell, Piece, cell, draw_piece, no_room
 
-Array = np.ndarray
-
 RAMP = 1.0  # s from rest to full speed, as sim.synthetic.series has it
 _MOST = 8  # strokes to and fro per period
 _STROKE = 2.0  # s that one may take where the limits let it

@@ -15,8 +15,6 @@ from warehouse.logs.formats.joint_states import (
     extra_needed,
 )
 
-MAGIC = b"\x89MCAP0\r\n"
-
 
 def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
     """Open an MCAP file.
