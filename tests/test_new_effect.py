@@ -1,4 +1,4 @@
-"""A new effect is a new file: from the logs to the page, nothing else is touched."""
+"""A new effect is a file on each side; from the arm to the page, nothing else knows."""
 
 import json
 import re
@@ -9,48 +9,37 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from residual import effects
-from residual.effects import registry
+from residual import effects as sought
+from sim import effects as hidden
+from sim.synthetic.state import Hidden
 from tests.residual.arms import arm, short_case, urdf_text
 
-ROOT = Path(__file__).parents[1]
+PAGE = Path(__file__).parents[1] / "docs" / "effects.md"
 NAME, JOINT, SIZE = "creaking", 2, 8.0  # N m s/rad^2
-
-
-def example(heading: str) -> str:
-    """The first block of Python under a heading of the page on effects."""
-    page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
-    return re.findall(r"```python\n(.*?)```", page.split(heading)[1], re.S)[0]
 
 
 @pytest.fixture
 def new_effect(tmp_path, monkeypatch):
-    """Put the page's example beside the files of the effects, for one test."""
-    (tmp_path / f"{NAME}.py").write_text(example("## A new effect"), encoding="utf-8")
-    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
-    registry.cache_clear()
+    """Put the examples of the page beside the files of both folders, for one test."""
+    page = PAGE.read_text(encoding="utf-8").split("## A new effect")[1]
+    examples = re.findall(r"```python\n(.*?)```", page, re.S)
+    for folder, example in zip((sought, hidden), examples, strict=True):
+        copy = tmp_path / folder.__name__
+        copy.mkdir()
+        (copy / f"{NAME}.py").write_text(example, encoding="utf-8")
+        monkeypatch.setattr(folder, "__path__", [*folder.__path__, str(copy)])
+        folder.registry.cache_clear()
     yield
-    sys.modules.pop(f"residual.effects.{NAME}", None)
-    registry.cache_clear()
-
-
-@pytest.fixture
-def logs(tmp_path):
-    """Logs of an arm that creaks; the last one is for the proof."""
-    case = short_case(arm(), seed=5)
-    (tmp_path / "arm.urdf").write_text(urdf_text())
-    files = []
-    for log in (*case.fit, *case.held_out):
-        tau, q = log.tau.copy(), log.q[:, JOINT - 1]
-        tau[:, JOINT - 1] += SIZE * q * np.gradient(q, log.t)
-        files.append(tmp_path / f"{log.id}.csv")
-        table, head = np.column_stack([log.t, log.q, tau]), "t,q1,q2,tau1,tau2"
-        np.savetxt(files[-1], table, delimiter=",", header=head, comments="")
-    return list(map(str, files))
+    for folder in (sought, hidden):
+        sys.modules.pop(f"{folder.__name__}.{NAME}", None)
+        folder.registry.cache_clear()
 
 
 @pytest.mark.usefixtures("new_effect")
-def test_an_effect_of_one_new_file_is_found_named_and_shown(logs, tmp_path, capsys):
+def test_an_effect_of_two_new_files_is_hidden_found_named_and_shown(tmp_path, capsys):
+    case = short_case(arm(), Hidden(NAME, (JOINT,), {"coefficient": SIZE}), seed=5)
+    logs = [_written(log, tmp_path) for log in (*case.fit, *case.held_out)]
+    (tmp_path / "arm.urdf").write_text(urdf_text())
     files = [str(tmp_path / name) for name in ("verdict.json", "page.html")]
     options = ["--holdout", logs[-1], "--robot", str(tmp_path / "arm.urdf")]
     options += ["--json", files[0], "--report", files[1]]
@@ -66,3 +55,11 @@ def test_an_effect_of_one_new_file_is_found_named_and_shown(logs, tmp_path, caps
     assert "coefficient" in shown
     for words in ("a creaking hinge on joint 2", "grows with the angle", "coefficient"):
         assert words in page
+
+
+def _written(log, folder) -> str:
+    """The log as a file of a user."""
+    path = folder / f"{log.id}.csv"
+    table = np.column_stack([log.t, log.q, log.tau])
+    np.savetxt(path, table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
+    return str(path)

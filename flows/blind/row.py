@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 from flows.blind.score import SINGLE, Name, Said, Score, members, score
 from flows.blind.size import Hidden
-from residual.effects import registry
 from residual.robot.robot import Robot
-from sim.catalogue import main_parameter
+from sim.catalogue import kinds, main_parameter
 from sim.records import PlantSpec
 
 # A smaller gap than this share of the refit's error says nothing of who closes it.
@@ -98,12 +97,11 @@ def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
     out = []
     for effect in plant.effects:
         values = dict(effect.parameters)
-        known = registry().get(effect.name)
-        if known is not None and known.usual_in_every_drive:
-            field = "rotor" if known.carries == "acceleration" else effect.name
+        what = kinds()[effect.name]
+        if what.of_drive:
+            there, known = (getattr(x, what.of_drive) for x in (base, maker))
             joint = effect.joints[0] - 1
-            scatter = getattr(base, field)[joint] - getattr(maker, field)[joint]
-            values[next(iter(known.parameters))] += float(scatter)
+            values[what.amount[0]] += float(there[joint] - known[joint])
         out.append(values)
     return out
 
