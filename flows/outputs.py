@@ -1,11 +1,17 @@
 """Files for the user: checked before the work, written whole or not at all."""
 
+import json
 import os
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from residual.errors import InputError
+
+
+def json_text(document: Mapping) -> str:
+    """Return a document as JSON text; NaN is refused."""
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:

@@ -51,7 +51,7 @@ def _judged(asked: demo.Asked, store: Path) -> dict:
         "truth": truth,
         "size": hidden[0]["parameters"] if hidden else {},
         **judge(truth, verdict),
-        "overall": verdict["error"]["overall_filtered"],
+        "overall": verdict.error.overall_filtered,
         "seconds": [round(ran - begun, 1), round(done - ran, 1)],
     }
 

@@ -13,6 +13,7 @@ from flows.blind.sums import CLEAR
 from flows.specs.experiment import derived_seed
 from residual.close import close_the_loop
 from residual.diagnosis.oracle import oracle
+from residual.diagnosis.result import Detectable, Verdict
 from sim.catalogue import forms, kinds, unnamed
 from sim.records import PlantEffect
 from sim.synthetic.seeds import stream
@@ -82,7 +83,7 @@ def benches(wanted: Sequence[Task]) -> list[Task]:
     ]
 
 
-def run(job: tuple[Task, Sequence[Mapping]]) -> dict:
+def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
     """Draw one case, diagnose it and judge the answer.
 
     Args:
@@ -101,6 +102,8 @@ def run(job: tuple[Task, Sequence[Mapping]]) -> dict:
 
 
 def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
+    # Kept as plain values between two parts of the benchmark.
+    minimum = [Detectable(**entry) for entry in minimum]
     drawn, meant = _hidden(task, minimum)
     effects = [as_form(e, task.what) for e in meant] if task.group == "forms" else meant
     made = make(task.data, effects, task.motion, task.arm)
@@ -109,7 +112,7 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     seconds = round(perf_counter() - begun, 2)
     about = {**asdict(task), "seconds": seconds}
     if task.group == "bench":
-        return {**about, "minimum": verdict["minimum_detectable"]}
+        return {**about, "minimum": [asdict(d) for d in verdict.minimum_detectable]}
     truths = made.truths
     if task.group == "forms":
         meant = _as_taken(task.what, meant, verdict)
@@ -121,13 +124,11 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
         errors = oracle(made.robot, made.fit, made.held_out, told)
         best = errors.overall("filtered")
     row = case_row(drawn, hidden, truths, verdict, best)
-    names = [
-        [e["name"], e["joints"], e["evidence"]["nats"]] for e in verdict["effects"]
-    ]
+    names = [[e.name, list(e.joints), e.evidence.nats] for e in verdict.effects]
     return {**about, **row, "names": names}
 
 
-def _hidden(task: Task, minimum: Sequence[Mapping]) -> tuple[str, list[PlantEffect]]:
+def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantEffect]]:
     """Draw what a case hides: its kind and its effects."""
     robot, rng = the_arm(), stream(task.arm, f"{task.group}/{task.what}")
     if task.group in ("bench", "nulls"):
@@ -158,7 +159,7 @@ def _clear(rng, name: str, multiples: Sequence[float], minimum) -> PlantEffect:
     return one
 
 
-def _pair(rng, minimum: Sequence[Mapping]) -> list[PlantEffect]:
+def _pair(rng, minimum: Sequence[Detectable]) -> list[PlantEffect]:
     """Draw two effects that are not one: of two names, on joints of their own."""
     named, _ = vocabulary(the_arm())
     made: list[PlantEffect] = []
@@ -171,9 +172,9 @@ def _pair(rng, minimum: Sequence[Mapping]) -> list[PlantEffect]:
     return made
 
 
-def _as_taken(form: str, meant: list[PlantEffect], verdict: Mapping) -> list:
+def _as_taken(form: str, meant: list[PlantEffect], verdict: Verdict) -> list:
     """Return the effect that a form was taken for, if it may be taken for it."""
-    said = {e["name"] for e in verdict["effects"]}
+    said = {e.name for e in verdict.effects}
     name = next((n for n in forms()[form] if n in said), meant[0].name)
     return [PlantEffect(name, e.joints, e.parameters) for e in meant]
 

@@ -15,10 +15,10 @@ from benchmarks.logs_parts.measured import data_folder
 from flows.blind.rates import wilson
 from flows.blind.score import Name, Said, members
 from residual.close import close_the_loop
-from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.examine import examine
 from residual.diagnosis.search import Rules
 from residual.evidence.states import as_model
-from residual.model.compare import witnesses
+from residual.model.compare import prepare_held_out
 from residual.model.fit_logs import ready, start_nominal
 from residual.model.nominal import declared_names
 from residual.recording import Recording
@@ -61,11 +61,11 @@ def run(job: tuple[str, str]) -> dict:
             [s.name.effect, s.name.joints, [[a.effect, a.joints] for a in s.alike]]
             for s in members(verdict)
         ],
-        "gains": [e["evidence"]["held_out_gain"] for e in verdict["effects"]],
-        "overall": verdict["error"]["overall_filtered"],
-        "filtered": verdict["error"]["filtered"],
-        "unexplained": verdict["unexplained"]["joints"],
-        "warnings": verdict["warnings"],
+        "gains": [e.evidence.held_out_gain for e in verdict.effects],
+        "overall": verdict.error.overall_filtered,
+        "filtered": verdict.error.filtered,
+        "unexplained": list(verdict.unexplained.joints),
+        "warnings": list(verdict.warnings),
     }
 
 
@@ -131,13 +131,13 @@ def _without_structure(
     filters = Filters()
     logs = ready(robot, fit, session_clock([*fit, *held_out]), filters)
     nominal = start_nominal(logs, declared_names(robot, None))
-    found = diagnose(logs, nominal, Rules(), lambda stage, share: None)
+    found = examine(logs, nominal, Rules(), lambda stage, share: None)
     # Without the standstill that suits these logs: as an extra shape of friction it
     # would be something to find.
     model = as_model(found.nominal, found.plain)
     rng, out = np.random.default_rng(_SEED), []
     for recording in (*fit, *held_out):
-        (witness,) = witnesses([recording], model)
+        (witness,) = prepare_held_out([recording], model)
         torque = model.torque_of_state(witness.observe(model))
         tau_hat = at_samples(torque, witness.track, recording)
         left = recording.tau - tau_hat

@@ -1,6 +1,7 @@
 """Group 1: the augmented model against plain least squares on logs of real arms."""
 
 import os
+from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
 
@@ -9,6 +10,8 @@ import numpy as np
 from benchmarks.figures import ROOT, Figures, figure, missing, partial
 from benchmarks.logs_parts.peer import peer_errors
 from residual.close import close_the_loop
+from residual.diagnosis.result import Finding
+from residual.plain import plain
 from residual.robot.robot import load_robot
 from warehouse.logs import read_log
 
@@ -48,16 +51,16 @@ def measure(name: str) -> dict:
     start = perf_counter()
     verdict = close_the_loop(robot, fit, (), held_out).verdict
     seconds = perf_counter() - start
-    errors = verdict["error"]["filtered"]
+    errors = verdict.error.filtered
     peers = peer_errors(robot, fit, held_out)
     return {
         "split": name,
         "filtered": {k: errors[k] for k in ("nominal", "identified", "augmented")},
-        "moving": verdict["error"]["moving"]["augmented"],
+        "moving": verdict.error.moving["augmented"],
         "least_squares": {k: v.tolist() for k, v in peers.items()},
-        "effects": [_short(e) for e in verdict["effects"]],
-        "unexplained": verdict["unexplained"]["joints"],
-        "warnings": verdict["warnings"],
+        "effects": [_short(e) for e in verdict.effects],
+        "unexplained": list(verdict.unexplained.joints),
+        "warnings": list(verdict.warnings),
         "seconds": round(seconds, 1),
     }
 
@@ -116,6 +119,5 @@ def _worst(results: list[dict]) -> dict:
     return figure(value, _NOT_WORSE, joints, peer="ordinary least squares", **against)
 
 
-def _short(effect: dict) -> dict:
-    keys = ("name", "joints", "probability", "equivalent", "parameters", "evidence")
-    return {key: effect[key] for key in keys}
+def _short(effect: Finding) -> dict:
+    return {k: v for k, v in plain(asdict(effect)).items() if k != "order"}

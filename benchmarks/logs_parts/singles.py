@@ -6,6 +6,7 @@ from time import perf_counter
 from benchmarks.figures import Figures, figure
 from flows.blind.rates import wilson
 from residual.close import close_the_loop
+from residual.diagnosis.result import Verdict
 from sim.draw import usual_effects
 from sim.synthetic.logs import standard_case
 
@@ -42,7 +43,7 @@ def run_single(task: tuple[str | None, int]) -> dict:
     return record
 
 
-def judge(truth: list | None, verdict: dict) -> dict:
+def judge(truth: list | None, verdict: Verdict) -> dict:
     """Score a verdict.
 
     Right: the first finding is the truth, or the truth is among its equivalents. Wrong:
@@ -51,11 +52,11 @@ def judge(truth: list | None, verdict: dict) -> dict:
 
     Args:
         truth: Name and joints, None for a null case.
-        verdict: The JSON verdict.
+        verdict: The verdict.
     """
-    found = sorted(verdict["effects"], key=lambda e: e["order"])
-    names = [_key(e["name"], e["joints"]) for e in found]
-    flagged = verdict["unexplained"]["joints"]
+    found = verdict.effects
+    names = [_key(e.name, e.joints) for e in found]
+    flagged = list(verdict.unexplained.joints)
     unnamed = truth is not None and truth[0].startswith("x_")
     if truth is None or unnamed:
         seen = bool(unnamed and truth[1][0] in flagged)
@@ -64,13 +65,12 @@ def judge(truth: list | None, verdict: dict) -> dict:
     elif not names:
         score, extra = "nothing", []
     else:
-        classes = [_key(e["name"], e["joints"]) for e in found[0]["equivalent"]]
+        classes = [_key(e.name, e.joints) for e in found[0].equivalent]
         score = "right" if truth in [names[0], *classes] else "wrong"
         extra = [name for name in names[1:] if name != truth]
-    shown = [[*_key(e["name"], e["joints"]), e["evidence"]["by"]] for e in found]
     shown = [
-        [*s, e["evidence"]["nats"], e["evidence"]["held_out"]]
-        for s, e in zip(shown, found, strict=True)
+        [*_key(e.name, e.joints), e.evidence.by, e.evidence.nats, e.evidence.held_out]
+        for e in found
     ]
     return {
         "score": score,
@@ -78,9 +78,9 @@ def judge(truth: list | None, verdict: dict) -> dict:
         "exact": bool(names) and names[0] == truth,
         "extra": extra,
         "found": shown,
-        "verdict": verdict["verdict"],
+        "verdict": verdict.verdict,
         "unexplained": flagged,
-        "warnings": verdict["warnings"],
+        "warnings": list(verdict.warnings),
     }
 
 

@@ -3,8 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from flows.blind.score import SINGLE, Name, Said, Score, members, score
+from flows.blind.score import SINGLE, Name, Score, members, score
 from flows.blind.size import Hidden
+from residual.diagnosis.result import Verdict
 from residual.robot.robot import Robot
 from sim.catalogue import kinds, main_parameter
 from sim.records import PlantSpec
@@ -39,7 +40,7 @@ def case_row(
     drawn: str,
     hidden: Sequence[Hidden],
     truths: Sequence[Mapping[str, float]],
-    verdict: Mapping,
+    verdict: Verdict,
     oracle: float | None,
 ) -> dict:
     """Return the row of a case (view ``blind``), but for where it is from.
@@ -76,9 +77,9 @@ def estimate(judged: Score, truths: Sequence[Mapping[str, float]]) -> Estimate |
         if said is None:
             continue
         key = main_parameter(said.name.effect, truth)
-        known = said.finding["parameters"].get(key)
+        known = said.finding.parameters.get(key)
         if known is not None:
-            value, std = (_at(known[part], said) for part in ("value", "std"))
+            value, std = known.pairs[said.place or 0]
             if value is not None and std is not None:
                 return Estimate(str(key), value, std, float(truth[str(key)]))
     return None
@@ -106,12 +107,6 @@ def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
     return out
 
 
-def _at(value: object, said: Said) -> float | None:
-    if said.place is not None and isinstance(value, list | tuple):
-        value = value[said.place]
-    return float(value) if isinstance(value, int | float) else None
-
-
 def _of_hidden(hidden: Sequence[Hidden]) -> dict:
     row = {}
     for i, start in enumerate(("", "second_")):
@@ -126,10 +121,10 @@ def _of_hidden(hidden: Sequence[Hidden]) -> dict:
     return row
 
 
-def _of_verdict(verdict: Mapping, judged: Score) -> dict:
+def _of_verdict(verdict: Verdict, judged: Score) -> dict:
     first = judged.first
     return {
-        "verdict": verdict["verdict"],
+        "verdict": verdict.verdict,
         "named_first": first and first.effect,
         "named_joints": first and list(first.joints),
         "named": len(members(verdict)),
@@ -137,12 +132,12 @@ def _of_verdict(verdict: Mapping, judged: Score) -> dict:
         "found": judged.found,
         "extra": judged.extra,
         "joint_right": judged.joint_right,
-        "unexplained": list(verdict["unexplained"]["joints"]),
+        "unexplained": list(verdict.unexplained.joints),
     }
 
 
-def _of_errors(verdict: Mapping, oracle: float | None) -> dict:
-    errors = verdict["error"]["overall_filtered"]
+def _of_errors(verdict: Verdict, oracle: float | None) -> dict:
+    errors = verdict.error.overall_filtered
     refit, after = errors["identified"], errors["augmented"]
     closed = None
     if oracle is not None and refit is not None and refit - oracle > _LEAST_GAP * refit:

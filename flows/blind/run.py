@@ -12,9 +12,11 @@ from flows.blind import steps
 from flows.blind.draw import Asked, Excitation, drafts
 from flows.blind.sums import summary
 from flows.errors import RunError
+from flows.keep.diagnosis import read_verdict
 from flows.settings import cores
 from flows.workers.campaign import Tell
 from flows.workers.pool import Here, Pool
+from residual.diagnosis.result import Detectable
 from residual.errors import InputError, ModelgapError
 
 
@@ -66,14 +68,12 @@ def run_study(
 
 def run_nulls(
     asked: Asked, store: Path, tell: Tell | None, pool: Pool | Here
-) -> tuple[dict[int, Sequence[Mapping]], list[str]]:
+) -> tuple[dict[int, Sequence[Detectable]], list[str]]:
     """Return the minimum detectable sizes of every excitation, by its number.
 
     Returns:
         The sizes, and what failed: without sizes an excitation has no cases.
     """
-    from warehouse.commit import read_record
-
     wanted = _excitations(asked)
     keys = {e.index: steps.key_of(steps.null_specs(asked, e)) for e in wanted}
     ids = steps.finished(store, steps.NULL)
@@ -88,7 +88,7 @@ def run_nulls(
         if tell:
             tell(f"excitation {count} of {len(todo)}", count / len(todo))
     minima = {
-        number: read_record(store, ids[key])["minimum_detectable"]
+        number: read_verdict(store, ids[key]).minimum_detectable
         for number, key in keys.items()
         if key in ids
     }
@@ -98,7 +98,7 @@ def run_nulls(
 def run_cases(
     asked: Asked,
     store: Path,
-    minima: Mapping[int, Sequence[Mapping]],
+    minima: Mapping[int, Sequence[Detectable]],
     tell: Tell | None,
     pool: Pool | Here,
 ) -> tuple[list[str], int, list[str]]:

@@ -1,7 +1,9 @@
 """What a verdict is worth beside the truth: pure functions of both."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+from residual.diagnosis.result import Finding, Place, Verdict
 
 SINGLE, PAIR, NOTHING, UNKNOWN = "single", "pair", "none", "unknown"
 DRAWN = (SINGLE, PAIR, NOTHING, UNKNOWN)
@@ -29,9 +31,9 @@ class Name:
     joints: tuple[int, ...]
 
     @classmethod
-    def of(cls, entry: Mapping) -> "Name":
-        """Return the name of an entry with ``name`` and ``joints``."""
-        return cls(entry["name"], tuple(sorted(int(j) for j in entry["joints"])))
+    def of(cls, place: Place | Finding) -> "Name":
+        """Return the name of an effect at its joints."""
+        return cls(place.name, tuple(sorted(place.joints)))
 
     def __str__(self) -> str:
         return " ".join([self.effect, ",".join(map(str, self.joints))]).strip()
@@ -44,14 +46,14 @@ class Said:
     Attributes:
         name: Effect and joints.
         alike: What the verdict says could be there instead.
-        finding: The entry of the verdict that it is from.
+        finding: The finding that it is from.
         place: Its number among the joints of a finding on several; None where the
             finding is one thing.
     """
 
     name: Name
     alike: tuple[Name, ...]
-    finding: Mapping = field(compare=False, hash=False)
+    finding: Finding = field(compare=False, hash=False)
     place: int | None = None
 
 
@@ -77,17 +79,17 @@ class Score:
     hits: tuple[Said | None, ...]
 
 
-def score(drawn: str, truths: Sequence[Name], verdict: Mapping) -> Score:
+def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
     """Judge a verdict.
 
     Args:
         drawn: One of ``DRAWN``.
         truths: What is there: one effect, two of a pair, none. Out of the vocabulary
             ("x_...") no name can be right.
-        verdict: The verdict (docs/verdict.md).
+        verdict: The verdict.
     """
     said = members(verdict)
-    flagged = set(verdict["unexplained"]["joints"])
+    flagged = set(verdict.unexplained.joints)
     hits, classes, free = _matched(truths if drawn != UNKNOWN else (), said)
     # One finding may be on several joints, and their order says nothing.
     first = [s for s in said if s.finding is said[0].finding]
@@ -104,29 +106,27 @@ def score(drawn: str, truths: Sequence[Name], verdict: Mapping) -> Score:
     )
 
 
-def members(verdict: Mapping) -> list[Said]:
+def members(verdict: Verdict) -> list[Said]:
     """Return what a verdict says, one entry per place, most important first.
 
     A finding of one effect on several joints is so many names; that of a pair of
     joints that share gearing is one.
     """
     out = []
-    for entry in sorted(verdict["effects"], key=lambda e: e["order"]):
-        alike = [Name.of(e) for e in entry["equivalent"]]
-        joints = list(entry["joints"])
-        if len(joints) < 2 or not _one_each(entry):
-            out.append(Said(Name.of(entry), tuple(alike), entry))
+    for found in verdict.effects:
+        alike = [Name.of(e) for e in found.equivalent]
+        if len(found.joints) < 2 or not _one_each(found):
+            out.append(Said(Name.of(found), tuple(alike), found))
             continue
-        for place, joint in enumerate(joints):
+        for place, joint in enumerate(found.joints):
             near = tuple(Name(a.effect, (joint,)) for a in alike)
-            out.append(Said(Name(entry["name"], (joint,)), near, entry, place))
+            out.append(Said(Name(found.name, (joint,)), near, found, place))
     return out
 
 
-def _one_each(entry: Mapping) -> bool:
+def _one_each(found: Finding) -> bool:
     """Whether a finding has a value per joint, so that it is one thing on each."""
-    values = (p["value"] for p in entry["parameters"].values())
-    return any(isinstance(value, list | tuple) for value in values)
+    return any(isinstance(p.value, tuple) for p in found.parameters.values())
 
 
 def _matched(truths: Sequence[Name], said: Sequence[Said]) -> tuple:

@@ -1,10 +1,11 @@
 """How large a hidden effect is: in multiples of the smallest that would be seen."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from residual.diagnosis.result import Detectable
 from residual.effects import reported_joints
 from residual.robot.robot import Robot
 from sim.catalogue import amount, multiplied, stated
@@ -36,14 +37,12 @@ class Hidden:
 
 
 def smallest(
-    minimum: Sequence[Mapping], name: str, joints: Sequence[int]
-) -> Mapping | None:
-    """Return an effect's entry of ``minimum_detectable``, None if there is none."""
+    minimum: Sequence[Detectable], name: str, joints: Sequence[int]
+) -> Detectable | None:
+    """Return an effect's smallest detectable size, None if there is none."""
     wanted = sorted(joints)
-    for entry in minimum:
-        if entry["name"] == name and sorted(entry["joints"]) == wanted:
-            return entry
-    return None
+    at = (d for d in minimum if d.name == name and sorted(d.joints) == wanted)
+    return next(at, None)
 
 
 def draw_sized(
@@ -51,7 +50,7 @@ def draw_sized(
     rng: np.random.Generator,
     name: str,
     multiple: float | None,
-    minimum: Sequence[Mapping],
+    minimum: Sequence[Detectable],
 ) -> PlantEffect:
     """Draw an effect of usual size and place, then make it so many times detectable.
 
@@ -71,14 +70,14 @@ def draw_sized(
     least = smallest(minimum, name, reported_joints(name, drawn.joints, robot.dof))
     if multiple is None or usual is None or least is None:
         return drawn
-    smallest_amount = stated(name, float(least["value"]))
+    smallest_amount = stated(name, float(least.value))
     wanted = min(multiple * smallest_amount, MOST * usual)
     sized = multiplied(name, values, wanted / usual)
     return PlantEffect(name, drawn.joints, tuple(sorted(sized.items())))
 
 
 def measured(
-    effect: PlantEffect, minimum: Sequence[Mapping], robot: Robot, unit: str | None
+    effect: PlantEffect, minimum: Sequence[Detectable], robot: Robot, unit: str | None
 ) -> Hidden:
     """Return an effect with its size beside the smallest that would be seen."""
     joints = reported_joints(effect.name, effect.joints, robot.dof)
@@ -87,5 +86,5 @@ def measured(
     least = smallest(minimum, name, joints)
     if not there:
         return Hidden(effect, joints, None, unit, None)
-    multiple = there / stated(name, float(least["value"])) if least else None
+    multiple = there / stated(name, float(least.value)) if least else None
     return Hidden(effect, joints, stated(name, there), unit, multiple)

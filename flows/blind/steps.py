@@ -6,7 +6,7 @@ the seal.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -24,6 +24,8 @@ from flows.inputs.robots import load
 from flows.keep.diagnosis import read_outcome
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment, study
+from residual.diagnosis.result import Detectable
+from residual.diagnosis.verdict import to_json
 from residual.effects import registry, reported_joints
 from sim.records import PlantEffect
 from sim.streams import stream
@@ -33,7 +35,7 @@ _JUDGES = ("steps.py", "row.py", "score.py", "size.py")
 _TRIES = 20  # to draw a second effect that is not the first again
 
 Runs = dict[str, list[str]]
-Minimum = Sequence[Mapping]
+Minimum = Sequence[Detectable]
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +136,7 @@ def run_null(job: tuple[Asked, Excitation, str, Path]) -> str:
         "robot": asked.robot,
         "kind": NULL,
         "key": key,
-        "verdict": verdict["verdict"],
-        "effects": verdict["effects"],
-        "minimum_detectable": verdict["minimum_detectable"],
+        "document": to_json(verdict),
     }
     return commit_record(store, "validations", record, None, {"diagnosis": [ids[0]]})
 

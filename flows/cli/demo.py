@@ -38,7 +38,7 @@ def demo(
 
     from flows.keep.diagnosis import read_outcome
     from flows.progress import progress_bar
-    from flows.report.terminal.diagnosis import print_outcome, print_truth
+    from flows.report.terminal.diagnosis import print_diagnosis, print_truth
     from flows.report.words.staged import Staged
     from flows.scheduled.demo_run import run_flow, run_plain
     from flows.settings import store_folder
@@ -51,8 +51,8 @@ def demo(
     say(console, f"{count} experiments on the simulated {steps.ROBOT}, into {place}")
     with progress_bar() as bar:
         made = (run_plain if plain else run_flow)(asked, place, bar)
-    outcome = read_outcome(place, made.proof)
-    print_outcome(outcome, console)
+    found = read_outcome(place, made.proof)
+    print_diagnosis(found, console)
     hidden = steps.as_hidden(made.hidden)
-    print_truth(Staged(b"", "", hidden, outcome.verdict), console)
+    print_truth(Staged(b"", "", hidden, found.verdict), console)
     say(console, f"\nreport: {made.page}")

@@ -1,18 +1,23 @@
 """A calibration as records of the store: the tables, and the errors they leave."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
 
+from flows.keep.diagnosis import read_models, read_verdict
 from residual.calibration.calibrate import Calibration
 from residual.calibration.schemes import RUN
 from residual.calibration.scores import Score
+from residual.diagnosis.result import Finding
 from residual.model.nominal import declared_names
+from residual.model.record import to_record
+from residual.model.term import Term
 from residual.robot.robot import Robot
 from residual.tables.crossval import relative_error
 from residual.tables.lookup.export import export_lookup
-from warehouse.commit import commit_record, read_record
+from warehouse.commit import commit_record
 from warehouse.schema import VIEWS, arrow_schema
 
 STAGE, KIND = "calibrated", "calibration"
@@ -69,13 +74,29 @@ def errors_table(made: Calibration, ids: Sequence[str]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Found:
+    """What a diagnosis of the same runs named.
+
+    Attributes:
+        effects: The terms that it added to the model; their coefficients are fitted
+            anew.
+        line: A line about it, None for no diagnosis.
+        diagnosis: Its id.
+    """
+
+    effects: tuple[Term, ...] = ()
+    line: str | None = None
+    diagnosis: str | None = None
+
+
 def found_effects(
     store: Path,
     ids: Sequence[str],
     robot: Robot,
     declared: Sequence[str] | None,
-) -> tuple[tuple[Mapping, ...], str | None, str | None]:
-    """Return what the latest diagnosis of these runs named, a line about it, its id.
+) -> Found:
+    """Return what the latest diagnosis of these runs named.
 
     It must be of these runs alone, held-out ones included or not, and of a model with
     the same declared effects.
@@ -87,7 +108,7 @@ def found_effects(
         declared: Effects that the model has; None for the robot's own list.
     """
     if not ids:
-        return (), None, None
+        return Found()
     import warehouse
 
     query = (
@@ -102,39 +123,30 @@ def found_effects(
         runs.setdefault(row["id"], set()).add(row["run"])
     names = sorted(declared_names(robot, declared))
     for id, fitted in runs.items():
-        document = read_record(store, id)["document"]
-        if fitted <= set(ids) and sorted(document["declared"]) == names:
-            named = ", ".join(_words(e) for e in document["effects"])
+        verdict = read_verdict(store, id)
+        if fitted <= set(ids) and sorted(verdict.declared) == names:
+            named = ", ".join(_words(e) for e in verdict.effects)
             line = (
                 f"named effects are those of diagnosis {id[:8]} ({named}): their names "
                 "come from these runs, their values are fitted without the held-out "
                 "ones"
             )
-            return tuple(document["effects"]), line, id
-    return (), None, None
+            models = read_models(store, id)
+            count = len(models["nominal"].terms)
+            return Found(models["augmented"].terms[count:], line, id)
+    return Found()
 
 
-def _words(effect: Mapping) -> str:
-    joints = " ".join(f"J{j}" for j in effect["joints"])
-    return f"{effect['name']} {joints}".strip()
+def _words(effect: Finding) -> str:
+    joints = " ".join(f"J{j}" for j in effect.joints)
+    return f"{effect.name} {joints}".strip()
 
 
 def _nominal(made: Calibration) -> dict | None:
     """The model that the tables are a correction of; None for the simulated twin."""
     if made.nominal is None:
         return None
-    return {
-        "inertial": made.nominal.inertial.tolist(),
-        "terms": [
-            {
-                "name": term.effect.name,
-                "joints": [j + 1 for j in term.joints],
-                "shape": list(term.shape),
-                "theta": term.theta.tolist(),
-            }
-            for term in made.nominal.terms
-        ],
-    }
+    return to_record(made.nominal)
 
 
 def _option(option) -> dict:

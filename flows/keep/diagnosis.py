@@ -6,46 +6,54 @@ from pathlib import Path
 from flows.keep.diagnosis_tables import (
     CLOUDS,
     PROOFS,
+    effect_rows,
+    error_rows,
     errors_by_run,
     from_record,
     to_record,
 )
-from residual.diagnosis.result import Outcome
+from residual.diagnosis.result import Diagnosis, Verdict
+from residual.diagnosis.verdict import from_json, to_json
+from residual.errors import InputError
+from residual.model.corrected import Corrected
+from residual.model.model import Model
+from residual.model.record import from_record as read_model
+from residual.model.record import to_record as model_record
 from warehouse.commit import commit_record, read_record
 from warehouse.files import read_parquet
 from warehouse.layout import find, record_folder
-from warehouse.verdicts import store_verdict
-
-_OF_MODEL = ("name", "joints", "parameters")
+from warehouse.verdicts import Rows, store_rows
 
 
 def store_outcome(
     store: Path,
-    outcome: Outcome,
+    found: Diagnosis,
     runs: Mapping[str, list[str]],
     request: Mapping | None = None,
 ) -> tuple[str, str]:
-    """Put a diagnosis and the proof of it into the store.
+    """Put a diagnosis, its models and the proof of it into the store.
 
     Args:
         store: The store.
-        outcome: The diagnosis.
+        found: The diagnosis.
         runs: Ids of the runs it is from, by role.
         request: What was asked for, so that it can be made again.
 
     Returns:
         The ids of the diagnosis and of the validation, which has the curves.
     """
-    verdict, asked = outcome.verdict, {"request": request}
-    model = {
-        **asked,
-        "declared": verdict["declared"],
-        "effects": [{k: effect[k] for k in _OF_MODEL} for effect in verdict["effects"]],
-    }
-    each = {"errors": errors_by_run(outcome)} if runs.get("held_out") else None
-    diagnosis_id = store_verdict(store, verdict, model, runs, asked, each)
-    told, curves = to_record(outcome)
-    record = told | asked | {"robot": verdict["robot"], "kind": "held_out"}
+    asked, robot = {"request": request}, found.verdict.robot
+    each = errors_by_run(found) if runs.get("held_out") else []
+    rows = Rows(
+        record=_record(found.verdict) | asked,
+        model=asked | {"models": models_record(found.models)},
+        effects=list(effect_rows(found.effects)),
+        errors=[*error_rows(found.errors), *each],
+    )
+    diagnosis_id = store_rows(store, rows, runs)
+    told, curves = to_record(found)
+    about = {"robot": robot, "kind": "held_out", "diagnosis": diagnosis_id}
+    record = told | asked | about
     parents = {
         "diagnosis": [diagnosis_id],
         "held_out": runs.get("held_out", []),
@@ -54,7 +62,17 @@ def store_outcome(
     return diagnosis_id, proof_id
 
 
-def read_outcome(store: Path, validation_id: str) -> Outcome:
+def _record(verdict: Verdict) -> dict:
+    return {
+        "robot": verdict.robot,
+        "verdict": verdict.verdict,
+        "nominal_scale": verdict.nominal_scale,
+        "unexplained": verdict.unexplained.fraction,
+        "document": to_json(verdict),
+    }
+
+
+def read_outcome(store: Path, validation_id: str) -> Diagnosis:
     """Return a diagnosis as it was stored.
 
     Args:
@@ -67,7 +85,56 @@ def read_outcome(store: Path, validation_id: str) -> Outcome:
     folder = find(store, validation_id).folder
     files = {name: folder / f"{name}.parquet" for name in (PROOFS, CLOUDS)}
     tables = {k: read_parquet(path) for k, path in files.items() if path.exists()}
-    return from_record(read_record(store, validation_id), tables)
+    record = read_record(store, validation_id)
+    id = record["diagnosis"]
+    verdict, models = read_verdict(store, id), _kept_models(store, id)
+    return from_record(record, tables, verdict, models)
+
+
+def read_verdict(store: Path, diagnosis_id: str) -> Verdict:
+    """Return the verdict of a diagnosis.
+
+    Raises:
+        InputError: If there is none of that id, or it is damaged.
+    """
+    return from_json(read_record(store, diagnosis_id)["document"])
+
+
+def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]:
+    """Return the models of a diagnosis, by name.
+
+    Raises:
+        InputError: If there is none of that id, or it was stored without models.
+    """
+    kept = _kept_models(store, diagnosis_id)
+    if not kept:
+        raise InputError(
+            f"Diagnosis {diagnosis_id} was stored without its models, by an earlier "
+            "version. Diagnose its runs again."
+        )
+    return kept
+
+
+def _kept_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]:
+    model_id = read_record(store, diagnosis_id)["model_id"]
+    kept = read_record(store, model_id).get("models")
+    return read_models_record(kept) if kept else {}
+
+
+def models_record(found: Mapping[str, Model | Corrected]) -> dict:
+    """Return models as plain values; their robot, which is one, stands there once."""
+    records = {name: model_record(model) for name, model in found.items()}
+    robots = [record.pop("robot") for record in records.values()]
+    return {"robot": robots[0], "models": records} if robots else {}
+
+
+def read_models_record(record: Mapping) -> dict[str, Model | Corrected]:
+    """The way back."""
+    robot = record["robot"]
+    return {
+        name: read_model({**own, "robot": robot})
+        for name, own in record["models"].items()
+    }
 
 
 def store_report(

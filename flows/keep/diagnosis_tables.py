@@ -1,53 +1,53 @@
-"""The curves of a diagnosis as tables: its report can be made from the store."""
+"""A diagnosis as rows and tables: its report can be made from the store."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 
 import numpy as np
 import pyarrow as pa
 
-from residual.diagnosis.result import Outcome
+from residual.diagnosis.result import Diagnosis, ErrorTables, Finding, Verdict
 from residual.model.curves import Cloud, LogProof
-from warehouse.schema import VIEWS, arrow_schema
 
 PROOFS, CLOUDS = "proofs", "clouds"
 
 
-def to_record(outcome: Outcome) -> tuple[dict, dict[str, pa.Table]]:
-    """Return an outcome as JSON and tables: what it says, and its curves.
+def to_record(found: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
+    """Return a diagnosis as JSON and tables: what it says, and its curves.
 
     Args:
-        outcome: The outcome.
+        found: The diagnosis; its verdict and models are kept elsewhere.
 
     Returns:
         What `from_record` needs.
     """
     # A cloud without a name is what a joint keeps.
-    clouds = (*outcome.clouds, *outcome.left)
+    clouds = (*found.clouds, *found.left)
     record = {
-        "whole": outcome.verdict,
-        "sentences": list(outcome.sentences),
-        "notes": list(outcome.notes),
-        "proofs": [p.id for p in outcome.proofs],
-        "models": list(outcome.proofs[0].tau_hat) if outcome.proofs else [],
+        "sentences": list(found.sentences),
+        "notes": list(found.notes),
+        "proofs": [p.id for p in found.proofs],
+        "models": list(found.proofs[0].tau_hat) if found.proofs else [],
         "clouds": [[c.name, c.joint, c.variable] for c in clouds],
     }
-    tables = {PROOFS: _stacked(map(_proof_columns, outcome.proofs))}
+    tables = {PROOFS: _stacked(map(_proof_columns, found.proofs))}
     tables[CLOUDS] = _stacked(map(_cloud_columns, clouds))
     return record, {name: t for name, t in tables.items() if t is not None}
 
 
-def from_record(record: Mapping, tables: Mapping[str, pa.Table]) -> Outcome:
-    """Return the outcome that `to_record` was given."""
+def from_record(
+    record: Mapping, tables: Mapping[str, pa.Table], verdict: Verdict, models: Mapping
+) -> Diagnosis:
+    """Return the diagnosis that `to_record` was given, with its verdict and models."""
     proofs = _parts(tables.get(PROOFS), len(record["proofs"]))
     parts = _parts(tables.get(CLOUDS), len(record["clouds"]))
     clouds = [
         Cloud(*about, part["x"], part["residual"], part["fitted"], part["log"])
         for about, part in zip(record["clouds"], parts, strict=True)
     ]
-    return Outcome(
-        verdict=record["whole"],
-        sentences=tuple(record["sentences"]),
+    return Diagnosis(
+        verdict=verdict,
+        models=models,
         proofs=tuple(
             _proof(id, record["models"], part)
             for id, part in zip(record["proofs"], proofs, strict=True)
@@ -55,16 +55,49 @@ def from_record(record: Mapping, tables: Mapping[str, pa.Table]) -> Outcome:
         clouds=tuple(c for c in clouds if c.name),
         notes=tuple(record["notes"]),
         left=tuple(c for c in clouds if not c.name),
+        sentences=tuple(record["sentences"]),
     )
 
 
-def errors_by_run(outcome: Outcome) -> pa.Table:
+def effect_rows(effects: Sequence[Finding]) -> Iterator[dict]:
+    """Rows of the view effects: one per parameter, and per joint with its own value."""
+    for effect in effects:
+        same = {"order": effect.order, "name": effect.name}
+        same["probability"] = effect.probability
+        if not effect.parameters:
+            yield same | {"joints": effect.joints}
+        for key, parameter in effect.parameters.items():
+            many = isinstance(parameter.value, tuple)
+            places = [[j] for j in effect.joints] if many else [effect.joints]
+            own = same | {"parameter": key, "unit": parameter.unit}
+            for joints, (value, std) in zip(places, parameter.pairs, strict=True):
+                yield own | {"joints": joints, "value": value, "std": std}
+
+
+def error_rows(errors: ErrorTables) -> Iterator[dict]:
+    """Rows of the view errors that are over all held-out runs together."""
+    metrics = {
+        "held_out": (errors.held_out, errors.overall),
+        "filtered": (errors.filtered, errors.overall_filtered),
+        "moving": (errors.moving, {}),
+    }
+    for metric, (by_joint, overall) in metrics.items():
+        for stage, values in by_joint.items():
+            for joint, value in enumerate(values or (), 1):
+                same = {"metric": metric, "stage": stage}
+                yield same | {"joint": joint, "value": value}
+        for stage, value in overall.items():
+            if value is not None:
+                yield {"metric": metric, "stage": stage, "joint": None, "value": value}
+
+
+def errors_by_run(found: Diagnosis) -> list[dict]:
     """Return the errors on every held-out log by itself, as rows of the view errors.
 
     Filtered and moving errors [%], in the words of docs/method.md section 6.
     """
     rows = []
-    for proof in outcome.proofs:
+    for proof in found.proofs:
         samples = {"filtered": np.ones_like(proof.moving), "moving": proof.moving}
         for (stage, tau_hat), (metric, taken) in product(
             proof.tau_hat.items(), samples.items()
@@ -76,8 +109,7 @@ def errors_by_run(outcome: Outcome) -> pa.Table:
                 value = _relative(miss[:, joint], power[:, joint])
                 rows.append({**same, "joint": joint + 1, "value": value})
             rows.append({**same, "joint": None, "value": _relative(miss, power)})
-    rows = [row for row in rows if row["value"] is not None]
-    return pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
+    return [row for row in rows if row["value"] is not None]
 
 
 def _relative(miss: np.ndarray, power: np.ndarray) -> float | None:

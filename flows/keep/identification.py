@@ -7,6 +7,7 @@ import pyarrow as pa
 
 from flows.keep.identification_json import KINDS, document
 from flows.steps.identify import Outcome
+from residual.model.record import to_record
 from warehouse.commit import commit_record
 from warehouse.schema import VIEWS, arrow_schema
 
@@ -35,6 +36,7 @@ def store_identification(
         "stage": STAGE,
         "request": request,
         "document": told,
+        "model": to_record(outcome.found.model),
     }
     held_out = runs.get("held_out") or runs.get("fit") or ()
     one = held_out[0] if len(held_out) == 1 and not outcome.same_run else None

@@ -179,11 +179,11 @@ def report(ids: tuple[str, str], store: Path) -> tuple[Path, str]:
     from flows.report.page.diagnosis import render
     from flows.report.words.verdict import sentences
 
-    outcome = read_outcome(store, ids[1])
-    robot = outcome.verdict["robot"]
+    found = read_outcome(store, ids[1])
+    robot = found.verdict.robot
     files = {
-        "report.html": render(outcome, robot).encode(),
-        "verdict.json": verdict_json(outcome.verdict).encode(),
+        "report.html": render(found, robot).encode(),
+        "verdict.json": verdict_json(found.verdict).encode(),
     }
     folder = store_report(store, {"robot": robot, "kind": "nightly"}, ids[0], files)
-    return folder / "report.html", " ".join(sentences(outcome.verdict))
+    return folder / "report.html", " ".join(sentences(found.verdict))

@@ -9,7 +9,13 @@ from rich.console import Console
 
 from flows.inputs.logs import read_words
 from flows.inputs.robots import load
-from flows.outputs import check_new_folder, check_writable, read_files, write_all
+from flows.outputs import (
+    check_new_folder,
+    check_writable,
+    json_text,
+    read_files,
+    write_all,
+)
 from flows.say import say
 from flows.settings import store_folder
 from flows.steps.diagnose import Progress, check_declared, echo
@@ -117,30 +123,28 @@ def calibrate(
     # Late, so that a wrong word is answered before the numerics are loaded.
     from threadpoolctl import threadpool_limits
 
-    from flows.keep.calibration import found_effects, store_calibration
+    from flows.keep.calibration import Found, found_effects, store_calibration
     from flows.report.words.calibration import sentences
     from residual.calibration.calibrate import Settings
     from residual.calibration.calibrate import calibrate as fitted
 
     settings = Settings(paper=request.paper, declared=request.declared)
     place = store_folder(request.store)
-    effects, told, diagnosis = (), None, None
+    found = Found()
     if not request.paper:
-        effects, told, diagnosis = found_effects(
-            place, read.ids, robot, request.declared
-        )
+        found = found_effects(place, read.ids, robot, request.declared)
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
-        made = fitted(robot, read.runs, settings, effects, progress)
-    if told:
-        made = replace(made, notes=(*made.notes, told))
+        made = fitted(robot, read.runs, settings, found.effects, progress)
+    if found.line:
+        made = replace(made, notes=(*made.notes, found.line))
     asked = {
         "step": "calibrate",
         "logs": list(read.ids),
         "robot": request.robot,
         "paper": request.paper,
         "declared": request.declared,
-        "diagnosis": diagnosis,
+        "diagnosis": found.diagnosis,
         "robot_hash": robot.content_hash,
     }
     kept = store_calibration(place, made, asked) if read.stored else {}
@@ -156,10 +160,9 @@ def tell(outcome: Outcome, request: Request, console: Console) -> None:
     # Late: figures and tables are slow imports, of no use to a wrong word.
     from flows.keep.calibration_json import document
     from flows.report.terminal.calibration import print_outcome
-    from flows.steps.diagnose import verdict_json
     from residual.tables.lookup.export import export_lookup
 
-    text = verdict_json(document(outcome))
+    text = json_text(document(outcome))
     files: dict[Path, str | bytes] = {}
     if request.report is not None:
         from flows.report.page.calibration import render

@@ -142,13 +142,13 @@ def report(ids: tuple[str, str], runs: Runs, hidden: list[dict], store: Path) ->
     from flows.report.page.diagnosis import render
     from flows.report.words.staged import Staged
 
-    outcome = read_outcome(store, ids[1])
+    found = read_outcome(store, ids[1])
     gif = picture(runs["fit"][0], store)
     caption = f"The first {CLIP:g} s of run {runs['fit'][0]}, in the physics engine."
-    staged = Staged(gif, caption, as_hidden(hidden), outcome.verdict)
+    staged = Staged(gif, caption, as_hidden(hidden), found.verdict)
     files = {
-        "report.html": render(outcome, ROBOT, staged).encode(),
-        "verdict.json": verdict_json(outcome.verdict).encode(),
+        "report.html": render(found, ROBOT, staged).encode(),
+        "verdict.json": verdict_json(found.verdict).encode(),
         "truth.json": (json.dumps(hidden, indent=2) + "\n").encode(),
         "arm.gif": gif,
     }

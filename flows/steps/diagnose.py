@@ -1,7 +1,6 @@
 """What the program does, as plain functions: read, diagnose, tell."""
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,10 +8,11 @@ from rich.console import Console
 
 from flows.inputs.logs import read_words
 from flows.inputs.robots import load
-from flows.outputs import check_writable, read_files, write_all
+from flows.outputs import check_writable, json_text, read_files, write_all
 from flows.say import say
 from flows.settings import store_folder
-from residual.diagnosis.result import Outcome
+from residual.diagnosis.result import Diagnosis, Verdict
+from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.names import check_name
 from residual.recording import Recording
@@ -77,7 +77,7 @@ class LogSets:
 
 def diagnose(
     request: Request, console: Console, progress: Progress | None = None
-) -> Outcome:
+) -> Diagnosis:
     """Read logs, say what was understood of them, and find what the model lacks.
 
     Args:
@@ -86,7 +86,7 @@ def diagnose(
         progress: Told the stage and the fraction done.
 
     Returns:
-        The outcome, for `tell`.
+        The diagnosis, for `tell`.
 
     Raises:
         InputError: If the request or a log is not usable.
@@ -104,7 +104,7 @@ def diagnose(
 
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
-        outcome = close_the_loop(
+        found = close_the_loop(
             robot,
             logs.fit,
             baseline=logs.baseline,
@@ -113,15 +113,15 @@ def diagnose(
             progress=progress,
             null=_nulls(request),
         )
-    say(console, *outcome.notes)
-    return _with_reading(outcome, logs)
+    say(console, *found.notes)
+    return _with_reading(found, logs)
 
 
-def tell(outcome: Outcome, request: Request, console: Console) -> None:
+def tell(found: Diagnosis, request: Request, console: Console) -> None:
     """Write the files that were asked for and print the verdict.
 
     Args:
-        outcome: The diagnosis.
+        found: The diagnosis.
         request: What is wanted.
         console: Where people read.
 
@@ -129,18 +129,18 @@ def tell(outcome: Outcome, request: Request, console: Console) -> None:
         OSError: If a file cannot be written.
     """
     # Late: the figures of the report are a slow import.
-    from flows.report.terminal.diagnosis import print_outcome
+    from flows.report.terminal.diagnosis import print_diagnosis
 
     texts = {}
     if request.report is not None:
         from flows.report.page.diagnosis import render
 
-        texts[Path(request.report)] = render(outcome, outcome.verdict["robot"])
-    verdict = verdict_json(outcome.verdict)
+        texts[Path(request.report)] = render(found, found.verdict.robot)
+    verdict = verdict_json(found.verdict)
     if request.json not in (None, "-"):
         texts[Path(request.json)] = verdict
     write_all(texts)
-    print_outcome(outcome, console)
+    print_diagnosis(found, console)
     for path in texts:
         say(console, f"wrote {path}")
     if request.json == "-":
@@ -190,19 +190,19 @@ def echo(*sets: tuple[Recording, ...]) -> str:
     return " | ".join(parts)
 
 
-def _with_reading(outcome: Outcome, logs: LogSets) -> Outcome:
+def _with_reading(found: Diagnosis, logs: LogSets) -> Diagnosis:
     """Add what the readers said to what the diagnosis says."""
-    warnings = [*logs.warnings, *outcome.verdict["warnings"]]
+    warnings = (*logs.warnings, *found.warnings)
     return replace(
-        outcome,
-        verdict={**outcome.verdict, "warnings": warnings},
-        notes=(*logs.lines, *outcome.notes),
+        found,
+        verdict=replace(found.verdict, warnings=warnings),
+        notes=(*logs.lines, *found.notes),
     )
 
 
-def verdict_json(verdict: Mapping) -> str:
-    """Return the verdict as JSON text; NaN is refused."""
-    return json.dumps(verdict, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+def verdict_json(verdict: Verdict) -> str:
+    """Return the verdict as JSON text."""
+    return json_text(to_json(verdict))
 
 
 def check_declared(names: tuple[str, ...] | None) -> None:

@@ -149,7 +149,7 @@ def _put(store: Path, source: Source, found: Watched, request: Mapping) -> str:
         read_record(store, source.diagnosis)["model_id"] if source.diagnosis else None
     )
     record = {
-        "robot": told["robot"],
+        "robot": found.monitor.model.robot.name,
         "kind": "monitor",
         "model_id": model,
         "alarms": {id: len(alarms) for id, alarms in found.alarms.items()},

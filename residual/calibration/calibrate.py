@@ -5,7 +5,7 @@ predicted: on rows of a motion that was seen, and on motions that were not. (Sec
 2.4 to 2.6 of the paper; docs/calibration.md.)
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,7 +20,6 @@ from residual.calibration.methods import (
 from residual.calibration.nominal import (
     Prepared,
     identified_without,
-    named_effects,
     prepare_runs,
 )
 from residual.calibration.rows import (
@@ -45,6 +44,7 @@ from residual.calibration.views import (
     terms_of,
 )
 from residual.model.model import Model
+from residual.model.term import Term
 from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.tables.build import build_lookup
@@ -128,7 +128,7 @@ def calibrate(
     robot: Robot,
     runs: Sequence[Run],
     settings: Settings | None = None,
-    effects: Sequence[Mapping] = (),
+    named: Sequence[Term] = (),
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit and validate every model under every scheme.
@@ -137,7 +137,7 @@ def calibrate(
         robot: The arm as described.
         runs: Its logs; a single one is cut into parts.
         settings: How.
-        effects: Findings of a diagnosis, for the model with named effects.
+        named: What a diagnosis found, for the model with named effects.
         progress: Told the stage and the share done.
 
     Raises:
@@ -152,7 +152,7 @@ def calibrate(
         )
     runs = cut_single(runs)
     tell("nominal model", 0.0)
-    source = _Source(robot, runs, settings, effects)
+    source = _Source(robot, runs, settings, tuple(named))
     rows = source.rows
     schemes, more = make_schemes(rows, np.random.default_rng(settings.seed))
     without = None if settings.paper else source.without
@@ -182,7 +182,7 @@ def calibrate(
 class _Source:
     """Rows, and what nominal models leave on them; each is identified once."""
 
-    def __init__(self, robot, runs, settings: Settings, effects) -> None:
+    def __init__(self, robot, runs, settings: Settings, named) -> None:
         self._prepared: Prepared | None = None
         self._known: dict[tuple, Array] = {}
         self.nominal: Model | None = None
@@ -202,8 +202,8 @@ class _Source:
         self.nominal = identified_without(self._prepared)
         left = self._prepared.residuals(self.nominal)
         self.rows = measured_rows(runs, self._prepared.tracks, left)
-        self._known[frozenset(), ()] = self.rows.Y
-        self.named = named_effects(effects, robot)
+        self._known[frozenset(), False] = self.rows.Y
+        self.named = named
 
     def plain(self, left_out: Collection[int]) -> Array:
         """What the nominal model leaves. Shape (n, j)."""
@@ -220,7 +220,7 @@ class _Source:
     def _left(self, left_out: Collection[int], named: tuple) -> Array:
         if self._prepared is None:
             return self.rows.Y
-        key = (frozenset(left_out), tuple((e.name, j, s) for e, j, s in named))
+        key = (frozenset(left_out), bool(named))
         if key not in self._known:
             model = identified_without(self._prepared, left_out, named)
             left = self._prepared.residuals(model)

@@ -6,14 +6,10 @@ body under a prior whose width the logs choose (docs/method.md); effects that a
 diagnosis named can be added, and all are fitted together.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from residual.calibration.rows import Run, torque_at
-from residual.effects import registry
-from residual.effects.base import Effect, Joints, Shape
 from residual.evidence.design import Design
 from residual.evidence.fit import fit, start
 from residual.evidence.priors import priors
@@ -22,11 +18,10 @@ from residual.model.fit_logs import Logs, ready, start_nominal
 from residual.model.model import Model
 from residual.model.nominal import declared_names
 from residual.model.standstill import with_standstill
+from residual.model.term import Term
 from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, Track
-
-Named = tuple[Effect, Joints, Shape]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -79,14 +74,14 @@ def prepare_runs(
 
 
 def identified_without(
-    prepared: Prepared, left_out: Collection[int] = (), named: Sequence[Named] = ()
+    prepared: Prepared, left_out: Collection[int] = (), named: Sequence[Term] = ()
 ) -> Model:
     """Identify the model from all runs but some.
 
     Args:
         prepared: All logs.
         left_out: Numbers of the runs that it must not see.
-        named: Effects beyond the declared ones, with joints from 0 and shape.
+        named: Effects beyond the declared ones; their coefficients are fitted.
     """
     kept = [i for i in range(len(prepared.runs)) if i not in left_out]
     tracks = tuple(prepared.tracks[i] for i in kept)
@@ -99,40 +94,10 @@ def identified_without(
     if named:
         # Some effects read the model's own torque: it should be about right.
         design.look(_observed(as_model(nominal, first), tracks, regressors))
-    groups = design.add(list(named))
+    groups = design.add([(t.effect, t.joints, t.shape) for t in named])
     fits = [fit(design, p, groups, first.counted, None, rounds=4) for p in wide]
     best = max(fits, key=lambda f: f.score)
     return with_standstill(as_model(nominal, best), tracks)
-
-
-def named_effects(effects: Sequence[Mapping], robot: Robot) -> tuple[Named, ...]:
-    """Turn the findings of a verdict into effects on joints, with their shapes.
-
-    Args:
-        effects: Entries of `effects` in the verdict (docs/verdict.md).
-        robot: The arm.
-    """
-    out = []
-    for entry in effects:
-        effect = registry()[entry["name"]]
-        local = effect.scope == "local"
-        joints = [j - 1 for j in entry["joints"]]
-        for number, joint in enumerate(joints if local else [None]):
-            values = [
-                _value(entry["parameters"].get(key), number)
-                for key in effect.parameters
-            ]
-            _, shape = effect.from_values(np.array(values), robot)
-            place = (joint,) if local else tuple(joints)
-            out.append((effect, place, tuple(shape)))
-    return tuple(out)
-
-
-def _value(known: Mapping | None, number: int) -> float:
-    value = (known or {}).get("value")
-    if isinstance(value, list):
-        value = value[number]
-    return 0.0 if value is None else float(value)
 
 
 def _observed(model: Model, tracks: Sequence[Track], regressors) -> list:

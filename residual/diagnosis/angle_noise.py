@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
-from residual.diagnosis.diagnose import Diagnosis, refit
+from residual.diagnosis.examine import Examined, refit
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.held_out import Verdicts
 from residual.evidence.design import Design
@@ -42,7 +42,7 @@ class Checked:
     Attributes:
         how: "instruments" or "effective variance".
         fit: The fit that was checked.
-        theta: Coefficients by instruments; without them the fit's own, freed of what
+        theta: Coefficients by instruments; without them the fit's own, rid of what
             the noise took. Shape (m,).
         covariance: Of ``theta``. Shape (m, m).
         spread: By how much it exceeds that of the fit. (m, m).
@@ -100,13 +100,13 @@ class Checked:
         return own + LEAST * np.diag(np.diag(self.covariance)[slots])
 
 
-def freed(
-    diagnosis: Diagnosis, judged: Verdicts, recordings: Sequence[Recording]
+def drop_noise(
+    examined: Examined, judged: Verdicts, recordings: Sequence[Recording]
 ) -> tuple[Verdicts, Checked | None, tuple[Tested, ...]]:
     """Drop the names that noise of the angles made.
 
     Args:
-        diagnosis: The diagnosis of the logs.
+        examined: The diagnosis of the logs.
         judged: Its names, after the held-out logs had their say.
         recordings: The fit logs, in the diagnosis' order.
 
@@ -116,18 +116,18 @@ def freed(
     """
     gone: list[Tested] = []
     while judged.kept:
-        checks = checked(diagnosis, judged.fit, recordings)
+        checks = checked(examined, judged.fit, recordings)
         noise = [t for t, _ in judged.kept if checks.is_noise(t)]
         if not noise:
             return judged, checks, tuple(gone)
         gone += noise
         kept = tuple((t, gain) for t, gain in judged.kept if t not in noise)
-        fit = refit(diagnosis, [t for t, _ in kept])
+        fit = refit(examined, [t for t, _ in kept])
         judged = replace(judged, fit=fit, kept=kept)
     return judged, None, tuple(gone)
 
 
-def told(checks: Checked | None, tested: Sequence[Tested]) -> tuple[str, ...]:
+def noise_notes(checks: Checked | None, tested: Sequence[Tested]) -> tuple[str, ...]:
     """What noise of the angles did to the named effects: one sentence, or none."""
     if checks is None:
         return ()
@@ -154,27 +154,27 @@ def told(checks: Checked | None, tested: Sequence[Tested]) -> tuple[str, ...]:
 
 
 def checked(
-    diagnosis: Diagnosis, fitted: Fit, recordings: Sequence[Recording]
+    examined: Examined, fitted: Fit, recordings: Sequence[Recording]
 ) -> Checked:
     """Check a fit by its reference where every log has one, else by redrawn noise.
 
     Args:
-        diagnosis: The diagnosis of the logs.
+        examined: The diagnosis of the logs.
         fitted: Fit of the names that stand.
         recordings: The fit logs, in the diagnosis' order.
     """
     if all(r.q_ref is not None for r in recordings):
-        logs = diagnosis.logs
+        logs = examined.logs
         asked = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
         tracks, _ = prepare(asked, logs.filters, logs.speed_floor)
-        return _by_instruments(diagnosis, fitted, on_rows_of(logs.tracks, tracks))
-    return _by_redrawing(diagnosis, fitted, diagnosis.logs.shaken)
+        return _by_instruments(examined, fitted, on_rows_of(logs.tracks, tracks))
+    return _by_redrawing(examined, fitted, examined.logs.shaken)
 
 
-def _by_instruments(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
+def _by_instruments(examined: Examined, fitted: Fit, tracks) -> Checked:
     """Two-stage least squares under the fit's own prior and noise."""
-    design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, tracks)
-    system = System.of(design, diagnosis.task.prior, fitted.members)
+    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
+    system = System.of(design, examined.task.prior, fitted.members)
     weight = fitted.weight(design.rows)
     precision, pull = system.precision.copy(), np.zeros(len(ids))
     for j in range(design.dof):
@@ -195,16 +195,16 @@ def _by_instruments(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
     )
 
 
-def _by_redrawing(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
+def _by_redrawing(examined: Examined, fitted: Fit, tracks) -> Checked:
     """The normal equations without the noise that one more helping of it shows.
 
     Least squares solves (S + N) x = S b, with S what exact columns would give and N the
     noise's own: b is had back where N is known.
     """
-    design, other, ids = diagnosis.task.design, *_seen(diagnosis, fitted, tracks)
+    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
     weight = fitted.weight(design.rows)
     start, size = np.zeros(len(ids)), len(ids)
-    start[: len(design.nominal)] = diagnosis.nominal.model.coefficients()
+    start[: len(design.nominal)] = examined.nominal.model.coefficients()
     noise, share = np.zeros((size, size)), np.zeros(design.dof)
     for j in range(design.dof):
         place, have = design.present(j, fitted.ids)
@@ -229,10 +229,10 @@ def _by_redrawing(diagnosis: Diagnosis, fitted: Fit, tracks) -> Checked:
     )
 
 
-def _seen(diagnosis: Diagnosis, fitted: Fit, tracks) -> tuple[Design, Array]:
+def _seen(examined: Examined, fitted: Fit, tracks) -> tuple[Design, Array]:
     """The fit's columns as other angles give them, on the very same rows."""
-    nominal = diagnosis.nominal
-    other = replace(diagnosis.logs, tracks=tracks)
+    nominal = examined.nominal
+    other = replace(examined.logs, tracks=tracks)
     design = first_look(other, nominal, physical(as_model(nominal, fitted)))
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
     return design, np.concatenate([design.nominal, *(g.ids for g in members)])

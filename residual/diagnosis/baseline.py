@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from residual.diagnosis.diagnose import Progress, diagnose
+from residual.diagnosis.examine import Progress, examine
 from residual.diagnosis.search import Rules
 from residual.evidence.priors import posterior_of
 from residual.model.fit_logs import Logs, ready, start_nominal
@@ -20,7 +20,7 @@ def from_baseline(
 ) -> Nominal:
     """Diagnose the baseline first; what it shows is declared from then on."""
     own = ready(robot, baseline, session_clock(baseline), logs.filters)
-    first = diagnose(
+    first = examine(
         own,
         start_nominal(own, names),
         replace(Rules(), most=BASELINE_MOST),

@@ -4,18 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual.diagnosis.diagnose import Diagnosis
-from residual.diagnosis.findings import Finding
+from residual.diagnosis.examine import Examined
+from residual.diagnosis.findings import Named
 from residual.evidence.fit import Fit
 from residual.model.curves import Cloud
 from residual.recording import Array
 
 
 def clouds(
-    diagnosis: Diagnosis, fitted: Fit, found: Sequence[Finding]
+    examined: Examined, fitted: Fit, found: Sequence[Named]
 ) -> tuple[Cloud, ...]:
     """One cloud per finding and joint on which it acts most."""
-    design = diagnosis.task.design
+    design = examined.task.design
     out = []
     for finding in found:
         for tested in finding.tested:
@@ -26,7 +26,7 @@ def clouds(
                 effect = design.columns(j, place) @ fitted.of(group)[have]
                 left = design.residual(j, fitted.ids, fitted.theta)
                 anchor = j if group.effect.scope == "local" else tested.joint
-                x, label, log = _variable(diagnosis, group.effect, anchor, j)
+                x, label, log = _variable(examined, group.effect, anchor, j)
                 out.append(
                     Cloud(
                         group.effect.name, j + 1, label, x, left + effect, effect, log
@@ -36,12 +36,12 @@ def clouds(
 
 
 def _variable(
-    diagnosis: Diagnosis, effect, anchor: int, j: int
+    examined: Examined, effect, anchor: int, j: int
 ) -> tuple[Array, str, Array]:
     """The explaining variable on the rows of joint j, and which log each is of."""
     values, labels, label = [], [], ""
-    states = diagnosis.task.design.states
-    for track, state in zip(diagnosis.logs.tracks, states, strict=True):
+    states = examined.task.design.states
+    for track, state in zip(examined.logs.tracks, states, strict=True):
         x, label = effect.variable(state, anchor)
         rows = track.moving[:, j]
         values.append(x[:: track.step][rows])

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.diagnosis.gate import CLASS
+from residual.diagnosis.result import Place
 from residual.diagnosis.search import Task
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System
@@ -21,7 +22,7 @@ FLAT = 1e-9  # of the largest information of a group: a direction that does noth
 
 def lookalikes(
     task: Task, fitted: Fit, effects: Sequence[tuple[Group, Array]]
-) -> list[list[dict]]:
+) -> list[tuple[Place, ...]]:
     """Candidates that would explain each effect within 6 nats.
 
     The nominal model bends with them. Of several shapes of a candidate the best counts;
@@ -33,7 +34,7 @@ def lookalikes(
         effects: Each with its coefficients. Shapes (k,).
 
     Returns:
-        Names and joints (from 1) for each effect, nearest first.
+        Their places for each effect, nearest first.
     """
     design = task.design
     weight = fitted.weight(design.rows)
@@ -57,7 +58,7 @@ def lookalikes(
                 lost[key] = min(lost.get(key, np.inf), 0.5 * float(every - part))
         own = (group.effect.name, group.joints)
         near = sorted((x, key) for key, x in lost.items() if x < CLASS and key != own)
-        out.append([{"name": n, "joints": [j + 1 for j in js]} for _, (n, js) in near])
+        out.append(tuple(Place(n, tuple(j + 1 for j in js)) for _, (n, js) in near))
     return out
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from residual.diagnosis.confusable import lookalikes
 from residual.diagnosis.expected_gain import Bench, Expected, expected, found
+from residual.diagnosis.result import Detectable
 from residual.diagnosis.search import Task
 from residual.effects.base import Effect
 from residual.evidence.design import Group
@@ -22,7 +23,7 @@ CLIPS = (0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the largest torque: plateaus to tr
 
 def minimum_detectable(
     task: Task, fitted: Fit, priors: Sequence[Prior] = ()
-) -> list[dict]:
+) -> list[Detectable]:
     """Size that would be found in half of the draws of the noise, per effect and joint.
 
     Found means all that a name must do: win the threshold with its price paid, stand
@@ -35,13 +36,11 @@ def minimum_detectable(
         priors: Other priors that the search may change to.
 
     Returns:
-        One entry per effect and joints: name, joints (from 1), value, unit, and what
-        these logs would not tell from it at three times that size. Of several
+        One entry per effect and joints. Of several
         parameters of one unit the value is the length (cos and sin), of a searched
         shape the usual one counts.
     """
     bench = Bench.of(task, fitted, priors)
-    out: list[dict] = []
     sizes: list[_Least] = []
     for groups in _per_key(task):
         first = groups[0]
@@ -49,13 +48,18 @@ def minimum_detectable(
             continue
         least = _least(bench, groups)
         if least is not None:
-            unit = next(iter(first.effect.parameters.values()))
-            joints = [j + 1 for j in first.joints]
-            entry = {"name": first.effect.name, "joints": joints}
             sizes.append(least)
-            out.append({**entry, "value": float(least.value), "unit": unit})
     alike = lookalikes(task, fitted, [(x.group, CLEAR * x.theta) for x in sizes])
-    return [{**e, "confusable": near} for e, near in zip(out, alike, strict=True)]
+    return [
+        Detectable(
+            name=x.group.effect.name,
+            joints=tuple(j + 1 for j in x.group.joints),
+            value=float(x.value),
+            unit=next(iter(x.group.effect.parameters.values())),
+            confusable=near,
+        )
+        for x, near in zip(sizes, alike, strict=True)
+    ]
 
 
 def _per_key(task: Task) -> list[list[Group]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.diagnosis.angle_noise import Checked
-from residual.diagnosis.diagnose import Diagnosis
+from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested, alternatives
 from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect
@@ -16,7 +16,7 @@ from residual.recording import Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Finding:
+class Named:
     """One named effect on one or several joints.
 
     Attributes:
@@ -50,15 +50,15 @@ class Finding:
 
 
 def findings(
-    diagnosis: Diagnosis,
+    examined: Examined,
     fitted: Fit,
     tested: Sequence[Tested],
     checks: Checked | None = None,
-) -> list[Finding]:
+) -> list[Named]:
     """Merge members of one name into one finding; what explains most comes first.
 
     Args:
-        diagnosis: The diagnosis.
+        examined: The diagnosis.
         fitted: Fit of exactly these members.
         tested: The members that are named.
         checks: What noise of the angles does to the fit; None where nobody looked.
@@ -67,16 +67,16 @@ def findings(
         id(t.group): checks.estimate(t) if checks else _exactly(fitted.of(t.group))
         for t in tested
     }
-    stds = standard_deviations(diagnosis, fitted, sizes)
-    near = {id(t): alternatives(diagnosis.task, fitted, t.group) for t in tested}
+    stds = standard_deviations(examined, fitted, sizes)
+    near = {id(t): alternatives(examined.task, fitted, t.group) for t in tested}
     out = []
     for members in _merged(tested):
         options = [near[id(t)] for t in members]
         out.append(
-            Finding(
+            Named(
                 tuple(members),
                 tuple(j for t in members for j in public_joints(t.group)),
-                _parameters(diagnosis, members, sizes, stds),
+                _parameters(examined, members, sizes, stds),
                 _equivalents(members, [o[0] for o in options]),
                 min(o[1] for o in options),
             )
@@ -127,8 +127,8 @@ def _equivalents(members, near) -> tuple:
     return tuple((k, joints) for k in shared)
 
 
-def _parameters(diagnosis: Diagnosis, members, sizes, stds) -> dict:
-    robot = diagnosis.logs.robot
+def _parameters(examined: Examined, members, sizes, stds) -> dict:
+    robot = examined.logs.robot
     effect = members[0].group.effect
     values = np.array(
         [effect.values(sizes[id(t.group)][0], t.group.shape, robot) for t in members]

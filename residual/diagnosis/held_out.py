@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.diagnose import Diagnosis, refit
+from residual.diagnosis.examine import Examined, refit
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.search import least
 from residual.evidence.fit import Fit
 from residual.evidence.states import as_model
-from residual.model.compare import Errors, Witness, moving_error
+from residual.model.compare import Errors, HeldOutLog, moving_error
+from residual.model.model import Model
 from residual.recording import Array
 
 CONFIRMED = 0.01  # gain above which a name counts as confirmed
@@ -37,46 +38,56 @@ class Verdicts:
     dropped: tuple[Tested, ...]
 
 
-def held_out_verdicts(diagnosis: Diagnosis, held_out: Sequence[Witness]) -> Verdicts:
+def judge_held_out(examined: Examined, held_out: Sequence[HeldOutLog]) -> Verdicts:
     """Drop each name alone, refit the rest on the fit logs, predict the held-out logs.
 
     The worst refuted name goes first, then all are judged again.
     """
-    tested, refuted, dropped = list(diagnosis.tested), [], []
-    fitted = diagnosis.fit
+    tested, refuted, dropped = list(examined.tested), [], []
+    fitted = examined.fit
     while True:
-        gains = [_gain(diagnosis, fitted, tested, t, held_out) for t in tested]
+        gains = [_gain(examined, fitted, tested, t, held_out) for t in tested]
         if not gains or min(gains) >= 0:
             kept = tuple(zip(tested, gains, strict=True))
             return Verdicts(fitted, kept, tuple(refuted), tuple(dropped))
         worst = int(np.argmin(gains))
         refuted.append((tested.pop(worst), gains[worst]))
-        fitted = refit(diagnosis, tested)
-        alone = [t for t in tested if not _stands(diagnosis, fitted, t)]
+        fitted = refit(examined, tested)
+        alone = [t for t in tested if not _stands(examined, fitted, t)]
         if alone:
             tested = [t for t in tested if t not in alone]
             dropped += alone
-            fitted = refit(diagnosis, tested)
+            fitted = refit(examined, tested)
 
 
-def _stands(diagnosis: Diagnosis, fitted: Fit, one: Tested) -> bool:
+def _stands(examined: Examined, fitted: Fit, one: Tested) -> bool:
     """Does a name still carry what it needs, now that others are gone?"""
-    return one.nats >= least(diagnosis.task, fitted.members, one.group)
+    return one.nats >= least(examined.task, fitted.members, one.group)
 
 
-def word(gain: float) -> str:
+def judgement(gain: float) -> str:
     """The verdict's word for a gain."""
     if gain < 0:
         return "refuted"
     return "confirmed" if gain >= CONFIRMED else "neutral"
 
 
-def unproven(diagnosis: Diagnosis, augmented: Errors) -> list[str]:
+def three_models(examined: Examined, judged: Verdicts) -> dict[str, Model]:
+    """The three models; identified and augmented differ by nothing but the effects."""
+    augmented = examined.model(judged.fit if judged.kept else examined.plain)
+    identified = augmented
+    if judged.kept:
+        identified = examined.model(examined.plain, like=augmented)
+    nominal = examined.nominal.model
+    return {"nominal": nominal, "identified": identified, "augmented": augmented}
+
+
+def unproven(examined: Examined, augmented: Errors) -> list[str]:
     """Sentences on joints of which the logs prove nothing, or less than it seems."""
     out = []
-    design, tracks = diagnosis.task.design, diagnosis.logs.tracks
+    design, tracks = examined.task.design, examined.logs.tracks
     every = sum(int(t.inner.sum()) for t in tracks)
-    fit = np.sqrt(diagnosis.fit.sse / design.rows) / design.rms
+    fit = np.sqrt(examined.fit.sse / design.rows) / design.rms
     held = augmented.per_joint("moving") / 100
     for j in range(design.dof):
         if design.rows[j] < STANDING * every:
@@ -94,18 +105,16 @@ def unproven(diagnosis: Diagnosis, augmented: Errors) -> list[str]:
 
 
 def _gain(
-    diagnosis: Diagnosis,
+    examined: Examined,
     fitted: Fit,
     tested: Sequence[Tested],
     one: Tested,
-    held_out: Sequence[Witness],
+    held_out: Sequence[HeldOutLog],
 ) -> float:
     rest = [t for t in tested if t is not one]
-    with_it = moving_error(as_model(diagnosis.nominal, fitted), held_out)
-    without = moving_error(
-        as_model(diagnosis.nominal, refit(diagnosis, rest)), held_out
-    )
-    return round(_fall(one, with_it, without, diagnosis.task.design.rms), ROUND)
+    with_it = moving_error(as_model(examined.nominal, fitted), held_out)
+    without = moving_error(as_model(examined.nominal, refit(examined, rest)), held_out)
+    return round(_fall(one, with_it, without, examined.task.design.rms), ROUND)
 
 
 def _fall(one: Tested, with_it: Array, without: Array, rms: Array) -> float:

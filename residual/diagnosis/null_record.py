@@ -125,7 +125,7 @@ class Null:
         )
 
 
-def fitting(null: Null | Sequence[Null] | None, key: Key) -> Null | None:
+def choose_null(null: Null | Sequence[Null] | None, key: Key) -> Null | None:
     """The null that holds for some logs.
 
     Args:
@@ -149,7 +149,7 @@ def fitting(null: Null | Sequence[Null] | None, key: Key) -> Null | None:
     return null
 
 
-def said(null: Null | None, least: float) -> tuple[list[str], list[str]]:
+def null_sentences(null: Null | None, least: float) -> tuple[list[str], list[str]]:
     """What a diagnosis says of its null: warnings and notes.
 
     Args:

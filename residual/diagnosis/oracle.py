@@ -1,6 +1,6 @@
 """What one would reach who is told the missing effects: the measure of a diagnosis.
 
-The same logs, model, prior and fit as the diagnosis, but nothing is searched: the names
+The same logs, model, prior and fit as the examined, but nothing is searched: the names
 and joints are given, their values are fitted. A diagnosis that predicts as well has
 lost nothing by having to find them.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 from residual.diagnosis.baseline import from_baseline
 from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.diagnose import Diagnosis
+from residual.diagnosis.examine import Examined
 from residual.diagnosis.search import Rules, Task, refined
 from residual.effects import registry
 from residual.effects.base import Effect, Joints
@@ -19,7 +19,7 @@ from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit
 from residual.evidence.priors import priors
 from residual.evidence.states import as_model, first_look, physical
-from residual.model.compare import Errors, compare, witnesses
+from residual.model.compare import Errors, compare, prepare_held_out
 from residual.model.fit_logs import Logs, ready, start_nominal
 from residual.model.nominal import Nominal, declared_names
 from residual.names import check_name
@@ -69,10 +69,10 @@ def oracle(
         design = first_look(logs, nominal, named)
         task, fitted = _best(design, logs, nominal, wanted)
     # Without an adequacy: nobody asks this one what is left.
-    found = Diagnosis(
+    found = Examined(
         logs, nominal, task, task.prior, fitted, fitted, (), (), adequacy=None
     )
-    proof = witnesses(held_out, nominal.model)
+    proof = prepare_held_out(held_out, nominal.model)
     errors, _ = compare({"told": found.model(fitted)}, proof, filters)
     return errors["told"]
 

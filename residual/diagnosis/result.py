@@ -1,32 +1,311 @@
-"""What a diagnosis hands to its caller: the verdict and the curves behind it."""
+"""What a diagnosis hands to its caller: the verdict, the models and the curves."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
-import numpy as np
-
+from residual.model.corrected import Corrected
 from residual.model.curves import Cloud, LogProof
+from residual.model.model import Model
+from residual.quantity import measured, percent
 
-Array = np.ndarray
+STAGES = ("nominal", "identified", "augmented", "plsr")
+
+Number = float | None  # None where it is not known
+Value = Number | tuple[Number, ...]  # one per joint where a finding is on several
+PerJoint = Mapping[str, tuple[Number, ...] | None]  # by model; None as a whole
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Outcome:
+@dataclass(frozen=True, slots=True)
+class Place:
+    """An effect and the joints that it sits on.
+
+    Attributes:
+        name: Its name.
+        joints: Joints from 1; empty for the whole arm.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Parameter:
+    """One physical parameter of a finding.
+
+    Attributes:
+        value: The value; where the effect means that a known one is wrong, the change.
+        std: Its standard deviation.
+        unit: SI unit.
+    """
+
+    value: Value
+    std: Value
+    unit: str
+
+    @property
+    def pairs(self) -> tuple[tuple[Number, Number], ...]:
+        """Value and standard deviation, of each joint where there are several."""
+        if not isinstance(self.value, tuple):
+            return ((self.value, self.std),)
+        stds = self.std
+        if not isinstance(stds, tuple):
+            stds = (stds,) * len(self.value)
+        return tuple(zip(self.value, stds, strict=True))
+
+    def __str__(self) -> str:
+        return ", ".join(measured(v, s, self.unit) for v, s in self.pairs)
+
+    def __repr__(self) -> str:
+        return f"Parameter({self})"
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Why a finding is believed.
+
+    Attributes:
+        nats: Logarithm of how much likelier the logs are with it.
+        by: "fit" or "plausibility".
+        held_out: "confirmed" or "neutral".
+        held_out_gain: Part of the held-out error that it removes.
+        p_value: Chance of such evidence where nothing is missing; None without a null.
+    """
+
+    nats: Number
+    by: str | None
+    held_out: str | None
+    held_out_gain: Number
+    p_value: Number
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Finding:
+    """One effect that the model lacks.
+
+    Attributes:
+        name: Its name.
+        joints: Joints from 1; empty for the whole arm.
+        probability: Of its class (itself and its equivalents) against all others.
+        order: Place in the list, from 1.
+        equivalent: What these logs cannot tell from it.
+        parameters: By key.
+        evidence: Why it is believed.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    probability: Number
+    order: int
+    equivalent: tuple[Place, ...]
+    parameters: Mapping[str, Parameter]
+    evidence: Evidence
+
+    @property
+    def where(self) -> str:
+        """Name and joints: 'payload on joint 6'."""
+        if not self.joints:
+            return self.name
+        many = "s" if len(self.joints) > 1 else ""
+        return f"{self.name} on joint{many} {', '.join(map(str, self.joints))}"
+
+    def __repr__(self) -> str:
+        known = ", ".join(f"{k} {v}" for k, v in self.parameters.items())
+        return f"Finding({self.where}: {known})" if known else f"Finding({self.where})"
+
+
+@dataclass(frozen=True, slots=True)
+class Detectable:
+    """The size of an effect of which half would have been found in these logs.
+
+    Attributes:
+        name, joints: The effect and where, joints from 1.
+        value: The size.
+        unit: Its unit.
+        confusable: What these logs would not tell from it at three times that size.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    value: float
+    unit: str
+    confusable: tuple[Place, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Dependence:
+    """What the remainder of one joint varies with.
+
+    Attributes:
+        joint: Whose remainder, from 1.
+        on: "q", "qd", "qdd", "tau", "t" or "frequency".
+        of: Whose q, qd, qdd or tau, from 1.
+        form: "curve", "by direction", "sum" or "difference".
+        share: Of the squared remainder beyond noise.
+        frequency: Of a line [Hz], else None.
+    """
+
+    joint: int
+    on: str
+    of: tuple[int, ...]
+    form: str
+    share: float
+    frequency: Number
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """What remains after everything that was named.
+
+    Attributes:
+        joints: Joints from 1 on which more than noise remains.
+        fraction: Of the torque, that nothing explains.
+        noise_floor: Of the torque, that is noise.
+        depends_on: What the remainder of these joints varies with.
+        kind: "repeatable", "time-driven", or None.
+        per_joint: Fraction of every joint.
+        noise_model: Where the noise level is from.
+    """
+
+    joints: tuple[int, ...]
+    fraction: Number
+    noise_floor: Number
+    depends_on: tuple[Dependence, ...]
+    kind: str | None
+    per_joint: tuple[Number, ...]
+    noise_model: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTables:
+    """Errors of the models on held-out logs [%], by name of the model.
+
+    Attributes:
+        metric: Their formula.
+        cutoff_hz: Of the identification filter.
+        logs: What was held out.
+        same_run: Whether it is a part of a fit log.
+        held_out, filtered, moving: Of every joint: as logged, both sides filtered, the
+            same where that joint moves.
+        overall, overall_filtered: All joints in one norm, as logged and filtered.
+    """
+
+    metric: str
+    cutoff_hz: Number
+    logs: tuple[str, ...]
+    same_run: bool
+    held_out: PerJoint
+    filtered: PerJoint
+    moving: PerJoint
+    overall: Mapping[str, Number]
+    overall_filtered: Mapping[str, Number]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The answer, as docs/verdict.md has it.
+
+    Attributes:
+        robot: Name of the robot.
+        declared: Effects that the nominal model had.
+        verdict: "effects", "none" or "unknown".
+        effects: What is missing, most important first.
+        minimum_detectable: Sizes that would have been found.
+        unexplained: What remains.
+        error: The proof.
+        nominal_scale: Scale of the prior of the rigid parameters; None with a baseline.
+        next_experiment: Motion that would tell equivalents apart, or None.
+        warnings: Sentences that qualify the answer.
+    """
+
+    robot: str
+    declared: tuple[str, ...]
+    verdict: Literal["effects", "none", "unknown"]
+    effects: tuple[Finding, ...]
+    minimum_detectable: tuple[Detectable, ...]
+    unexplained: Unexplained
+    error: ErrorTables
+    nominal_scale: Number
+    next_experiment: Mapping | None
+    warnings: tuple[str, ...]
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return len(self.unexplained.per_joint)
+
+    def __str__(self) -> str:
+        before, after = map(
+            self.error.overall_filtered.get, ("identified", "augmented")
+        )
+        if self.effects:
+            named = ", ".join(f.where for f in self.effects)
+            sure = [f.probability for f in self.effects if f.probability is not None]
+            if sure:
+                named += f", p {_odds(min(sure))}"
+            error = f"{percent(before)} -> {percent(after)}"
+        else:
+            named, error = "nothing found", percent(before)
+        left = self.unexplained.joints
+        if self.verdict == "unknown":
+            named = "something without a name on joint"
+            named += f"{'s' if len(left) > 1 else ''} {', '.join(map(str, left))}"
+        return f"{self.robot}: {named}; held-out {error}"
+
+
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Diagnosis:
     """Result of one diagnosis.
 
     Attributes:
-        verdict: The verdict in the documented JSON form (docs/verdict.md).
-        sentences: One plain sentence per finding, in the order of verdict["effects"].
+        verdict: The answer.
+        models: By name: "nominal", "identified", "augmented", and "plsr" where tables
+            were fitted to what remains.
         proofs: One per held-out log.
         clouds: Several per finding, at most one per joint.
         notes: What was understood of the signals (rates, filters, delays, masks).
         left: One per unexplained joint, without a name: what remains, over what it
             depends on most (over time where that is not known).
+        sentences: One plain sentence per finding, in the order of the findings.
     """
 
-    verdict: Mapping
-    sentences: tuple[str, ...]
-    proofs: tuple[LogProof, ...]
-    clouds: tuple[Cloud, ...]
-    notes: tuple[str, ...]
+    verdict: Verdict
+    models: Mapping[str, Model | Corrected] = field(default_factory=dict)
+    proofs: tuple[LogProof, ...] = ()
+    clouds: tuple[Cloud, ...] = ()
+    notes: tuple[str, ...] = ()
     left: tuple[Cloud, ...] = ()
+    sentences: tuple[str, ...] = ()
+
+    @property
+    def effects(self) -> tuple[Finding, ...]:
+        """What is missing, most important first."""
+        return self.verdict.effects
+
+    @property
+    def errors(self) -> ErrorTables:
+        """Errors on the held-out logs [%]."""
+        return self.verdict.error
+
+    @property
+    def unexplained(self) -> Unexplained:
+        """What remains."""
+        return self.verdict.unexplained
+
+    @property
+    def minimum_detectable(self) -> tuple[Detectable, ...]:
+        """Sizes that would have been found."""
+        return self.verdict.minimum_detectable
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences that qualify the answer."""
+        return self.verdict.warnings
+
+    def __repr__(self) -> str:
+        return f"Diagnosis({self.verdict})"
+
+
+def _odds(value: float) -> str:
+    """A probability as '> 0.99' or '= 0.97'; never one, since no data give that."""
+    return "> 0.99" if value > 0.99 else f"= {value:.2f}"

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from residual.diagnosis.diagnose import Diagnosis
+from residual.diagnosis.examine import Examined
 from residual.diagnosis.search import refined
 from residual.effects.base import Effect
 from residual.evidence.design import Design, Group
@@ -18,7 +18,7 @@ STEP = 1e-3  # relative step of the numerical derivatives
 
 
 def standard_deviations(
-    diagnosis: Diagnosis, fitted: Fit, sizes: Mapping[int, tuple[Array, Array]]
+    examined: Examined, fitted: Fit, sizes: Mapping[int, tuple[Array, Array]]
 ) -> dict[int, Array]:
     """Standard deviation of every parameter of every member.
 
@@ -27,7 +27,7 @@ def standard_deviations(
     (Gauss-Newton), and the parameters' covariance follows by linearisation.
 
     Args:
-        diagnosis: The diagnosis.
+        examined: The diagnosis.
         fitted: Its fit.
         sizes: For the id of each member its coefficients and what is doubtful of them
             beside the noise. Shapes (k,), (k, k).
@@ -35,12 +35,12 @@ def standard_deviations(
     Returns:
         Standard deviations for the id of each member. Shapes (parameters,).
     """
-    task = diagnosis.task
+    task = examined.task
     extra = {id(g): _slope(task.design, g, fitted.of(g)) for g in fitted.members}
     slopes = [s for s in extra.values() if s is not None]
     full = fit(
         task.design,
-        diagnosis.wide,
+        examined.wide,
         (*fitted.members, *slopes),
         fitted.counted,
         fitted.variance,
@@ -54,12 +54,12 @@ def standard_deviations(
         if slope is not None:
             slots = np.concatenate([slots, full.slots(slope)])
         theta, doubt = sizes[id(g)]
-        jacobian = _jacobian(g, theta, diagnosis.logs.robot, slope is not None)
+        jacobian = _jacobian(g, theta, examined.logs.robot, slope is not None)
         own = [c[np.ix_(slots, slots)] for c in (covariance, between)]
         for c in own:
             c[: len(theta), : len(theta)] += doubt
         variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in own]
-        variance.append(_form_doubt(diagnosis, fitted, g) ** 2)
+        variance.append(_form_doubt(examined, fitted, g) ** 2)
         out[id(g)] = np.sqrt(np.maximum.reduce(variance))
     return out
 
@@ -85,17 +85,17 @@ def _between_logs(design: Design, full: Fit) -> Array:
     return wider**2 * design.folds / free * moved.T @ moved
 
 
-def _form_doubt(diagnosis: Diagnosis, fitted: Fit, group: Group) -> Array:
+def _form_doubt(examined: Examined, fitted: Fit, group: Group) -> Array:
     """Half of what another form of the same effect would change. Shape (parameters,).
 
     Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: what
     logs hold of it does not reach down to standstill, where its level is said.
     """
-    task, effect = diagnosis.task, group.effect
-    robot = diagnosis.logs.robot
+    task, effect = examined.task, group.effect
+    robot = examined.logs.robot
     own = np.asarray(effect.values(fitted.of(group), group.shape, robot), dtype=float)
     anchor = group.joints[0] if group.joints else 0
-    forms = {shape[1:] for shape in effect.shapes(diagnosis.logs.span, anchor)}
+    forms = {shape[1:] for shape in effect.shapes(examined.logs.span, anchor)}
     doubt = np.zeros_like(own)
     for form in sorted(forms - {group.shape[1:]}):
         shape = (group.shape[0], *form)

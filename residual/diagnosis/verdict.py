@@ -1,172 +1,200 @@
-"""The verdict in its documented form: every key always there, no NaN."""
+"""The verdict as JSON and back: the one place that knows the keys (docs/verdict.md).
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+Every key is always there; what does not apply is null, and nothing is NaN.
+"""
 
-import numpy as np
+from collections.abc import Mapping
 
-from residual.diagnosis.diagnose import Diagnosis
-from residual.diagnosis.findings import Finding
-from residual.diagnosis.gate import Tested
-from residual.diagnosis.held_out import word
-from residual.model.compare import Errors
-from residual.recording import Array
+from residual.diagnosis.result import (
+    Dependence,
+    Detectable,
+    ErrorTables,
+    Evidence,
+    Finding,
+    Parameter,
+    Place,
+    Unexplained,
+    Value,
+    Verdict,
+)
+from residual.errors import InputError
+from residual.plain import plain
 
-METRIC = "100*||tau-tau_hat||/||tau||"
-STAGES = ("nominal", "identified", "augmented", "plsr")
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Case:
-    """All that a verdict is written from.
-
-    Attributes:
-        diagnosis: The diagnosis.
-        found: The findings, most important first.
-        gains: Held-out gain of each tested member, by identity.
-        errors: Errors of each stage on the held-out logs.
-        held_out: Labels of the held-out logs.
-        same_run: Whether they are a part of a fit log.
-        minimum: Minimum detectable sizes.
-        depends_on: What the leftover of each unexplained joint depends on.
-        kinds: Kind of the leftover of each of them, or None.
-        warnings: Sentences.
-        p_value: Chance of so many nats where nothing is missing; None without a null.
-    """
-
-    diagnosis: Diagnosis
-    found: Sequence[Finding]
-    gains: Mapping[int, float]
-    errors: Mapping[str, Errors]
-    held_out: Sequence[str]
-    same_run: bool
-    minimum: Sequence[Mapping]
-    depends_on: Sequence[Mapping]
-    kinds: Sequence[str | None]
-    warnings: Sequence[str]
-    p_value: Callable[[float], float] | None = None
+SCHEMA = 1
+_PER_JOINT = ("held_out", "filtered", "moving")
+_OVERALL = ("overall", "overall_filtered")
 
 
-def write(case: Case) -> dict:
-    """The verdict as a dictionary that JSON can hold (docs/verdict.md)."""
-    diagnosis = case.diagnosis
-    flagged = [j + 1 for j in diagnosis.adequacy.doubted]
-    nothing = "unknown" if flagged else "none"
-    return _plain(
+def to_json(verdict: Verdict) -> dict:
+    """Return a verdict as JSON can hold it, in its documented form."""
+    return plain(
         {
-            "schema": 1,
-            "robot": diagnosis.logs.robot.name,
-            "declared": list(diagnosis.nominal.names),
-            "verdict": "effects" if case.found else nothing,
-            "effects": [_effect(f, i + 1, case) for i, f in enumerate(case.found)],
-            "minimum_detectable": list(case.minimum),
-            "unexplained": _unexplained(case),
-            "error": _error(case),
-            "nominal_scale": diagnosis.task.prior.scale,
-            "next_experiment": None,
-            "warnings": list(case.warnings),
+            "schema": SCHEMA,
+            "robot": verdict.robot,
+            "declared": verdict.declared,
+            "verdict": verdict.verdict,
+            "effects": [_effect(f) for f in verdict.effects],
+            "minimum_detectable": [_detectable(d) for d in verdict.minimum_detectable],
+            "unexplained": _unexplained(verdict.unexplained),
+            "error": _error(verdict.error),
+            "nominal_scale": verdict.nominal_scale,
+            "next_experiment": verdict.next_experiment,
+            "warnings": verdict.warnings,
         }
     )
 
 
-def _effect(finding: Finding, order: int, case: Case) -> dict:
-    single = len(finding.tested) == 1
-    gain = float(np.mean([case.gains[id(t)] for t in finding.tested]))
-    fits = [t for t in finding.tested if t.by == "fit"]
+def from_json(document: Mapping) -> Verdict:
+    """Return the verdict of a document.
+
+    Raises:
+        InputError: If it is of another schema, or a key is missing.
+    """
+    if document.get("schema") != SCHEMA:
+        raise InputError(
+            f"A verdict of schema {document.get('schema')!r}, expected {SCHEMA}."
+        )
+    try:
+        effects = map(_read_effect, document["effects"])
+        return Verdict(
+            robot=document["robot"],
+            declared=tuple(document["declared"]),
+            verdict=document["verdict"],
+            effects=tuple(sorted(effects, key=lambda f: f.order)),
+            minimum_detectable=tuple(
+                Detectable(
+                    d["name"],
+                    tuple(d["joints"]),
+                    d["value"],
+                    d["unit"],
+                    _read_places(d["confusable"]),
+                )
+                for d in document["minimum_detectable"]
+            ),
+            unexplained=_read_unexplained(document["unexplained"]),
+            error=_read_error(document["error"]),
+            nominal_scale=document["nominal_scale"],
+            next_experiment=document["next_experiment"],
+            warnings=tuple(document["warnings"]),
+        )
+    except (KeyError, TypeError) as error:
+        raise InputError(f"This is no whole verdict: {error!r}.") from error
+
+
+def _effect(finding: Finding) -> dict:
+    evidence = finding.evidence
     return {
-        "name": finding.effect.name,
-        "joints": list(finding.joints),
+        "name": finding.name,
+        "joints": finding.joints,
         "probability": finding.probability,
-        "order": order,
-        "equivalent": [
-            {"name": name, "joints": list(joints)}
-            for name, joints in finding.equivalent
-        ],
+        "order": finding.order,
+        "equivalent": _places(finding.equivalent),
         "parameters": {
-            key: {
-                "value": value[0] if single else list(value),
-                "std": std[0] if single else list(std),
-                "unit": unit,
-            }
-            for key, (value, std, unit) in finding.parameters.items()
+            key: {"value": p.value, "std": p.std, "unit": p.unit}
+            for key, p in finding.parameters.items()
         },
         "evidence": {
-            "nats": finding.nats,
-            "by": "fit" if fits else "plausibility",
-            "held_out": word(gain),
-            "held_out_gain": gain,
-            "p_value": case.p_value(finding.nats) if case.p_value else None,
+            "nats": evidence.nats,
+            "by": evidence.by,
+            "held_out": evidence.held_out,
+            "held_out_gain": evidence.held_out_gain,
+            "p_value": evidence.p_value,
         },
     }
 
 
-def _unexplained(case: Case) -> dict:
-    a, design = case.diagnosis.adequacy, case.diagnosis.task.design
-    power = design.rows * design.rms**2
-    weight = power / power.sum()
-    kinds = [k for k in case.kinds if k]
-    kind = max(sorted(set(kinds)), key=kinds.count) if kinds else None
+def _read_effect(entry: Mapping) -> Finding:
+    return Finding(
+        name=entry["name"],
+        joints=tuple(entry["joints"]),
+        probability=entry["probability"],
+        order=entry["order"],
+        equivalent=_read_places(entry["equivalent"]),
+        parameters={
+            key: Parameter(_read_value(p["value"]), _read_value(p["std"]), p["unit"])
+            for key, p in entry["parameters"].items()
+        },
+        evidence=Evidence(**entry["evidence"]),
+    )
+
+
+def _read_value(value: float | list | None) -> Value:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _places(places: tuple[Place, ...]) -> list[dict]:
+    return [{"name": p.name, "joints": p.joints} for p in places]
+
+
+def _read_places(entries: list) -> tuple[Place, ...]:
+    return tuple(Place(e["name"], tuple(e["joints"])) for e in entries)
+
+
+def _detectable(one: Detectable) -> dict:
     return {
-        "joints": [j + 1 for j in a.doubted],
-        "fraction": float(np.sqrt(weight @ a.structured**2)),
-        "noise_floor": float(np.sqrt(weight @ a.noise**2)),
-        "depends_on": list(case.depends_on),
-        "kind": kind,
-        "per_joint": a.structured,
-        "noise_model": "autocorrelation",
+        "name": one.name,
+        "joints": one.joints,
+        "value": one.value,
+        "unit": one.unit,
+        "confusable": _places(one.confusable),
     }
 
 
-def _error(case: Case) -> dict:
-    cutoff = min(t.cutoff for t in case.diagnosis.logs.tracks)
+def _unexplained(left: Unexplained) -> dict:
+    return {
+        "joints": left.joints,
+        "fraction": left.fraction,
+        "noise_floor": left.noise_floor,
+        "depends_on": [
+            {
+                "joint": d.joint,
+                "on": d.on,
+                "of": d.of,
+                "form": d.form,
+                "share": d.share,
+                "frequency": d.frequency,
+            }
+            for d in left.depends_on
+        ],
+        "kind": left.kind,
+        "per_joint": left.per_joint,
+        "noise_model": left.noise_model,
+    }
+
+
+def _read_unexplained(entry: Mapping) -> Unexplained:
+    depends_on = [Dependence(**d | {"of": tuple(d["of"])}) for d in entry["depends_on"]]
+    return Unexplained(
+        joints=tuple(entry["joints"]),
+        fraction=entry["fraction"],
+        noise_floor=entry["noise_floor"],
+        depends_on=tuple(depends_on),
+        kind=entry["kind"],
+        per_joint=tuple(entry["per_joint"]),
+        noise_model=entry["noise_model"],
+    )
+
+
+def _error(error: ErrorTables) -> dict:
+    return {
+        "metric": error.metric,
+        "filter": {"cutoff_hz": error.cutoff_hz},
+        "logs": error.logs,
+        "same_run": error.same_run,
+        **{kind: getattr(error, kind) for kind in (*_PER_JOINT, *_OVERALL)},
+    }
+
+
+def _read_error(entry: Mapping) -> ErrorTables:
     tables = {
-        kind: {s: _per_joint(case.errors.get(s), kind) for s in STAGES}
-        for kind in ("raw", "filtered", "moving")
+        kind: {k: None if v is None else tuple(v) for k, v in entry[kind].items()}
+        for kind in _PER_JOINT
     }
-    overall = {
-        kind: {s: _overall(case.errors.get(s), kind) for s in STAGES}
-        for kind in ("raw", "filtered")
-    }
-    return {
-        "metric": METRIC,
-        "filter": {"cutoff_hz": cutoff},
-        "logs": list(case.held_out),
-        "same_run": case.same_run,
-        "held_out": tables["raw"],
-        "filtered": tables["filtered"],
-        "moving": tables["moving"],
-        "overall": overall["raw"],
-        "overall_filtered": overall["filtered"],
-    }
-
-
-def _per_joint(errors: Errors | None, kind: str) -> Array | None:
-    """Errors of every joint; None where there are none, or no such model."""
-    values = None if errors is None else errors.per_joint(kind)
-    return None if values is None or np.isnan(values).all() else values
-
-
-def _overall(errors: Errors | None, kind: str) -> float | None:
-    return None if errors is None else errors.overall(kind)
-
-
-def _plain(value):
-    """Plain Python values; what is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, Array):
-        return _plain(value.tolist())
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
-
-
-def complaint(tested: Tested, why: str) -> str:
-    """A warning about a name that did not stand: 'ripple on joint 3: why'."""
-    joints = [j + 1 for j in tested.group.joints]
-    place = f" on joint{'s' if len(joints) > 1 else ''} " if joints else ""
-    return f"{tested.group.effect.name}{place}{', '.join(map(str, joints))}: {why}"
+    return ErrorTables(
+        metric=entry["metric"],
+        cutoff_hz=entry["filter"]["cutoff_hz"],
+        logs=tuple(entry["logs"]),
+        same_run=entry["same_run"],
+        **tables,
+        **{kind: dict(entry[kind]) for kind in _OVERALL},
+    )

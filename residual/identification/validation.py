@@ -12,7 +12,7 @@ import numpy as np
 
 from residual.effects.base import State
 from residual.errors import InputError
-from residual.model.compare import Errors, compare, witnesses
+from residual.model.compare import Errors, compare, prepare_held_out
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.robot import dynamics
@@ -48,7 +48,7 @@ def torque_errors(
     if not models or not recordings:
         raise InputError("Validation needs at least one model and one held-out log.")
     some = next(iter(models.values()))
-    errors, _ = compare(models, witnesses(recordings, some), some.filters)
+    errors, _ = compare(models, prepare_held_out(recordings, some), some.filters)
     return errors
 
 

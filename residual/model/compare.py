@@ -15,7 +15,7 @@ BLOCK = 1.0  # s: longer than noise remembers
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Witness:
+class HeldOutLog:
     """One held-out log, ready to be predicted.
 
     Attributes:
@@ -33,13 +33,15 @@ class Witness:
         return model.observe(self.track, self.regressor)
 
 
-def witnesses(recordings: Sequence[Recording], model: Model) -> tuple[Witness, ...]:
+def prepare_held_out(
+    recordings: Sequence[Recording], model: Model
+) -> tuple[HeldOutLog, ...]:
     """Prepare held-out logs with the signal path of a model."""
     tracks, _ = prepare(recordings, model.filters, model.speed_floor, full_rate=True)
     out = []
     for recording, track in zip(recordings, tracks, strict=True):
         state = model.observe(track)
-        out.append(Witness(recording, track, state.regressor))
+        out.append(HeldOutLog(recording, track, state.regressor))
     return tuple(out)
 
 
@@ -68,7 +70,7 @@ class Errors:
 
 
 def compare(
-    models: Mapping[str, Model], held_out: Sequence[Witness], filters: Filters
+    models: Mapping[str, Model], held_out: Sequence[HeldOutLog], filters: Filters
 ) -> tuple[dict[str, Errors], tuple[LogProof, ...]]:
     """Errors of every model on the held-out logs, and the curves behind them.
 
@@ -100,7 +102,7 @@ def compare(
     return errors, tuple(proofs)
 
 
-def moving_error(model: Model, held_out: Sequence[Witness]) -> Array:
+def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
     """Squared filtered error on moving rows, per second [N^2 m^2]. (seconds, dof)."""
     out = []
     for witness in held_out:
@@ -113,13 +115,13 @@ def moving_error(model: Model, held_out: Sequence[Witness]) -> Array:
     return np.concatenate(out)
 
 
-def _empty(held_out: Sequence[Witness]) -> dict:
+def _empty(held_out: Sequence[HeldOutLog]) -> dict:
     dof = held_out[0].recording.dof if held_out else 0
     kinds = ("raw", "filtered", "moving")
     return {part: {k: np.zeros(dof) for k in kinds} for part in ("miss", "power")}
 
 
-def _accumulate(sums: dict, witness: Witness, torque, filtered, edge: float) -> None:
+def _accumulate(sums: dict, witness: HeldOutLog, torque, filtered, edge: float) -> None:
     log, track = witness.recording, witness.track
     at = at_samples(torque, track, log)
     inside = (log.t >= log.t[0] + edge) & (log.t <= log.t[-1] - edge)

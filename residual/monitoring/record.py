@@ -11,20 +11,20 @@ from residual.monitoring.monitor import Monitor
 from residual.monitoring.scores import Scale
 from residual.recording import Array
 
-FORM = 1
+FORM = 2
 _ARRAYS = ("theta", "lowest", "highest")
 _PLAIN = ("rate", "per_hour", "hours", "referenced")
 
 
 def to_record(monitor: Monitor) -> dict:
-    """Return a monitor without its model, of which only the coefficients are told.
+    """Return a monitor whole, with its model.
 
     A limit that is never reached is null.
     """
     scale = {f.name: getattr(monitor.scale, f.name).tolist() for f in fields(Scale)}
     return {
         "form": FORM,
-        "robot": monitor.model.robot.name,
+        "model": monitor.model.to_record(),
         **{name: getattr(monitor, name) for name in _PLAIN},
         **{name: getattr(monitor, name).tolist() for name in _ARRAYS},
         "scale": scale,
@@ -32,30 +32,23 @@ def to_record(monitor: Monitor) -> dict:
     }
 
 
-def from_record(record: Mapping, model: Model) -> Monitor:
+def from_record(record: Mapping) -> Monitor:
     """Return the monitor of a record.
 
     Args:
         record: What ``to_record`` returned.
-        model: The model it was calibrated with: same robot, same effects.
 
     Raises:
-        InputError: If it is of another form, robot or structure.
+        InputError: If it is of another form, or its model is damaged.
     """
     if record.get("form") != FORM:
         raise InputError(
             f"A monitor of form {record.get('form')!r}, expected {FORM}. "
             "Calibrate it again."
         )
-    count, robot = len(record["theta"]), record["robot"]
-    if robot != model.robot.name or count != len(model.coefficients()):
-        raise InputError(
-            f"The monitor is of {robot} with {count} coefficients, the model of "
-            f"{model.robot.name} with {len(model.coefficients())}. Give its own model."
-        )
     scale = Scale(**{f.name: np.array(record["scale"][f.name]) for f in fields(Scale)})
     return Monitor(
-        model=model,
+        model=Model.from_record(record["model"]),
         scale=scale,
         limits={k: _read(limit) for k, limit in record["limits"].items()},
         **{name: record[name] for name in _PLAIN},

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.baseline import from_baseline
-from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.examine import examine
 from residual.diagnosis.null_key import Key, key_of
 from residual.diagnosis.search import Rules
 from residual.evidence.colour import autocovariance
@@ -74,7 +74,7 @@ def source(
         nominal = from_baseline(robot, baseline, names, logs, _quiet)
     else:
         nominal = start_nominal(logs, names)
-    made = diagnose(logs, nominal, Rules(), _quiet)
+    made = examine(logs, nominal, Rules(), _quiet)
     whole = made.model(made.fit)
     truth = replace(
         whole,

@@ -3,9 +3,10 @@ import pytest
 from benchmarks.figures import figure, finish, missing, partial
 from benchmarks.logs_parts.singles import judge, singles_figures
 from flows.blind.rates import wilson
+from tests.verdict_documents import typed
 
 
-def verdict(*effects, flagged=()):
+def document(*effects, flagged=()):
     found = [
         {
             "name": name,
@@ -22,6 +23,10 @@ def verdict(*effects, flagged=()):
         "unexplained": {"joints": list(flagged)},
         "warnings": [],
     }
+
+
+def verdict(*effects, flagged=()):
+    return typed(document(*effects, flagged=flagged))
 
 
 TRUTH = ["offset", [2]]
@@ -48,9 +53,9 @@ def test_further_names_are_counted_apart():
 
 
 def test_order_decides_which_is_first():
-    both = verdict(("offset", [2]), ("ripple", [4]))
+    both = document(("offset", [2]), ("ripple", [4]))
     both["effects"].reverse()
-    assert judge(TRUTH, both)["first"] == TRUTH
+    assert judge(TRUTH, typed(both))["first"] == TRUTH
 
 
 def test_a_null_with_a_name_is_a_false_alarm():

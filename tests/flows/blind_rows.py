@@ -1,5 +1,7 @@
 """Verdicts and rows of blind cases, made by hand."""
 
+from tests.verdict_documents import typed
+
 
 def entry(name, joints, order=1, alike=(), parameters=None):
     """Return one finding as a verdict has it."""
@@ -13,9 +15,9 @@ def entry(name, joints, order=1, alike=(), parameters=None):
 
 
 def verdict(*effects, unexplained=()):
-    """Return the part of a verdict that is judged."""
+    """Return a verdict, of which only a part is judged."""
     nothing = "unknown" if unexplained else "none"
-    return {
+    part = {
         "verdict": "effects" if effects else nothing,
         "effects": list(effects),
         "unexplained": {"joints": list(unexplained)},
@@ -23,6 +25,7 @@ def verdict(*effects, unexplained=()):
             "overall_filtered": {"nominal": 20.0, "identified": 8.0, "augmented": 4.4}
         },
     }
+    return typed(part)
 
 
 def row(drawn, outcome, **other):

@@ -8,7 +8,8 @@ import pytest
 
 from flows.service.server import start_server
 from flows.settings import API, quiet_prefect
-from residual.diagnosis.result import Outcome
+from residual.diagnosis.result import Diagnosis
+from tests.verdict_documents import typed
 
 JOINTS = range(1, 7)
 NAMES = ("t", *(f"q{i}" for i in JOINTS), *(f"tau{i}" for i in JOINTS))
@@ -48,16 +49,11 @@ def calls(monkeypatch):
         made.append({"robot": robot.name, "fit": fit, **options})
         if options["progress"]:
             options["progress"]("search", 0.5)
-        verdict = {
-            "schema": 1,
-            "robot": robot.name,
-            "verdict": "none",
-            "warnings": ["core"],
-        }
-        return Outcome(verdict, (), (), (), ("core note",))
+        verdict = typed({"robot": robot.name, "warnings": ["core"]})
+        return Diagnosis(verdict, notes=("core note",))
 
-    def print_outcome(outcome, console):
-        console.print(f"verdict {outcome.verdict['verdict']}")
+    def print_diagnosis(found, console):
+        console.print(f"verdict {found.verdict.verdict}")
 
     def render(outcome, robot_name):
         return f"<html>{robot_name} {outcome.notes}</html>"
@@ -65,7 +61,7 @@ def calls(monkeypatch):
     fakes = {
         "residual.close": SimpleNamespace(close_the_loop=close_the_loop),
         "flows.report.terminal.diagnosis": SimpleNamespace(
-            print_outcome=print_outcome, print_truth=None
+            print_diagnosis=print_diagnosis, print_truth=None
         ),
         "flows.report.page.diagnosis": SimpleNamespace(render=render),
     }

@@ -1,14 +1,18 @@
 """Made-up outcomes for the report's tests: plausible numbers, every kind of verdict."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from residual.diagnosis.result import Outcome
+from residual.diagnosis.result import Diagnosis
+from residual.diagnosis.verdict import from_json, to_json
 from residual.model.curves import Cloud, LogProof
+from tests.verdict_documents import MODELS, typed, unexplained
 
 DOF = 6
 STAGES = ("nominal", "identified", "augmented")
+DRIFT = {"on": "t", "of": [], "form": "curve", "share": 0.6, "frequency": None}
 NOTES = (
     "fit: A B | baseline: – | held out: C",
     "A: 4 021 rows at 250 Hz; the torque was not filtered at the source",
@@ -126,7 +130,7 @@ def verdict(kind: str, effects: list[dict], **changes: object) -> dict:
             "noise_floor": 0.011,
             "depends_on": [],
             "kind": None,
-            "per_joint": per_joint([0.03, 0.02, 0.02, 0.04, 0.03, 0.03]),
+            "per_joint": [0.03, 0.02, 0.02, 0.04, 0.03, 0.03],
             "noise_model": "autocorrelation",
         },
         "error": error | changes,
@@ -136,12 +140,10 @@ def verdict(kind: str, effects: list[dict], **changes: object) -> dict:
     }
 
 
-def per_joint(fractions: list[float]) -> list[dict]:
-    """Return verdict["unexplained"]["per_joint"] as a diagnosis writes it."""
-    return [
-        {"joint": j, "fraction": share, "noise_floor": 0.01 + 0.001 * j, "kind": None}
-        for j, share in enumerate(fractions, start=1)
-    ]
+def made(result: dict, sentences: tuple, proofs: tuple, clouds: tuple) -> Diagnosis:
+    """Return a diagnosis without models."""
+    verdict = typed(result, DOF)
+    return Diagnosis(verdict, {}, proofs, clouds, NOTES, sentences=sentences)
 
 
 def proof(rng: np.random.Generator, label: str = "C", n: int = 4000) -> LogProof:
@@ -188,22 +190,22 @@ def balancer_shape(x: np.ndarray) -> np.ndarray:
     return -719 * np.sin(x) + 6983 * np.cos(x)
 
 
-def one_effect() -> Outcome:
+def one_effect() -> Diagnosis:
     """A balancer on joint 2 that a spring explains as well."""
     rng = np.random.default_rng(1)
     result = verdict("effects", [BALANCER])
     result["unexplained"] |= {
         "joints": [1, 4, 6],
         "kind": "repeatable",
-        "per_joint": per_joint([0.07, 0.02, 0.02, 0.12, 0.03, 0.08]),
+        "per_joint": [0.07, 0.02, 0.02, 0.12, 0.03, 0.08],
     }
     result["warnings"] = ["base_tilt was refuted on log C and is not reported."]
     clouds = (cloud(rng, "balancer", 2, balancer_shape, (-0.9, 0.2)),)
     sentence = "A balancer carries part of the weight: torque follows sin q2 and cos q2"
-    return Outcome(result, (f"{sentence}.",), (proof(rng),), clouds, NOTES)
+    return made(result, (f"{sentence}.",), (proof(rng),), clouds)
 
 
-def several() -> Outcome:
+def several() -> Diagnosis:
     """Coulomb friction on six joints, a balancer, a class and a weak ripple."""
     rng = np.random.default_rng(2)
     effects = [COULOMB_ALL, BALANCER | {"order": 2}, OFFSET, RIPPLE]
@@ -228,7 +230,7 @@ def several() -> Outcome:
     ]
     sentences = tuple(f"Sentence about {e['name']}." for e in effects)
     proofs = (proof(rng), proof(rng, "D"))
-    return Outcome(result, sentences, proofs, tuple(clouds), NOTES)
+    return made(result, sentences, proofs, tuple(clouds))
 
 
 def detectable() -> list[dict]:
@@ -243,27 +245,27 @@ def detectable() -> list[dict]:
     return entries
 
 
-def nothing() -> Outcome:
+def nothing() -> Diagnosis:
     """Nothing found, with the sizes that would have been."""
     result = verdict("none", [])
     result["minimum_detectable"] = detectable()
-    return Outcome(result, (), (proof(np.random.default_rng(3)),), (), NOTES)
+    return made(result, (), (proof(np.random.default_rng(3)),), ())
 
 
-def unknown() -> Outcome:
+def unknown() -> Diagnosis:
     """Something without a name on joints 1 and 4; a delay was withdrawn."""
     result = verdict("unknown", [])
     result["unexplained"] |= {
         "joints": [1, 4],
         "kind": "time-driven",
-        "depends_on": ["t"],
+        "depends_on": [DRIFT | {"joint": j} for j in (1, 4)],
         "per_joint": [0.13, 0.02, 0.02, 0.21, 0.03, 0.03],
     }
     result["warnings"] = ["delay is withdrawn: it explains 41 % of joint 4 only."]
-    return Outcome(result, (), (proof(np.random.default_rng(4)),), (), NOTES)
+    return made(result, (), (proof(np.random.default_rng(4)),), ())
 
 
-def baseline() -> Outcome:
+def baseline() -> Diagnosis:
     """A change against a baseline: a payload and the friction of joint 3."""
     rng = np.random.default_rng(5)
     payload = effect(
@@ -276,27 +278,28 @@ def baseline() -> Outcome:
     clouds = (cloud(rng, "coulomb", 3, lambda x: 11.2 * np.tanh(x / 0.05)),)
     result = verdict("effects", [payload, change])
     sentences = ("The flange carries 2.9 kg more.", "Joint 3 rubs more than it did.")
-    return Outcome(result, sentences, (proof(rng),), clouds, NOTES)
+    return made(result, sentences, (proof(rng),), clouds)
 
 
-def same_run() -> Outcome:
+def same_run() -> Diagnosis:
     """One log only: the proof is the last quarter of the same run."""
-    outcome = one_effect()
-    result = dict(outcome.verdict)
-    result["error"] = result["error"] | {"same_run": True, "logs": ["run.csv@75%:"]}
-    result["warnings"] = ["Held-out motion is the last quarter of the same log."]
-    return Outcome(
-        result, outcome.sentences, outcome.proofs, outcome.clouds, outcome.notes
+    found = one_effect()
+    error = replace(found.errors, same_run=True, logs=("run.csv@75%:",))
+    warning = "Held-out motion is the last quarter of the same log."
+    return replace(
+        found, verdict=replace(found.verdict, error=error, warnings=(warning,))
     )
 
 
-def no_overall() -> Outcome:
+def no_overall() -> Diagnosis:
     """Overall errors and much else are null."""
-    outcome = one_effect()
-    result = dict(outcome.verdict)
-    result["error"] = result["error"] | {"overall": None, "overall_filtered": None}
-    nulls = ("nominal_scale", "minimum_detectable", "warnings", "unexplained")
-    return Outcome(result | dict.fromkeys(nulls), (), outcome.proofs, (), ())
+    found = one_effect()
+    none = dict.fromkeys(MODELS)
+    left = unexplained(DOF, {})
+    result = to_json(found.verdict) | {"nominal_scale": None, "warnings": []}
+    result |= {"minimum_detectable": [], "unexplained": left}
+    result["error"] |= {"overall": none, "overall_filtered": none}
+    return Diagnosis(from_json(result), {}, found.proofs)
 
 
 _MAKERS = (one_effect, several, nothing, unknown, baseline, same_run, no_overall)

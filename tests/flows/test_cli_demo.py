@@ -13,6 +13,7 @@ from flows.progress import progress_bar
 from flows.report.terminal.diagnosis import print_truth
 from flows.report.words.staged import Hidden, Staged, judge
 from flows.steps import demo as steps
+from tests.verdict_documents import typed
 
 ROOT = Path(__file__).parents[2]
 RUN = "from flows.cli import main; raise SystemExit(main())"
@@ -113,13 +114,13 @@ def found(name: str, joints: list, **same) -> dict:
     ],
 )
 def test_truth_and_verdict_are_compared(hidden, effects, judged):
-    assert judge(hidden, {"effects": effects}) == judged
+    assert judge(hidden, typed({"effects": effects})) == judged
 
 
 def test_the_truth_stands_beside_the_verdict(capsys):
     from rich.console import Console
 
-    verdict = {"effects": [found("spring", [2])]}
+    verdict = typed({"effects": [found("spring", [2])]})
     print_truth(Staged(b"", "", (SPRING,), verdict), Console(width=80))
     shown = capsys.readouterr().out
     rows = [" ".join(line.split()) for line in shown.splitlines()]

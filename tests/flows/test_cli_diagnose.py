@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -178,13 +179,15 @@ def test_a_verdict_with_nan_is_never_written(folder, calls, monkeypatch):
     close = sys.modules["residual.close"].close_the_loop
 
     def spoiled(*words, **options):
-        outcome = close(*words, **options)
-        outcome.verdict["nominal_scale"] = float("nan")
-        return outcome
+        found = close(*words, **options)
+        spoiled = replace(found.verdict, nominal_scale=float("nan"))
+        return replace(found, verdict=spoiled)
 
     monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", spoiled)
-    assert run("diagnose A.csv --robot irb140 --report o.html --json o.json") == 1
-    assert sorted(os.listdir(folder)) == ["A.csv", "B.csv", "C.csv"]
+    assert run("diagnose A.csv --robot irb140 --report o.html --json o.json") == 0
+    text = (folder / "o.json").read_text()
+    assert "NaN" not in text
+    assert json.loads(text)["nominal_scale"] is None
 
 
 @pytest.mark.parametrize("words", ["--help", "diagnose --help", "demo --help", ""])

@@ -16,7 +16,6 @@ from warehouse.quarantine import quarantine
 from warehouse.query.named import NAMED
 from warehouse.query.store import open_store
 from warehouse.schema import all_views
-from warehouse.verdicts import store_verdict
 
 ROOT = Path(__file__).parents[2]
 
@@ -28,7 +27,7 @@ def ids(tmp_path_factory):
     kinds = ("fourier", "welding", "fourier")
     runs = [made.commit(folder, seed, kind) for seed, kind in enumerate(kinds)]
     quarantine(folder, runs[2], "gripper was loose")
-    last = store_verdict(folder, made.verdict([runs[1]]), {"theta": [1]}, runs[:2])
+    last = made.store_verdict(folder, made.verdict([runs[1]]), {"theta": [1]}, runs[:2])
     return {"store": str(folder), "runs": runs, "diagnosis": last}
 
 

@@ -13,6 +13,7 @@ from flows.steps.study import Study, diagnose
 from residual.errors import InputError
 from residual.recording import Recording
 from sim.records import PlantRun
+from tests.verdict_documents import typed
 from warehouse.commit import read_record
 from warehouse.manifest import read_manifest
 from warehouse.runs import read_channels, read_run
@@ -164,7 +165,7 @@ def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
 
 def test_curves_come_back_from_the_store_as_they_were():
     from flows.keep.diagnosis_tables import from_record, to_record
-    from residual.diagnosis.result import Outcome
+    from residual.diagnosis.result import Diagnosis
     from residual.model.curves import Cloud, LogProof
 
     rng = np.random.default_rng(0)
@@ -172,8 +173,8 @@ def test_curves_come_back_from_the_store_as_they_were():
     hats = {name: rng.normal(size=(4, 2)) for name in ("nominal", "augmented")}
     x = rng.normal(size=3)
     cloud = Cloud("spring", 2, "q2 [rad]", x, x + 1, x + 2, np.array(["a", "a", "b"]))
-    before = Outcome(
-        verdict={"verdict": "effects"},
+    before = Diagnosis(
+        verdict=typed({}),
         sentences=("One.",),
         proofs=(
             LogProof("a", t, tau, hats, moving),
@@ -184,7 +185,7 @@ def test_curves_come_back_from_the_store_as_they_were():
         left=(Cloud("", 1, "t [s]", x, x - 1, 0 * x, np.array(["a", "b", "b"])),),
     )
     record, tables = to_record(before)
-    after = from_record(json.loads(json.dumps(record)), tables)
+    after = from_record(json.loads(json.dumps(record)), tables, before.verdict, {})
     assert (after.verdict, after.sentences, after.notes) == (
         before.verdict,
         before.sentences,
@@ -205,7 +206,7 @@ def test_curves_come_back_from_the_store_as_they_were():
 
 def test_an_outcome_without_findings_or_held_out_logs_comes_back_too():
     from flows.keep.diagnosis_tables import from_record, to_record
-    from residual.diagnosis.result import Outcome
+    from residual.diagnosis.result import Diagnosis
 
-    empty = Outcome({"verdict": "none"}, (), (), (), ())
-    assert from_record(*to_record(empty)).clouds == ()
+    empty = Diagnosis(typed({}))
+    assert from_record(*to_record(empty), empty.verdict, {}).clouds == ()

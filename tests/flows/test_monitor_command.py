@@ -1,17 +1,28 @@
 """modelgap monitor: from runs of the store to alarms, a record and a picture."""
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from flows.cli import main
 from flows.cli.monitor import meaning
+from flows.keep.diagnosis import store_outcome
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment, monitor
+from residual.diagnosis.result import Diagnosis
+from residual.effects import registry
+from residual.errors import InputError
+from residual.model.fit_logs import ready, start_nominal
+from residual.model.term import Term
 from residual.monitoring.record import from_record
+from residual.robot.robot import load_robot
+from residual.signals.track import Filters
+from tests.verdict_documents import typed
 from warehouse.commit import read_record
 from warehouse.query.store import open_store
-from warehouse.verdicts import store_verdict
+from warehouse.runs import read_run
 
 ROBOT = "irb140"
 
@@ -63,7 +74,7 @@ def test_the_record_has_alarms_limits_and_lineage(made, watched):
     record = read_record(store, id)
     assert (record["robot"], record["kind"]) == (ROBOT, "monitor")
     assert record["alarms"] == {fine: 0, bad: len(found.alarms[bad])}
-    again = from_record(record["monitor"], found.monitor.model)
+    again = from_record(record["monitor"])
     assert again.limits["jump"].tolist() == found.monitor.limits["jump"].tolist()
     with open_store(store) as opened:
         table = opened.sql(f"FROM alarms WHERE validation_id = '{id}'")
@@ -80,43 +91,38 @@ def test_the_same_question_is_the_same_record(made, watched):
     assert monitor.monitor(ROBOT, [fine, bad], good, store)[0] == watched[0]
 
 
-def test_a_diagnosis_brings_its_effects_and_its_good_runs(made):
+def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
     store, good, fine, _ = made
-    effects = [
-        {
-            "order": 1,
-            "name": "coulomb_asymmetry",
-            "joints": [2, 3],
-            "probability": 0.9,
-            "parameters": {"level": {"value": [1.0, 2.0], "std": None, "unit": "N m"}},
-        },
-        {
-            "order": 2,
-            "name": "payload",
-            "joints": [6],
-            "probability": 0.9,
-            "parameters": {"mass": {"value": 0.5, "std": 0.1, "unit": "kg"}},
-        },
-    ]
-    verdict = {
-        "robot": ROBOT,
-        "verdict": "effects",
-        "declared": ["viscous", "coulomb", "rotor_inertia"],
-        "effects": effects,
-        "nominal_scale": 0.02,
-        "unexplained": None,
-        "error": None,
-    }
-    id = store_verdict(store, verdict, {}, {"fit": good})
-    record_id, found, _ = monitor.monitor(id, [fine], [], store)
-    assert sorted(found.calibration) == sorted(good)
-    terms = found.monitor.model.terms[-3:]
-    names = ["coulomb_asymmetry", "coulomb_asymmetry", "payload"]
-    assert [t.effect.name for t in terms] == names
-    assert [t.joints for t in terms] == [(1,), (2,), (5,)]
-    assert [t.theta[0] for t in terms] == [1.0, 2.0, 0.5]
-    assert found.alarms[fine] == ()
-    assert read_record(store, record_id)["model_id"]
+    robot = load_robot(ROBOT)
+    logs = ready(robot, [read_run(store, id) for id in good], None, Filters())
+    nominal = start_nominal(logs, ("viscous", "coulomb", "rotor_inertia")).model
+    known = registry()
+    more = (
+        Term(known["coulomb_asymmetry"], (1,), (), np.array([1.0])),
+        Term(known["coulomb_asymmetry"], (2,), (), np.array([2.0])),
+        Term(known["payload"], (5,), (), 0.5 * np.eye(10)[0]),
+    )
+    augmented = replace(nominal, terms=(*nominal.terms, *more))
+    found = Diagnosis(
+        typed({"robot": ROBOT, "effects": [{"name": "payload", "joints": [6]}]}),
+        {"nominal": nominal, "augmented": augmented},
+    )
+    id, _ = store_outcome(store, found, {"fit": good})
+    record_id, watched, _ = monitor.monitor(id, [fine], [], store)
+    assert sorted(watched.calibration) == sorted(good)
+    assert watched.monitor.model.to_record() == augmented.to_record()
+    assert watched.alarms[fine] == ()
+    record = read_record(store, record_id)
+    assert record["model_id"]
+    assert from_record(record["monitor"]).model.to_record() == augmented.to_record()
+
+
+def test_a_diagnosis_of_an_earlier_version_is_refused(made):
+    store, good, fine, _ = made
+    found = Diagnosis(typed({"robot": ROBOT, "warnings": ["early"]}))
+    id, _ = store_outcome(store, found, {"fit": good})
+    with pytest.raises(InputError, match="without its models"):
+        monitor.monitor(id, [fine], [], store)
 
 
 def test_the_command_prints_a_table_and_draws(made, tmp_path, capsys):

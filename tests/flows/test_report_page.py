@@ -3,7 +3,6 @@
 import base64
 import copy
 import io
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,10 +14,12 @@ from rich.console import Console
 
 from flows.report.page import charts
 from flows.report.page.diagnosis import render
-from flows.report.terminal.diagnosis import print_outcome
-from residual.diagnosis.result import Outcome
+from flows.report.terminal.diagnosis import print_diagnosis
+from residual.diagnosis.result import Diagnosis
+from residual.diagnosis.verdict import from_json, to_json
 from residual.model.curves import Cloud, LogProof
 from tests.flows import report_outcomes as made
+from tests.verdict_documents import typed
 
 NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
 
@@ -35,9 +36,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(charts.figures, name, lambda *_: "data:,")
 
 
-def printed(outcome: Outcome, width: int = 80, encoding: str = "utf-8") -> str:
+def printed(outcome: Diagnosis, width: int = 80, encoding: str = "utf-8") -> str:
     file = io.TextIOWrapper(io.BytesIO(), encoding=encoding, newline="")
-    print_outcome(outcome, Console(file=file, width=width, no_color=True))
+    print_diagnosis(outcome, Console(file=file, width=width, no_color=True))
     file.flush()
     return file.buffer.getvalue().decode(encoding)
 
@@ -125,7 +126,7 @@ def test_page_is_small_and_the_same_every_time(several_page: str) -> None:
 def test_names_from_files_are_escaped_in_page_and_figures() -> None:
     outcome = made.one_effect()
     cloud = outcome.clouds[0]
-    result = copy.deepcopy(outcome.verdict)
+    result = to_json(outcome.verdict)
     result["warnings"] = [NASTY]
     result["declared"] = [NASTY]
     result["error"]["logs"] = [NASTY]
@@ -134,12 +135,13 @@ def test_names_from_files_are_escaped_in_page_and_figures() -> None:
     result["effects"][0]["parameters"] = {
         NASTY: {"value": 1.0, "std": None, "unit": NASTY}
     }
-    nasty = Outcome(
-        result,
-        (NASTY,),
-        (replace(outcome.proofs[0], id=NASTY),),
-        (replace(cloud, name=NASTY, variable=NASTY, log=np.full(len(cloud.x), NASTY)),),
-        (NASTY,),
+    log = np.full(len(cloud.x), NASTY)
+    nasty = Diagnosis(
+        from_json(result),
+        proofs=(replace(outcome.proofs[0], id=NASTY),),
+        clouds=(replace(cloud, name=NASTY, variable=NASTY, log=log),),
+        notes=(NASTY,),
+        sentences=(NASTY,),
     )
     html = render(nasty, NASTY)
     page = Page(html)
@@ -151,15 +153,19 @@ def test_names_from_files_are_escaped_in_page_and_figures() -> None:
     assert "[bold]" in printed(nasty)
 
 
+MAY_BE_NULL = ("kind", "by", "held_out", "noise_model", "next_experiment")
+
+
 def paths(value: object, path: tuple = ()) -> Iterator[tuple]:
-    """Yield the path of every key of a nested record."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield (*path, key)
-            yield from paths(inner, (*path, key))
-    if isinstance(value, list):
-        for i, inner in enumerate(value):
-            yield from paths(inner, (*path, i))
+    """Yield the path of everything in a nested record that may be unknown."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, one in inner:
+        own = (*path, key)
+        whole = one and path[:1] == ("error",) and isinstance(one, list)
+        if isinstance(one, float) or whole or key in MAY_BE_NULL:
+            yield own
+        if isinstance(one, dict | list):
+            yield from paths(one, own)
 
 
 def without(record: dict, path: tuple) -> dict:
@@ -174,20 +180,22 @@ def without(record: dict, path: tuple) -> dict:
 
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("name", ["several", "unknown", "baseline"])
-def test_every_key_may_be_null(name: str) -> None:
+def test_everything_that_may_be_null_may_be(name: str) -> None:
     outcome = made.ALL[name]()
-    for path in paths(outcome.verdict):
-        changed = replace(outcome, verdict=without(outcome.verdict, path))
+    document = to_json(outcome.verdict)
+    found = [p for p in paths(document) if p[:2] != ("error", "logs")]
+    assert len(found) > 80
+    for path in found:
+        changed = replace(outcome, verdict=from_json(without(document, path)))
         for text in (render(changed, "kr300"), printed(changed)):
             assert not re.search(r"\b(None|nan)\b", text), path
 
 
-def test_an_outcome_of_nulls_alone_is_told() -> None:
-    keys = made.one_effect().verdict
-    empty = Outcome(dict.fromkeys(keys), (), (), (), ())
-    assert "No verdict was reached." in render(empty, "kr300")
-    assert "No verdict was reached." in printed(empty)
-    assert "No verdict was reached." in render(replace(empty, verdict={}), "kr300")
+def test_a_verdict_of_which_all_is_unknown_is_told() -> None:
+    empty = Diagnosis(typed({}))
+    said = "No effect that the model lacks shows in these data."
+    assert said in render(empty, "kr300")
+    assert said in printed(empty)
 
 
 def test_degenerate_curves_are_drawn() -> None:
@@ -208,7 +216,7 @@ def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
     outcome = made.ALL[name]()
     page = Page(render(outcome, "kr300"))
     assert page.open == []
-    for warning in outcome.verdict["warnings"] or ():
+    for warning in outcome.warnings:
         assert warning in page.text
     assert ("Weak proof." in page.text) is (name == "same_run")
 
@@ -271,11 +279,12 @@ def test_terminal_says_the_verdict_first_and_then_everything() -> None:
 
 def test_terminal_tells_a_seven_joint_arm() -> None:
     outcome = made.nothing()
-    result = json.loads(json.dumps(outcome.verdict))
+    result = to_json(outcome.verdict)
+    result["unexplained"]["per_joint"].append(0.03)
     for metric in ("held_out", "filtered", "moving"):
         for values in result["error"][metric].values():
             if values:
                 values.append(3.0)
-    text = printed(replace(outcome, verdict=result))
+    text = printed(replace(outcome, verdict=from_json(result)))
     assert re.search(r"^7 .* 3\.0 ", text, re.M)
     assert max(map(len, text.splitlines())) <= 80

@@ -19,6 +19,7 @@ from flows.steps.study import Study, diagnose
 from residual.errors import InputError
 from residual.recording import Recording
 from sim.records import PlantRun
+from tests.verdict_documents import typed
 from tests.warehouse import store_samples
 from warehouse.commit import commit_run, read_record
 from warehouse.exchange.bundle import write_bundle
@@ -263,27 +264,19 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
     """A store with a diagnosis whose numbers are those of its runs."""
     import sys
 
-    from residual.diagnosis.result import Outcome
+    from residual.diagnosis.result import Diagnosis
 
     def close_the_loop(robot, fit, **options):
         made = store_samples.verdict([log.id for log in options["held_out"]])
         made["robot"] = robot.name
         made["nominal_scale"] = float(sum(log.tau.sum() for log in fit)) + plant["tau"]
-        return Outcome(made, (), (), (), ())
+        return Diagnosis(typed(made, 2))
 
     monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", close_the_loop)
-    monkeypatch.setattr(
-        "flows.keep.diagnosis.errors_by_run", lambda outcome: _no_errors()
-    )
+    monkeypatch.setattr("flows.keep.diagnosis.errors_by_run", lambda found: [])
     runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
     ids = diagnose(Study("irb140", tuple(runs[:2]), (runs[2],)), tmp_path)
     return tmp_path, runs, ids
-
-
-def _no_errors():
-    from warehouse.schema import VIEWS, arrow_schema
-
-    return arrow_schema(VIEWS["errors"][1:]).empty_table()
 
 
 def test_a_diagnosis_its_model_and_its_proof_are_made_again(diagnosed):

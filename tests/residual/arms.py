@@ -9,9 +9,9 @@ import numpy as np
 
 from residual.close import close_the_loop
 from residual.diagnosis.baseline import from_baseline
-from residual.diagnosis.diagnose import Diagnosis, diagnose
-from residual.diagnosis.findings import Finding, findings
-from residual.diagnosis.result import Outcome
+from residual.diagnosis.examine import Examined, examine
+from residual.diagnosis.findings import Named, findings
+from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.search import Rules
 from residual.model.fit_logs import ready, start_nominal
 from residual.model.nominal import DEFAULT_DECLARED
@@ -98,7 +98,7 @@ def short_case(robot: Robot, *hidden, seed: int, baseline=None, **options) -> Ca
     return Case(robot, of("fit"), of("held_out"), of("baseline"), None, truth)
 
 
-def diagnose_case(case: Case, declared=None, **changes) -> Outcome:
+def diagnose_case(case: Case, declared=None, **changes) -> Diagnosis:
     """The whole method on a case, some of its inputs replaced."""
     inputs = {
         "robot": case.robot,
@@ -113,13 +113,12 @@ def diagnose_case(case: Case, declared=None, **changes) -> Outcome:
 
 def names(verdict) -> list[tuple[str, tuple[int, ...]]]:
     """The findings as (name, joints), most important first."""
-    return [(e["name"], tuple(e["joints"])) for e in verdict["effects"]]
+    return [(f.name, f.joints) for f in verdict.effects]
 
 
 def classes(effect) -> set[tuple[str, tuple[int, ...]]]:
     """A finding together with all that it says cannot be told from it."""
-    every = [effect, *effect["equivalent"]]
-    return {(e["name"], tuple(e["joints"])) for e in every}
+    return {(e.name, e.joints) for e in (effect, *effect.equivalent)}
 
 
 def smooth_motion(robot: Robot, t):
@@ -162,7 +161,7 @@ def recording(t, q, tau, label="log") -> Recording:
     return Recording(label, "any", t, q, tau)
 
 
-def doubts(case: Case, declared=DEFAULT_DECLARED) -> tuple[Diagnosis, list[Finding]]:
+def doubts(case: Case, declared=DEFAULT_DECLARED) -> tuple[Examined, list[Named]]:
     """Search, gate and findings without the proof, which takes as long again."""
     clock = session_clock([*case.fit, *case.held_out])
     logs = ready(case.robot, case.fit, clock, Filters())
@@ -170,7 +169,7 @@ def doubts(case: Case, declared=DEFAULT_DECLARED) -> tuple[Diagnosis, list[Findi
         nominal = from_baseline(case.robot, case.baseline, declared, logs, quiet)
     else:
         nominal = start_nominal(logs, declared)
-    diagnosis = diagnose(logs, nominal, Rules(), quiet)
+    diagnosis = examine(logs, nominal, Rules(), quiet)
     return diagnosis, findings(diagnosis, diagnosis.fit, diagnosis.tested)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis import diagnose, gate
+from residual.diagnosis import examine, gate
 from residual.diagnosis.adequacy import adequacy, repeat
 from residual.diagnosis.log_checks import delayed_at_source, filtered_at_source
 from residual.evidence.fit import fit
@@ -114,7 +114,7 @@ def test_a_name_on_a_joint_that_keeps_more_is_void(rng, fall, share, left, void)
         flagged=(1,) if left > 0.05 else (),
         doubted=(1,) if left > 0.02 else (),
     )
-    assert diagnose._resembles(found.task([group]), tested, told) is void
+    assert examine._resembles(found.task([group]), tested, told) is void
 
 
 # -- repeats -----------------------------------------------------------------------

@@ -45,14 +45,14 @@ def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
     factors = np.ones(6)
     factors[joint - 1] = 0.5
     verdict = close_the_loop(believed({name: factors}), logs).verdict
-    (found,) = verdict["effects"]
-    assert (found["name"], found["joints"]) == (name, [joint])
+    (found,) = verdict.effects
+    assert (found.name, found.joints) == (name, (joint,))
     missing = 0.5 * ROBOT.declared[name].values[KEYS[name]][joint - 1]
-    assert found["parameters"][KEYS[name]]["value"] == pytest.approx(missing, rel=0.2)
+    assert found.parameters[KEYS[name]].value == pytest.approx(missing, rel=0.2)
 
 
 def test_where_all_values_are_guesses_none_of_them_is_blamed(logs):
     rng = np.random.default_rng(4)
     factors = {name: np.exp(rng.normal(0, 0.5, 6)) for name in KEYS}
     verdict = close_the_loop(believed(factors), logs).verdict
-    assert verdict["effects"] == []
+    assert verdict.effects == ()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.model.compare import Errors, compare, moving_error, witnesses
+from residual.model.compare import Errors, compare, moving_error, prepare_held_out
 from residual.model.model import Model
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.signals.split import hold_out_end, session_clock
@@ -45,7 +45,7 @@ def proof():
 
 
 def errors_of(model, logs):
-    return compare({"it": model}, witnesses(logs, model), Filters())[0]["it"]
+    return compare({"it": model}, prepare_held_out(logs, model), Filters())[0]["it"]
 
 
 def test_a_scaled_torque_has_the_error_of_its_scale(proof):
@@ -82,7 +82,7 @@ def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
 
 def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
     model, logs = proof
-    seen = witnesses(logs, model)
+    seen = prepare_held_out(logs, model)
     found, curves = compare({"it": model}, seen, Filters())
     miss = sum(((c.tau - c.tau_hat["it"]) ** 2).sum(axis=0) for c in curves)
     np.testing.assert_allclose(miss, found["it"].miss["filtered"])

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.examine import examine
 from residual.diagnosis.leftover.correction import corrected
+from residual.diagnosis.leftover.examine import shared_source
 from residual.diagnosis.leftover.leftover import leftovers
-from residual.diagnosis.leftover.words import shared_source
 from residual.diagnosis.search import Rules
-from residual.model.compare import compare, witnesses
+from residual.model.compare import compare, prepare_held_out
 from residual.model.fit_logs import ready, start_nominal
 from residual.model.nominal import DEFAULT_DECLARED
 from residual.signals.split import session_clock
@@ -41,13 +41,13 @@ def made():
         fit, held = every[:4], every[4:]
         logs = ready(arm(), fit, session_clock(every), Filters())
         nominal = start_nominal(logs, DEFAULT_DECLARED)
-        diagnosis = diagnose(logs, nominal, Rules(most=0), quiet)
+        diagnosis = examine(logs, nominal, Rules(most=0), quiet)
         told, design = diagnosis.adequacy, diagnosis.task.design
         left = leftovers(design, logs.tracks, diagnosis.fit, told)
         model = diagnosis.model(diagnosis.fit)
         tables = corrected(model, logs.tracks, left)
         models = {"augmented": model, "plsr": tables}
-        errors, _ = compare(models, witnesses(held, nominal.model), logs.filters)
+        errors, _ = compare(models, prepare_held_out(held, nominal.model), logs.filters)
         errors = {k: e.per_joint("filtered") for k, e in errors.items()}
         done[kind] = (diagnosis, left, tables, errors)
     return done
@@ -91,6 +91,6 @@ def _two_doubted(rng, alike):
         logs.append(type(log)(log.id, log.robot, log.t, log.q, tau))
     ready_logs = ready(arm(), logs, session_clock(logs), Filters())
     nominal = start_nominal(ready_logs, DEFAULT_DECLARED)
-    diagnosis = diagnose(ready_logs, nominal, Rules(most=0), quiet)
+    diagnosis = examine(ready_logs, nominal, Rules(most=0), quiet)
     assert diagnosis.adequacy.doubted == (0, 1)
     return diagnosis

@@ -7,7 +7,13 @@ import pytest
 
 from residual.close import close_the_loop
 from residual.diagnosis import angle_noise as instruments
-from residual.diagnosis.angle_noise import EFFECTIVE, INSTRUMENTS, Checked, freed, told
+from residual.diagnosis.angle_noise import (
+    EFFECTIVE,
+    INSTRUMENTS,
+    Checked,
+    drop_noise,
+    noise_notes,
+)
 from residual.diagnosis.confusable import lookalikes
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.held_out import Verdicts
@@ -53,9 +59,9 @@ def diagnose(noise, reference=True, rotor=ROTOR):
 
 def inertia(outcome):
     assert names(outcome.verdict) == [("rotor_inertia", (2,))]
-    (found,) = outcome.verdict["effects"]
-    value = found["parameters"]["inertia"]
-    return value["value"], value["std"]
+    (found,) = outcome.effects
+    value = found.parameters["inertia"]
+    return value.value, value.std
 
 
 def said(outcome, words):
@@ -100,8 +106,8 @@ def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
 @pytest.mark.parametrize("reference", [True, False])
 def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
     verdict = diagnose(COARSE, reference, rotor=0.0).verdict
-    assert verdict["verdict"] == "none"
-    assert verdict["unexplained"]["joints"] == []
+    assert verdict.verdict == "none"
+    assert verdict.unexplained.joints == ()
 
 
 def test_the_noise_of_the_angles_is_measured():
@@ -137,12 +143,12 @@ def test_a_name_is_noise_where_the_reference_sees_nothing_of_it(
     checks = checked_as(fitted, group, by_instruments, 0.1)
     assert checks.differs(member(group)) == differs
     assert checks.is_noise(member(group)) == is_noise
-    assert (LINE.name in told(checks, [member(group)])[0]) == differs
+    assert (LINE.name in noise_notes(checks, [member(group)])[0]) == differs
     # Noise that is known by its level alone need only make up a quarter.
     redrawn = replace(checks, how=EFFECTIVE, share=np.array([0.3, 0.1]))
     assert redrawn.is_noise(member(group)) == differs
-    assert "30.0 %" in told(redrawn, [member(group)])[0]
-    assert told(None, []) == ()
+    assert "30.0 %" in noise_notes(redrawn, [member(group)])[0]
+    assert noise_notes(None, []) == ()
 
 
 def test_a_name_that_is_noise_is_dropped_and_the_rest_is_fitted_again(rng, monkeypatch):
@@ -162,7 +168,7 @@ def test_a_name_that_is_noise_is_dropped_and_the_rest_is_fitted_again(rng, monke
         ),
     )
     judged = Verdicts(fitted, ((member(one), 0.1), (member(two), 0.2)), (), ())
-    left, checks, gone = freed(None, judged, [])
+    left, checks, gone = drop_noise(None, judged, [])
     assert [t.group for t in gone] == [one]
     assert [t.group for t, _ in left.kept] == [two]
     assert left.fit.members == checks.fit.members == (two,)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from residual.close import close_the_loop
-from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.examine import examine
 from residual.diagnosis.search import Rules
 from residual.evidence.states import as_model
 from residual.model.fit_logs import ready, start_nominal
@@ -65,15 +65,15 @@ def test_kr300_without_any_friction_in_its_model_is_told_of_it_as_a_group():
     verdict = kr300(()).verdict
     groups = [js for name, js in names(verdict) if name in FRICTION]
     assert max(len(js) for js in groups) >= 4
-    overall = verdict["error"]["overall_filtered"]
+    overall = verdict.error.overall_filtered
     assert overall["augmented"] < 0.6 * overall["identified"]
 
 
 def test_kr300_has_a_balancer_on_axis_2_and_its_error_there_falls():
     verdict = kr300().verdict
-    assert BALANCER in classes(verdict["effects"][0])
-    assert all(2 in e["joints"] for e in verdict["effects"] if BALANCER in classes(e))
-    moving = verdict["error"]["moving"]
+    assert BALANCER in classes(verdict.effects[0])
+    assert all(2 in e.joints for e in verdict.effects if BALANCER in classes(e))
+    moving = verdict.error.moving
     assert moving["identified"][1] > 20
     assert moving["augmented"][1] < 8
     for j in (0, 2, 3, 4, 5):
@@ -82,9 +82,9 @@ def test_kr300_has_a_balancer_on_axis_2_and_its_error_there_falls():
 
 def test_the_balancer_pulls_as_one_that_holds_the_arm_up():
     """Its torque is some kN m, as the weight that it carries."""
-    effect = next(e for e in kr300().verdict["effects"] if BALANCER in classes(e))
-    if effect["name"] == "balancer":
-        size = np.hypot(*(effect["parameters"][k]["value"] for k in ("sin", "cos")))
+    effect = next(e for e in kr300().verdict.effects if BALANCER in classes(e))
+    if effect.name == "balancer":
+        size = np.hypot(*(effect.parameters[k].value for k in ("sin", "cos")))
         assert 1e3 < size < 3e4
 
 
@@ -118,10 +118,10 @@ def _out_of_order(name, specs, rules):
     """Diagnosis of logs, then of the model that it gives with its residual shuffled."""
     logs = ready(robot(name), [log(name, s) for s in specs], None, Filters())
     nominal = start_nominal(logs, DEFAULT_DECLARED)
-    first = diagnose(logs, nominal, rules, quiet)
+    first = examine(logs, nominal, rules, quiet)
     model, rng = as_model(nominal, first.fit), np.random.default_rng(31)
     tracks = tuple(_shuffled(track, model, rng) for track in logs.tracks)
-    return first, diagnose(replace(logs, tracks=tracks), nominal, Rules(), quiet)
+    return first, examine(replace(logs, tracks=tracks), nominal, Rules(), quiet)
 
 
 def _shuffled(track, model, rng, piece=0.5):

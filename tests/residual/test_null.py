@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import binom
 
 from residual.diagnosis.null_key import Key
-from residual.diagnosis.null_record import Null, fitting, from_record, to_record
+from residual.diagnosis.null_record import Null, choose_null, from_record, to_record
 from residual.errors import InputError
 from residual.evidence.colour import LONGEST, autocovariance, coloured
 from residual.null.draws import block, loudest, retold
@@ -125,17 +125,17 @@ def test_a_null_of_something_else_is_refused_and_passed_over(change, word):
     other = replace(KEY, **change)
     assert word in KEY.mismatch(other)
     with pytest.raises(InputError, match="calibrate-null"):
-        fitting(null_of([1]), other)
-    assert fitting([null_of([1])], other) is None
+        choose_null(null_of([1]), other)
+    assert choose_null([null_of([1])], other) is None
 
 
 def test_a_null_of_much_the_same_logs_holds():
     near = replace(KEY, duration=75.0, noise=(0.25, 0.08), moving=(0.6, 0.65))
     wanted = null_of([1])
-    assert fitting(wanted, near) is wanted
+    assert choose_null(wanted, near) is wanted
     first = null_of([1], key=replace(KEY, robot="b" * 64))
-    assert fitting([first, wanted], near) is wanted
-    assert fitting(None, near) is None
+    assert choose_null([first, wanted], near) is wanted
+    assert choose_null(None, near) is None
 
 
 # -- noise -------------------------------------------------------------------------
@@ -259,8 +259,8 @@ def test_a_diagnosis_with_a_null_has_a_p_value_and_says_which():
     null = null_of(np.linspace(-3, 6, 19), key=after.key)
     verdict = diagnose_case(case, null=[null]).verdict
     assert names(verdict)[0][0] in ("spring", "balancer")
-    assert verdict["effects"][0]["evidence"]["p_value"] == pytest.approx(1 / 20)
-    assert any(w.startswith("null n: 0 of 19") for w in verdict["warnings"])
+    assert verdict.effects[0].evidence.p_value == pytest.approx(1 / 20)
+    assert any(w.startswith("null n: 0 of 19") for w in verdict.warnings)
     other = replace(null, key=replace(after.key, robot="b" * 64))
     with pytest.raises(InputError, match="another robot"):
         diagnose_case(case, null=other)

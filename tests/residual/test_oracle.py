@@ -41,11 +41,11 @@ def test_the_right_effect_predicts_better_than_another_and_than_none(logs):
 def test_a_diagnosis_that_names_it_is_as_good(logs):
     robot = load_robot("irb140")
     verdict = close_the_loop(robot, logs[0], (), logs[1]).verdict
-    assert [(e["name"], e["joints"]) for e in verdict["effects"]] == [
+    assert [(e.name, list(e.joints)) for e in verdict.effects] == [
         ("position_friction", [2])
     ]
     told = oracle(robot, *logs, [("position_friction", (2,))]).overall("filtered")
-    found = verdict["error"]["overall_filtered"]
+    found = verdict.error.overall_filtered
     assert found["augmented"] == pytest.approx(told, rel=0.02)
     assert found["identified"] > 1.2 * told
 

@@ -167,11 +167,11 @@ def test_a_change_against_a_baseline_is_found_and_proved():
     case = short_case(arm(), grown, seed=43)
     verdict = diagnose_case(case).verdict
     assert names(verdict) == [("coulomb", (2,))]
-    (effect,) = verdict["effects"]
-    level = effect["parameters"]["level"]
-    assert level["value"] == pytest.approx(3.0, abs=4 * level["std"] + 0.1)
-    assert effect["evidence"]["held_out"] == "confirmed"
-    moving = verdict["error"]["moving"]
+    (effect,) = verdict.effects
+    level = effect.parameters["level"]
+    assert level.value == pytest.approx(3.0, abs=4 * level.std + 0.1)
+    assert effect.evidence.held_out == "confirmed"
+    moving = verdict.error.moving
     assert moving["augmented"][1] < 0.6 * moving["identified"][1]
     assert moving["identified"][1] < moving["nominal"][1] + 1
 
@@ -180,13 +180,13 @@ def test_without_a_baseline_the_same_change_is_no_news():
     """Its level is free: a refit takes it over, as it should."""
     grown = Hidden("coulomb", (2,), {"level": 3.0})
     case = short_case(arm(), grown, seed=43, baseline=False)
-    assert diagnose_case(case).verdict["verdict"] == "none"
+    assert diagnose_case(case).verdict.verdict == "none"
 
 
 def test_a_name_is_worth_its_error_on_motion_that_was_not_fitted():
     spring = Hidden("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
     verdict = diagnose_case(short_case(arm(), spring, seed=44)).verdict
-    assert ("spring", (1,)) in classes(verdict["effects"][0])
-    moving = verdict["error"]["moving"]
+    assert ("spring", (1,)) in classes(verdict.effects[0])
+    moving = verdict.error.moving
     assert moving["augmented"][0] < 0.6 * moving["identified"][0]
     assert moving["augmented"][1] < 1.05 * moving["identified"][1]

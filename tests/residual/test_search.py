@@ -426,8 +426,8 @@ def detection_rate(share, draws=40):
         group = null.design.add([(LINE, (0,), ())])
         task = null.task(group, tolerance=0.0, share=0.0)
         (entry,) = minimum_detectable(task, task.start())
-        assert (entry["name"], entry["joints"]) == ("line", [1])
-        truth = [(LINE, (0,), [share * entry["value"]])]
+        assert (entry.name, entry.joints) == ("line", (1,))
+        truth = [(LINE, (0,), [share * entry.value])]
         there = Problem.draw(np.random.default_rng(seed), truth, **options)
         group = there.design.add([(LINE, (0,), ())])
         hits.append(bool(search(there.task(group, tolerance=0, share=0)).members))
@@ -512,7 +512,7 @@ def test_every_name_ends_among_the_kept_the_refuted_or_the_dropped(monkeypatch):
     monkeypatch.setattr(holdout, "refit", lambda diagnosis, names: None)
     monkeypatch.setattr(holdout, "_gain", lambda d, f, all_, one, h: one.name - 0.5)
     monkeypatch.setattr(holdout, "_stands", lambda d, f, one: one.name != 1)
-    said = holdout.held_out_verdicts(diagnosis, ())
+    said = holdout.judge_held_out(diagnosis, ())
     assert [t.name for t, _ in said.kept] == [2]
     assert [t.name for t, _ in said.refuted] == [0]
     assert [t.name for t in said.dropped] == [1]

@@ -1,12 +1,14 @@
 """The verdict's form: every key in every kind of verdict, and plain numbers."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from residual.close import close_the_loop
+from residual.diagnosis.verdict import from_json, to_json
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
 from sim.synthetic.state import Hidden
@@ -129,12 +131,12 @@ EXPECTED = {
 
 @pytest.mark.parametrize("kind", EXPECTED)
 def test_each_kind_of_case_gets_its_verdict(outcome_of, kind):
-    assert outcome_of(kind).verdict["verdict"] == EXPECTED[kind]
+    assert to_json(outcome_of(kind).verdict)["verdict"] == EXPECTED[kind]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_key_is_there_and_no_other(outcome_of, kind):
-    verdict = outcome_of(kind).verdict
+    verdict = to_json(outcome_of(kind).verdict)
     assert set(verdict) == FORM[""]
     assert set(verdict["unexplained"]) == FORM["unexplained"]
     error = verdict["error"]
@@ -158,13 +160,56 @@ def test_every_key_is_there_and_no_other(outcome_of, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_goes_through_json_unchanged_and_holds_no_nan(outcome_of, kind):
-    verdict = outcome_of(kind).verdict
+    verdict = to_json(outcome_of(kind).verdict)
     assert json.loads(json.dumps(verdict, allow_nan=False)) == verdict
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_arrays_have_an_entry_per_joint(outcome_of, kind):
+def test_it_is_read_back_as_it_was(outcome_of, kind):
     verdict = outcome_of(kind).verdict
+    document = json.loads(json.dumps(to_json(verdict)))
+    assert from_json(document) == verdict
+    assert json.dumps(to_json(from_json(document))) == json.dumps(document)
+
+
+@pytest.mark.parametrize("key", sorted(FORM[""]))
+def test_a_verdict_that_lacks_a_key_is_refused(outcome_of, key):
+    document = to_json(outcome_of("effects").verdict)
+    del document[key]
+    with pytest.raises(InputError):
+        from_json(document)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_its_models_come_with_it(outcome_of, kind):
+    found = outcome_of(kind)
+    known = {"nominal", "identified", "augmented"}
+    assert known <= set(found.models) <= known | {"plsr"}
+    assert found.models["augmented"].robot.name == found.verdict.robot
+    named = {e.name for e in found.effects}
+    assert named <= {t.effect.name for t in found.models["augmented"].terms}
+
+
+def test_what_was_found_shows_in_a_line(outcome_of):
+    shown = repr(outcome_of("payload"))
+    assert shown.startswith("Diagnosis(small_arm: payload on joint 2")
+    assert re.search(r"p (> 0\.99|= 0\.\d\d)", shown)
+    assert re.search(r"; held-out [\d.]+ % -> [\d.]+ %\)$", shown)
+    assert "nothing found; held-out" in repr(outcome_of("none"))
+    assert "something without a name on joint 2;" in repr(outcome_of("unknown"))
+
+
+def test_the_effect_taken_out_of_the_model_is_missed(outcome_of):
+    found = outcome_of("payload")
+    log = short_case(arm(toml=SURE), LOAD, seed=55).held_out[0]
+    model = found.models["augmented"]
+    whole, bare = model.predict(log), model.without("payload").predict(log)
+    assert np.abs(whole - log.tau).mean() < 0.7 * np.abs(bare - log.tau).mean()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_arrays_have_an_entry_per_joint(outcome_of, kind):
+    verdict = to_json(outcome_of(kind).verdict)
     dof = 7 if kind == "seven joints" else 2
     for table in ("held_out", "filtered", "moving"):
         for stage in ("nominal", "identified", "augmented"):
@@ -185,7 +230,7 @@ def test_arrays_have_an_entry_per_joint(outcome_of, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_joints_are_numbered_from_one(outcome_of, kind):
-    verdict = outcome_of(kind).verdict
+    verdict = to_json(outcome_of(kind).verdict)
     dof = 7 if kind == "seven joints" else 2
     found = [e["joints"] for e in verdict["effects"]]
     found += [q["joints"] for e in verdict["effects"] for q in e["equivalent"]]
@@ -200,7 +245,7 @@ def test_joints_are_numbered_from_one(outcome_of, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_finding_says_who_it_is_how_sure_and_how_large(outcome_of, kind):
-    for i, effect in enumerate(outcome_of(kind).verdict["effects"], start=1):
+    for i, effect in enumerate(to_json(outcome_of(kind).verdict)["effects"], start=1):
         assert effect["order"] == i
         assert 0.5 < effect["probability"] <= 1
         assert {"name": effect["name"], "joints": effect["joints"]} not in effect[
@@ -219,20 +264,20 @@ def test_a_finding_says_who_it_is_how_sure_and_how_large(outcome_of, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_sizes_that_would_have_shown_are_positive_and_of_others(outcome_of, kind):
-    verdict = outcome_of(kind).verdict
+    verdict = to_json(outcome_of(kind).verdict)
     sizes = verdict["minimum_detectable"]
     assert sizes
     assert all(entry["value"] > 0 for entry in sizes)
-    found = {(n, js) for n, js in names(verdict) if n != "ripple"}
+    found = {(n, js) for n, js in names(from_json(verdict)) if n != "ripple"}
     assert not found & {(e["name"], tuple(e["joints"])) for e in sizes}
 
 
 @pytest.mark.parametrize("kind", [k for k in EXPECTED if EXPECTED[k] != "effects"])
 def test_augmented_is_identified_where_nothing_was_found(outcome_of, kind):
     outcome = outcome_of(kind)
-    assert outcome.verdict["effects"] == []
+    assert to_json(outcome.verdict)["effects"] == []
     assert outcome.sentences == outcome.clouds == ()
-    error = outcome.verdict["error"]
+    error = to_json(outcome.verdict)["error"]
     for table in ("held_out", "filtered", "moving", "overall", "overall_filtered"):
         assert error[table]["augmented"] == error[table]["identified"]
 
@@ -240,11 +285,11 @@ def test_augmented_is_identified_where_nothing_was_found(outcome_of, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_curves_and_sentences_stand_beside_the_verdict(outcome_of, kind):
     outcome = outcome_of(kind)
-    effects = outcome.verdict["effects"]
+    effects = to_json(outcome.verdict)["effects"]
     assert len(outcome.sentences) == len(effects)
-    assert [p.id for p in outcome.proofs] == outcome.verdict["error"]["logs"]
+    assert [p.id for p in outcome.proofs] == to_json(outcome.verdict)["error"]["logs"]
     for proof in outcome.proofs:
-        unexplained = outcome.verdict["unexplained"]["joints"]
+        unexplained = to_json(outcome.verdict)["unexplained"]["joints"]
         assert set(proof.tau_hat) == TABLE - (set() if unexplained else {"plsr"})
         for curve in (*proof.tau_hat.values(), proof.moving):
             assert curve.shape == proof.tau.shape
@@ -254,7 +299,7 @@ def test_curves_and_sentences_stand_beside_the_verdict(outcome_of, kind):
         shapes = {x.shape for x in (cloud.x, cloud.residual, cloud.fitted, cloud.log)}
         assert len(shapes) == 1
         assert np.isfinite(cloud.x).all()
-        assert not set(cloud.log) & set(outcome.verdict["error"]["logs"])
+        assert not set(cloud.log) & set(to_json(outcome.verdict)["error"]["logs"])
 
 
 # -- what the kinds say ------------------------------------------------------------
@@ -270,26 +315,28 @@ def test_what_was_hidden_is_what_is_named(outcome_of):
 
 def test_offset_and_asymmetry_are_never_told_apart(outcome_of):
     for kind in ("effects", "same run"):
-        for effect in outcome_of(kind).verdict["effects"]:
+        for effect in to_json(outcome_of(kind).verdict)["effects"]:
             if effect["name"] in ("offset", "coulomb_asymmetry"):
                 every = {effect["name"], *(q["name"] for q in effect["equivalent"])}
                 assert every >= {"offset", "coulomb_asymmetry"}
 
 
 def test_nor_where_another_joint_stands(outcome_of):
-    (effect,) = outcome_of(DEAD).verdict["effects"]
+    (effect,) = to_json(outcome_of(DEAD).verdict)["effects"]
     every = {effect["name"], *(q["name"] for q in effect["equivalent"])}
     assert every >= {"offset", "coulomb_asymmetry"}
 
 
 def test_a_finding_on_several_joints_lists_them_with_a_value_each(outcome_of):
-    every = {e["name"]: e for e in outcome_of("several joints").verdict["effects"]}
+    every = {
+        e["name"]: e for e in to_json(outcome_of("several joints").verdict)["effects"]
+    }
     assert every["coulomb"]["joints"] == [1, 2]
     assert len(every["coulomb"]["parameters"]["level"]["value"]) == 2
 
 
 def test_a_payload_sits_on_the_last_joint_with_its_centre(outcome_of):
-    effect = outcome_of("payload").verdict["effects"][0]
+    effect = to_json(outcome_of("payload").verdict)["effects"][0]
     assert (effect["name"], effect["joints"]) == ("payload", [2])
     mass = effect["parameters"]["mass"]
     assert mass["unit"] == "kg"
@@ -297,18 +344,26 @@ def test_a_payload_sits_on_the_last_joint_with_its_centre(outcome_of):
 
 
 def test_what_has_no_name_is_unknown_on_its_joint(outcome_of):
-    verdict = outcome_of("unknown").verdict
+    verdict = to_json(outcome_of("unknown").verdict)
     assert verdict["unexplained"]["joints"] == [2]
     assert verdict["unexplained"]["per_joint"][1] > 0.05
 
 
 def test_a_nominal_of_its_own_scale_says_so_and_a_baseline_has_none(outcome_of):
-    assert outcome_of("none").verdict["nominal_scale"] in (0.01, 0.03, 0.1, 0.3)
-    assert outcome_of("baseline").verdict["nominal_scale"] is None
+    assert to_json(outcome_of("none").verdict)["nominal_scale"] in (
+        0.01,
+        0.03,
+        0.1,
+        0.3,
+    )
+    assert to_json(outcome_of("baseline").verdict)["nominal_scale"] is None
 
 
 def test_without_a_hold_out_the_same_run_is_cut_and_a_warning_says_so(outcome_of):
-    own, other = outcome_of("same run").verdict, outcome_of("effects").verdict
+    own, other = (
+        to_json(outcome_of("same run").verdict),
+        to_json(outcome_of("effects").verdict),
+    )
     assert own["error"]["same_run"] is True
     assert other["error"]["same_run"] is False
     (label,) = own["error"]["logs"]
@@ -319,32 +374,38 @@ def test_without_a_hold_out_the_same_run_is_cut_and_a_warning_says_so(outcome_of
 
 
 def test_declared_names_are_told_as_given_or_as_usual(outcome_of):
-    assert outcome_of("several joints").verdict["declared"] == ["viscous"]
+    assert to_json(outcome_of("several joints").verdict)["declared"] == ["viscous"]
     usual = ["viscous", "coulomb", "rotor_inertia"]
-    assert outcome_of("none").verdict["declared"] == usual
+    assert to_json(outcome_of("none").verdict)["declared"] == usual
 
 
 def test_a_joint_that_stands_is_said_to_be_unproven(outcome_of):
-    said = outcome_of(DEAD).verdict["warnings"]
+    said = to_json(outcome_of(DEAD).verdict)["warnings"]
     assert any("joint 2 hardly moves" in w for w in said)
-    assert not any("hardly moves" in w for w in outcome_of("none").verdict["warnings"])
+    assert not any(
+        "hardly moves" in w for w in to_json(outcome_of("none").verdict)["warnings"]
+    )
 
 
 @pytest.mark.parametrize("table", ["held_out", "filtered", "moving"])
 def test_no_relative_error_is_given_for_a_torque_that_is_zero(outcome_of, table):
-    value = outcome_of(MUTE).verdict["error"][table]["nominal"][1]
+    value = to_json(outcome_of(MUTE).verdict)["error"][table]["nominal"][1]
     assert value is None or value < 1e4
 
 
 def test_no_moving_error_is_given_for_a_joint_that_never_moves(outcome_of):
-    assert outcome_of(DEAD).verdict["error"]["moving"]["nominal"][1] is None
+    assert to_json(outcome_of(DEAD).verdict)["error"]["moving"]["nominal"][1] is None
 
 
 def test_a_joint_that_logs_no_torque_does_not_spoil_what_the_others_say(outcome_of):
     """Joint 1 has 2 N m too much in either case."""
-    mute, dead = (outcome_of(kind).verdict for kind in (MUTE, DEAD))
+    mute, dead = (to_json(outcome_of(kind).verdict) for kind in (MUTE, DEAD))
     assert 1 not in mute["unexplained"]["joints"]
-    assert {js for _, js in names(mute)} == {js for _, js in names(dead)} == {(1,)}
+    assert (
+        {js for _, js in names(from_json(mute))}
+        == {js for _, js in names(from_json(dead))}
+        == {(1,)}
+    )
 
 
 # -- the session clock -------------------------------------------------------------
@@ -359,9 +420,9 @@ def test_warmup_is_no_candidate_where_the_order_of_the_logs_is_unknown(outcome_o
     case = short_case(arm(), seed=50)
     reset = [replace(r, t=r.t - r.t[0]) for r in (*case.fit, *case.held_out)]
     outcome = diagnose_case(case, fit=reset[:-1], held_out=reset[-1:])
-    assert "warmup" not in tried(outcome.verdict)
+    assert "warmup" not in tried(to_json(outcome.verdict))
     assert any("order of the logs in time is not known" in n for n in outcome.notes)
-    assert "warmup" in tried(outcome_of("none").verdict)
+    assert "warmup" in tried(to_json(outcome_of("none").verdict))
     assert not any("order of the logs" in n for n in outcome_of("none").notes)
 
 
@@ -369,15 +430,17 @@ def test_warmup_is_no_candidate_where_the_order_of_the_logs_is_unknown(outcome_o
 
 
 def test_the_same_input_gives_the_same_verdict(outcome_of):
-    again = MAKE["effects"]().verdict
-    assert json.dumps(again) == json.dumps(outcome_of("effects").verdict)
+    again = to_json(MAKE["effects"]().verdict)
+    assert json.dumps(again) == json.dumps(to_json(outcome_of("effects").verdict))
 
 
 def test_the_order_of_the_logs_does_not_change_what_is_found(outcome_of):
     case = short_case(arm(), OFFSET, CHURN, seed=51)
-    other = diagnose_case(case, fit=case.fit[::-1]).verdict
-    first = outcome_of("effects").verdict
-    assert {n for n, _ in names(other)} == {n for n, _ in names(first)}
+    other = to_json(diagnose_case(case, fit=case.fit[::-1]).verdict)
+    first = to_json(outcome_of("effects").verdict)
+    assert {n for n, _ in names(from_json(other))} == {
+        n for n, _ in names(from_json(first))
+    }
     np.testing.assert_allclose(
         other["unexplained"]["per_joint"], first["unexplained"]["per_joint"], atol=1e-4
     )
@@ -393,16 +456,18 @@ def test_the_held_out_log_never_changes_what_is_fitted(outcome_of):
     changed = diagnose_case(case, held_out=[replace(held_out, tau=tau)])
     one, two = outcome_of("effects"), changed
     assert names(one.verdict) == names(two.verdict)
-    for a, b in zip(one.verdict["effects"], two.verdict["effects"], strict=True):
+    for a, b in zip(
+        to_json(one.verdict)["effects"], to_json(two.verdict)["effects"], strict=True
+    ):
         assert a["parameters"] == b["parameters"]
         assert a["evidence"]["nats"] == b["evidence"]["nats"]
         assert a["equivalent"] == b["equivalent"]
     for key in ("minimum_detectable", "unexplained", "nominal_scale"):
-        assert one.verdict[key] == two.verdict[key]
+        assert to_json(one.verdict)[key] == to_json(two.verdict)[key]
     for proofs in zip(one.proofs, two.proofs, strict=True):
         for stage in ("nominal", "identified", "augmented"):
             np.testing.assert_array_equal(*(p.tau_hat[stage] for p in proofs))
-    errors = [o.verdict["error"]["held_out"]["identified"] for o in (one, two)]
+    errors = [to_json(o.verdict)["error"]["held_out"]["identified"] for o in (one, two)]
     assert np.abs(np.subtract(*errors)).min() > 0.1
 
 
@@ -425,7 +490,9 @@ def test_progress_runs_from_the_features_to_the_proof():
 def test_a_log_too_short_to_hold_out_a_part_is_no_perfect_proof(duration):
     case = short_case(arm(), seed=58, duration=duration)
     try:
-        error = diagnose_case(case, fit=case.fit[:1], held_out=()).verdict["error"]
+        error = to_json(diagnose_case(case, fit=case.fit[:1], held_out=()).verdict)[
+            "error"
+        ]
     except InputError:
         return
     assert error["held_out"]["nominal"] is None or error["held_out"]["nominal"][0] > 0
@@ -434,8 +501,8 @@ def test_a_log_too_short_to_hold_out_a_part_is_no_perfect_proof(duration):
 def test_one_log_is_enough():
     large = Hidden("offset", (1,), {"torque": 8.0})
     case = short_case(arm(), large, seed=51, duration=20.0)
-    verdict = diagnose_case(case, fit=case.fit[:1]).verdict
-    assert {n for n, _ in names(verdict)} & {"offset", "coulomb_asymmetry"}
+    verdict = to_json(diagnose_case(case, fit=case.fit[:1]).verdict)
+    assert {n for n, _ in names(from_json(verdict))} & {"offset", "coulomb_asymmetry"}
 
 
 def test_white_noise_in_place_of_torque_has_no_name():
@@ -445,7 +512,7 @@ def test_white_noise_in_place_of_torque_has_no_name():
         replace(r, tau=20 * rng.normal(size=r.tau.shape))
         for r in (*case.fit, *case.held_out)
     ]
-    verdict = diagnose_case(case, fit=noise[:-1], held_out=noise[-1:]).verdict
+    verdict = to_json(diagnose_case(case, fit=noise[:-1], held_out=noise[-1:]).verdict)
     assert verdict["effects"] == []
 
 
@@ -454,7 +521,7 @@ def test_what_knocks_with_time_is_told_with_its_frequency_and_left_uncorrected(
 ):
     """A square wave of 0.4 Hz on joint 2: no table of the state can help."""
     outcome = outcome_of("unknown")
-    verdict = outcome.verdict
+    verdict = to_json(outcome.verdict)
     assert verdict["unexplained"]["kind"] == "time-driven"
     (told,) = verdict["unexplained"]["depends_on"]
     assert (told["joint"], told["on"], told["of"]) == (2, "frequency", [])

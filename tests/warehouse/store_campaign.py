@@ -2,7 +2,6 @@
 
 from tests.warehouse import store_samples as made
 from warehouse.origin.provenance import provenance
-from warehouse.verdicts import store_verdict
 
 RUNS = 6
 
@@ -14,4 +13,4 @@ def campaign(store, started=None):
     if started is not None:
         started.set()
     runs = [made.commit(store, seed) for seed in range(RUNS)]
-    return store_verdict(store, made.verdict(runs[:1]), {"theta": [1.0]}, runs)
+    return made.store_verdict(store, made.verdict(runs[:1]), {"theta": [1.0]}, runs)

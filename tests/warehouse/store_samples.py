@@ -2,9 +2,13 @@
 
 import numpy as np
 
+from flows.keep.diagnosis_tables import effect_rows, error_rows
+from residual.diagnosis.verdict import from_json
 from residual.recording import Recording
+from tests.verdict_documents import whole
 from warehouse.commit import commit_run
 from warehouse.seal import Sealed
+from warehouse.verdicts import Rows, store_rows
 
 DOF = 2
 
@@ -43,15 +47,14 @@ def commit(store, seed=0, kind="fourier", rows=50, **more):
 
 
 def verdict(logs=(), **more):
-    """A verdict in its documented form, as far as the store looks into it."""
+    """The document of a verdict, whole."""
     per_joint = {"nominal": [21.0, 18.0], "identified": [9.0, 8.0], "plsr": None}
     per_joint["augmented"] = [6.0, 5.0]
     overall = {"nominal": 20.0, "identified": 8.6, "augmented": 5.6, "plsr": None}
     finding = {"probability": 0.97, "equivalent": [], "evidence": {"nats": 310.0}}
     mass = {"mass": {"value": 2.9, "std": 0.1, "unit": "kg"}}
     level = {"level": {"value": [1.5, 2.5], "std": [0.1, 0.2], "unit": "N m"}}
-    return {
-        "schema": 1,
+    part = {
         "robot": "two_link",
         "declared": ["viscous"],
         "verdict": "effects",
@@ -77,6 +80,33 @@ def verdict(logs=(), **more):
             "overall_filtered": overall,
         },
         "nominal_scale": 0.03,
-        "warnings": [],
         **more,
     }
+    return whole(part, DOF)
+
+
+def store_verdict(store, document, model, runs, more=None, tables=None):
+    """Put a diagnosis into the store; of a plain list the runs have their roles."""
+    found = from_json(document)
+    if not isinstance(runs, dict):
+        held_out = [id for id in runs if id in found.error.logs]
+        fit = [id for id in runs if id not in held_out]
+        runs = {"fit": fit, "held_out": held_out}
+    tables = dict(tables or {})
+    errors = tables.pop("errors", None)
+    record = {
+        "robot": found.robot,
+        "verdict": found.verdict,
+        "nominal_scale": found.nominal_scale,
+        "unexplained": found.unexplained.fraction,
+        "document": document,
+        **(more or {}),
+    }
+    rows = Rows(
+        record,
+        model,
+        list(effect_rows(found.effects)),
+        [*error_rows(found.error), *(errors.to_pylist() if errors else ())],
+        tables,
+    )
+    return store_rows(store, rows, runs)

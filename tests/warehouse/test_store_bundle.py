@@ -21,14 +21,13 @@ from warehouse.layout import find
 from warehouse.query.store import open_store
 from warehouse.runs import read_run
 from warehouse.seal import open_seal
-from warehouse.verdicts import store_verdict
 
 
 @pytest.fixture
 def store(tmp_path):
     folder = tmp_path / "here"
     runs = [made.commit(folder, seed) for seed in range(3)]
-    id = store_verdict(folder, made.verdict([runs[1]]), {"theta": [1]}, runs[:2])
+    id = made.store_verdict(folder, made.verdict([runs[1]]), {"theta": [1]}, runs[:2])
     return folder, runs, id
 
 

@@ -12,7 +12,6 @@ from warehouse.files import read_parquet, write_parquet
 from warehouse.layout import find
 from warehouse.origin.lineage import needed, tree
 from warehouse.query.store import open_store
-from warehouse.verdicts import store_verdict
 from warehouse.verify import faults
 
 T = np.arange(100) / 50
@@ -79,7 +78,7 @@ def test_records_are_compared_value_by_value():
 @pytest.fixture
 def store(tmp_path):
     runs = [made.commit(tmp_path, seed) for seed in range(2)]
-    id = store_verdict(tmp_path, made.verdict([runs[1]]), {"theta": [1]}, runs)
+    id = made.store_verdict(tmp_path, made.verdict([runs[1]]), {"theta": [1]}, runs)
     return tmp_path, runs, id
 
 

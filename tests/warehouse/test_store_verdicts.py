@@ -8,7 +8,6 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.commit import read_record
 from warehouse.query.named import NAMED, TAKES
-from warehouse.verdicts import store_verdict
 
 MODEL = {"theta": [1.0, 2.0], "effects": [{"name": "payload", "joints": [2]}]}
 
@@ -26,7 +25,7 @@ def ask(store, query):
 
 def test_a_verdict_fills_the_views(tmp_path, runs):
     verdict = made.verdict([runs[1]])
-    id = store_verdict(tmp_path, verdict, MODEL, runs[:2])
+    id = made.store_verdict(tmp_path, verdict, MODEL, runs[:2])
     ((robot, said, model, scale, left),) = ask(
         tmp_path,
         "SELECT robot, verdict, model_id, nominal_scale, unexplained FROM diagnoses",
@@ -47,7 +46,7 @@ def test_a_verdict_fills_the_views(tmp_path, runs):
 def test_a_finding_has_a_row_per_parameter_and_per_joint_with_its_own_value(
     tmp_path, runs
 ):
-    id = store_verdict(tmp_path, made.verdict(runs[:1]), MODEL, runs)
+    id = made.store_verdict(tmp_path, made.verdict(runs[:1]), MODEL, runs)
     rows = ask(tmp_path, 'FROM effects ORDER BY "order", joints')
     assert rows == [
         (id, 1, "payload", [2], "mass", 2.9, 0.1, "kg", 0.97),
@@ -58,7 +57,7 @@ def test_a_finding_has_a_row_per_parameter_and_per_joint_with_its_own_value(
 
 
 def test_errors_are_per_joint_and_for_all_joints_together(tmp_path, runs):
-    id = store_verdict(tmp_path, made.verdict([runs[1]]), MODEL, runs)
+    id = made.store_verdict(tmp_path, made.verdict([runs[1]]), MODEL, runs)
     rows = ask(
         tmp_path,
         "SELECT run_id, trajectory, joint, stage, metric, value FROM errors "
@@ -82,7 +81,7 @@ def test_errors_over_several_runs_name_none_of_them(
 ):
     logs = [runs[k] for k in held_out]
     roles = {"fit": runs[:1], "held_out": logs, "baseline": []}
-    id = store_verdict(tmp_path, made.verdict(logs), MODEL, roles)
+    id = made.store_verdict(tmp_path, made.verdict(logs), MODEL, roles)
     query = "SELECT DISTINCT run_id, trajectory FROM errors WHERE source_id = "
     assert ask(tmp_path, f"{query}'{id}'") == [(run, motion)]
 
@@ -93,7 +92,7 @@ def test_errors_on_single_runs_and_curves_are_kept_too(tmp_path, runs):
     tables = {"errors": pa.Table.from_pylist([row]), "curves": pa.table({"x": [1.0]})}
     more = {"sentences": ["A payload."]}
     words = (made.verdict(runs[1:]), MODEL, runs, more, tables)
-    id = store_verdict(tmp_path, *words)
+    id = made.store_verdict(tmp_path, *words)
     assert ask(tmp_path, "SELECT value FROM errors WHERE value = 4.5") == [(4.5,)]
     assert read_record(tmp_path, id)["sentences"] == ["A payload."]
     folder = tmp_path / "diagnoses" / f"diagnosis_id={id}"
@@ -105,16 +104,19 @@ def test_errors_on_single_runs_and_curves_are_kept_too(tmp_path, runs):
 
 def test_the_same_verdict_on_the_same_runs_is_kept_once(tmp_path, runs):
     verdict = made.verdict(runs[:1])
-    first = store_verdict(tmp_path, verdict, MODEL, runs)
-    assert store_verdict(tmp_path, verdict, MODEL, runs) == first
-    assert store_verdict(tmp_path, verdict, MODEL, runs[:3]) != first
-    assert store_verdict(tmp_path, {**verdict, "warnings": ["x"]}, MODEL, runs) != first
+    first = made.store_verdict(tmp_path, verdict, MODEL, runs)
+    assert made.store_verdict(tmp_path, verdict, MODEL, runs) == first
+    assert made.store_verdict(tmp_path, verdict, MODEL, runs[:3]) != first
+    assert (
+        made.store_verdict(tmp_path, {**verdict, "warnings": ["x"]}, MODEL, runs)
+        != first
+    )
     assert ask(tmp_path, "SELECT count(*) FROM diagnoses") == [(3,)]
 
 
 def test_a_verdict_of_nothing_is_kept(tmp_path, runs):
     nothing = made.verdict(runs[:1], verdict="none", effects=[], nominal_scale=None)
-    id = store_verdict(tmp_path, nothing, MODEL, runs)
+    id = made.store_verdict(tmp_path, nothing, MODEL, runs)
     assert ask(tmp_path, "SELECT diagnosis_id, verdict FROM diagnoses") == [
         (id, "none")
     ]
@@ -123,12 +125,12 @@ def test_a_verdict_of_nothing_is_kept(tmp_path, runs):
 
 def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):
     with pytest.raises(InputError, match="begins with 'ffffffffffff'"):
-        store_verdict(tmp_path, made.verdict(), MODEL, [runs[0], "ffffffffffff"])
+        made.store_verdict(tmp_path, made.verdict(), MODEL, [runs[0], "ffffffffffff"])
     assert ask(tmp_path, "FROM models") == []
 
 
 def test_the_named_queries_answer(tmp_path, runs):
-    id = store_verdict(tmp_path, made.verdict([runs[1]]), MODEL, runs)
+    id = made.store_verdict(tmp_path, made.verdict([runs[1]]), MODEL, runs)
     answers = {n: ask(tmp_path, q) for n, (_, q) in NAMED.items() if n not in TAKES}
     assert [row[1:] for row in answers["before_after"]] == [
         (id, "effects", 20.0, 8.6, 5.6)

@@ -8,20 +8,17 @@ import numpy as np
 from flows.report.page import figures
 from flows.report.page.plots import LABELS
 from flows.report.words.phrases import effect_named, noun
-from flows.report.words.quantity import as_list, bare_percent, dig, known, percent
 from flows.report.words.rows import (
     METRICS,
-    STAGES,
     ErrorRow,
-    Finding,
-    dof_of,
+    FindingRow,
     error_rows,
     findings,
     has,
-    joint_shares,
 )
-from residual.diagnosis.result import Outcome
+from residual.diagnosis.result import STAGES, Diagnosis
 from residual.model.curves import Cloud, LogProof
+from residual.quantity import bare_percent, known, percent
 
 # Each figure costs about 0.1 s; these limits keep the page within 1.5 s and 3 MB.
 _MOST_CLOUDS = 9
@@ -47,31 +44,29 @@ class Chart:
     name: str | None = None
 
 
-def error_charts(outcome: Outcome) -> list[Chart]:
+def error_charts(found: Diagnosis) -> list[Chart]:
     """Return bars of the held-out error: while moving, and over all samples."""
-    joints = [row for row in error_rows(outcome) if row.joint is not None]
-    floor = joint_shares(outcome.verdict, "noise_floor")
-    if not any(map(known, floor)):
-        whole = dig(outcome.verdict, "unexplained", "noise_floor")
-        floor = [100 * level for level in as_list(whole) if known(level)]
+    joints = [row for row in error_rows(found) if row.joint is not None]
+    level = found.unexplained.noise_floor
+    floor = [100 * level] if known(level) else []
     # As logged, the picture is that of the filtered error: the table is enough.
     metrics = [m for m in ("moving", "filtered") if has(joints, m, "identified")]
     metrics = metrics or [m for m in METRICS if has(joints, m, "identified")]
     charts = []
     for metric in metrics:
-        stages = [s for s in _stages(outcome) if has(joints, metric, s)]
+        stages = [s for s in _stages(found) if has(joints, metric, s)]
         uri = figures.error_bars(joints, metric, stages, floor)
         charts.append(Chart(uri, _bars_alt(joints, metric, stages), ""))
     return charts
 
 
-def cloud_charts(outcome: Outcome) -> tuple[list[Chart], int]:
+def cloud_charts(found: Diagnosis) -> tuple[list[Chart], int]:
     """Return (charts, number left out): residual over the explaining variable.
 
     Every finding gets its first joint before any gets its second.
     """
-    order = [finding.name for finding in findings(outcome)]
-    usable = [c for c in outcome.clouds if len(c.x) > 1]
+    order = [finding.name for finding in findings(found)]
+    usable = [c for c in found.clouds if len(c.x) > 1]
     seen: dict[str, int] = {}
     ranked = []
     for cloud in usable:
@@ -84,62 +79,62 @@ def cloud_charts(outcome: Outcome) -> tuple[list[Chart], int]:
     return [_cloud_chart(cloud) for cloud in kept], len(usable) - len(kept)
 
 
-def left_charts(outcome: Outcome) -> list[Chart]:
+def left_charts(found: Diagnosis) -> list[Chart]:
     """Return what each unexplained joint keeps, over what it depends on most."""
-    return [_left_chart(cloud) for cloud in outcome.left if len(cloud.x) > 1]
+    return [_left_chart(cloud) for cloud in found.left if len(cloud.x) > 1]
 
 
-def curve_charts(outcome: Outcome) -> tuple[list[Chart], list[Chart], int]:
+def curve_charts(found: Diagnosis) -> tuple[list[Chart], list[Chart], int]:
     """Return (of the joints concerned, of the others, number left out).
 
     Every joint is drawn on the first log before any is drawn on the next.
     """
-    focus = concerned(outcome)
-    others = [j for j in range(1, (dof_of(outcome) or 0) + 1) if j not in focus]
-    wanted = [(p, j) for p in outcome.proofs for j in (*focus, *others)]
+    focus = concerned(found)
+    others = [j for j in range(1, found.verdict.dof + 1) if j not in focus]
+    wanted = [(p, j) for p in found.proofs for j in (*focus, *others)]
     wanted = [(p, j) for p, j in wanted if j <= p.tau.shape[1] and len(p.t) > 1]
-    charts = [_curve_chart(outcome, p, j) for p, j in wanted[:_MOST_CURVES]]
+    charts = [_curve_chart(found, p, j) for p, j in wanted[:_MOST_CURVES]]
     left = len(wanted) - len(charts)
     charts.sort(key=lambda chart: (*focus, *others).index(chart.joint))
     mine = [chart for chart in charts if chart.joint in focus]
     return mine, [chart for chart in charts if chart.joint not in focus], left
 
 
-def concerned(outcome: Outcome) -> list[int]:
+def concerned(found: Diagnosis) -> list[int]:
     """Return the joints whose curves are shown first, the most telling one first.
 
     Those of the findings; of an effect on the whole arm, the two it changes most;
     then those that stay unexplained; failing all that the worst one.
     """
-    named = findings(outcome)
+    named = findings(found)
     whole = [f for f in named if effect_named(f.name).scope == "flange" or not f.joints]
     joints = [j for f in named if f not in whole for j in f.joints]
-    joints += _most_changed(outcome) if whole else []
-    joints += as_list(dig(outcome.verdict, "unexplained", "joints"))
-    return list(dict.fromkeys(joints)) or _worst(outcome)
+    joints += _most_changed(found) if whole else []
+    joints += found.unexplained.joints
+    return list(dict.fromkeys(joints)) or _worst(found)
 
 
-def _most_changed(outcome: Outcome) -> list[int]:
+def _most_changed(found: Diagnosis) -> list[int]:
     falls = []
-    for row in error_rows(outcome):
+    for row in error_rows(found):
         before, after = map(row.values["filtered"].get, ("identified", "augmented"))
         if row.joint and known(before) and known(after):
             falls.append((after - before, row.joint))
     return [joint for fall, joint in sorted(falls)[:2] if fall < 0]
 
 
-def _worst(outcome: Outcome) -> list[int]:
+def _worst(found: Diagnosis) -> list[int]:
     errors = [
         (row.values["filtered"].get("identified"), row.joint)
-        for row in error_rows(outcome)
+        for row in error_rows(found)
         if row.joint and known(row.values["filtered"].get("identified"))
     ]
     return [max(errors)[1]] if errors else [1]
 
 
-def _stages(outcome: Outcome) -> list[str]:
+def _stages(found: Diagnosis) -> list[str]:
     """Return the models worth drawing: augmented only where something was added."""
-    added = bool(outcome.verdict.get("effects"))
+    added = bool(found.effects)
     return [stage for stage in STAGES if added or stage != "augmented"]
 
 
@@ -179,8 +174,8 @@ def _span(values: np.ndarray) -> str:
     return f"{values.min():.3g} to {values.max():.3g} N m"
 
 
-def _curve_chart(outcome: Outcome, proof: LogProof, joint: int) -> Chart:
-    stages = [s for s in _stages(outcome) if s in proof.tau_hat]
+def _curve_chart(found: Diagnosis, proof: LogProof, joint: int) -> Chart:
+    stages = [s for s in _stages(found) if s in proof.tau_hat]
     errors = _errors(proof, joint, stages)
     said = ", ".join(f"{LABELS[s].split(' ')[0]} {e}" for s, e in errors.items())
     caption = f"Error over the samples shown: {said}."
@@ -203,7 +198,7 @@ def _errors(proof: LogProof, joint: int, stages: Sequence[str]) -> dict[str, str
     return found
 
 
-def clouds_of(charts: Sequence[Chart], finding: Finding) -> list[Chart]:
+def clouds_of(charts: Sequence[Chart], finding: FindingRow) -> list[Chart]:
     """Return the charts of one finding; two of one name differ by their joints."""
     mine = [chart for chart in charts if chart.name == finding.name]
     at_home = [c for c in mine if c.joint in finding.joints or not finding.joints]

@@ -1,6 +1,5 @@
 """The verdict as one HTML page that needs nothing else: to mail, print and keep."""
 
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,12 +7,13 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from flows.report.page import charts
-from flows.report.words import outlook, quantity, rows
+from flows.report.words import outlook, rows
 from flows.report.words import verdict as words
 from flows.report.words.phrases import sentence_case
-from flows.report.words.quantity import as_list, dig, known, texts
 from flows.report.words.staged import Staged
-from residual.diagnosis.result import Outcome
+from residual import quantity
+from residual.diagnosis.result import STAGES, Diagnosis, Verdict
+from residual.quantity import known
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
@@ -26,19 +26,19 @@ class Tile(NamedTuple):
     note: str
 
 
-def render(outcome: Outcome, robot_name: str, staged: Staged | None = None) -> str:
+def render(found: Diagnosis, robot_name: str, staged: Staged | None = None) -> str:
     """Return the report page.
 
     Args:
-        outcome: The diagnosis.
+        found: The diagnosis.
         robot_name: Robot as the reader calls it.
         staged: Picture and truth of an experiment of our own.
 
     Returns:
-        One self-contained HTML document; the same outcome gives the same bytes.
+        One self-contained HTML document; the same diagnosis gives the same bytes.
     """
     page = _environment().get_template("page.html")
-    return page.render(_context(outcome, robot_name), staged=staged)
+    return page.render(_context(found, robot_name), staged=staged)
 
 
 @cache
@@ -61,77 +61,74 @@ def _environment() -> Environment:
     return environment
 
 
-def _context(outcome: Outcome, robot_name: str) -> dict[str, Any]:
-    verdict = outcome.verdict
-    found = rows.findings(outcome)
-    clouds, clouds_left = charts.cloud_charts(outcome)
-    focus, others, curves_left = charts.curve_charts(outcome)
-    heads, sizes = outlook.detectable_rows(outcome)
+def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:
+    verdict = found.verdict
+    named = rows.findings(found)
+    clouds, clouds_left = charts.cloud_charts(found)
+    focus, others, curves_left = charts.curve_charts(found)
+    heads, sizes = outlook.detectable_rows(verdict)
     return {
         "robot": robot_name,
         "headline": words.sentences(verdict)[0],
         "lead": words.sentences(verdict)[1:],
-        "verdict": verdict,
         "setting": _setting(verdict),
-        "same_run": dig(verdict, "error", "same_run") is True,
-        "cutoff": quantity.number(dig(verdict, "error", "filter", "cutoff_hz")),
-        "tiles": _tiles(outcome, found),
-        "findings": [(f, charts.clouds_of(clouds, f)) for f in found],
-        "has_p": any(f.p_value != quantity.MISSING for f in found),
+        "same_run": verdict.error.same_run,
+        "cutoff": quantity.number(verdict.error.cutoff_hz),
+        "tiles": _tiles(verdict, named),
+        "findings": [(f, charts.clouds_of(clouds, f)) for f in named],
+        "has_p": any(f.p_value != quantity.MISSING for f in named),
         "has_clouds": bool(clouds),
         "clouds_left": clouds_left,
-        "bars": charts.error_charts(outcome),
-        "errors": _error_table(outcome),
+        "bars": charts.error_charts(found),
+        "errors": _error_table(found),
         "worse": words.rising(verdict),
         "focus": focus,
         "others": others,
         "curves_left": curves_left,
         "unexplained": outlook.unexplained_words(verdict),
-        "left_charts": charts.left_charts(outcome),
+        "left_charts": charts.left_charts(found),
         "size_heads": heads,
         "sizes": sizes,
         "confusable": outlook.confusable_words(verdict),
-        "warnings": texts(verdict.get("warnings")),
-        "plan": outlook.next_words(verdict.get("next_experiment")),
-        "notes": outcome.notes,
+        "warnings": verdict.warnings,
+        "plan": outlook.next_words(verdict.next_experiment),
+        "notes": found.notes,
     }
 
 
-def _setting(verdict: Mapping) -> str:
+def _setting(verdict: Verdict) -> str:
     """Return under which assumptions and on which logs the verdict was reached."""
-    declared = ", ".join(texts(verdict.get("declared")))
+    declared = ", ".join(verdict.declared)
     parts = [f"Declared in the model: {declared or 'rigid body only'}."]
-    logs = ", ".join(texts(dig(verdict, "error", "logs")))
-    if logs:
-        parts.append(f"Held out: {logs}.")
-    if known(verdict.get("nominal_scale")):
-        scale = f"{100 * verdict['nominal_scale']:.3g} %"
+    if verdict.error.logs:
+        parts.append(f"Held out: {', '.join(verdict.error.logs)}.")
+    if known(verdict.nominal_scale):
+        scale = f"{100 * verdict.nominal_scale:.3g} %"
         parts.append(f"Assumed spread of the nominal parameters: {scale}.")
     return " ".join(parts)
 
 
-def _tiles(outcome: Outcome, found: list) -> list[Tile]:
+def _tiles(verdict: Verdict, named: list[rows.FindingRow]) -> list[Tile]:
     """Return up to five figures that say how sure the verdict is."""
-    tiles = _finding_tiles(found)
-    change = words.change(outcome.verdict) if found else None
+    tiles = _finding_tiles(named)
+    change = words.change(verdict) if named else None
     if change:
         fall = f"{change.before:.1f} → {quantity.percent(change.after)}"
         where = change.where.removesuffix(",").removeprefix("on ")
         tiles.append(Tile("Held-out error", fall, f"{where}, refit → augmented"))
-    if not found:
-        tiles.append(_level_tile(outcome.verdict))
-    left = dig(outcome.verdict, "unexplained", "fraction")
-    if known(left):
-        floors = as_list(dig(outcome.verdict, "unexplained", "noise_floor"))
-        floors = [floor for floor in floors if known(floor)]
+    if not named:
+        level = quantity.percent(verdict.error.overall_filtered.get("identified"))
+        tiles.append(Tile("Held-out error", level, "all joints, refitted"))
+    left = verdict.unexplained
+    if known(left.fraction):
         note = "of the torque"
-        if floors:
-            note += f"; noise alone is {quantity.fraction(max(floors))}"
-        tiles.append(Tile("Unexplained", quantity.fraction(left), note))
+        if known(left.noise_floor):
+            note += f"; noise alone is {quantity.fraction(left.noise_floor)}"
+        tiles.append(Tile("Unexplained", quantity.fraction(left.fraction), note))
     return tiles
 
 
-def _finding_tiles(found: list) -> list[Tile]:
+def _finding_tiles(found: list[rows.FindingRow]) -> list[Tile]:
     if not found:
         return []
     if len(found) == 1:
@@ -151,15 +148,10 @@ def _finding_tiles(found: list) -> list[Tile]:
     ]
 
 
-def _level_tile(verdict: Mapping) -> Tile:
-    level = dig(verdict, "error", "overall_filtered", "identified")
-    return Tile("Held-out error", quantity.percent(level), "all joints, refitted")
-
-
-def _error_table(outcome: Outcome) -> dict[str, Any]:
-    lines = rows.error_rows(outcome)
+def _error_table(found: Diagnosis) -> dict[str, Any]:
+    lines = rows.error_rows(found)
     groups = [
-        (metric, name, [s for s in rows.STAGES if rows.has(lines, metric, s)])
+        (metric, name, [s for s in STAGES if rows.has(lines, metric, s)])
         for metric, name in rows.METRICS.items()
     ]
     return {

@@ -16,9 +16,9 @@ from flows.report.page.plots import (
     look,
     rule,
 )
-from flows.report.words.quantity import bare_percent, known
 from flows.report.words.rows import METRICS, ErrorRow
 from residual.model.curves import Cloud, LogProof
+from residual.quantity import bare_percent, known
 
 _MOST_POINTS = 900
 _MARKERS = "os^D"

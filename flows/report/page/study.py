@@ -7,7 +7,7 @@ from flows.blind.score import CLASS, NOTHING, PAIR, RIGHT, SINGLE, UNKNOWN, Name
 from flows.report.page import study_plots as plots
 from flows.report.page.charts import Chart
 from flows.report.page.diagnosis import Tile, _environment
-from flows.report.words.quantity import MISSING
+from residual.quantity import MISSING
 
 _RATES = {
     "singles_clear_right": "One effect, three times detectable or more: rightly named",

@@ -9,11 +9,11 @@ from rich.text import Text
 
 from flows.report.words import outlook
 from flows.report.words import rows as tables
-from flows.report.words.quantity import bare_percent, known, probability, texts
-from flows.report.words.rows import METRICS, STAGES, ErrorRow, Finding
+from flows.report.words.rows import METRICS, ErrorRow, FindingRow
 from flows.report.words.staged import Staged
 from flows.report.words.verdict import headline, rising
-from residual.diagnosis.result import Outcome
+from residual.diagnosis.result import STAGES, Diagnosis
+from residual.quantity import bare_percent, known, probability
 
 # What a terminal without Unicode shows instead.
 _PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3", "·": ","})
@@ -21,17 +21,17 @@ _NARROW = 26
 _TRUTH = ("", "hidden", "found")
 
 
-def print_outcome(outcome: Outcome, console: Console) -> None:
+def print_diagnosis(found: Diagnosis, console: Console) -> None:
     """Print a diagnosis: verdict, findings, errors, what is left, what to do next.
 
     Args:
-        outcome: The diagnosis.
+        found: The diagnosis.
         console: Where to print; 80 columns and no colour are enough.
     """
     _line(console, "")
-    _line(console, headline(outcome.verdict), "bold")
+    _line(console, headline(found.verdict), "bold")
     for part in (_findings, _errors, _left_over, _detectable, _warnings, _next):
-        part(outcome, console)
+        part(found, console)
     _line(console, "")
 
 
@@ -51,14 +51,14 @@ def print_truth(staged: Staged, console: Console) -> None:
         _line(console, staged.forms)
 
 
-def _findings(outcome: Outcome, console: Console) -> None:
-    found = tables.findings(outcome)
-    if not found:
+def _findings(found: Diagnosis, console: Console) -> None:
+    rows = tables.findings(found)
+    if not rows:
         return
     table = _table("What is missing", ("", "effect", "parameters", "evidence"))
-    lines = [line for f in found for line in tables.parameter_lines(f, _NARROW)]
+    lines = [line for f in rows for line in tables.parameter_lines(f, _NARROW)]
     table.columns[2].min_width = max(map(len, lines), default=0)
-    for finding in found:
+    for finding in rows:
         cells = (
             Text(finding.order),
             _effect_cell(finding),
@@ -69,7 +69,7 @@ def _findings(outcome: Outcome, console: Console) -> None:
     _print(console, table)
 
 
-def _effect_cell(finding: Finding) -> Text:
+def _effect_cell(finding: FindingRow) -> Text:
     cell = Text(finding.title, style="bold")
     if finding.alternatives:
         same = " or ".join(finding.alternatives)
@@ -77,7 +77,7 @@ def _effect_cell(finding: Finding) -> Text:
     return cell
 
 
-def _evidence_cell(finding: Finding) -> Text:
+def _evidence_cell(finding: FindingRow) -> Text:
     lines = [f"{finding.nats} nats"]
     if finding.by:
         lines.append(f"by {finding.by}")
@@ -87,15 +87,15 @@ def _evidence_cell(finding: Finding) -> Text:
     return Text("\n".join(lines))
 
 
-def _errors(outcome: Outcome, console: Console) -> None:
-    lines = tables.error_rows(outcome)
+def _errors(found: Diagnosis, console: Console) -> None:
+    lines = tables.error_rows(found)
     columns = _error_columns(lines)
     if not columns:
         return
     share = any(known(row.unexplained) for row in lines)
     heads = ["joint", *(head for head, _, _ in columns)]
     heads += ["unex-\nplained"] if share else []
-    table = _table(_error_title(outcome, columns[0][1]), heads, "right")
+    table = _table(_error_title(found, columns[0][1]), heads, "right")
     for row in lines:
         cells = [Text(row.label)]
         cells += [_error_cell(row, metric, stages) for _, metric, stages in columns]
@@ -106,7 +106,7 @@ def _errors(outcome: Outcome, console: Console) -> None:
     _print(console, table)
     if len(columns[-1][2]) > 1:
         _line(console, "Arrows: identified (refit without the findings) → augmented.")
-    worse = rising(outcome.verdict)
+    worse = rising(found.verdict)
     if worse:
         _line(console, f"Worse with the findings: {', '.join(worse)} (filtered).")
 
@@ -136,24 +136,22 @@ def _error_cell(row: ErrorRow, metric: str, stages: Sequence[str]) -> Text:
     return Text(f"{shown[0]} → {shown[1]:>5}")
 
 
-def _error_title(outcome: Outcome, metric: str) -> str:
-    error = outcome.verdict.get("error") or {}
-    logs = ", ".join(texts(error.get("logs")))
-    where = f" on {logs}" if logs else ""
-    weak = " (the same run: a weak proof)" if error.get("same_run") else ""
+def _error_title(found: Diagnosis, metric: str) -> str:
+    where = f" on {', '.join(found.errors.logs)}" if found.errors.logs else ""
+    weak = " (the same run: a weak proof)" if found.errors.same_run else ""
     return f"Held-out error{where}{weak}, {METRICS[metric]}, % of torque"
 
 
-def _left_over(outcome: Outcome, console: Console) -> None:
-    sentences = outlook.unexplained_words(outcome.verdict)
+def _left_over(found: Diagnosis, console: Console) -> None:
+    sentences = outlook.unexplained_words(found.verdict)
     if sentences:
         _line(console, "")
         _line(console, " ".join(sentences))
 
 
-def _detectable(outcome: Outcome, console: Console) -> None:
-    heads, lines = outlook.detectable_rows(outcome, short=True)
-    if outcome.verdict.get("effects") or not lines:
+def _detectable(found: Diagnosis, console: Console) -> None:
+    heads, lines = outlook.detectable_rows(found.verdict, short=True)
+    if found.effects or not lines:
         return
     title = "Smallest size that would have been found"
     table = _table(title, heads, "right")
@@ -162,21 +160,20 @@ def _detectable(outcome: Outcome, console: Console) -> None:
     for line in lines:
         _row(console, table, map(Text, line))
     _print(console, table)
-    alike = outlook.confusable_words(outcome.verdict)
+    alike = outlook.confusable_words(found.verdict)
     if alike:
         _line(console, alike)
 
 
-def _warnings(outcome: Outcome, console: Console) -> None:
-    warnings = texts(outcome.verdict.get("warnings"))
-    if warnings:
+def _warnings(found: Diagnosis, console: Console) -> None:
+    if found.warnings:
         _line(console, "")
-    for warning in warnings:
+    for warning in found.warnings:
         _line(console, f"Warning: {warning}", "yellow")
 
 
-def _next(outcome: Outcome, console: Console) -> None:
-    lines = outlook.next_words(outcome.verdict.get("next_experiment"))
+def _next(found: Diagnosis, console: Console) -> None:
+    lines = outlook.next_words(found.verdict.next_experiment)
     if lines:
         _line(console, "\nNext experiment:", "bold")
     for line in lines:

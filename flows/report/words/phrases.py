@@ -1,12 +1,13 @@
 """Effects, joints and lists in words, for sentences and tables."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import Any
 
-from flows.report.words.quantity import records
+from residual.diagnosis.result import Detectable, Finding, Place
 from residual.effects import registry
 from residual.effects.base import Effect
+
+At = Place | Finding | Detectable  # what has a name and joints
 
 _NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight")
 _UNKNOWN = Effect("", "", {}, columns=lambda state, joints, shape: state.tau_model)
@@ -59,14 +60,14 @@ def _runs(numbers: list[int]) -> list[str]:
     return words
 
 
-def noun(name: Any) -> str:
+def noun(name: str) -> str:
     """Return an effect in words; a name that is not known loses its underscores."""
     if not name:
         return "an effect without a name"
     return effect_named(name).noun or str(name).replace("_", " ")
 
 
-def effect_named(name: Any) -> Effect:
+def effect_named(name: str | None) -> Effect:
     """Return the effect of that name; one without words where nobody knows it."""
     return registry().get(name) or _UNKNOWN
 
@@ -76,10 +77,9 @@ def sentence_case(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def place(effect: Mapping, dof: int | None = None) -> str:
+def place(effect: At, dof: int | None = None) -> str:
     """Return where an effect sits, with its preposition: 'on joint 2'."""
-    joints = [j for j in effect.get("joints") or [] if isinstance(j, int)]
-    own = effect_named(effect.get("name"))
+    joints, own = effect.joints, effect_named(effect.name)
     if own.scope == "flange":
         return own.place
     if not joints:
@@ -88,17 +88,16 @@ def place(effect: Mapping, dof: int | None = None) -> str:
     return own.place.format(joints=words, links=words.replace("joint", "link"))
 
 
-def phrase(effect: Mapping, dof: int | None = None) -> str:
+def phrase(effect: At, dof: int | None = None) -> str:
     """Return an effect with its place: 'a balancer on joint 2'."""
-    return f"{noun(effect.get('name'))} {place(effect, dof)}".strip()
+    return f"{noun(effect.name)} {place(effect, dof)}".strip()
 
 
-def alternatives(effect: Mapping, dof: int | None = None) -> list[str]:
+def alternatives(effect: Finding, dof: int | None = None) -> list[str]:
     """Return the equivalents in words; their place only where it differs."""
-    own = list(effect.get("joints") or [])
     words = []
-    for other in records(effect.get("equivalent")):
-        joints = list(other.get("joints") or [])
-        same = joints == own and "{joints}" in effect_named(other.get("name")).place
-        words.append(noun(other.get("name")) if same else phrase(other, dof))
+    for other in effect.equivalent:
+        same = other.joints == effect.joints
+        same = same and "{joints}" in effect_named(other.name).place
+        words.append(noun(other.name) if same else phrase(other, dof))
     return words

@@ -2,27 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from flows.report.words.phrases import alternatives, noun, phrase, place, sentence_case
-from flows.report.words.quantity import (
-    MISSING,
-    as_list,
-    dig,
-    fraction,
-    known,
-    measured,
-    number,
-)
-from flows.report.words.verdict import held_out_words, joint_count, ordered
-from residual.diagnosis.result import Outcome
+from flows.report.words.verdict import held_out_words
+from residual.diagnosis.result import Diagnosis, Finding, Number, PerJoint
+from residual.quantity import MISSING, fraction, known, measured, number
 
-STAGES = ("nominal", "identified", "augmented", "plsr")
 METRICS = {"filtered": "filtered", "moving": "moving", "held_out": "as logged"}
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ParameterRow:
     """One parameter of a finding as text; joint is None where it has only one."""
 
     name: str
@@ -31,7 +21,7 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class FindingRow:
     """One finding, ready to be printed."""
 
     name: str
@@ -41,8 +31,8 @@ class Finding:
     place: str
     joints: tuple[int, ...]
     sentence: str
-    parameters: tuple[Parameter, ...]
-    probability: Any
+    parameters: tuple[ParameterRow, ...]
+    probability: Number
     nats: str
     by: str
     verdict: str
@@ -78,48 +68,33 @@ class ErrorRow:
     flagged: bool
 
 
-def findings(outcome: Outcome) -> list[Finding]:
-    """Return the findings, first found first."""
-    verdict = outcome.verdict
-    dof = dof_of(outcome)
-    listed = as_list(verdict.get("effects"))
-    said = dict(zip(map(id, listed), outcome.sentences, strict=False))
+def findings(found: Diagnosis) -> list[FindingRow]:
+    """Return the findings, most important first."""
+    said = dict(enumerate(found.sentences))
     return [
-        _finding(effect, position, said.get(id(effect), ""), dof)
-        for position, effect in enumerate(ordered(verdict), start=1)
+        _finding(effect, said.get(i, ""), found.verdict.dof)
+        for i, effect in enumerate(found.effects)
     ]
 
 
-def error_rows(outcome: Outcome) -> list[ErrorRow]:
+def error_rows(found: Diagnosis) -> list[ErrorRow]:
     """Return one row per joint and one for all joints together."""
-    verdict, dof = outcome.verdict, dof_of(outcome) or 0
-    flagged = as_list(dig(verdict, "unexplained", "joints"))
-    shares = joint_shares(verdict, "fraction")
+    left, error = found.unexplained, found.errors
     rows = []
-    for joint in range(1, dof + 1):
-        values = {metric: _at(verdict, metric, joint) for metric in METRICS}
-        share = shares[joint - 1] if joint <= len(shares) else None
-        rows.append(ErrorRow(str(joint), joint, values, share, joint in flagged))
+    for joint, share in enumerate(left.per_joint, start=1):
+        values = {metric: _at(getattr(error, metric), joint) for metric in METRICS}
+        flagged = joint in left.joints
+        rows.append(ErrorRow(str(joint), joint, values, _percent(share), flagged))
     overall = {
-        "filtered": dig(verdict, "error", "overall_filtered") or {},
+        "filtered": error.overall_filtered,
         "moving": {},
-        "held_out": dig(verdict, "error", "overall") or {},
+        "held_out": error.overall,
     }
-    share = dig(verdict, "unexplained", "fraction")
-    share = 100 * share if known(share) else None
-    return [*rows, ErrorRow("all", None, overall, share, False)]
+    return [*rows, ErrorRow("all", None, overall, _percent(left.fraction), False)]
 
 
-def joint_shares(verdict: Mapping, key: str) -> list[float | None]:
-    """Return one quantity of "unexplained" per joint [%]; None where not known.
-
-    An entry per joint is a record of several quantities, or the fraction alone.
-    """
-    found = []
-    for entry in as_list(dig(verdict, "unexplained", "per_joint")):
-        value = entry if key == "fraction" and known(entry) else dig(entry, key)
-        found.append(100 * value if known(value) else None)
-    return found
+def _percent(share: Number) -> Number:
+    return 100 * share if known(share) else None
 
 
 def has(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
@@ -127,15 +102,7 @@ def has(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
     return any(known(row.values[metric].get(stage)) for row in rows)
 
 
-def dof_of(outcome: Outcome) -> int | None:
-    """Return the number of joints, from the errors or else from the held-out logs."""
-    found = joint_count(outcome.verdict)
-    if found is None and outcome.proofs:
-        found = outcome.proofs[0].tau.shape[1]
-    return found
-
-
-def parameter_lines(finding: Finding, width: int) -> list[str]:
+def parameter_lines(finding: FindingRow, width: int) -> list[str]:
     """Return the parameters as lines: a name, then its value or one per joint."""
     lines: list[str] = []
     for name in dict.fromkeys(p.name for p in finding.parameters):
@@ -151,57 +118,44 @@ def parameter_lines(finding: Finding, width: int) -> list[str]:
     return lines
 
 
-def _finding(effect: Mapping, position: int, sentence: str, dof: Any) -> Finding:
-    evidence = effect.get("evidence") or {}
-    order = effect.get("order")
-    return Finding(
-        name=effect.get("name") or "",
-        order=str(order if order is not None else position),
+def _finding(effect: Finding, sentence: str, dof: int) -> FindingRow:
+    evidence = effect.evidence
+    return FindingRow(
+        name=effect.name,
+        order=str(effect.order),
         title=phrase(effect, dof),
-        noun=noun(effect.get("name")),
+        noun=noun(effect.name),
         place=place(effect, dof),
-        joints=tuple(effect.get("joints") or ()),
+        joints=effect.joints,
         sentence=_full_stop(sentence),
         parameters=tuple(_parameters(effect)),
-        probability=effect.get("probability"),
-        nats=number(evidence.get("nats")),
-        by=evidence.get("by") or "",
-        verdict=evidence.get("held_out") or "not tried",
-        held_out=held_out_words(evidence.get("held_out")),
-        gain=fraction(evidence.get("held_out_gain")),
-        p_value=number(evidence.get("p_value")),
+        probability=effect.probability,
+        nats=number(evidence.nats),
+        by=evidence.by or "",
+        verdict=evidence.held_out or "not tried",
+        held_out=held_out_words(evidence.held_out),
+        gain=fraction(evidence.held_out_gain),
+        p_value=number(evidence.p_value),
         alternatives=tuple(alternatives(effect, dof)),
     )
 
 
-def _full_stop(sentence: Any) -> str:
-    text = sentence_case(str(sentence or "").strip())
+def _full_stop(sentence: str) -> str:
+    text = sentence_case(sentence.strip())
     return text if not text or text[-1] in ".!?" else f"{text}."
 
 
-def _parameters(effect: Mapping) -> list[Parameter]:
-    joints = list(effect.get("joints") or [])
+def _parameters(effect: Finding) -> list[ParameterRow]:
     rows = []
-    for key, entry in (effect.get("parameters") or {}).items():
-        entry = entry if isinstance(entry, Mapping) else {"value": entry}
-        value, std, unit = (entry.get(k) for k in ("value", "std", "unit"))
-        name = str(key).replace("_", " ")
-        if not isinstance(value, list | tuple):
-            rows.append(Parameter(name, None, measured(value, std, unit)))
-            continue
-        stds = std if isinstance(std, list | tuple) else [std] * len(value)
-        for i, item in enumerate(value):
-            joint = joints[i] if i < len(joints) else None
-            spread = stds[i] if i < len(stds) else None
-            rows.append(Parameter(name, joint, measured(item, spread, unit)))
+    for key, parameter in effect.parameters.items():
+        name, unit = key.replace("_", " "), parameter.unit
+        many = isinstance(parameter.value, tuple)
+        joints = effect.joints if many else (None,)
+        for joint, (value, std) in zip(joints, parameter.pairs, strict=True):
+            rows.append(ParameterRow(name, joint, measured(value, std, unit)))
     return rows
 
 
-def _at(verdict: Mapping, metric: str, joint: int) -> dict[str, float | None]:
-    """Return the error of one joint per stage, where it is known."""
-    stages = dig(verdict, "error", metric) or {}
-    return {
-        stage: as_list(values)[joint - 1]
-        for stage, values in stages.items()
-        if len(as_list(values)) >= joint
-    }
+def _at(stages: PerJoint, joint: int) -> dict[str, Number]:
+    """Return the error of one joint by model, where it is known."""
+    return {k: v[joint - 1] for k, v in stages.items() if v is not None}

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from flows.report.words.phrases import effect_named, phrase, sentence_case
-from flows.report.words.quantity import MISSING, measured
-from flows.report.words.verdict import ordered
+from residual.diagnosis.result import Finding, Place, Verdict
+from residual.quantity import MISSING, measured
 
 _JUDGED = {
     "right": "the first name is what was hidden",
@@ -54,7 +54,7 @@ class Staged:
     gif: bytes
     caption: str
     hidden: tuple[Hidden, ...]
-    verdict: Mapping
+    verdict: Verdict
 
     @property
     def uri(self) -> str:
@@ -69,12 +69,12 @@ class Staged:
     @property
     def forms(self) -> str:
         """Why sizes need not agree; empty where nothing was found."""
-        return FORMS if self.hidden and self.verdict["effects"] else ""
+        return FORMS if self.hidden and self.verdict.effects else ""
 
     @property
     def rows(self) -> list[tuple[str, str, str]]:
         """Rows (what, hidden, found): the effect, then its parameters."""
-        found = ordered(self.verdict)
+        found = self.verdict.effects
         first = found[0] if found else None
         rows = []
         for hidden in self.hidden or (None,):
@@ -83,7 +83,7 @@ class Staged:
         return rows
 
 
-def judge(hidden: Sequence[Hidden], verdict: Mapping) -> str:
+def judge(hidden: Sequence[Hidden], verdict: Verdict) -> str:
     """Compare a verdict with the truth.
 
     Args:
@@ -94,48 +94,38 @@ def judge(hidden: Sequence[Hidden], verdict: Mapping) -> str:
         "right": the first name is it. "class": it is an equivalent of the first name.
         "wrong", "missed"; where nothing was hidden "clean" or "false alarm".
     """
-    found = ordered(verdict)
+    found = verdict.effects
     if not hidden:
         return "false alarm" if found else "clean"
     if not found:
         return "missed"
     truth = {_key(one.name, one.joints) for one in hidden}
     first = found[0]
-    if _key(first["name"], first["joints"]) in truth:
+    if _key(first.name, first.joints) in truth:
         return "right"
-    others = {_key(e["name"], e["joints"]) for e in first["equivalent"]}
+    others = {_key(e.name, e.joints) for e in first.equivalent}
     return "class" if others & truth else "wrong"
 
 
-def _rows(hidden: Hidden | None, found: Mapping | None) -> list[tuple[str, str, str]]:
-    there = {"name": hidden.name, "joints": list(hidden.joints)} if hidden else None
+def _rows(hidden: Hidden | None, found: Finding | None) -> list[tuple[str, str, str]]:
+    there = Place(hidden.name, hidden.joints) if hidden else None
     named = [phrase(e) if e else "nothing" for e in (there, found)]
     rows = [("effect", *map(sentence_case, named))]
     units = effect_named(hidden.name).parameters if hidden else {}
     true = dict(hidden.parameters) if hidden else {}
-    theirs = (found or {}).get("parameters") or {}
+    theirs = found.parameters if found else {}
     for key in dict.fromkeys([*theirs, *true]):
-        entry = theirs.get(key) or {}
-        unit = entry.get("unit") or units.get(key)
-        value = measured(true.get(key), None, unit)
-        rows.append((key.replace("_", " "), value, _entry(entry)))
+        own = theirs.get(key)
+        value = measured(true.get(key), None, own.unit if own else units.get(key))
+        rows.append((key.replace("_", " "), value, str(own) if own else MISSING))
     return rows
 
 
-def _entry(entry: Mapping) -> str:
-    value, std, unit = (entry.get(k) for k in ("value", "std", "unit"))
-    if not isinstance(value, list | tuple):
-        return measured(value, std, unit)
-    stds = std if isinstance(std, list | tuple) else [std] * len(value)
-    parts = [measured(v, s, unit) for v, s in zip(value, stds, strict=True)]
-    return ", ".join(parts) or MISSING
-
-
-def _same(hidden: Hidden | None, found: Sequence[Mapping]) -> Mapping | None:
+def _same(hidden: Hidden | None, found: Sequence[Finding]) -> Finding | None:
     if hidden is None:
         return None
     key = _key(hidden.name, hidden.joints)
-    return next((e for e in found if _key(e["name"], e["joints"]) == key), None)
+    return next((e for e in found if _key(e.name, e.joints) == key), None)
 
 
 def _key(name: str, joints: Iterable[int]) -> tuple[str, tuple[int, ...]]:

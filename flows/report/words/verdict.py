@@ -1,7 +1,7 @@
 """Plain sentences for a verdict: what is missing, how sure, and what it cures."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from flows.report.words.phrases import (
     alternatives,
@@ -12,13 +12,8 @@ from flows.report.words.phrases import (
     phrase,
     sentence_case,
 )
-from flows.report.words.quantity import (
-    as_list,
-    dig,
-    known,
-    percent,
-    records,
-)
+from residual.diagnosis.result import Finding, Number, Verdict
+from residual.quantity import known, percent
 
 _NAMED_AT_MOST = 3
 _SURE = 0.9
@@ -33,50 +28,31 @@ class Change(NamedTuple):
     after: float
 
 
-def headline(verdict: Mapping) -> str:
+def headline(verdict: Verdict) -> str:
     """Return the verdict in one to four plain sentences."""
     return " ".join(sentences(verdict))
 
 
-def sentences(verdict: Mapping) -> list[str]:
+def sentences(verdict: Verdict) -> list[str]:
     """Return the sentences of the headline; the first is the verdict itself."""
-    kind = verdict.get("verdict")
-    if kind == "effects" and verdict.get("effects"):
+    if verdict.verdict == "effects":
         parts = [*_claim(verdict), _proof(verdict), _left_over(verdict)]
-    elif kind == "unknown":
+    elif verdict.verdict == "unknown":
         parts = [_unknown(verdict), _level(verdict)]
-    elif kind == "none":
-        parts = ["No effect that the model lacks shows in these data.", _level(verdict)]
     else:
-        parts = ["No verdict was reached."]
+        parts = ["No effect that the model lacks shows in these data.", _level(verdict)]
     return [part for part in parts if part]
 
 
-def joint_count(verdict: Mapping) -> int | None:
-    """Return the number of joints, read off the error lists; None without them."""
-    for metric in ("held_out", "filtered", "moving"):
-        for values in (dig(verdict, "error", metric) or {}).values():
-            if as_list(values):
-                return len(values)
-    return None
-
-
-def ordered(verdict: Mapping) -> list[Mapping]:
-    """Return the effects, first found first."""
-    effects = records(verdict.get("effects"))
-    return sorted(effects, key=lambda effect: effect.get("order") or len(effects))
-
-
-def is_wrong_value(effect: Mapping, declared: Any) -> bool:
+def is_wrong_value(effect: Finding, verdict: Verdict) -> bool:
     """Return whether the model has this effect, only with a wrong value."""
-    name = effect.get("name")
-    if name in as_list(declared) or effect_named(name).in_every_model:
+    if effect.name in verdict.declared or effect_named(effect.name).in_every_model:
         return True
-    mass = as_list(dig(effect, "parameters", "mass", "value"))
-    return bool(mass) and known(mass[0]) and mass[0] < 0
+    mass = effect.parameters.get("mass")
+    return mass is not None and known(mass.value) and mass.value < 0
 
 
-def held_out_words(word: Any) -> str:
+def held_out_words(word: str | None) -> str:
     """Return what the held-out motion said about one finding."""
     return {
         "confirmed": "confirmed on held-out motion",
@@ -85,30 +61,29 @@ def held_out_words(word: Any) -> str:
     }.get(word, "not tried on held-out motion")
 
 
-def change(verdict: Mapping) -> Change | None:
+def change(verdict: Verdict) -> Change | None:
     """Return the fall of the held-out error that tells most about the findings.
 
     One joint concerned: that joint while it moves, since standstill torque is set by
     friction history and not by the model. Several: all joints together.
     """
-    joints = {j for e in ordered(verdict) for j in e.get("joints") or []}
-    scopes = {effect_named(e.get("name")).scope for e in ordered(verdict)}
+    joints = {j for e in verdict.effects for j in e.joints}
+    scopes = {effect_named(e.name).scope for e in verdict.effects}
     if len(joints) == 1 and "flange" not in scopes:
         found = _joint_change(verdict, joints.pop())
         if found:
             return found
-    error = verdict.get("error") or {}
-    for metric in ("overall_filtered", "overall"):
-        pair = _pair(error.get(metric))
+    for stages in (verdict.error.overall_filtered, verdict.error.overall):
+        pair = _pair(stages)
         if pair:
             return Change("over all joints", *pair)
     return None
 
 
-def rising(verdict: Mapping, metric: str = "filtered") -> list[str]:
+def rising(verdict: Verdict) -> list[str]:
     """Return the joints that the findings make worse by more than 2 %, in words."""
-    stages = dig(verdict, "error", metric) or {}
-    before, after = as_list(stages.get("identified")), as_list(stages.get("augmented"))
+    stages = verdict.error.filtered
+    before, after = stages["identified"] or (), stages["augmented"] or ()
     rows = enumerate(zip(before, after, strict=False), start=1)
     return [
         f"joint {joint} from {percent(old)} to {percent(new)}"
@@ -117,14 +92,13 @@ def rising(verdict: Mapping, metric: str = "filtered") -> list[str]:
     ]
 
 
-def _claim(verdict: Mapping) -> list[str]:
-    effects, declared = ordered(verdict), verdict.get("declared")
-    dof = joint_count(verdict)
+def _claim(verdict: Verdict) -> list[str]:
+    effects, dof = verdict.effects, verdict.dof
     shown = effects[:_NAMED_AT_MOST]
-    unclear = sum(bool(e.get("equivalent")) for e in shown)
-    said = [(is_wrong_value(e, declared), _item(e, dof, unclear > 1)) for e in shown]
+    unclear = sum(bool(e.equivalent) for e in shown)
+    said = [(is_wrong_value(e, verdict), _item(e, dof, unclear > 1)) for e in shown]
     lacking, wrong = ([text for w, text in said if w is side] for side in (False, True))
-    likely = [e["probability"] for e in shown if known(e.get("probability"))]
+    likely = [e.probability for e in shown if known(e.probability)]
     hedge = "most likely " if likely and min(likely) < _SURE else ""
     rest = len(effects) - len(shown)
     more = [f"{count(rest)} more"] if rest else []
@@ -138,7 +112,7 @@ def _claim(verdict: Mapping) -> list[str]:
     return [claim, _CANNOT_TELL] if unclear > 1 else [claim]
 
 
-def _item(effect: Mapping, dof: int | None, brief: bool) -> str:
+def _item(effect: Finding, dof: int, brief: bool) -> str:
     others = alternatives(effect, dof)
     if not others:
         return phrase(effect, dof)
@@ -146,7 +120,7 @@ def _item(effect: Mapping, dof: int | None, brief: bool) -> str:
     return f"{phrase(effect, dof)} (or {' or '.join(others)}{why})"
 
 
-def _proof(verdict: Mapping) -> str:
+def _proof(verdict: Verdict) -> str:
     found = change(verdict)
     if found is None:
         return "No held-out motion proves it."
@@ -156,63 +130,49 @@ def _proof(verdict: Mapping) -> str:
     else:
         fall = f"{'falls' if found.after < found.before else 'rises'} from {old}"
         fall = f"{fall} to {new}"
-    weak = " in the same run: a weak proof" if _same_run(verdict) else ""
+    weak = " in the same run: a weak proof" if verdict.error.same_run else ""
     return f"Held-out error {found.where} {fall}{weak}."
 
 
-def _left_over(verdict: Mapping) -> str:
-    joints = as_list(dig(verdict, "unexplained", "joints"))
+def _left_over(verdict: Verdict) -> str:
+    joints = verdict.unexplained.joints
     if not joints:
         return ""
-    who = sentence_case(joint_words(joints, joint_count(verdict)))
+    who = sentence_case(joint_words(joints, verdict.dof))
     keeps = "keeps" if len(joints) == 1 else "keep"
     return f"{who} {keeps} an error that no known effect explains."
 
 
-def _unknown(verdict: Mapping) -> str:
-    joints = as_list(dig(verdict, "unexplained", "joints"))
-    where = joint_words(joints, joint_count(verdict))
-    where = f" on {where}" if where else ""
-    return f"The model lacks something{where} that no known effect explains."
+def _unknown(verdict: Verdict) -> str:
+    where = joint_words(verdict.unexplained.joints, verdict.dof)
+    return f"The model lacks something on {where} that no known effect explains."
 
 
-def _level(verdict: Mapping) -> str:
+def _level(verdict: Verdict) -> str:
     """Return the error of the refitted model where nothing was added to it."""
-    error = verdict.get("error") or {}
-    for metric in ("overall_filtered", "overall"):
-        value = dig(error, metric, "identified")
+    for stages in (verdict.error.overall_filtered, verdict.error.overall):
+        value = stages.get("identified")
         if known(value):
-            run = " in the same run" if _same_run(verdict) else ""
+            run = " in the same run" if verdict.error.same_run else ""
             return f"Its held-out error{run} is {percent(value)} over all joints."
     return ""
 
 
-def _same_run(verdict: Mapping) -> bool:
-    return dig(verdict, "error", "same_run") is True
-
-
-def _joint_change(verdict: Mapping, joint: int) -> Change | None:
-    wheres = {
-        "moving": f"on joint {joint}, while it moves,",
-        "filtered": f"on joint {joint}",
-        "held_out": f"on joint {joint}",
-    }
-    for metric, where in wheres.items():
-        stages = dig(verdict, "error", metric) or {}
-        at_joint = {
-            stage: values[joint - 1]
-            for stage, values in stages.items()
-            if len(as_list(values)) >= joint > 0
-        }
-        pair = _pair(at_joint)
+def _joint_change(verdict: Verdict, joint: int) -> Change | None:
+    error = verdict.error
+    for stages, where in (
+        (error.moving, f"on joint {joint}, while it moves,"),
+        (error.filtered, f"on joint {joint}"),
+        (error.held_out, f"on joint {joint}"),
+    ):
+        pair = _pair({k: v[joint - 1] for k, v in stages.items() if v is not None})
         if pair:
             return Change(where, *pair)
     return None
 
 
-def _pair(stages: Mapping | None) -> tuple[float, float] | None:
+def _pair(stages: Mapping[str, Number]) -> tuple[float, float] | None:
     """Return (before, after): the refit before, since only it isolates the effect."""
-    stages = stages or {}
     refit, nominal, after = map(stages.get, ("identified", "nominal", "augmented"))
     before = refit if known(refit) else nominal
     if known(before) and known(after):

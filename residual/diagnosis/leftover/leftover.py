@@ -22,6 +22,7 @@ from residual.diagnosis.leftover.curves import (
     curves,
 )
 from residual.diagnosis.leftover.time import Clock, Line, drift_of, line_of
+from residual.diagnosis.result import Dependence
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
 from residual.model.curves import Cloud
@@ -67,34 +68,22 @@ def leftovers(
     return tuple(_of(design, tracks, (fitted, told, memory), j) for j in told.doubted)
 
 
-def depends_on(found: Sequence[Leftover]) -> list[dict]:
-    """Entries of the verdict's `unexplained.depends_on` (docs/verdict.md)."""
+def depends_on(found: Sequence[Leftover]) -> tuple[Dependence, ...]:
+    """What each joint's leftover varies with, the largest share of a joint first."""
     out = []
     for one in found:
-        own = [
-            {
-                "joint": one.joint + 1,
-                "on": c.variable.on,
-                "of": [k + 1 for k in c.variable.of],
-                "form": c.variable.form,
-                "share": c.share,
-                "frequency": None,
-            }
-            for c in one.curves
-        ]
-        own += [
-            {
-                "joint": one.joint + 1,
-                "on": c.on,
-                "of": [],
-                "form": DIRECTION if c.by_direction else PLAIN,
-                "share": c.share,
-                "frequency": c.frequency,
-            }
-            for c in one.clocks
-        ]
-        out += sorted(own, key=lambda entry: -entry["share"])
-    return out
+        joint = one.joint + 1
+        own = []
+        for c in one.curves:
+            of = tuple(k + 1 for k in c.variable.of)
+            own.append(
+                Dependence(joint, c.variable.on, of, c.variable.form, c.share, None)
+            )
+        for c in one.clocks:
+            form = DIRECTION if c.by_direction else PLAIN
+            own.append(Dependence(joint, c.on, (), form, c.share, c.frequency))
+        out += sorted(own, key=lambda entry: -entry.share)
+    return tuple(out)
 
 
 def _of(design: Design, tracks, what, j: int) -> Leftover:

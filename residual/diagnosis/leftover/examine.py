@@ -1,11 +1,11 @@
-"""The leftover of one diagnosis, looked at and corrected, with the sentences on it."""
+"""The leftover of one examined, looked at and corrected, with the sentences on it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.diagnose import Diagnosis
+from residual.diagnosis.examine import Examined
 from residual.diagnosis.leftover.correction import corrected
 from residual.diagnosis.leftover.leftover import Leftover, leftovers
 from residual.evidence.fit import Fit
@@ -24,39 +24,39 @@ class Remains:
         joints: One entry per unexplained joint.
         correction: The model with a statistical correction; None where nothing is
             left, or no joint can be checked.
-        said: Sentences.
+        sentences: Sentences.
     """
 
     joints: tuple[Leftover, ...]
     correction: Corrected | None
-    said: tuple[str, ...]
+    sentences: tuple[str, ...]
 
 
-def look_at_leftovers(diagnosis: Diagnosis, fitted: Fit, augmented: Model) -> Remains:
+def examine_leftover(examined: Examined, fitted: Fit, augmented: Model) -> Remains:
     """Look at what the names leave on the fit logs; nothing held out has a part.
 
     Args:
-        diagnosis: The diagnosis.
+        examined: The diagnosis.
         fitted: Fit of exactly the names that stand.
         augmented: The model made of it.
     """
-    told, tracks = diagnosis.adequacy, diagnosis.logs.tracks
-    found = leftovers(diagnosis.task.design, tracks, fitted, told)
+    told, tracks = examined.adequacy, examined.logs.tracks
+    found = leftovers(examined.task.design, tracks, fitted, told)
     made = corrected(augmented, tracks, found)
-    said = [_helpless(made), shared_source(diagnosis, fitted)]
+    said = [_helpless(made), shared_source(examined, fitted)]
     return Remains(found, made, tuple(s for s in said if s))
 
 
-def shared_source(diagnosis: Diagnosis, fitted: Fit) -> str | None:
+def shared_source(examined: Examined, fitted: Fit) -> str | None:
     """Say so if one principal component holds what several joints keep.
 
     Leftovers are scaled to unit variance and compared on rows where both joints move.
     """
-    joints = list(diagnosis.adequacy.doubted)
+    joints = list(examined.adequacy.doubted)
     if len(joints) < 2:
         return None
-    lines = np.stack([_line(diagnosis, fitted, j) for j in joints])
-    use = np.stack([_used(diagnosis, j) for j in joints])
+    lines = np.stack([_line(examined, fitted, j) for j in joints])
+    use = np.stack([_used(examined, j) for j in joints])
     power = lines**2 @ use.T
     correlation = lines @ lines.T / np.sqrt(np.maximum(power * power.T, 1e-300))
     values, vectors = np.linalg.eigh(correlation)
@@ -82,15 +82,15 @@ def _helpless(made: Corrected | None) -> str | None:
     )
 
 
-def _line(diagnosis: Diagnosis, fitted: Fit, j: int) -> np.ndarray:
+def _line(examined: Examined, fitted: Fit, j: int) -> np.ndarray:
     """Leftover of a joint on the common time line, 0 where it does not move."""
-    design = diagnosis.task.design
+    design = examined.task.design
     left = design.residual(j, fitted.ids, fitted.theta)
     return np.concatenate(design.series(j, left))
 
 
-def _used(diagnosis: Diagnosis, j: int) -> np.ndarray:
-    design = diagnosis.task.design
+def _used(examined: Examined, j: int) -> np.ndarray:
+    design = examined.task.design
     return np.concatenate(design.series(j, np.ones(len(design.target[j]))))
 
 

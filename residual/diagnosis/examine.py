@@ -28,7 +28,7 @@ LARGE = 0.05  # an effect of this share of torque rms shifts model-based feature
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Diagnosis:
+class Examined:
     """What one set of logs says.
 
     Attributes:
@@ -69,9 +69,7 @@ class Diagnosis:
         return _refitted(self, fitted, rough)
 
 
-def diagnose(
-    logs: Logs, nominal: Nominal, rules: Rules, progress: Progress
-) -> Diagnosis:
+def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> Examined:
     """Search, test and flag.
 
     Args:
@@ -107,7 +105,7 @@ def diagnose(
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
     progress("gate", 1.0)
-    return Diagnosis(
+    return Examined(
         logs, nominal, task, selection.wide, plain, fitted, tuple(kept), gone, enough
     )
 
@@ -177,35 +175,35 @@ def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 
-def _refitted(diagnosis: Diagnosis, fitted: Fit, rough: Model) -> Model:
+def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Model:
     """Coefficients that go with a model's standstill and its own torque.
 
     A wide standstill changes friction on slow moving rows too, and features such as
     load friction read the model's torque: both are settled by one more fit.
     """
-    nominal, tracks = diagnosis.nominal, diagnosis.logs.tracks
+    nominal, tracks = examined.nominal, examined.logs.tracks
     base = replace(nominal.model, standstill=rough.standstill)
     states = [rough.observe(t) for t in tracks]
     design = Design(list(zip(tracks, states, strict=True)), base)
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
-    final = fit(design, diagnosis.task.prior, members, fitted.counted, fitted.variance)
+    final = fit(design, examined.task.prior, members, fitted.counted, fitted.variance)
     return as_model(replace(nominal, model=base), final)
 
 
-def without_refuted(diagnosis: Diagnosis, fitted: Fit) -> Diagnosis:
+def without_refuted(examined: Examined, fitted: Fit) -> Examined:
     """The diagnosis with fewer names: what remains is measured anew."""
-    if len(fitted.members) == len(diagnosis.fit.members):
-        return diagnosis
-    fits = diagnosis.plain, fitted
-    design = diagnosis.task.design
-    enough = _adequacy(diagnosis.logs, diagnosis.nominal, design, fits)
-    return replace(diagnosis, fit=fitted, adequacy=enough)
+    if len(fitted.members) == len(examined.fit.members):
+        return examined
+    fits = examined.plain, fitted
+    design = examined.task.design
+    enough = _adequacy(examined.logs, examined.nominal, design, fits)
+    return replace(examined, fit=fitted, adequacy=enough)
 
 
-def refit(diagnosis: Diagnosis, tested: Sequence[Tested]) -> Fit:
+def refit(examined: Examined, tested: Sequence[Tested]) -> Fit:
     """Fit again with some of the names only."""
-    task = diagnosis.task
+    task = examined.task
     members = [t.group for t in tested]
     return task.settle(
-        fit(task.design, task.prior, members, diagnosis.fit.counted, None, rounds=4)
+        fit(task.design, task.prior, members, examined.fit.counted, None, rounds=4)
     )

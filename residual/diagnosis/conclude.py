@@ -1,0 +1,146 @@
+"""From what was found to the verdict: findings, errors and what is left, as one."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.diagnosis.examine import Examined
+from residual.diagnosis.findings import Named
+from residual.diagnosis.held_out import judgement
+from residual.diagnosis.leftover.leftover import Leftover, depends_on
+from residual.diagnosis.result import (
+    STAGES,
+    Detectable,
+    ErrorTables,
+    Evidence,
+    Finding,
+    Number,
+    Parameter,
+    Place,
+    Unexplained,
+    Verdict,
+)
+from residual.model.compare import Errors
+from residual.plain import plain
+
+METRIC = "100*||tau-tau_hat||/||tau||"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Case:
+    """All that a verdict is made of.
+
+    Attributes:
+        examined: What the fit logs say.
+        named: The findings, most important first.
+        gains: Held-out gain of each tested member, by identity.
+        errors: Errors of each model on the held-out logs.
+        held_out: Labels of the held-out logs.
+        same_run: Whether they are a part of a fit log.
+        minimum: Minimum detectable sizes.
+        left: What is known of each unexplained joint.
+        warnings: Sentences.
+        p_value: Chance of so many nats where nothing is missing; None without a null.
+    """
+
+    examined: Examined
+    named: Sequence[Named]
+    gains: Mapping[int, float]
+    errors: Mapping[str, Errors]
+    held_out: Sequence[str]
+    same_run: bool
+    minimum: Sequence[Detectable]
+    left: Sequence[Leftover]
+    warnings: Sequence[str]
+    p_value: Callable[[float], float] | None = None
+
+
+def conclude(case: Case) -> Verdict:
+    """Return the verdict, of plain values: what is not finite is None."""
+    examined = case.examined
+    nothing = "unknown" if len(examined.adequacy.doubted) else "none"
+    return Verdict(
+        robot=examined.logs.robot.name,
+        declared=tuple(examined.nominal.names),
+        verdict="effects" if case.named else nothing,
+        effects=tuple(_finding(f, i, case) for i, f in enumerate(case.named, 1)),
+        minimum_detectable=tuple(case.minimum),
+        unexplained=_unexplained(case),
+        error=_errors(case),
+        nominal_scale=plain(examined.task.prior.scale),
+        next_experiment=None,
+        warnings=tuple(case.warnings),
+    )
+
+
+def _finding(named: Named, order: int, case: Case) -> Finding:
+    single = len(named.tested) == 1
+    gain = float(np.mean([case.gains[id(t)] for t in named.tested]))
+    fits = [t for t in named.tested if t.by == "fit"]
+    parameters = {
+        key: Parameter(*(v[0] if single else v for v in (_row(value), _row(std))), unit)
+        for key, (value, std, unit) in named.parameters.items()
+    }
+    return Finding(
+        name=named.effect.name,
+        joints=named.joints,
+        probability=plain(named.probability),
+        order=order,
+        equivalent=tuple(Place(*other) for other in named.equivalent),
+        parameters=parameters,
+        evidence=Evidence(
+            nats=plain(named.nats),
+            by="fit" if fits else "plausibility",
+            held_out=judgement(gain),
+            held_out_gain=plain(gain),
+            p_value=case.p_value(named.nats) if case.p_value else None,
+        ),
+    )
+
+
+def _unexplained(case: Case) -> Unexplained:
+    a, design = case.examined.adequacy, case.examined.task.design
+    power = design.rows * design.rms**2
+    weight = power / power.sum()
+    kinds = [one.kind for one in case.left if one.kind]
+    return Unexplained(
+        joints=tuple(int(j) + 1 for j in a.doubted),
+        fraction=plain(np.sqrt(weight @ a.structured**2)),
+        noise_floor=plain(np.sqrt(weight @ a.noise**2)),
+        depends_on=depends_on(case.left),
+        kind=max(sorted(set(kinds)), key=kinds.count) if kinds else None,
+        per_joint=_row(a.structured),
+        noise_model="autocorrelation",
+    )
+
+
+def _errors(case: Case) -> ErrorTables:
+    def per_joint(kind: str) -> dict:
+        return {s: _per_joint(case.errors.get(s), kind) for s in STAGES}
+
+    def overall(kind: str) -> dict:
+        every = ((s, case.errors.get(s)) for s in STAGES)
+        return {s: None if e is None else plain(e.overall(kind)) for s, e in every}
+
+    return ErrorTables(
+        metric=METRIC,
+        cutoff_hz=min(t.cutoff for t in case.examined.logs.tracks),
+        logs=tuple(case.held_out),
+        same_run=case.same_run,
+        held_out=per_joint("raw"),
+        filtered=per_joint("filtered"),
+        moving=per_joint("moving"),
+        overall=overall("raw"),
+        overall_filtered=overall("filtered"),
+    )
+
+
+def _per_joint(errors: Errors | None, kind: str) -> tuple[Number, ...] | None:
+    """Errors of every joint; None where there are none, or no such model."""
+    values = None if errors is None else errors.per_joint(kind)
+    return None if values is None or np.isnan(values).all() else _row(values)
+
+
+def _row(values: Sequence[float]) -> tuple[Number, ...]:
+    return tuple(plain(np.asarray(values)))

@@ -1,0 +1,72 @@
+"""Whole verdicts for tests that look at a part of one: the rest is filled in."""
+
+from residual.diagnosis.result import Verdict
+from residual.diagnosis.verdict import from_json
+
+MODELS = ("nominal", "identified", "augmented", "plsr")
+
+
+def whole(part: dict, dof: int = 6) -> dict:
+    """Return the document of a verdict in which what is not given is unknown."""
+    effects = [finding(i, e) for i, e in enumerate(part.get("effects", ()), 1)]
+    return {
+        "schema": 1,
+        "robot": "two_link",
+        "declared": [],
+        "verdict": "effects" if effects else "none",
+        "minimum_detectable": [],
+        "nominal_scale": None,
+        "next_experiment": None,
+        "warnings": [],
+        **part,
+        "effects": effects,
+        "unexplained": unexplained(dof, part.get("unexplained") or {}),
+        "error": errors(part.get("error") or {}),
+    }
+
+
+def typed(part: dict, dof: int = 6) -> Verdict:
+    """Return the verdict of such a document."""
+    return from_json(whole(part, dof))
+
+
+def finding(order: int, part: dict) -> dict:
+    """Return one entry of its effects."""
+    none = dict.fromkeys(("nats", "by", "held_out", "held_out_gain", "p_value"))
+    return {
+        "joints": [],
+        "probability": None,
+        "order": order,
+        "equivalent": [],
+        "parameters": {},
+        **part,
+        "evidence": none | part.get("evidence", {}),
+    }
+
+
+def unexplained(dof: int, part: dict) -> dict:
+    """Return what is left."""
+    return {
+        "joints": [],
+        "fraction": None,
+        "noise_floor": None,
+        "depends_on": [],
+        "kind": None,
+        "per_joint": [None] * dof,
+        "noise_model": None,
+        **part,
+    }
+
+
+def errors(part: dict) -> dict:
+    """Return the proof; a model that is not given has no errors."""
+    none = dict.fromkeys(MODELS)
+    tables = ("held_out", "filtered", "moving", "overall", "overall_filtered")
+    return {
+        "metric": "100*||tau-tau_hat||/||tau||",
+        "filter": {"cutoff_hz": None},
+        "logs": [],
+        "same_run": False,
+        **part,
+        **{name: none | (part.get(name) or {}) for name in tables},
+    }
