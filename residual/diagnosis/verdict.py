@@ -77,7 +77,7 @@ def from_json(document: Mapping) -> Verdict:
             next_experiment=document["next_experiment"],
             warnings=tuple(document["warnings"]),
         )
-    except (KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {error!r}.") from error
 
 

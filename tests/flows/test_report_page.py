@@ -162,7 +162,8 @@ def paths(value: object, path: tuple = ()) -> Iterator[tuple]:
     for key, one in inner:
         own = (*path, key)
         whole = one and path[:1] == ("error",) and isinstance(one, list)
-        if isinstance(one, float) or whole or key in MAY_BE_NULL:
+        null = key in MAY_BE_NULL and path != ("error",)
+        if isinstance(one, float) or whole or null:
             yield own
         if isinstance(one, dict | list):
             yield from paths(one, own)
