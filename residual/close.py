@@ -11,7 +11,6 @@ from residual.diagnosis.angle_noise import drop_noise, noise_notes
 from residual.diagnosis.baseline import from_baseline
 from residual.diagnosis.clouds import clouds
 from residual.diagnosis.conclude import Case, conclude
-from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.examine import Examined, Progress, examine, without_refuted
 from residual.diagnosis.findings import findings
 from residual.diagnosis.held_out import judge_held_out, three_models, unproven
@@ -22,7 +21,6 @@ from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.search import Rules
 from residual.diagnosis.warnings import signal_notes, warnings
 from residual.errors import InputError
-from residual.evidence.priors import priors
 from residual.model.compare import compare, prepare_held_out
 from residual.model.fit_logs import ready, start_nominal
 from residual.model.nominal import declared_names
@@ -104,30 +102,26 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
     errors, proofs = compare(models, proof, examined.logs.filters)
     named = findings(examined, judged.fit, tested, checks)
     by_chance, by_rule = null_sentences(asked.null, Rules().threshold)
-    every = priors(examined.task.design, examined.nominal)
-    verdict = conclude(
-        Case(
-            examined=examined,
-            named=named,
-            gains={id(t): g for t, g in judged.kept},
-            errors=errors,
-            held_out=[r.id for r in asked.held_out],
-            same_run=asked.same_run,
-            minimum=minimum_detectable(examined.task, judged.fit, every),
-            left=left.joints,
-            p_value=asked.null.p_value if asked.null else None,
-            warnings=[
-                *warnings(examined, judged, asked.same_run, noise),
-                *by_chance,
-                *unproven(examined, errors["augmented"]),
-                *left.sentences,
-            ],
-        )
+    qualified = [
+        *warnings(examined, judged, asked.same_run, noise),
+        *by_chance,
+        *unproven(examined, errors["augmented"]),
+        *left.sentences,
+    ]
+    case = Case(
+        examined=examined,
+        named=named,
+        judged=judged,
+        errors=errors,
+        held_out=[r.id for r in asked.held_out],
+        same_run=asked.same_run,
+        left=left.joints,
+        warnings=qualified,
+        p_value=asked.null.p_value if asked.null else None,
     )
-    asked.tell("proof", 0.8)
     notes = signal_notes(examined, asked.fit, models["augmented"])
     return Diagnosis(
-        verdict=verdict,
+        verdict=conclude(case),
         models=models,
         proofs=proofs,
         clouds=clouds(examined, judged.fit, named),

@@ -2,39 +2,10 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
 from typing import Any, TypeGuard
 
 MISSING = "–"
 _SUPERSCRIPT = {"2": "²", "3": "³"}
-
-
-def dig(record: Any, *keys: str) -> Any:
-    """Return a nested value, or None where any step of the way is missing."""
-    for key in keys:
-        if not isinstance(record, Mapping):
-            return None
-        record = record.get(key)
-    return record
-
-
-def as_list(value: Any) -> list:
-    """Return a list of values; a single one becomes a list, None an empty one."""
-    if value is None:
-        return []
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return list(value)
-    return [value]
-
-
-def texts(value: Any) -> list[str]:
-    """Return what a list says, as text, without its nulls."""
-    return [str(item) for item in as_list(value) if item is not None]
-
-
-def records(value: Any) -> list[Mapping]:
-    """Return the records of a list, without its nulls."""
-    return [item for item in as_list(value) if isinstance(item, Mapping)]
 
 
 def known(value: Any) -> TypeGuard[float]:

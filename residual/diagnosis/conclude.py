@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named
-from residual.diagnosis.held_out import judgement
+from residual.diagnosis.held_out import Verdicts, judgement
 from residual.diagnosis.leftover.leftover import Leftover, depends_on
 from residual.diagnosis.result import (
     STAGES,
-    Detectable,
     ErrorTables,
     Evidence,
     Finding,
@@ -21,6 +21,7 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
+from residual.evidence.priors import priors
 from residual.model.compare import Errors
 from residual.plain import plain
 
@@ -34,11 +35,10 @@ class Case:
     Attributes:
         examined: What the fit logs say.
         named: The findings, most important first.
-        gains: Held-out gain of each tested member, by identity.
+        judged: What the held-out logs say of each tested member.
         errors: Errors of each model on the held-out logs.
         held_out: Labels of the held-out logs.
         same_run: Whether they are a part of a fit log.
-        minimum: Minimum detectable sizes.
         left: What is known of each unexplained joint.
         warnings: Sentences.
         p_value: Chance of so many nats where nothing is missing; None without a null.
@@ -46,11 +46,10 @@ class Case:
 
     examined: Examined
     named: Sequence[Named]
-    gains: Mapping[int, float]
+    judged: Verdicts
     errors: Mapping[str, Errors]
     held_out: Sequence[str]
     same_run: bool
-    minimum: Sequence[Detectable]
     left: Sequence[Leftover]
     warnings: Sequence[str]
     p_value: Callable[[float], float] | None = None
@@ -59,13 +58,16 @@ class Case:
 def conclude(case: Case) -> Verdict:
     """Return the verdict, of plain values: what is not finite is None."""
     examined = case.examined
+    every = priors(examined.task.design, examined.nominal)
     nothing = "unknown" if len(examined.adequacy.doubted) else "none"
     return Verdict(
         robot=examined.logs.robot.name,
         declared=tuple(examined.nominal.names),
         verdict="effects" if case.named else nothing,
         effects=tuple(_finding(f, i, case) for i, f in enumerate(case.named, 1)),
-        minimum_detectable=tuple(case.minimum),
+        minimum_detectable=tuple(
+            minimum_detectable(examined.task, case.judged.fit, every)
+        ),
         unexplained=_unexplained(case),
         error=_errors(case),
         nominal_scale=plain(examined.task.prior.scale),
@@ -76,7 +78,8 @@ def conclude(case: Case) -> Verdict:
 
 def _finding(named: Named, order: int, case: Case) -> Finding:
     single = len(named.tested) == 1
-    gain = float(np.mean([case.gains[id(t)] for t in named.tested]))
+    gains = {id(t): gain for t, gain in case.judged.kept}
+    gain = float(np.mean([gains[id(t)] for t in named.tested]))
     fits = [t for t in named.tested if t.by == "fit"]
     parameters = {
         key: Parameter(*(v[0] if single else v for v in (_row(value), _row(std))), unit)

@@ -104,10 +104,7 @@ class Finding:
     @property
     def where(self) -> str:
         """Name and joints: 'payload on joint 6'."""
-        if not self.joints:
-            return self.name
-        many = "s" if len(self.joints) > 1 else ""
-        return f"{self.name} on joint{many} {', '.join(map(str, self.joints))}"
+        return self.name + _on(self.joints)
 
     def __repr__(self) -> str:
         known = ", ".join(f"{k} {v}" for k, v in self.parameters.items())
@@ -120,8 +117,7 @@ class Detectable:
 
     Attributes:
         name, joints: The effect and where, joints from 1.
-        value: The size.
-        unit: Its unit.
+        value, unit: The size.
         confusable: What these logs would not tell from it at three times that size.
     """
 
@@ -159,8 +155,7 @@ class Unexplained:
 
     Attributes:
         joints: Joints from 1 on which more than noise remains.
-        fraction: Of the torque, that nothing explains.
-        noise_floor: Of the torque, that is noise.
+        fraction, noise_floor: Of the torque, that nothing explains; that is noise.
         depends_on: What the remainder of these joints varies with.
         kind: "repeatable", "time-driven", or None.
         per_joint: Fraction of every joint.
@@ -181,8 +176,7 @@ class ErrorTables:
     """Errors of the models on held-out logs [%], by name of the model.
 
     Attributes:
-        metric: Their formula.
-        cutoff_hz: Of the identification filter.
+        metric, cutoff_hz: Their formula; of the identification filter.
         logs: What was held out.
         same_run: Whether it is a part of a fit log.
         held_out, filtered, moving: Of every joint: as logged, both sides filtered, the
@@ -235,22 +229,17 @@ class Verdict:
         return len(self.unexplained.per_joint)
 
     def __str__(self) -> str:
-        before, after = map(
-            self.error.overall_filtered.get, ("identified", "augmented")
-        )
+        errors = self.error.overall_filtered
+        before, after = (percent(errors[k]) for k in ("identified", "augmented"))
+        said = "nothing found" if self.verdict == "none" else "something without a name"
         if self.effects:
-            named = ", ".join(f.where for f in self.effects)
             sure = [f.probability for f in self.effects if f.probability is not None]
-            if sure:
-                named += f", p {_odds(min(sure))}"
-            error = f"{percent(before)} -> {percent(after)}"
-        else:
-            named, error = "nothing found", percent(before)
-        left = self.unexplained.joints
-        if self.verdict == "unknown":
-            named = "something without a name on joint"
-            named += f"{'s' if len(left) > 1 else ''} {', '.join(map(str, left))}"
-        return f"{self.robot}: {named}; held-out {error}"
+            odds = [f"p {_odds(min(sure))}"] if sure else []
+            said = ", ".join([*(f.where for f in self.effects), *odds])
+        elif self.verdict == "unknown":
+            said += _on(self.unexplained.joints)
+        held_out = f"{before} -> {after}" if self.effects else before
+        return f"{self.robot}: {said}; held-out {held_out}"
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
@@ -293,17 +282,17 @@ class Diagnosis:
         return self.verdict.unexplained
 
     @property
-    def minimum_detectable(self) -> tuple[Detectable, ...]:
-        """Sizes that would have been found."""
-        return self.verdict.minimum_detectable
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences that qualify the answer."""
         return self.verdict.warnings
 
     def __repr__(self) -> str:
         return f"Diagnosis({self.verdict})"
+
+
+def _on(joints: tuple[int, ...]) -> str:
+    many = "s" if len(joints) > 1 else ""
+    return f" on joint{many} {', '.join(map(str, joints))}" if joints else ""
 
 
 def _odds(value: float) -> str:

@@ -1,5 +1,7 @@
 """What a verdict is worth beside the truth, case by case."""
 
+from dataclasses import replace
+
 import pytest
 
 from flows.blind.draw import Asked, drafts
@@ -8,6 +10,7 @@ from flows.blind.row import case_row, estimate
 from flows.blind.score import Name, members, score
 from flows.blind.size import Hidden, draw_sized, measured
 from flows.blind.sums import summary
+from residual.diagnosis.result import Detectable
 from residual.effects import registry
 from residual.errors import InputError
 from residual.robot.robot import load_robot
@@ -184,14 +187,11 @@ def test_every_effect_that_is_looked_for_is_drawn_and_no_fault_of_a_sensor():
 
 def test_a_size_is_so_many_times_detectable_but_never_more_than_an_arm_has():
     robot = load_robot("irb140")
-    minimum = [
-        {"name": "position_friction", "joints": [j], "value": 0.1, "unit": "N m"}
-        for j in range(1, 7)
-    ]
+    minimum = [Detectable("position_friction", (j,), 0.1, "N m") for j in range(1, 7)]
     wish = ("position_friction", 3.0)
     one = draw_sized(robot, stream(4, "t"), *wish, minimum)
     assert measured(one, minimum, robot, None).multiple == pytest.approx(3.0)
-    huge = [{**m, "value": 1e3} for m in minimum]
+    huge = [replace(m, value=1e3) for m in minimum]
     capped = measured(draw_sized(robot, stream(4, "t"), *wish, huge), huge, robot, None)
     assert capped.multiple < 0.1
     unknown = draw_sized(robot, stream(4, "t"), "saturation", 3.0, minimum)
