@@ -502,7 +502,7 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
     ],
 )
 def test_the_word_for_a_gain(gain, word):
-    assert holdout.word(gain) == word
+    assert holdout.judgement(gain) == word
 
 
 def test_every_name_ends_among_the_kept_the_refuted_or_the_dropped(monkeypatch):

@@ -61,7 +61,7 @@ def test_the_diagnosis_is_no_part_of_our_plant():
     names = {p.relative_to(ROOT).as_posix() for p in plant_files()}
     assert {"sim/__init__.py", "residual/__init__.py"} <= names
     assert not {n for n in names if n.startswith(("residual/effects", "flows"))}
-    assert "residual/diagnosis/diagnose.py" not in names
+    assert "residual/diagnosis/examine.py" not in names
 
 
 def test_code_and_environment_are_named():
