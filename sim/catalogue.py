@@ -12,8 +12,7 @@ from residual.names import check_keys, check_name
 from residual.robot.robot import Robot
 from sim.effects import registry
 from sim.effects.base import Effect, Joints, OfDrive
-from sim.records import PlantEffect
-from sim.synthetic.state import Hidden
+from sim.records import Hidden, PlantEffect
 
 
 class Acting(NamedTuple):

@@ -5,10 +5,9 @@ from residual.names import check_name
 from residual.robot.robot import Robot
 from sim.catalogue import kinds, vocabulary
 from sim.effects.base import Effect, Here, Joints, Rng
-from sim.records import PlantEffect, Sizes
+from sim.records import Hidden, PlantEffect, Sizes
 from sim.synthetic.room import room
 from sim.synthetic.sizes import sizes
-from sim.synthetic.state import Hidden
 
 
 def draw_hidden(

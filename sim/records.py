@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -65,6 +66,23 @@ class PlantEffect:
     onset: float = 0.0
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Hidden:
+    """An effect that the arm has and its model may lack, from the beginning.
+
+    Attributes:
+        name: Name of the effect; those out of the vocabulary begin with "x_".
+        joints: Joints that have it, from 1.
+        parameters: SI values; an array has one entry per joint.
+    """
+
+    onset: ClassVar[float] = 0.0
+
+    name: str
+    joints: tuple[int, ...]
+    parameters: Mapping[str, float | Array]
+
+
 @dataclass(frozen=True, slots=True)
 class Rates:
     """Rates of the controller and of the log; control a whole multiple of log [Hz]."""
@@ -104,6 +122,20 @@ class PlantSpec:
     noise: Noise = Noise()
     seed: int = 0
     salt: str = ""
+
+
+class Drives(NamedTuple):
+    """What is known of the friction and rotors of an arm, per joint. Shapes (dof,).
+
+    Attributes:
+        coulomb: Dry friction [N m].
+        viscous: Viscosity [N m s/rad].
+        rotor: Rotor inertia at the joint [kg m^2].
+    """
+
+    coulomb: Array
+    viscous: Array
+    rotor: Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)

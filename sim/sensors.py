@@ -4,10 +4,10 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.catalogue import acting
 from sim.plant import tables as at
-from sim.plant.sensor_faults import hold_frozen
+from sim.plant.signal_faults import hold_frozen
 from sim.plant.stepping import Trace
 from sim.records import Noise, PlantEffect, Rates, Reference
-from sim.synthetic.seeds import stream
+from sim.streams import stream
 from sim.synthetic.sensors import WHITE_TORQUE, encoder, reported, torque_noise
 from sim.synthetic.sizes import sizes
 

@@ -10,13 +10,28 @@ import hashlib
 import numpy as np
 
 from sim.records import Reference
-from sim.synthetic.seeds import stream
-
-__all__ = ["HIDDEN", "NAMES", "motion_label", "stream"]
 
 HIDDEN = "hidden"
 # What a manifest lists: the streams that one experiment draws from.
 NAMES = ("scatter", "friction", "encoder", "torque", "effect")
+
+
+def stream(seed: int, name: str) -> np.random.Generator:
+    """Return the random stream of that name.
+
+    Streams of different names are independent; drawing more from one, or adding
+    another, changes nothing in the rest.
+
+    Args:
+        seed: Seed of the whole experiment, 0 or more.
+        name: What the stream is for, such as "encoder/fit_1".
+
+    Returns:
+        A fresh generator at the start of the stream.
+    """
+    digest = hashlib.sha256(name.encode()).digest()
+    entropy = [seed, int.from_bytes(digest[:8], "little")]
+    return np.random.default_rng(np.random.SeedSequence(entropy))
 
 
 def motion_label(reference: Reference, start: float) -> str:

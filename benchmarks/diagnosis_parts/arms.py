@@ -12,14 +12,13 @@ from flows.blind.row import true_parameters
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.catalogue import forms, kinds
-from sim.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
+from sim.records import Hidden, Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
+from sim.streams import stream
 from sim.synthetic.motion import make_motion
 from sim.synthetic.plant import Plant, true_friction, true_torque
 from sim.synthetic.room import room
-from sim.synthetic.seeds import stream
 from sim.synthetic.sensors import encoder, torque_noise
 from sim.synthetic.sizes import sizes
-from sim.synthetic.state import Hidden
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 RATE, PAUSE = 250.0, 10.0  # Hz, s

@@ -16,7 +16,7 @@ from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
 from sim.catalogue import forms, kinds, unnamed
 from sim.records import PlantEffect
-from sim.synthetic.seeds import stream
+from sim.streams import stream
 
 BENCHES = 10  # excitations that all cases of one run share
 # Every fifth draw of an effect is an arm in the physics engine.

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.figures import Figures, figure
 from residual.robot.robot import load_robot
 from sim.records import TrajectorySpec
-from sim.synthetic.seeds import stream
+from sim.streams import stream
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import excitation
 from sim.trajectories.fourier import arena, draw, sampled

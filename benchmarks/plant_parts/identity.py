@@ -8,6 +8,7 @@ import pinocchio as pin
 from benchmarks.figures import Figures, figure
 from benchmarks.plant_parts.runs import ROBOT, drawn, drive, reference
 from sim.catalogue import kinds
+from sim.effects.base import Moving
 from sim.engine.bullet import World
 from sim.plant import tables as at
 from sim.plant.arm import Phase, build_arm, new_state, phases
@@ -92,7 +93,7 @@ def _step(
     hold = pin.rnea(model, data, q, qd, zero)
     now[at.DRIVE] += hold
     body = np.vstack([pin.crba(model, data, q), hold])
-    outside = sum(pushed(phase, data, q, qd).values(), start=zero)
+    outside = sum(pushed(phase, Moving(model, data, q, qd)).values(), start=zero)
     world.reset(q, qd)
     link = advance(k, body, outside, packed, state, rows)
     world.step(link)

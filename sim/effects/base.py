@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -70,6 +70,22 @@ class Here:
     rotor: float
     centre: float
     amplitude: float
+
+
+class Moving(NamedTuple):
+    """The arm in the physics engine at one step.
+
+    Attributes:
+        model: Its rigid body.
+        data: Of Pinocchio, for that state.
+        q: Positions [rad]. Shape (dof,).
+        qd: Velocities [rad/s]. Shape (dof,).
+    """
+
+    model: pin.Model
+    data: pin.Data
+    q: Array
+    qd: Array
 
 
 def any_joint(rng: Rng, dof: int, usual: Sizes) -> int:
@@ -147,8 +163,8 @@ class Effect:
         torque: (p, joints) -> kind and numbers of a row of torque, on each joint, of a
             pair on the first.
         series: (p, t, rng) -> torque over the whole motion on one joint. Shape (n,).
-        push: (p, model, data, q, qd) -> torque from outside on all joints, at every
-            step [N m]. Shape (dof,).
+        push: (p, moving arm) -> torque that moves the joints, at every step [N m]; its
+            own ones count, of a global effect all. Shape (dof,).
         compliance: p -> of a spring between motor and link [rad/(N m)].
         gap: p -> half of the play between them [rad].
         begins: p -> share of the motion after which it acts.
@@ -188,7 +204,7 @@ class Effect:
     gear: Callable[[Values], tuple[float, float, float, float]] | None = None
     torque: Callable[[Values, Joints], Sequence[float]] | None = None
     series: Callable[[Values, Array, Rng], Array] | None = None
-    push: Callable[[Values, pin.Model, pin.Data, Array, Array], Array] | None = None
+    push: Callable[[Values, Moving], Array] | None = None
     compliance: Callable[[Values], float] | None = None
     gap: Callable[[Values], float] | None = None
     begins: Callable[[Values], float] | None = None

@@ -4,17 +4,18 @@ import numpy as np
 import pinocchio as pin
 
 from residual.robot.dynamics import flange_frame, flange_placement
-from sim.effects.base import Array, Effect, Here, Rng, Values
+from sim.effects.base import Array, Effect, Here, Moving, Rng, Values
 
 
 def _force(p: Values) -> Array:
     return np.array([p[axis] for axis in "xyz"])
 
 
-def _push(p, model, data, q, qd):
+def _push(p: Values, arm: Moving) -> Array:
     """Return J' force."""
+    frame = flange_frame(arm.model)
     jacobian = pin.computeFrameJacobian(
-        model, data, q, flange_frame(model), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        arm.model, arm.data, arm.q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     )
     return jacobian[:3].T @ _force(p)
 

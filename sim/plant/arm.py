@@ -10,17 +10,21 @@ from residual.errors import InputError
 from residual.robot.robot import Robot
 from sim import kinds
 from sim.catalogue import Acting, acting, changed, check_effect
-from sim.plant.controller import Maker, maker_of
+from sim.plant.controller import maker_of
 from sim.plant.rows import contacts_of, friction_rows, shared, torque_rows
-from sim.plant.sensor_faults import EncoderFaults, encoder_faults
-from sim.plant.signal_faults import encoder_errors, torque_constants
+from sim.plant.signal_faults import (
+    EncoderFaults,
+    encoder_errors,
+    encoder_faults,
+    torque_constants,
+)
 from sim.plant.tables import Constants, State
 from sim.plant.thermal import warmth_at
 from sim.plant.transmission import series_spring
-from sim.records import PlantEffect, PlantSpec
+from sim.records import Drives, PlantEffect, PlantSpec
+from sim.streams import stream
 from sim.synthetic.body import scatter
 from sim.synthetic.room import room
-from sim.synthetic.seeds import stream
 
 Array = np.ndarray
 
@@ -41,7 +45,7 @@ class Arm:
     robot: Robot
     effects: tuple[PlantEffect, ...]
     model: pin.Model
-    base: Maker
+    base: Drives
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -78,7 +82,7 @@ def build_arm(robot: Robot, plant: PlantSpec) -> Arm:
         check_effect(effect, robot)
     rng = stream(plant.seed, "friction")
     factors = 1.0 + plant.scatter * rng.normal(size=(3, robot.dof))
-    base = Maker(
+    base = Drives(
         *(f * value for f, value in zip(factors, maker_of(robot), strict=True))
     )
     model = scatter(robot.model, plant.scatter, stream(plant.seed, "scatter"))

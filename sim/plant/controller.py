@@ -6,14 +6,14 @@ a_q = qdd* - Kp (q - q*) - Kd (qd - qd*)                       (paper eq. 9)
 The paper prints the inverse of M in eq. 8; it must be M.
 """
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from residual.robot.robot import Robot
 from sim.plant.compiled import compiled
-from sim.records import Reference
+from sim.records import Drives, Reference
 from sim.synthetic.sizes import sizes
 
 Array = np.ndarray
@@ -21,20 +21,6 @@ Array = np.ndarray
 # Critically damped at 30 rad/s: poles of eq. 10.
 KP, KD = 900.0, 60.0  # 1/s^2, 1/s
 _SOFT = 0.05  # rad/s: over which the controller turns its dry friction
-
-
-class Maker(NamedTuple):
-    """What the maker knows of friction and rotors, per joint. Shapes (dof,).
-
-    Attributes:
-        coulomb: Dry friction [N m].
-        viscous: Viscosity [N m s/rad].
-        rotor: Rotor inertia at the joint [kg m^2].
-    """
-
-    coulomb: Array
-    viscous: Array
-    rotor: Array
 
 
 class Controller(Protocol):
@@ -45,10 +31,10 @@ class Controller(Protocol):
         ...
 
 
-def maker_of(robot: Robot) -> Maker:
+def maker_of(robot: Robot) -> Drives:
     """Return what the robot declares, or what arms like it have: a maker knows."""
     usual = sizes(robot)
-    return Maker(usual.coulomb, usual.viscous, usual.rotor)
+    return Drives(usual.coulomb, usual.viscous, usual.rotor)
 
 
 class ComputedTorque:

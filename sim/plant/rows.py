@@ -7,10 +7,9 @@ import numpy as np
 from sim import kinds
 from sim.catalogue import Acting, acting
 from sim.plant import tables as at
-from sim.plant.controller import Maker
 from sim.plant.thermal import SLOW
-from sim.records import PlantEffect
-from sim.synthetic.seeds import stream
+from sim.records import Drives, PlantEffect
+from sim.streams import stream
 
 Array = np.ndarray
 Effects = Sequence[PlantEffect]
@@ -42,7 +41,7 @@ def shared(effects: Effects) -> list[tuple[int, Acting]]:
     return [(i, e) for i, e in enumerate(acting(effects)) if e.what.gear]
 
 
-def friction_rows(base: Maker, effects: Effects, active: Sequence[int]) -> Array:
+def friction_rows(base: Drives, effects: Effects, active: Sequence[int]) -> Array:
     """Return the rows of friction that act. Shape (f, WIDTH)."""
     dof, hidden = len(base.coulomb), acting(effects)
     rows = []

@@ -8,6 +8,7 @@ import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from residual.errors import ModelgapError
+from sim.effects.base import Moving
 from sim.engine.bullet import World
 from sim.plant import tables as at
 from sim.plant.arm import Arm, Phase, new_state, phases
@@ -157,7 +158,7 @@ def _run(phase: Phase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
             body[:dof] = pin.crba(model, data, q)
             body[dof] = pin.rnea(model, data, q, qd, still)
             if phase.pushes:
-                torques = pushed(phase, data, q, qd)
+                torques = pushed(phase, Moving(model, data, q, qd))
                 for name, torque in torques.items():
                     now[at.CHANNELS + run.channels.index(name)] = -torque
                 outside = np.sum(list(torques.values()), axis=0)
@@ -166,11 +167,13 @@ def _run(phase: Phase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
     return q, qd
 
 
-def pushed(phase: Phase, data: pin.Data, q: Array, qd: Array) -> dict[str, Array]:
+def pushed(phase: Phase, arm: Moving) -> dict[str, Array]:
     """Return the torque from outside on the links, by effect [N m]. Shapes (dof,)."""
     out: dict[str, Array] = {}
-    for what, p, *_ in phase.pushes:
-        torque = what.push(p, phase.model, data, q, qd)
+    for what, p, joints, _ in phase.pushes:
+        torque = what.push(p, arm)
+        if joints:
+            torque = np.where(np.isin(np.arange(len(arm.q)), joints), torque, 0.0)
         out[what.name] = out[what.name] + torque if what.name in out else torque
     return out
 

@@ -12,9 +12,9 @@ import numpy as np
 from residual.recording import Recording
 from residual.robot.robot import load_robot
 from sim.draw import draw
+from sim.streams import stream
 from sim.synthetic.logs import LogPlan, make
 from sim.synthetic.plant import Plant
-from sim.synthetic.seeds import stream
 
 _RATE = 125.0  # Hz: enough for a demonstration, half the size
 _PLAN = (

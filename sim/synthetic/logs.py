@@ -6,13 +6,13 @@ from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.catalogue import kinds, of_drives
 from sim.draw import draw
+from sim.records import Hidden
+from sim.streams import stream
 from sim.synthetic.motion import make_motion
 from sim.synthetic.plant import Plant, true_friction, true_torque
 from sim.synthetic.room import room
-from sim.synthetic.seeds import stream
 from sim.synthetic.sensors import encoder, torque_noise
 from sim.synthetic.sizes import sizes
-from sim.synthetic.state import Hidden
 
 RATE = 250.0  # Hz
 DURATION = 20.0  # s

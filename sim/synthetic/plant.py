@@ -12,12 +12,12 @@ from residual.robot.robot import Robot
 from sim.catalogue import Acting, acting, changed
 from sim.effects._bristle import deflection
 from sim.effects.base import State
+from sim.records import Hidden
+from sim.streams import stream
 from sim.synthetic.body import scatter
 from sim.synthetic.motion import Motion
-from sim.synthetic.seeds import stream
 from sim.synthetic.sensors import reported
 from sim.synthetic.sizes import sizes
-from sim.synthetic.state import Hidden
 
 Array = np.ndarray
 

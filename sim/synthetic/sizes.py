@@ -7,8 +7,8 @@ from residual.robot.robot import Robot
 from sim.catalogue import of_drives
 from sim.effects.base import Effect
 from sim.records import Sizes
+from sim.streams import stream
 from sim.synthetic.room import room
-from sim.synthetic.seeds import stream
 
 Array = np.ndarray
 

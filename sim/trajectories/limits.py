@@ -12,6 +12,7 @@ from residual.errors import InputError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
 from sim.catalogue import of_drives
+from sim.records import Drives
 from sim.synthetic.room import room
 from sim.synthetic.sizes import declared
 
@@ -86,26 +87,11 @@ def plan_limits(robot: Robot) -> Limits:
     return Limits(space.lower, space.upper, velocity, acceleration, torque)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Friction:
-    """What the nominal model declares beside the rigid body; zero where nothing.
-
-    Attributes:
-        coulomb: Level [N m]. Shape (dof,).
-        viscous: Coefficient [N m s/rad]. Shape (dof,).
-        rotor: Rotor inertia at the joint [kg m^2]. Shape (dof,).
-    """
-
-    coulomb: Array
-    viscous: Array
-    rotor: Array
-
-
-def declared_friction(robot: Robot) -> Friction:
-    """Return the friction and rotors that a robot declares with values."""
+def declared_friction(robot: Robot) -> Drives:
+    """Return what a robot declares with values; zero where nothing."""
     nothing = np.zeros(robot.dof)
     known = {e.of_drive: declared(robot, e, nothing) for e in of_drives()}
-    return Friction(**known)
+    return Drives(**known)
 
 
 def smooth_torque(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:

@@ -12,10 +12,11 @@ import numpy as np
 from residual.robot.base_parameters import base_columns
 from residual.robot.dynamics import inertial_parameters, regressor
 from sim.engine.clearance import MARGIN, clearances
+from sim.records import Drives
 from sim.synthetic.series import Series
 from sim.trajectories.excitation import cost
 from sim.trajectories.fourier import FREE, Arena, harmonics, sampled
-from sim.trajectories.limits import Friction, declared_friction
+from sim.trajectories.limits import declared_friction
 
 Array = np.ndarray
 
@@ -38,7 +39,7 @@ class Problem:
     place: Arena
     columns: Array
     parameters: Array
-    friction: Friction
+    friction: Drives
     basis: tuple[Array, Array, Array]  # q, qd, qdd per coefficient, (samples, FREE)
 
     def series(self, x: Array) -> Series:

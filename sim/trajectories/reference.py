@@ -9,7 +9,7 @@ from residual.errors import InputError
 from residual.names import check_name
 from residual.robot.robot import Robot
 from sim.records import Reference, TrajectorySpec
-from sim.synthetic.seeds import stream
+from sim.streams import stream
 from sim.trajectories.cyclic import RAMP, plan_cyclic
 from sim.trajectories.fourier import arena, draw, sampled
 from sim.trajectories.move_stop_move import plan_move_stop_move

@@ -21,10 +21,10 @@ from residual.robot.robot import Robot, load_robot
 from residual.signals.split import session_clock
 from residual.signals.track import Filters
 from sim.draw import draw
+from sim.records import Hidden
+from sim.streams import stream
 from sim.synthetic.logs import CHANGES, Case, LogPlan, make
 from sim.synthetic.plant import Plant
-from sim.synthetic.seeds import stream
-from sim.synthetic.state import Hidden
 
 Y, Z = "0 1 0", "0 0 1"
 TWO = (Y, Y)

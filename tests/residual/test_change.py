@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim.records import Hidden
 from sim.synthetic.body import scatter
-from sim.synthetic.state import Hidden
 from tests.residual.arms import arm, doubts, short_case
 
 ROUGH = 0.2

@@ -13,7 +13,7 @@ from residual.errors import InputError
 from residual.evidence.colour import LONGEST, autocovariance, coloured
 from residual.null.draws import block, loudest, retold
 from residual.null.source import null_recordings, redrawn, source
-from sim.synthetic.state import Hidden
+from sim.records import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
 from tests.residual.linear import DOF, Problem, every_group
 

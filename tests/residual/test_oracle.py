@@ -6,9 +6,9 @@ from residual.close import close_the_loop
 from residual.diagnosis.oracle import oracle
 from residual.errors import UnknownNameError
 from residual.robot.robot import load_robot
+from sim.records import Hidden
 from sim.synthetic.logs import LogPlan, make
 from sim.synthetic.plant import Plant
-from sim.synthetic.state import Hidden
 
 PLAN = (
     LogPlan("one", "fit", "fourier", 12.0, 125.0),

@@ -8,7 +8,7 @@ goes right over many draws is the matter of benchmarks/logs.py.
 import numpy as np
 import pytest
 
-from sim.synthetic.state import Hidden
+from sim.records import Hidden
 from tests.residual.arms import (
     arm,
     bare_irb140,

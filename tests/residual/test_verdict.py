@@ -11,7 +11,7 @@ from residual.close import close_the_loop
 from residual.diagnosis.verdict import from_json, to_json
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
-from sim.synthetic.state import Hidden
+from sim.records import Hidden
 from tests.residual.arms import (
     SEVEN,
     arm,

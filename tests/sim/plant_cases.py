@@ -7,9 +7,9 @@ from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
 from sim.plant.stepping import simulate
 from sim.records import PlantEffect, PlantSpec, Reference
+from sim.streams import stream
 from sim.synthetic.motion import make_motion
 from sim.synthetic.room import room
-from sim.synthetic.seeds import stream
 
 ROBOT = load_robot("irb140")
 NOMINAL_ARM = {"scatter": 0.0}

@@ -1,5 +1,6 @@
 """What an arm may hide is one file in sim/effects, and nothing else knows its name."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -13,33 +14,24 @@ from sim.catalogue import check_effect, kinds, of_drives, vocabulary
 from sim.draw import draw, draw_hidden, usual_effects
 from sim.effects import registry
 from sim.experiment import run_experiment
-from sim.records import Noise, PlantSpec
+from sim.records import Hidden, Noise, PlantSpec
+from sim.streams import stream
 from sim.synthetic.motion import make_motion
 from sim.synthetic.plant import Plant, true_torque
 from sim.synthetic.room import room
-from sim.synthetic.seeds import stream
-from sim.synthetic.state import Hidden
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent
-CREAKING = """
-from sim.effects.base import Effect
-
-EFFECT = Effect(
-    name="creaking",
-    parameters={"level": "N m"},
-    amount=("level",),
-    usual=lambda rng, here: {"level": rng.uniform(0.1, 0.2) * here.torque},
-    push=lambda p, model, data, q, qd: -p["level"] * q**3,
-    law=lambda state, p: p["level"] * state.q**3,
-)
-"""
+PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
+SIZE = 4.0  # N m s/rad^2
 
 
 @pytest.fixture
 def creaking(tmp_path, monkeypatch):
-    """An effect that was dropped into the folder."""
-    (tmp_path / "creaking.py").write_text(CREAKING)
+    """The second file of the page's example, dropped into the folder."""
+    section = PAGE.read_text(encoding="utf-8").split("## A new effect")[1]
+    _, code = re.findall(r"```python\n(.*?)```", section, re.S)
+    (tmp_path / "creaking.py").write_text(code, encoding="utf-8")
     monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
     registry.cache_clear()
     yield "creaking"
@@ -66,16 +58,17 @@ def test_one_new_file_is_an_effect_that_can_be_drawn_and_checked(creaking):
     assert creaking in usual_effects()
     drawn = draw_hidden(ROBOT, stream(1, "hidden"), creaking)
     check_effect(drawn, ROBOT)
-    assert [key for key, _ in drawn.parameters] == ["level"]
-    with pytest.raises(InputError, match="'level'"):
-        check_effect(effect(creaking, 2, levle=1.0), ROBOT)
+    assert [key for key, _ in drawn.parameters] == ["coefficient"]
+    with pytest.raises(InputError, match="'coefficient'"):
+        check_effect(effect(creaking, 2, coeficient=1.0), ROBOT)
 
 
 def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(creaking):
-    hidden, quiet = effect(creaking, 2, level=3.0), Noise(0.0, 0.0)
+    hidden, quiet = effect(creaking, 2, coefficient=SIZE), Noise(0.0, 0.0)
     run = run_experiment(ROBOT, motion(duration=2.1), PlantSpec((hidden,), noise=quiet))
-    torque, q = run.truth["tau_creaking"], run.truth["q"]
-    np.testing.assert_allclose(torque, 3.0 * q**3, atol=1e-12)
+    torque = run.truth["tau_creaking"]
+    expected = SIZE * run.truth["q"] * run.truth["qd"] * (np.arange(6) == 1)
+    np.testing.assert_allclose(torque, expected, atol=1e-12)
     assert np.abs(torque).max() > 0.1
     rest = sum(run.truth[f"tau_{name}"] for name in ("rigid", "rotor", "friction"))
     np.testing.assert_allclose(run.log.tau - rest, torque, atol=1e-9)
@@ -83,12 +76,12 @@ def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(creaking):
 
 def test_one_new_file_acts_on_the_synthetic_arm(creaking):
     moved = make_motion("fourier", room(ROBOT), 8.0, 125.0, stream(1, "motion"))
-    hidden = Hidden(creaking, (2,), {"level": 3.0})
+    hidden = Hidden(creaking, (2,), {"coefficient": SIZE})
     with_it, without = (
         true_torque(Plant(ROBOT, x, 1), moved, "log").tau for x in ((hidden,), ())
     )
     np.testing.assert_allclose(
-        (with_it - without)[:, 1], 3.0 * moved.q[:, 1] ** 3, atol=1e-9
+        (with_it - without)[:, 1], SIZE * (moved.q * moved.qd)[:, 1], atol=1e-9
     )
 
 

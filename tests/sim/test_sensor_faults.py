@@ -9,7 +9,7 @@ from residual.errors import InputError
 from sim.catalogue import acting
 from sim.experiment import run_experiment
 from sim.plant import tables as at
-from sim.plant.sensor_faults import hold_frozen
+from sim.plant.signal_faults import hold_frozen
 from sim.plant.stepping import DivergedError
 from sim.records import PlantSpec, Rates
 from sim.synthetic.sensors import reported

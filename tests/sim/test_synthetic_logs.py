@@ -8,10 +8,10 @@ import pytest
 
 from residual.robot.robot import load_robot
 from sim.draw import draw
+from sim.streams import stream
 from sim.synthetic.demo import write_demo
 from sim.synthetic.logs import LogPlan, make, standard_case, standard_plan
 from sim.synthetic.plant import Plant, true_friction
-from sim.synthetic.seeds import stream
 from sim.synthetic.sensors import encoder, torque_noise
 from sim.synthetic.sizes import sizes
 

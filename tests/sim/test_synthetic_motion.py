@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from residual.robot.robot import load_robot
+from sim.streams import stream
 from sim.synthetic.motion import FAMILIES, make_motion
 from sim.synthetic.room import room
-from sim.synthetic.seeds import stream
 
 SPACE = room(load_robot("irb140"))
 ROBOT = load_robot("irb140")

@@ -8,12 +8,12 @@ from residual.robot.robot import load_robot
 from sim.catalogue import acting, changed, unnamed
 from sim.draw import draw, usual_effects
 from sim.effects._bristle import deflection
+from sim.records import Hidden
+from sim.streams import stream
 from sim.synthetic.body import outward, scatter
 from sim.synthetic.motion import make_motion
 from sim.synthetic.plant import Plant, true_friction, true_model, true_torque
 from sim.synthetic.room import room
-from sim.synthetic.seeds import stream
-from sim.synthetic.state import Hidden
 
 ROBOT = load_robot("irb140")
 IN_ENGINE = ("x_dead_zone", "x_wall")
