@@ -178,6 +178,22 @@ def test_links_and_folders_are_refused(bundle, tmp_path, type):
     assert_refused(packed(tmp_path / "bad.tar", members), tmp_path, "not a plain file")
 
 
+def test_neither_mode_nor_owner_of_a_stranger_arrives(bundle, tmp_path):
+    members = []
+    for name, data in unpacked(bundle).items():
+        member = tarfile.TarInfo(name)
+        member.mode, member.uid, member.gid = 0o6777, 12345, 12345
+        members.append((member, data))
+    there = tmp_path / "there"
+    read_bundle(packed(tmp_path / "odd.tar", members), there)
+    files = [p for p in there.rglob("*") if p.is_file()]
+    assert files
+    for path in files:
+        told = path.stat()
+        assert told.st_mode & 0o7022 == 0
+        assert (told.st_uid, told.st_gid) == (os.getuid(), os.getgid())
+
+
 def test_a_file_that_is_not_on_the_list_or_twice_is_refused(bundle, tmp_path):
     files = unpacked(bundle)
     extra = "models/model_id=00000000000000000000/_model.parquet"
