@@ -27,12 +27,6 @@ class Importance:
     names: tuple[str, ...]
     rms: Array
 
-    def ranked(self, joint: int) -> tuple[tuple[str, float], ...]:
-        """Terms of one joint (from 0), the largest first, those of no size left out."""
-        order = np.argsort(-self.rms[:, joint], kind="stable")
-        sizes = ((self.names[i], float(self.rms[i, joint])) for i in order)
-        return tuple((name, size) for name, size in sizes if size > 0)
-
 
 def table_importance(lookup: Lookup, X: Array) -> Importance:
     """Return the size of each term's contribution on given rows.

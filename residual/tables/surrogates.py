@@ -30,16 +30,12 @@ class RealComponents:
     Attributes:
         count: Against phase-randomised surrogates: the number to use.
         permuted: Against permuted rows, which forget that rows are autocorrelated.
-        eigenvalues: Those of the data. Shape (k,).
         phase_limit: Quantile of the surrogates' eigenvalues. Shape (k,).
-        draws: Surrogates of each kind.
     """
 
     count: int
     permuted: int
-    eigenvalues: Array
     phase_limit: Array
-    draws: int
 
 
 def real_components(
@@ -82,7 +78,7 @@ def real_components(
         permuted[i] = _eigenvalues(rng.permuted(X[order], axis=0))
     limits = [np.quantile(p, quantile, axis=0) for p in (phase, permuted)]
     counts = [_leading(own, limit) for limit in limits]
-    return RealComponents(*counts, frozen(own), frozen(limits[0]), draws)
+    return RealComponents(*counts, frozen(limits[0]))
 
 
 def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:
