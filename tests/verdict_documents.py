@@ -34,6 +34,7 @@ def finding(order: int, part: dict) -> dict:
     """Return one entry of its effects."""
     none = dict.fromkeys(("nats", "by", "held_out", "held_out_gain", "p_value"))
     return {
+        "name": "",
         "joints": [],
         "probability": None,
         "order": order,

@@ -18,7 +18,7 @@ from residual.calibration.methods import (
     chosen_model,
     fixed_lookup,
 )
-from residual.calibration.nominal import identified_without, named_effects, prepare_runs
+from residual.calibration.nominal import identified_without, prepare_runs
 from residual.calibration.rows import Run, cut_single, paper_rows, repeat_period
 from residual.calibration.schemes import (
     FAMILY,
@@ -29,7 +29,9 @@ from residual.calibration.schemes import (
     make_schemes,
 )
 from residual.calibration.scores import find
+from residual.effects import registry
 from residual.errors import InputError
+from residual.model.term import Term
 from residual.tables.choose import fit_effect_tables
 from residual.tables.form import MAIN, NAMED, PAIRS, EffectForm, Option
 from residual.tables.nominal.pls import NominalForm
@@ -216,14 +218,9 @@ def test_a_choice_that_other_nominal_models_do_not_bear_out_is_dropped():
 def test_a_single_log_is_cut_into_parts_and_effects_of_a_diagnosis_are_judged():
     (log,) = logs(1, noise=0.3, duration=20.0)
     settings = replace(QUICK, declared=("viscous", "rotor_inertia"), views=False)
-    effects = [
-        {
-            "name": "coulomb",
-            "joints": [1, 2, 3],
-            "parameters": {"level": {"value": [4.0, 5.0, 2.0]}},
-        }
-    ]
-    found = calibrate(truth().robot, [Run(log)], settings, effects)
+    coulomb = registry()["coulomb"]
+    terms = [Term(coulomb, (j,), (), np.array([4.0])) for j in range(3)]
+    found = calibrate(truth().robot, [Run(log)], settings, terms)
     assert found.rows.labels[0] == "log0 part 1"
     assert "cut into parts" in found.notes[0]
     named, none = (find(found.scores, RUN, m) for m in (EFFECTS, NONE))
@@ -231,16 +228,10 @@ def test_a_single_log_is_cut_into_parts_and_effects_of_a_diagnosis_are_judged():
     assert len(cut_single([Run(log)] * 2)) == 2
 
 
-def test_findings_become_effects_with_their_shapes():
-    entry = {
-        "name": "stribeck",
-        "joints": [2],
-        "parameters": {
-            "level": {"value": 3.0},
-            "velocity": {"value": 0.05},
-            "exponent": {"value": 2.0},
-        },
-    }
-    ((effect, joints, shape),) = named_effects([entry], truth().robot)
-    assert (effect.name, joints) == ("stribeck", (1,))
-    assert 0.05 in shape
+def test_named_effects_keep_their_shapes_and_are_fitted_anew():
+    prepared = prepare_runs(truth().robot, [Run(log) for log in logs(2)], None)
+    named = Term(registry()["stribeck"], (1,), (0.05, 2.0), np.array([99.0]))
+    model = identified_without(prepared, (), [named])
+    (term,) = [t for t in model.terms if t.effect is named.effect]
+    assert (term.joints, term.shape) == ((1,), (0.05, 2.0))
+    assert abs(term.theta[0]) < 20

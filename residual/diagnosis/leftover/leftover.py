@@ -1,7 +1,7 @@
 """What remains after the findings: what it depends on, joint by joint.
 
-States come first (`leftover_curves`), since a function of the motion drifts and swings
-with it; time is asked about what they leave (`leftover_time`). Where nothing beats
+States come first (`curves`), since a function of the motion drifts and swings
+with it; time is asked about what they leave (`time`). Where nothing beats
 chance on left-out rows, nothing is said.
 """
 
