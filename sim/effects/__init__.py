@@ -1,7 +1,7 @@
 """What an arm may hide, one file per effect; the registry is the folder listing.
 
-A file has an ``EFFECT``, or ``EFFECTS`` where several are of one kin. Nobody reads this
-folder but `sim.catalogue`.
+A file has an ``EFFECT``, or ``EFFECTS`` where several are of one kin; one that begins
+with ``_`` has none. The registry is read by `sim.catalogue` alone.
 """
 
 from functools import cache
