@@ -11,7 +11,7 @@ from residual.monitoring.monitor import Monitor
 from residual.monitoring.scores import Scale
 from residual.recording import Array
 
-FORM = 2
+FORM = 1
 _ARRAYS = ("theta", "lowest", "highest")
 _PLAIN = ("rate", "per_hour", "hours", "referenced")
 
@@ -24,6 +24,7 @@ def to_record(monitor: Monitor) -> dict:
     scale = {f.name: getattr(monitor.scale, f.name).tolist() for f in fields(Scale)}
     return {
         "form": FORM,
+        "robot": monitor.model.robot.name,
         "model": monitor.model.to_record(),
         **{name: getattr(monitor, name) for name in _PLAIN},
         **{name: getattr(monitor, name).tolist() for name in _ARRAYS},
@@ -41,10 +42,10 @@ def from_record(record: Mapping) -> Monitor:
     Raises:
         InputError: If it is of another form, or its model is damaged.
     """
-    if record.get("form") != FORM:
+    if record.get("form") != FORM or "model" not in record:
         raise InputError(
-            f"A monitor of form {record.get('form')!r}, expected {FORM}. "
-            "Calibrate it again."
+            f"A monitor of form {record.get('form')!r}, expected {FORM} with its "
+            "model. Calibrate it again."
         )
     scale = Scale(**{f.name: np.array(record["scale"][f.name]) for f in fields(Scale)})
     return Monitor(

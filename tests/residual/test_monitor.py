@@ -204,7 +204,7 @@ def test_a_record_of_another_form_or_a_damaged_one_is_refused():
     record = to_record(monitor())
     with pytest.raises(InputError, match="damaged"):
         from_record(record | {"model": record["model"] | {"terms": None}})
-    with pytest.raises(InputError, match="of form 0, expected 2"):
+    with pytest.raises(InputError, match="of form 0, expected 1 with its model"):
         from_record(record | {"form": 0})
 
 
