@@ -7,7 +7,7 @@ from residual.errors import InputError
 from residual.robot.robot import load_robot
 from sim.engine.clearance import MARGIN, body, clearances
 from sim.records import TrajectorySpec
-from sim.trajectories import KINDS, LimitError, make_reference
+from sim.trajectories import KINDS, LimitError, make_reference, search
 from sim.trajectories.excitation import excitation
 from sim.trajectories.limits import check_limits, plan_limits
 from sim.trajectories.plan import check_clearance
@@ -18,11 +18,20 @@ ROBOT = load_robot("irb140")
 POSES = ("cyclic", "welding")
 
 
-@pytest.mark.parametrize("text", [SEVEN, FLAT], ids=["seven joints", "flat at zero"])
+@pytest.fixture(scope="module", params=[SEVEN, FLAT], ids=["seven joints", "flat"])
+def moved(request, tmp_path_factory):
+    """An arm and a motion of each family, with periods of 10 s."""
+    robot = arm(request.param, tmp_path_factory.mktemp("arm"))
+    specs = {kind: TrajectorySpec(kind, 21.0) for kind in KINDS}
+    return robot, {
+        kind: make_reference(robot, spec, 100.0, optimised=False)
+        for kind, spec in specs.items()
+    }
+
+
 @pytest.mark.parametrize("kind", KINDS)
-def test_families_plan_for_other_arms(kind, text, tmp_path):
-    robot = arm(text, tmp_path)
-    r = make_reference(robot, TrajectorySpec(kind), 200.0, optimised=False)
+def test_families_plan_for_other_arms(kind, moved):
+    robot, r = moved[0], moved[1][kind]
     limits = plan_limits(robot)
     assert (r.q >= limits.lower).all()
     assert (r.q <= limits.upper).all()
@@ -31,14 +40,15 @@ def test_families_plan_for_other_arms(kind, text, tmp_path):
     assert np.ptp(r.q, axis=0).min() > 0.01
 
 
-def test_a_closed_path_is_closed_for_an_arm_with_a_spare_joint(tmp_path):
-    r = make_reference(arm(SEVEN, tmp_path), TrajectorySpec("cyclic", 21.0), 100.0)
+def test_a_closed_path_is_closed_even_for_an_arm_with_a_spare_joint(moved):
+    r = moved[1]["cyclic"]
     # Steady from 1 s on; the period is 10 s.
     np.testing.assert_allclose(r.q[200], r.q[1200], atol=1e-8)
 
 
 @pytest.mark.slow
-def test_the_search_improves_an_arm_with_seven_joints(tmp_path):
+def test_the_search_improves_an_arm_with_seven_joints(tmp_path, monkeypatch):
+    monkeypatch.setattr(search, "_STEPS", (10, 20))  # enough for what is asked below
     robot = arm(SEVEN, tmp_path)
     found = [
         make_reference(robot, TrajectorySpec(), 100.0, optimised)
