@@ -2,9 +2,12 @@
 
 import fcntl
 import os
+import tempfile
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from hypothesis.configuration import set_hypothesis_home_dir
 
 from tests.checkout import changed, listing
 
@@ -13,8 +16,9 @@ from tests.checkout import changed, listing
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-# The first example of a compiled function takes seconds; no run is a lottery, so there
-# is nothing to remember either.
+# The first example of a compiled function takes seconds. No run is a lottery, so there
+# is nothing to remember; what hypothesis reads from the code it may keep elsewhere.
+set_hypothesis_home_dir(Path(tempfile.gettempdir()) / "modelgap-hypothesis")
 settings.register_profile("modelgap", deadline=None, derandomize=True, database=None)
 settings.load_profile("modelgap")
 

@@ -240,7 +240,8 @@ def test_joints_are_numbered_from_one(outcome_of, kind):
         assert all(1 <= j <= dof for j in joints)
     local = {n for n, e in registry().items() if e.scope == "local"}
     last = {m["joints"][0] for m in verdict["minimum_detectable"] if m["name"] in local}
-    assert max(last) == (dof if kind not in (DEAD, MUTE) else max(last))
+    # What joint 2 lacks cannot be seen where it stands or logs no torque.
+    assert max(last) == (1 if kind in (DEAD, MUTE) else dof)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -255,8 +256,8 @@ def test_a_finding_says_who_it_is_how_sure_and_how_large(outcome_of, kind):
             assert vocabulary()[effect["name"]][key] == parameter["unit"]
             assert np.all(np.asarray(parameter["std"]) >= 0)
         evidence = effect["evidence"]
-        assert evidence["by"] in ("fit", "plausibility")
-        assert evidence["held_out"] in ("confirmed", "neutral")
+        assert evidence["by"] == "fit"
+        assert evidence["held_out"] == "confirmed"
         assert evidence["held_out_gain"] >= 0
         assert evidence["p_value"] is None
         assert evidence["nats"] > 0
@@ -307,10 +308,7 @@ def test_curves_and_sentences_stand_beside_the_verdict(outcome_of, kind):
 
 def test_what_was_hidden_is_what_is_named(outcome_of):
     found = dict(names(outcome_of("effects").verdict))
-    assert found.pop("quadratic_viscous") == (2,)
-    ((name, joints),) = found.items()
-    assert name in ("offset", "coulomb_asymmetry")
-    assert joints == (1,)
+    assert found == {"offset": (1,), "quadratic_viscous": (2,)}
 
 
 def test_offset_and_asymmetry_are_never_told_apart(outcome_of):
@@ -350,12 +348,7 @@ def test_what_has_no_name_is_unknown_on_its_joint(outcome_of):
 
 
 def test_a_nominal_of_its_own_scale_says_so_and_a_baseline_has_none(outcome_of):
-    assert to_json(outcome_of("none").verdict)["nominal_scale"] in (
-        0.01,
-        0.03,
-        0.1,
-        0.3,
-    )
+    assert to_json(outcome_of("none").verdict)["nominal_scale"] == 0.01
     assert to_json(outcome_of("baseline").verdict)["nominal_scale"] is None
 
 
@@ -389,8 +382,8 @@ def test_a_joint_that_stands_is_said_to_be_unproven(outcome_of):
 
 @pytest.mark.parametrize("table", ["held_out", "filtered", "moving"])
 def test_no_relative_error_is_given_for_a_torque_that_is_zero(outcome_of, table):
-    value = to_json(outcome_of(MUTE).verdict)["error"][table]["nominal"][1]
-    assert value is None or value < 1e4
+    errors = to_json(outcome_of(MUTE).verdict)["error"][table]["nominal"]
+    assert errors[1] is None
 
 
 def test_no_moving_error_is_given_for_a_joint_that_never_moves(outcome_of):
@@ -489,20 +482,15 @@ def test_progress_runs_from_the_features_to_the_proof():
 @pytest.mark.parametrize("duration", [2.2, 3.0])
 def test_a_log_too_short_to_hold_out_a_part_is_no_perfect_proof(duration):
     case = short_case(arm(), seed=58, duration=duration)
-    try:
-        error = to_json(diagnose_case(case, fit=case.fit[:1], held_out=()).verdict)[
-            "error"
-        ]
-    except InputError:
-        return
-    assert error["held_out"]["nominal"] is None or error["held_out"]["nominal"][0] > 0
+    verdict = to_json(diagnose_case(case, fit=case.fit[:1], held_out=()).verdict)
+    assert verdict["error"]["held_out"]["nominal"] is None
 
 
 def test_one_log_is_enough():
     large = Hidden("offset", (1,), {"torque": 8.0})
     case = short_case(arm(), large, seed=51, duration=20.0)
     verdict = to_json(diagnose_case(case, fit=case.fit[:1]).verdict)
-    assert {n for n, _ in names(from_json(verdict))} & {"offset", "coulomb_asymmetry"}
+    assert names(from_json(verdict))[0] == ("offset", (1,))
 
 
 def test_white_noise_in_place_of_torque_has_no_name():
