@@ -79,6 +79,17 @@ def read_files(words: Iterable[str], *files: str | None) -> list[Path]:
     return [Path(word) for word in (*words, *windowless, *files) if word]
 
 
+def in_folder(folder: str, files: Mapping[str, bytes]) -> dict[Path, bytes]:
+    """Return files by where they go, in a folder that is made if it is not there.
+
+    Args:
+        folder: The folder (`check_new_folder`).
+        files: Content by name.
+    """
+    Path(folder).mkdir(exist_ok=True)
+    return {Path(folder) / name: content for name, content in files.items()}
+
+
 def _can_write(place: Path) -> bool:
     """Try it: permission bits say little of /sys, /proc and read-only mounts."""
     if place.exists() and not os.access(place, os.W_OK):

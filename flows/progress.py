@@ -4,10 +4,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
+
+# Told the stage and the share done.
+Progress = Callable[[str, float], None]
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[str, float], None] | None]:
+def progress_bar() -> Iterator[Progress | None]:
     """Show a bar from the first stage that is told until the block ends.
 
     Yields:
@@ -18,10 +23,7 @@ def progress_bar() -> Iterator[Callable[[str, float], None] | None]:
     if not console.is_terminal:
         yield None
         return
-    # Late: the bar is a slow import.
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    bar = Progress(
+    bar = Bar(
         BarColumn(bar_width=24),
         TimeElapsedColumn(),
         TextColumn("{task.description}", markup=False),

@@ -8,7 +8,9 @@ from benchmarks.figures import ROOT, Figures, figure
 from benchmarks.logs_parts.singles import judge, told
 from flows.blind.rates import wilson
 from flows.keep.diagnosis import read_outcome
+from flows.requests import Demo
 from flows.steps import demo
+from flows.steps.diagnose import diagnose_runs, request_of
 from flows.workers.pool import Here
 
 RIGHT_OF_20, WRONG_OF_20 = 16, 1
@@ -29,7 +31,7 @@ def run_seed(task: tuple[int, str | None]) -> dict:
     # Kept until it is judged, so that an interrupted seed goes on with its runs.
     store = ROOT / "store" / "benchmarks" / f"demo-{seed}-{effect or 'drawn'}"
     try:
-        return record | _judged(demo.Asked(seed, effect), store)
+        return record | _judged(Demo(seed, effect, store), store)
     except Exception as error:
         # A benchmark of many cases reports a crash as a result and goes on.
         text = f"{type(error).__name__}: {error}"
@@ -38,11 +40,11 @@ def run_seed(task: tuple[int, str | None]) -> dict:
         shutil.rmtree(store, ignore_errors=True)
 
 
-def _judged(asked: demo.Asked, store: Path) -> dict:
+def _judged(asked: Demo, store: Path) -> dict:
     begun = perf_counter()
-    runs = demo.run_experiments(asked, store, pool=Here())
+    runs = demo.run_experiments(asked, pool=Here())
     ran = perf_counter()
-    _, proof = demo.diagnose(runs, store)
+    _, proof = diagnose_runs(request_of(runs, store))
     done = perf_counter()
     hidden = demo.open_seal(runs, store)
     verdict = read_outcome(store, proof).verdict

@@ -38,8 +38,8 @@ def cluster_figures(folder: Path, quick: bool) -> Figures:
 
 def _run(store: Path, word: str, count: int, victim: subprocess.Popen | None) -> None:
     from flows.specs.experiment import experiment_of
+    from flows.steps.campaign import run_all
     from flows.steps.experiment import plan
-    from flows.workers.campaign import run_all
     from flows.workers.runner import chosen_runner, workers_of
 
     motion = {"kind": "fourier", "duration": 5.0}

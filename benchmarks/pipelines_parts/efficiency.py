@@ -31,10 +31,9 @@ def efficiency_figures(folder: Path, quick: bool) -> Figures:
 
 
 def _seconds(store: Path, processes: int, count: int) -> float:
-    from flows.scheduled.demo_run import load_engine
     from flows.specs.experiment import experiment_of
-    from flows.steps.experiment import plan
-    from flows.workers.campaign import run_all
+    from flows.steps.campaign import run_all
+    from flows.steps.experiment import load_engine, plan
     from flows.workers.pool import Pool
 
     specs = [experiment_of({"seed": seed}, "C") for seed in range(count)]
@@ -49,6 +48,6 @@ def _seconds(store: Path, processes: int, count: int) -> float:
 
 
 def _ready(_: str) -> None:
-    from flows.scheduled.demo_run import load_engine
+    from flows.steps.experiment import load_engine
 
     load_engine()

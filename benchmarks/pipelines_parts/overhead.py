@@ -23,12 +23,13 @@ def main(folder: Path, count: int) -> None:
     campaign = folder / "c.toml"
     campaign.write_text(f"[grid]\nseed = {list(range(1, count + 1))}\n")
     prepare_prefect(prefect_home(folder / "flow"))
-    from flows.scheduled import night as watch
-    from flows.scheduled.campaign import campaign as flow
+    from flows.requests import Campaign
+    from flows.scheduled.flows import campaign as flow
+    from flows.steps import campaign as steps
 
-    asked, store = watch.Campaign(str(campaign)), str(folder / "flow")
-    with patch.object(watch, "workers_of", _sleepers):
-        bare = _time(lambda: watch.run_campaign(asked, folder / "bare"))
+    asked, store = Campaign(str(campaign), store=folder / "bare"), str(folder / "flow")
+    with patch.object(steps, "workers_of", _sleepers):
+        bare = _time(lambda: steps.run_campaign(asked))
         coated = _time(lambda: flow(str(campaign), store=store))
     print(json.dumps({"bare": bare, "flow": coated}))
 

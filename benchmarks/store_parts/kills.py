@@ -18,7 +18,7 @@ from benchmarks.figures import Figures, figure, partial
 from benchmarks.store_parts.made import folder
 from flows.specs.campaign import load_campaign
 from flows.steps import experiment
-from flows.workers.campaign import run_all
+from flows.steps.campaign import run_all
 from flows.workers.pool import Here
 from residual.recording import Recording
 from warehouse.layout import list_folders

@@ -8,6 +8,8 @@ from flows.blind.size import Hidden
 from residual.diagnosis.result import Verdict
 from residual.robot.robot import Robot
 from sim.catalogue import kinds, main_parameter
+from sim.plant.arm import build_arm
+from sim.plant.controller import maker_of
 from sim.records import PlantSpec
 
 # A smaller gap than this share of the refit's error says nothing of who closes it.
@@ -91,9 +93,6 @@ def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
     Friction and rotors of an arm are scattered about what its maker says. What they
     differ by is no part of the effect that was hidden, but of what is found.
     """
-    from sim.plant.arm import build_arm
-    from sim.plant.controller import maker_of
-
     base, maker = build_arm(robot, plant).base, maker_of(robot)
     out = []
     for effect in plant.effects:

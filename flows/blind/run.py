@@ -13,11 +13,12 @@ from flows.blind.draw import Asked, Excitation, drafts
 from flows.blind.sums import summary
 from flows.errors import RunError
 from flows.keep.diagnosis import read_verdict
+from flows.progress import Progress
 from flows.settings import cores
-from flows.workers.campaign import Tell
 from flows.workers.pool import Here, Pool
 from residual.diagnosis.result import Detectable
 from residual.errors import InputError, ModelgapError
+from warehouse.commit import commit_record, read_record
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class Study:
 def run_study(
     asked: Asked,
     store: Path,
-    tell: Tell | None = None,
+    tell: Progress | None = None,
     pool: Pool | Here | None = None,
     workers: int | None = None,
 ) -> Study:
@@ -67,7 +68,7 @@ def run_study(
 
 
 def run_nulls(
-    asked: Asked, store: Path, tell: Tell | None, pool: Pool | Here
+    asked: Asked, store: Path, tell: Progress | None, pool: Pool | Here
 ) -> tuple[dict[int, Sequence[Detectable]], list[str]]:
     """Return the minimum detectable sizes of every excitation, by its number.
 
@@ -99,7 +100,7 @@ def run_cases(
     asked: Asked,
     store: Path,
     minima: Mapping[int, Sequence[Detectable]],
-    tell: Tell | None,
+    tell: Progress | None,
     pool: Pool | Here,
 ) -> tuple[list[str], int, list[str]]:
     """Run the cases that are not in the store.
@@ -144,8 +145,6 @@ def conclude(
     Raises:
         RunError: If there is no case.
     """
-    from warehouse.commit import commit_record, read_record
-
     known, failed = rest
     if not done:
         raise RunError(f"No case came to its end: {failed[0] if failed else 'none'}")

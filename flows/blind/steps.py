@@ -8,12 +8,12 @@ the seal.
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 import pyarrow as pa
+from threadpoolctl import threadpool_limits
 
 from flows.blind.draw import Asked, Draft, Excitation, arm_of, motions
 from flows.blind.row import case_row, true_parameters
@@ -22,16 +22,23 @@ from flows.blind.size import Hidden, draw_sized, measured
 from flows.errors import RunError
 from flows.inputs.robots import load
 from flows.keep.diagnosis import read_outcome
+from flows.keep.method import method_hash
 from flows.specs.experiment import ExperimentSpec
-from flows.steps import experiment, study
+from flows.steps import experiment
+from flows.steps.diagnose import diagnose_runs, request_of
+from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable
 from residual.diagnosis.verdict import to_json
 from residual.effects import registry, reported_joints
 from sim.records import PlantEffect
 from sim.streams import stream
+from warehouse import seal
+from warehouse.commit import commit_record, read_record
+from warehouse.query.store import open_store
+from warehouse.runs import read_run
+from warehouse.schema import VIEWS, arrow_schema
 
 CASE, NULL, STUDY = "blind", "blind_null", "blind_study"  # kinds of validations
-_JUDGES = ("steps.py", "row.py", "score.py", "size.py")
 _TRIES = 20  # to draw a second effect that is not the first again
 
 Runs = dict[str, list[str]]
@@ -106,16 +113,6 @@ def run_experiments(
     return {"fit": ids[:-held_out], "held_out": ids[-held_out:]}
 
 
-def diagnose(robot: str, runs: Runs, store: Path) -> tuple[str, str]:
-    """Diagnose runs and commit the verdict; nothing sealed is read.
-
-    Returns:
-        The ids of the diagnosis and of its proof.
-    """
-    asked = study.Study(robot, tuple(runs["fit"]), tuple(runs["held_out"]))
-    return study.diagnose(asked, store)
-
-
 def run_null(job: tuple[Asked, Excitation, str, Path]) -> str:
     """Run and diagnose an arm that hides nothing; store what it would have shown.
 
@@ -125,12 +122,10 @@ def run_null(job: tuple[Asked, Excitation, str, Path]) -> str:
     Returns:
         The id of the validation with the minimum detectable sizes.
     """
-    from warehouse.commit import commit_record
-
     asked, excitation, key, store = job
     specs = null_specs(asked, excitation)
     runs = run_experiments(specs, len(excitation.held_out), store)
-    ids = diagnose(asked.robot, runs, store)
+    ids = diagnose_runs(request_of(runs, store))
     verdict = read_outcome(store, ids[1]).verdict
     record = {
         "robot": asked.robot,
@@ -154,7 +149,7 @@ def run_case(job: tuple[Asked, Case, Path]) -> str:
     excitation = case.draft.excitation
     runs = run_experiments(case.specs, len(excitation.held_out), store)
     begun = perf_counter()
-    ids = diagnose(asked.robot, runs, store)
+    ids = diagnose_runs(request_of(runs, store))
     seconds = perf_counter() - begun
     return judge(asked, case, (runs, ids, seconds), store)
 
@@ -173,10 +168,6 @@ def judge(
     Returns:
         The id of the validation: one row of the view ``blind``.
     """
-    from warehouse import seal
-    from warehouse.commit import commit_record
-    from warehouse.schema import VIEWS, arrow_schema
-
     runs, ids, seconds = done
     # The verdict as it was committed: without one there is nothing to judge.
     verdict = read_outcome(store, ids[1]).verdict
@@ -203,29 +194,12 @@ def judge(
 
 def finished(store: Path, kind: str) -> dict[str, str]:
     """Return the ids of all validations of a kind in the store, by their key."""
-    from warehouse.commit import read_record
-    from warehouse.query.store import open_store
-
     if not store.is_dir():
         return {}
     with open_store(store) as opened:
         query = f"SELECT validation_id FROM validations WHERE kind = '{kind}'"
         ids = opened.sql(query).column(0).to_pylist()
     return {read_record(store, id)["key"]: id for id in ids}
-
-
-@cache
-def method_hash() -> str:
-    """Return the hash of the code that diagnoses and judges, 16 hex digits."""
-    root, total = Path(__file__).parents[2], hashlib.sha256()
-    files = [
-        *(root / "residual").rglob("*.py"),
-        *(root / "flows" / "blind" / f for f in _JUDGES),
-    ]
-    for path in sorted(files):
-        total.update(path.relative_to(root).as_posix().encode())
-        total.update(path.read_bytes())
-    return total.hexdigest()[:16]
 
 
 def _specs(
@@ -262,11 +236,6 @@ def _oracle(
     asked: Asked, runs: Runs, hidden: Sequence[Hidden], store: Path
 ) -> float | None:
     """Return the held-out error of the true effects, fitted [%]."""
-    from threadpoolctl import threadpool_limits
-
-    from residual.diagnosis.oracle import oracle
-    from warehouse.runs import read_run
-
     robot = load(asked.robot)
     fit, held_out = ([read_run(store, i) for i in runs[k]] for k in ("fit", "held_out"))
     told = [

@@ -9,6 +9,12 @@ import sys
 import traceback
 from collections.abc import Sequence
 
+from cyclopts import CycloptsError
+
+from flows.cli.app import run
+from flows.errors import RunError
+from residual.errors import ModelgapError
+
 TRACEBACK = "MODELGAP_TRACEBACK"
 
 
@@ -23,8 +29,6 @@ def main(words: Sequence[str] | None = None) -> int:
     """
     try:
         # Inside, so that an interruption while loading is answered too.
-        from flows.cli.app import run
-
         run(sys.argv[1:] if words is None else list(words))
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -39,11 +43,6 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _explain(error: Exception) -> int:
-    from cyclopts import CycloptsError
-
-    from flows.errors import RunError
-    from residual.errors import ModelgapError
-
     if os.environ.get(TRACEBACK):
         traceback.print_exception(error)
     if isinstance(error, ModelgapError):

@@ -1,47 +1,72 @@
-"""All commands by name. Each loads what it needs only when it runs."""
+"""All commands by name and group. Each is loaded only when it runs.
 
+Only here, and for optional extras, is anything loaded late: `modelgap --help` loads no
+numerics, and a command loads what it needs and no more.
+"""
+
+import ast
 import re
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
 
-from cyclopts import App
-
-from flows.cli.blind import blind
-from flows.cli.bundle import bundle, unbundle
-from flows.cli.calibrate import calibrate
-from flows.cli.demo import demo
-from flows.cli.diagnose import diagnose
-from flows.cli.diff import diff, lineage
-from flows.cli.experiment import campaign, experiment
-from flows.cli.identify import identify
-from flows.cli.imports import import_
-from flows.cli.monitor import monitor
-from flows.cli.null import calibrate_null
-from flows.cli.rerun import rerun
-from flows.cli.service import down, status, up
-from flows.cli.store import compact, runs, show, sql
-from flows.cli.trajectory import trajectory
-from flows.cli.validate import validate
+from cyclopts import App, Group
 
 _HELP = """Find what a robot's dynamic model is missing.
 
-The missing effect is named, added to the model, and proved on motion that was not
-fitted. Start with one of these:
+The missing effect is named, added to the model, and proved on motion that was
+not fitted. Start with one of these:
 
-```
-modelgap demo
-modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv
-```
+ modelgap demo
+ modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv
 
-The first makes an arm with an effect that its model is not told of; the second takes
-your own logs. `modelgap COMMAND --help` explains a command.
+The first makes an arm with an effect that its model does not have; the second
+takes your own logs. 'modelgap COMMAND --help' explains a command.
 
-Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or input;
-130 interrupted.
+Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or
+input; 130 interrupted.
 """
 
-
-_LOGS = "LOG... --robot ROBOT [OPTIONS]"
+_LOGS = "LOG... --robot ROBOT"
+# By group: a command is a function of that name in `flows.cli`, as MODULE:FUNCTION,
+# and what its usage line says where that is not plain.
+_COMMANDS = {
+    "First steps": {
+        "demo": ("demo:demo", None),
+        "diagnose": ("diagnose:diagnose", _LOGS),
+    },
+    "Your logs": {
+        "import": ("imports:import_", _LOGS),
+        "identify": ("identify:identify", _LOGS),
+        "calibrate": ("calibrate:calibrate", _LOGS),
+        "calibrate-null": ("null:calibrate_null", _LOGS),
+        "validate": ("validate:validate", None),
+        "monitor": ("monitor:monitor", "MODEL RUN..."),
+    },
+    "Your experiments": {
+        "trajectory": ("trajectory:trajectory", None),
+        "experiment": ("experiment:experiment", None),
+        "campaign": ("experiment:campaign", None),
+        "blind": ("blind:blind", None),
+    },
+    "History": {
+        "runs": ("store:runs", None),
+        "show": ("store:show", None),
+        "sql": ("sql:sql", None),
+        "diff": ("diff:diff", None),
+        "lineage": ("diff:lineage", None),
+        "rerun": ("rerun:rerun", None),
+        "bundle": ("bundle:bundle", None),
+        "unbundle": ("bundle:unbundle", None),
+        "compact": ("store:compact", None),
+    },
+    "Schedule": {
+        "up": ("service:up", None),
+        "status": ("service:status", None),
+        "down": ("service:down", None),
+    },
+}
 
 
 def _version() -> str:
@@ -54,38 +79,46 @@ def _version() -> str:
 app = App(
     name="modelgap",
     help=_HELP,
-    help_format="markdown",
+    help_format="plaintext",  # what draws Markdown is a slow import
     version=_version,
     suppress_keyboard_interrupt=False,
 )
-app.command(diagnose, usage="Usage: modelgap diagnose LOG... --robot ROBOT [OPTIONS]")
-app.command(identify, usage="Usage: modelgap identify LOG... --robot ROBOT [OPTIONS]")
-app.command(calibrate, usage="Usage: modelgap calibrate LOG... --robot ROBOT [OPTIONS]")
-app.command(calibrate_null, usage=f"Usage: modelgap calibrate-null {_LOGS}")
-app.command(
-    import_,
-    name="import",
-    usage="Usage: modelgap import LOG... --robot ROBOT [OPTIONS]",
-)
-app.command(demo)
-app.command(blind)
-app.command(experiment)
-app.command(campaign)
-app.command(trajectory)
-app.command(validate)
-app.command(monitor, usage="Usage: modelgap monitor MODEL RUN... [OPTIONS]")
-app.command(rerun)
-app.command(diff)
-app.command(lineage)
-app.command(bundle)
-app.command(unbundle)
-app.command(runs)
-app.command(sql)
-app.command(compact)
-app.command(show)
-app.command(up)
-app.command(status)
-app.command(down)
+for flag in ("--help", "--version"):
+    app[flag].group = "Options"
+
+
+def _described(place: str) -> str:
+    """Return what a command says of itself, without loading what it needs.
+
+    Args:
+        place: The command as MODULE:FUNCTION.
+    """
+    module, _, name = place.partition(":")
+    source = Path(find_spec(f"flows.cli.{module}").origin).read_text(encoding="utf-8")
+    (command,) = (
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.FunctionDef) and node.name == name
+    )
+    return ast.get_docstring(command).partition("\n\nArgs:")[0]
+
+
+def _register() -> None:
+    for heading, commands in _COMMANDS.items():
+        group = Group.create_ordered(heading)
+        for number, (name, (place, usage)) in enumerate(commands.items()):
+            app.command(
+                f"flows.cli.{place}",
+                name=name,
+                group=group,
+                sort_key=number,
+                help=_described(place),
+                help_format="markdown",
+                usage=usage and f"Usage: modelgap {name} {usage} [OPTIONS]",
+            )
+
+
+_register()
 
 
 def run(words: Sequence[str]) -> None:

@@ -3,8 +3,18 @@
 from typing import Annotated
 
 from cyclopts import Parameter
+from rich.console import Console
 
+from flows.blind.draw import Asked
+from flows.blind.run import run_study
+from flows.cli.options import named_files
+from flows.errors import RunError
+from flows.outputs import check_writable, write_all
+from flows.progress import progress_bar
+from flows.report.study import store_page, tell_study
 from flows.say import say
+from flows.settings import store_folder
+from residual.errors import InputError
 
 
 def blind(
@@ -36,30 +46,17 @@ def blind(
         workers: Number of processes; one per core without it.
         duration: Length of every experiment [s].
     """
-    from pathlib import Path
-
-    from rich.console import Console
-
-    from flows.blind.draw import Asked
-    from flows.blind.run import run_study
-    from flows.errors import RunError
-    from flows.outputs import check_writable, write_all
-    from flows.progress import progress_bar
-    from flows.report.study import store_page, tell_study
-    from flows.settings import store_folder
-    from residual.errors import InputError
-
     place, console = store_folder(store), Console()
     asked = Asked(n, seed, duration=duration)
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}, expected 1 or more.")
-    check_writable({"--report": Path(report)} if report else {}, ())
-    with progress_bar() as bar:
-        study = run_study(asked, place, bar, workers=workers)
+    files = named_files({"--report": report})
+    check_writable(files, ())
+    with progress_bar() as progress:
+        study = run_study(asked, place, progress, workers=workers)
     page = store_page(asked, study, place)
     tell_study(study, console)
-    if report:
-        write_all({Path(report): page.read_text(encoding="utf-8")})
+    write_all({path: page.read_bytes() for path in files.values()})
     say(console, f"\nreport: {report or page}")
     if study.failed:
         raise RunError(f"{len(study.failed)} of {n} cases failed: {study.failed[0]}")

@@ -1,10 +1,11 @@
 """modelgap bundle and unbundle: a record and its ancestors to another machine."""
 
-from typing import Annotated
+from pathlib import Path
 
-from cyclopts import Parameter
-
-_Flag = Annotated[bool, Parameter(negative="")]
+from flows.cli.options import Flag
+from flows.settings import store_folder
+from warehouse.exchange.bundle import write_bundle
+from warehouse.exchange.unbundle import read_bundle
 
 
 def bundle(
@@ -12,7 +13,7 @@ def bundle(
     /,
     *,
     out: str,
-    without_seal: _Flag = False,
+    without_seal: Flag = False,
     store: str | None = None,
 ) -> None:
     """Write a record with all that it was made from into one file.
@@ -37,11 +38,6 @@ def bundle(
         without_seal: Leave out what simulated runs hide.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from pathlib import Path
-
-    from flows.settings import store_folder
-    from warehouse.exchange.bundle import write_bundle
-
     place = store_folder(store)
     made = write_bundle(place, id, Path(out), not without_seal)
     for kind, each in made.records:
@@ -72,11 +68,6 @@ def unbundle(file: str, /, *, store: str | None = None) -> None:
         file: A file that modelgap bundle wrote.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from pathlib import Path
-
-    from flows.settings import store_folder
-    from warehouse.exchange.unbundle import read_bundle
-
     place = store_folder(store)
     done = read_bundle(Path(file), place)
     for path in done.added:

@@ -1,18 +1,38 @@
 """modelgap calibrate: a data-driven correction, and what it is worth where."""
 
-from typing import Annotated
+from pathlib import Path
 
-from cyclopts import Parameter
-
-from flows.cli.diagnose import parse_declared
-
-_Flag = Annotated[bool, Parameter(negative="")]
+from flows.cli.options import (
+    STDOUT,
+    Flag,
+    Log,
+    console_beside,
+    named_files,
+    parse_declared,
+)
+from flows.keep.calibration_json import document
+from flows.outputs import (
+    check_new_folder,
+    check_writable,
+    in_folder,
+    json_text,
+    read_files,
+    write_all,
+)
+from flows.progress import progress_bar
+from flows.report.page.calibration import render
+from flows.report.terminal.calibration import print_outcome
+from flows.report.words.calibration import sentences
+from flows.requests import Calibrate
+from flows.say import say
+from flows.steps import calibrate as steps
+from residual.tables.lookup.export import export_lookup
 
 
 def calibrate(
-    *logs: Annotated[str, Parameter(name="LOG")],
+    *logs: Log,
     robot: str,
-    paper: _Flag = False,
+    paper: Flag = False,
     declared: str | None = None,
     map: str | None = None,
     report: str | None = None,
@@ -48,24 +68,36 @@ def calibrate(
         export: New folder for the tables and a program that evaluates them.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from rich.console import Console
-
-    from flows.progress import progress_bar
-    from flows.steps import calibrate as steps
-
-    request = steps.Request(
-        logs=logs,
-        robot=robot,
-        paper=paper,
-        declared=parse_declared(declared),
-        columns=map,
-        report=report,
-        json=json,
-        export=export,
-        store=store,
-    )
-    # Where the JSON has standard output for itself, people read standard error.
-    console = Console(stderr=json == "-")
+    names = parse_declared(declared)
+    request = Calibrate(logs, robot, paper, names, columns=map, store=store)
+    files = named_files({"--report": report, "--json": json})
+    check_writable(files, read_files((*logs, robot), map))
+    if export is not None:
+        check_new_folder("--export", Path(export))
+    console = console_beside(json)
+    read, runs = steps.read_logs(request)
+    say(console, *read.lines)
     with progress_bar() as progress:
-        outcome = steps.calibrate(request, console, progress)
-    steps.tell(outcome, request, console)
+        done = steps.calibrate(request, read, runs, progress)
+    text = json_text(
+        document(done.made, sentences(done.made), done.warnings, done.kept)
+    )
+    page = {"--report": render(done.made, done.warnings)} if report else {}
+    contents = {path: (page | {"--json": text})[o] for o, path in files.items()}
+    if export is not None:
+        contents |= in_folder(export, export_lookup(done.made.lookup))
+    write_all(contents)
+    print_outcome(done, console)
+    say(console, *(f"wrote {path}" for path in contents), *_kept(done))
+    if json == STDOUT:
+        print(text, end="")
+
+
+def _kept(done: steps.Calibrated) -> list[str]:
+    if not done.kept:
+        return []
+    model, validation = done.kept["model"], done.kept["validation"]
+    return [
+        f"stored: model {model}, validation {validation}: modelgap show "
+        f"{validation[:8]}"
+    ]

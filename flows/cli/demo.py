@@ -1,12 +1,18 @@
 """modelgap demo: the main job on an arm of our own, the truth shown last."""
 
-from typing import Annotated
+from rich.console import Console
 
-from cyclopts import Parameter
-
+from flows.cli.demo_run import run_flow, run_plain
+from flows.cli.options import Flag
+from flows.keep.diagnosis import read_outcome
+from flows.progress import progress_bar
+from flows.report.stored import as_hidden
+from flows.report.terminal.diagnosis import print_diagnosis, print_truth
+from flows.report.words.staged import Staged
+from flows.requests import Demo
 from flows.say import say
-
-_Flag = Annotated[bool, Parameter(negative="")]
+from flows.settings import store_folder
+from flows.steps import demo as steps
 
 
 def demo(
@@ -14,7 +20,7 @@ def demo(
     seed: int = 7,
     effect: str | None = None,
     store: str | None = None,
-    plain: _Flag = False,
+    plain: Flag = False,
 ) -> None:
     """Find the effect that a simulated arm hides from its model.
 
@@ -34,25 +40,14 @@ def demo(
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         plain: The same steps without Prefect.
     """
-    from rich.console import Console
-
-    from flows.keep.diagnosis import read_outcome
-    from flows.progress import progress_bar
-    from flows.report.terminal.diagnosis import print_diagnosis, print_truth
-    from flows.report.words.staged import Staged
-    from flows.scheduled.demo_run import run_flow, run_plain
-    from flows.settings import store_folder
-    from flows.steps import demo as steps
-
     place, console = store_folder(store), Console()
-    asked = steps.Asked(seed, effect)
+    asked = Demo(seed, effect, place)
     # Before anything is started, so that a wrong word is answered at once.
     count = len(steps.specs(asked))
     say(console, f"{count} experiments on the simulated {steps.ROBOT}, into {place}")
-    with progress_bar() as bar:
-        made = (run_plain if plain else run_flow)(asked, place, bar)
-    found = read_outcome(place, made.proof)
-    print_diagnosis(found, console)
-    hidden = steps.as_hidden(made.hidden)
-    print_truth(Staged(b"", "", hidden, found.verdict), console)
+    with progress_bar() as progress:
+        made = (run_plain if plain else run_flow)(asked, progress)
+    outcome = read_outcome(place, made.proof)
+    print_diagnosis(outcome, console)
+    print_truth(Staged(b"", "", as_hidden(made.hidden), outcome.verdict), console)
     say(console, f"\nreport: {made.page}")

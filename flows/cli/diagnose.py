@@ -1,18 +1,28 @@
 """modelgap diagnose: what the model lacks, from measured logs."""
 
-from typing import Annotated
-
-from cyclopts import Parameter
-
-# Takes all following words up to the next option; at least one.
-_Logs = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negative="")]
+from flows.cli.options import (
+    STDOUT,
+    Log,
+    Words,
+    console_beside,
+    named_files,
+    parse_declared,
+)
+from flows.outputs import check_writable, json_text, read_files, write_all
+from flows.progress import progress_bar
+from flows.report.page.diagnosis import render
+from flows.report.terminal.diagnosis import print_diagnosis
+from flows.requests import Diagnose
+from flows.say import say
+from flows.steps import diagnose as steps
+from residual.diagnosis.verdict import to_json
 
 
 def diagnose(
-    *logs: Annotated[str, Parameter(name="LOG")],
+    *logs: Log,
     robot: str,
-    baseline: _Logs = (),
-    holdout: _Logs = (),
+    baseline: Words = (),
+    holdout: Words = (),
     declared: str | None = None,
     map: str | None = None,
     report: str | None = None,
@@ -63,34 +73,30 @@ def diagnose(
         store: Folder of the store with runs and nulls; else $MODELGAP_STORE, else
             ./store.
     """
-    from rich.console import Console
-
-    from flows.progress import progress_bar
-    from flows.steps import diagnose as steps
-
-    request = steps.Request(
+    request = Diagnose(
         logs=logs,
         robot=robot,
-        baseline=baseline,
         held_out=holdout,
+        baseline=baseline,
         declared=parse_declared(declared),
         columns=map,
-        report=report,
-        json=json,
         null=null,
         store=store,
     )
-    # Where the JSON has standard output for itself, people read standard error.
-    console = Console(stderr=json == "-")
+    files = named_files({"--report": report, "--json": json})
+    check_writable(files, read_files((*logs, *baseline, *holdout, robot), map, null))
+    console = console_beside(json)
+    read = steps.read_logs(request)
+    say(console, *read.lines)
     with progress_bar() as progress:
-        outcome = steps.diagnose(request, console, progress)
-    steps.tell(outcome, request, console)
-
-
-def parse_declared(text: str | None) -> tuple[str, ...] | None:
-    """Return the names in "a,b", () for "none", None for no text."""
-    if text is None:
-        return None
-    if text.strip() == "none":
-        return ()
-    return tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+        found = steps.diagnose(request, read, progress)
+    # Those of the logs were printed before the work.
+    say(console, *found.notes[len(read.lines) :])
+    text = json_text(to_json(found.verdict))
+    page = {"--report": render(found, found.verdict.robot)} if report else {}
+    contents = {"--json": text} | page
+    write_all({path: contents[option] for option, path in files.items()})
+    print_diagnosis(found, console)
+    say(console, *(f"wrote {path}" for path in files.values()))
+    if json == STDOUT:
+        print(text, end="")

@@ -1,15 +1,20 @@
 """modelgap diff and lineage: two records side by side, and a record's relatives."""
 
-from typing import Annotated, Literal
+import json
+from typing import Literal
 
-from cyclopts import Parameter
+from flows.cli.options import Flag
+from flows.report.terminal.diff import as_record, print_diff, print_tree
+from flows.settings import store_folder
+from flows.steps import diff as steps
+from warehouse.origin.lineage import tree
+from warehouse.query.store import open_store
 
-_Format = Literal["table", "json"]
-_Flag = Annotated[bool, Parameter(negative="")]
+Shown = Literal["table", "json"]
 
 
 def diff(
-    one: str, two: str, /, *, format: _Format = "table", store: str | None = None
+    one: str, two: str, /, *, format: Shown = "table", store: str | None = None
 ) -> None:
     """Compare two runs, models, diagnoses or validations.
 
@@ -27,14 +32,8 @@ def diff(
         format: How to print it.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from flows.report.terminal.diff import as_record, print_diff
-    from flows.settings import store_folder
-    from flows.steps import diff as steps
-
     found = steps.diff(one, two, store_folder(store))
     if format == "json":
-        import json
-
         print(json.dumps(as_record(found), indent=2, ensure_ascii=False))
     else:
         print_diff(found)
@@ -44,9 +43,9 @@ def lineage(
     id: str,
     /,
     *,
-    up: _Flag = False,
-    down: _Flag = False,
-    format: _Format = "table",
+    up: Flag = False,
+    down: Flag = False,
+    format: Shown = "table",
     store: str | None = None,
 ) -> None:
     """Show what a record was made from, and what was made from it, all the way.
@@ -63,13 +62,6 @@ def lineage(
         format: How to print it.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    import json
-
-    from flows.report.terminal.diff import print_tree
-    from flows.settings import store_folder
-    from warehouse.origin.lineage import tree
-    from warehouse.query.store import open_store
-
     wanted = {"made from": up or not down, "gave": down or not up}
     with open_store(store_folder(store)) as opened:
         trees = {

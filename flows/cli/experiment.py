@@ -1,15 +1,20 @@
 """modelgap experiment and campaign: runs of the simulated arm into the store."""
 
-from typing import Annotated
+from rich.console import Console
 
-from cyclopts import Parameter
-
+from flows.cli.options import Flag
+from flows.errors import RunError
+from flows.progress import progress_bar
 from flows.say import say
+from flows.settings import store_folder
+from flows.specs.campaign import load_campaign
+from flows.specs.experiment import load_spec
+from flows.steps import experiment as steps
+from flows.steps.campaign import run_all
+from flows.workers.runner import chosen_runner, workers_of
 
-_Flag = Annotated[bool, Parameter(negative="")]
 
-
-def experiment(spec: str, *, store: str | None = None, dry_run: _Flag = False) -> None:
+def experiment(spec: str, *, store: str | None = None, dry_run: Flag = False) -> None:
     """Run one experiment on the simulated arm and store it.
 
     ```
@@ -25,12 +30,6 @@ def experiment(spec: str, *, store: str | None = None, dry_run: _Flag = False) -
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         dry_run: Only say what would run and what is there.
     """
-    from rich.console import Console
-
-    from flows.settings import store_folder
-    from flows.specs.experiment import load_spec
-    from flows.steps import experiment as steps
-
     place, console = store_folder(store), Console()
     (planned,) = steps.plan([(spec, load_spec(spec))], place)
     _list([planned], console)
@@ -43,9 +42,9 @@ def campaign(
     spec: str,
     *,
     store: str | None = None,
-    dry_run: _Flag = False,
+    dry_run: Flag = False,
     runner: str | None = None,
-    trust_network: _Flag = False,
+    trust_network: Flag = False,
 ) -> None:
     """Run many experiments on the simulated arm, over all cores.
 
@@ -68,16 +67,6 @@ def campaign(
             system. Without it $MODELGAP_RUNNER.
         trust_network: Let the cluster be on other machines; Dask is not encrypted.
     """
-    from rich.console import Console
-
-    from flows.errors import RunError
-    from flows.progress import progress_bar
-    from flows.settings import store_folder
-    from flows.specs.campaign import load_campaign
-    from flows.steps import experiment as steps
-    from flows.workers.campaign import run_all
-    from flows.workers.runner import chosen_runner, workers_of
-
     place, console = store_folder(store), Console()
     where = chosen_runner(runner, trust_network)
     planned = steps.plan(((e.label, e.spec) for e in load_campaign(spec)), place)
@@ -97,7 +86,7 @@ def campaign(
         raise RunError(f"{failed} of {len(planned)} experiments failed.")
 
 
-def _list(planned: list, console) -> None:
+def _list(planned: list[steps.Planned], console: Console) -> None:
     for each in planned:
         word = "is there" if each.stored else "to run"
         say(console, f"{each.run_id}  {word:8}  {each.label}")

@@ -1,25 +1,41 @@
 """modelgap identify: the parameters of a robot's model, from logs or runs."""
 
-from typing import Annotated
+from pathlib import Path
 
-from cyclopts import Parameter
-
-from flows.cli.diagnose import parse_declared
-
-# Takes all following words up to the next option; at least one.
-_Logs = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negative="")]
-_Flag = Annotated[bool, Parameter(negative="")]
+from flows.cli.options import (
+    STDOUT,
+    Flag,
+    Log,
+    Words,
+    console_beside,
+    named_files,
+    parse_declared,
+)
+from flows.keep.identification_json import document
+from flows.outputs import (
+    check_new_folder,
+    check_writable,
+    in_folder,
+    json_text,
+    read_files,
+    write_all,
+)
+from flows.report.terminal.identification import print_outcome
+from flows.requests import Identify
+from flows.say import say
+from flows.steps import identify as steps
+from residual.model.export import robot_files
 
 
 def identify(
-    *logs: Annotated[str, Parameter(name="LOG")],
+    *logs: Log,
     robot: str,
-    holdout: _Logs = (),
+    holdout: Words = (),
     method: str = "wls",
     declared: str | None = None,
     prior: float | None = None,
-    essential: _Flag = False,
-    consistent: _Flag = False,
+    essential: Flag = False,
+    consistent: Flag = False,
     map: str | None = None,
     export: str | None = None,
     json: str | None = None,
@@ -56,11 +72,7 @@ def identify(
         json: File for the outcome as JSON; "-" prints it and nothing else.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from rich.console import Console
-
-    from flows.steps import identify as steps
-
-    request = steps.Request(
+    request = Identify(
         logs=logs,
         robot=robot,
         held_out=holdout,
@@ -70,10 +82,25 @@ def identify(
         essential=essential,
         consistent=consistent,
         columns=map,
-        export=export,
-        json=json,
         store=store,
     )
-    # Where the JSON has standard output for itself, people read standard error.
-    console = Console(stderr=json == "-")
-    steps.tell(steps.identify(request, console), request, console)
+    files = named_files({"--json": json})
+    check_writable(files, read_files((*logs, *holdout, robot), map))
+    if export is not None:
+        check_new_folder("--export", Path(export))
+    console = console_beside(json)
+    read = steps.read_logs(request)
+    say(console, *read.lines)
+    made, kept = steps.identify(request, read)
+    text = json_text(document(made))
+    contents = {path: text for path in files.values()}
+    if export is not None:
+        words = f"identified from {' '.join(made.fit)}"
+        contents |= in_folder(export, robot_files(made.best, words))
+    print_outcome(made, console)
+    write_all(contents)
+    say(console, *(f"wrote {path}" for path in contents))
+    if kept is not None:
+        say(console, f"stored as a model: modelgap show {kept}")
+    if json == STDOUT:
+        print(text, end="")

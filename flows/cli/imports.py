@@ -1,21 +1,22 @@
 """modelgap import: measured logs become runs of the store."""
 
-from typing import Annotated
+from rich.console import Console
 
-from cyclopts import Parameter
-
+from flows.cli.options import Flag, Log
+from flows.report.terminal.imports import lines, table
+from flows.requests import Import
 from flows.say import say
-
-_Flag = Annotated[bool, Parameter(negative="")]
+from flows.settings import store_folder
+from flows.steps import imports as steps
 
 
 def import_(
-    *logs: Annotated[str, Parameter(name="LOG")],
+    *logs: Log,
     robot: str,
     map: str | None = None,
     trajectory: str | None = None,
     kind: str = "log",
-    dry_run: _Flag = False,
+    dry_run: Flag = False,
     store: str | None = None,
 ) -> None:
     """Put measured logs into the store, as runs like any other.
@@ -44,21 +45,15 @@ def import_(
         dry_run: Only show what was understood, and the id it would have.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from rich.console import Console
-
-    from flows.report.terminal.imports import lines, table
-    from flows.settings import store_folder
-    from flows.steps import imports as steps
-
     place, console = store_folder(store), Console()
-    request = steps.Request(logs, robot, map, trajectory, kind)
-    arm, read = steps.read(request, place)
+    request = Import(logs, robot, map, trajectory, kind, place)
+    arm, read = steps.read_logs(request)
     for log in read:
         if dry_run:
             console.print(table(log))
         say(console, *lines(log, arm, dry_run))
         if dry_run:
             continue
-        id = steps.store_log(log, request, arm, place)
+        id = steps.store_log(log, request, arm)
         word = "was in" if log.stored else "stored in"
         say(console, f"{id}  {log.known.id}: {word} {place}")

@@ -1,18 +1,23 @@
 """modelgap calibrate-null: how much evidence chance alone makes, and how often."""
 
-from typing import Annotated
+from rich.console import Console
 
-from cyclopts import Parameter
-
+from flows.cli.options import Log, Words, named_files, parse_declared
+from flows.keep.null import null_json
+from flows.outputs import check_writable, read_files, write_all
+from flows.progress import progress_bar
+from flows.report.terminal.null import null_lines
+from flows.requests import Null
 from flows.say import say
-
-_Logs = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negative="")]
+from flows.settings import store_folder
+from flows.steps import null as steps
+from residual.errors import InputError
 
 
 def calibrate_null(
-    *logs: Annotated[str, Parameter(name="LOG")],
+    *logs: Log,
     robot: str,
-    baseline: _Logs = (),
+    baseline: Words = (),
     declared: str | None = None,
     map: str | None = None,
     draws: int = 200,
@@ -49,54 +54,16 @@ def calibrate_null(
         out: JSON file to write as well.
         workers: Number of processes; one per core without it.
     """
-    from pathlib import Path
-
-    from rich.console import Console
-
-    from flows.cli.diagnose import parse_declared
-    from flows.outputs import check_writable, read_files, write_all
-    from flows.progress import progress_bar
-    from flows.settings import store_folder
-    from flows.steps import null as steps
-    from residual.errors import InputError
-
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}, expected 1 or more.")
-    read = read_files((*logs, *baseline))
-    check_writable({"--out": Path(out)} if out else {}, read)
+    files = named_files({"--out": out})
+    check_writable(files, read_files((*logs, *baseline)))
     names = parse_declared(declared)
-    asked = steps.Asked(logs, robot, tuple(baseline), names, map, draws, seed, store)
-    with progress_bar() as bar:
-        made = steps.calibrate(asked, bar, workers=workers)
-    files = {Path(out): steps.null_json(made.null)} if out else {}
-    write_all(files)
-    console = Console()
-    wrote = (f"wrote {f}" for f in files)
-    say(console, *_lines(made, draws, store_folder(store)), *wrote)
+    request = Null(logs, robot, baseline, names, map, draws, seed, store)
+    with progress_bar() as progress:
+        made = steps.calibrate_null(request, progress, workers=workers)
+    write_all({path: null_json(made.null) for path in files.values()})
+    wrote = (f"wrote {path}" for path in files.values())
+    say(Console(), *null_lines(made, draws, store_folder(store)), *wrote)
     if not made.complete:
         raise KeyboardInterrupt
-
-
-def _lines(made, draws: int, store) -> list[str]:
-    """Return what a null says, a sentence each."""
-    from residual.diagnosis.search import Rules
-
-    null = made.null
-    least = Rules().threshold
-    threshold, beyond = null.threshold(least), null.beyond(null.threshold(least))
-    chance = f"{100 * beyond:.2g} %" if beyond > 1e-4 else "less than 0.01 %"
-    lines = [
-        null.sentence(least),
-        f"an exponential tail, fitted to the largest fifth, has {chance} of such "
-        f"recordings reach {threshold:.1f} nats: an extrapolation",
-        f"draws: {len(null.net)} in {len(set(null.block))} recordings of encoder noise "
-        f"(as good as {null.independent:.0f} independent ones), {made.known} known "
-        "before",
-        f"stored in {store}: modelgap show {null.id}",
-    ]
-    if not made.complete:
-        lines.append(
-            f"interrupted: {len(null.net)} of {draws} draws are kept; the same command "
-            "goes on"
-        )
-    return lines

@@ -1,17 +1,20 @@
 """modelgap rerun: a record made again, and whether it is the same."""
 
-from typing import Annotated, Literal
+import json
+from typing import Literal
 
-from cyclopts import Parameter
-
-_Flag = Annotated[bool, Parameter(negative="")]
+from flows.cli.options import Flag
+from flows.errors import RunError
+from flows.report.terminal.rerun import lines, record
+from flows.settings import store_folder
+from flows.steps.rerun import rerun as steps
 
 
 def rerun(
     id: str,
     /,
     *,
-    verify: _Flag = False,
+    verify: Flag = False,
     format: Literal["text", "json"] = "text",
     store: str | None = None,
 ) -> None:
@@ -41,16 +44,9 @@ def rerun(
         format: How to print the outcome.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from flows.errors import RunError
-    from flows.report.terminal.rerun import lines, record
-    from flows.settings import store_folder
-    from flows.steps.rerun import rerun as steps
-
     place = store_folder(store)
     made = steps.rerun(id, place, verify)
     if format == "json":
-        import json
-
         print(json.dumps(record(made), indent=2, ensure_ascii=False))
     else:
         print("\n".join(lines(made)))

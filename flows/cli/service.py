@@ -1,10 +1,19 @@
 """modelgap up, status and down: the server, worker and schedules of a store."""
 
-from typing import Annotated
+import os
+import sys
 
-from cyclopts import Parameter
-
-_Flag = Annotated[bool, Parameter(negative="")]
+from flows.cli.options import Flag
+from flows.cli.service_tables import print_status
+from flows.errors import RunError
+from flows.outputs import json_text
+from flows.service.down import down as stop
+from flows.service.foreground import stay
+from flows.service.status import status as state_of
+from flows.service.up import up as bring_up
+from flows.service.wanted import DATABASE, Wanted, checked
+from flows.settings import PREFECT, store_folder
+from residual.errors import InputError
 
 
 def up(
@@ -14,8 +23,8 @@ def up(
     workers: int | None = None,
     every: int | None = None,
     database: str | None = None,
-    trust_network: _Flag = False,
-    foreground: _Flag = False,
+    trust_network: Flag = False,
+    foreground: Flag = False,
     store: str | None = None,
 ) -> None:
     """Start server, worker and schedules of a store, and return when they answer.
@@ -44,12 +53,6 @@ def up(
         foreground: Stay until Ctrl-C, then stop everything; for service managers.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    import os
-
-    from flows.service.up import up as bring_up
-    from flows.service.wanted import DATABASE, Wanted, checked
-    from flows.settings import store_folder
-
     database = database or os.environ.get(DATABASE) or None
     place = store_folder(store)
     wanted = Wanted(place, host, port, workers, every, database, trust_network)
@@ -57,17 +60,15 @@ def up(
     running, was_up = bring_up(wanted, _say)
     if trust_network:
         _say("warning: the server has no password; whoever reaches it runs programs.")
-    ready = "already runs" if was_up else "is up"
-    print(f"{place} {ready}: {running.ui}")
+    word = "already runs" if was_up else "is up"
+    print(f"{place} {word}: {running.ui}")
     if foreground:
-        from flows.service.foreground import stay
-
         stay(place, _say)
     else:
         print("modelgap status shows what is due; modelgap down stops it")
 
 
-def status(*, json: _Flag = False, store: str | None = None) -> None:
+def status(*, json: Flag = False, store: str | None = None) -> None:
     """Show server, workers, what is due next, and the last flow runs.
 
     ```
@@ -81,17 +82,10 @@ def status(*, json: _Flag = False, store: str | None = None) -> None:
         json: Print it as JSON.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    import json as text
-
-    from flows.cli.service_tables import print_status
-    from flows.errors import RunError
-    from flows.service.status import status as look
-    from flows.settings import PREFECT, store_folder
-
     place = store_folder(store)
-    found = look(place / PREFECT)
+    found = state_of(place / PREFECT)
     if json:
-        print(text.dumps(found.document(), indent=2, ensure_ascii=False))
+        print(json_text(found.document()), end="")
     else:
         print_status(found, place)
     if not found.healthy:
@@ -113,10 +107,6 @@ def down(*, wait: float = 60.0, store: str | None = None) -> None:
         wait: How long flow runs may go on, in seconds.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from flows.service.down import down as stop
-    from flows.settings import PREFECT, store_folder
-    from residual.errors import InputError
-
     if not 0 <= wait < 1e6:
         raise InputError(f"--wait {wait:g}: expected 0 or more seconds.")
     place = store_folder(store)
@@ -126,6 +116,4 @@ def down(*, wait: float = 60.0, store: str | None = None) -> None:
 
 
 def _say(text: str) -> None:
-    import sys
-
     print(f"modelgap: {text}", file=sys.stderr, flush=True)

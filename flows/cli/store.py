@@ -1,12 +1,26 @@
-"""modelgap runs, sql and show: what the store remembers."""
+"""modelgap runs, show and compact: what the store remembers."""
 
+import json
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from flows.report.terminal.answers import check_shown, print_table, tell_damage
+from flows.report.terminal.records import record_lines
+from flows.settings import store_folder
+from residual.errors import InputError
+from warehouse.commit import read_record
+from warehouse.layout import find
+from warehouse.quarantine import tombstone
+from warehouse.query.store import Store, open_store
+from warehouse.query.views import text as quoted
+
 Format = Literal["table", "csv", "json", "parquet"]
-_Values = Annotated[tuple[str, ...], Parameter(name="--with", negative="")]
 _Store = Annotated[str | None, Parameter(name="--store")]
+_COLUMNS = (
+    "run_id, robot, source, kind, trajectory, duration_s, rows, seed, created, "
+    "quarantined"
+)
 
 
 def runs(
@@ -26,49 +40,14 @@ def runs(
         format: How to print them.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from flows.cli.store_work import list_runs
-
-    list_runs(store, limit, format)
-
-
-def sql(
-    query: str | None = None,
-    /,
-    *,
-    named: str | None = None,
-    with_: _Values = (),
-    schema: Annotated[bool, Parameter(negative="")] = False,
-    format: Format = "table",
-    out: str | None = None,
-    store: _Store = None,
-) -> None:
-    """Ask the store in SQL; it can only be read.
-
-    ```
-    modelgap sql "SELECT robot, count(*) FROM runs GROUP BY robot"
-    modelgap sql --schema
-    modelgap sql --named
-    modelgap sql --named error_by_trajectory --format csv
-    modelgap sql --named runs_of_model --with model=3f2a
-    modelgap sql "FROM samples WHERE run_id = '...'" --format parquet --out run.parquet
-    ```
-
-    Without a query on a terminal: one query after the other, each ended by ;.
-    Without a terminal one query is read from standard input.
-
-    Args:
-        query: One SELECT over the views, in the SQL of DuckDB.
-        named: A query that comes with the program, by its name; without one they are
-            listed.
-        with_: A value for a named query, as name=value.
-        schema: Show the views with every column and its unit, and the named queries.
-        format: How to print the answer; parquet needs --out on a terminal.
-        out: File for the answer.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
-    from flows.cli.store_ask import Question, answer
-
-    answer(Question(query, named, with_, schema, format, out), store)
+    if limit < 1:
+        raise InputError(f"--limit {limit}: expected 1 or more.")
+    check_shown(format, None)
+    with open_store(store_folder(store)) as opened:
+        latest = f"FROM runs ORDER BY created DESC, run_id LIMIT {limit}"
+        query = f"SELECT {_COLUMNS} FROM ({latest}) ORDER BY created, run_id"
+        print_table(opened.sql(query), format)
+        tell_damage(opened)
 
 
 def compact(*, largest: float = 1.0, store: _Store = None) -> None:
@@ -86,9 +65,15 @@ def compact(*, largest: float = 1.0, store: _Store = None) -> None:
         largest: Runs with up to so many megabytes of samples are copied.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from flows.cli.store_work import compact_runs
-
-    compact_runs(store, largest)
+    if not 0 < largest < float("inf"):
+        raise InputError(f"--largest {largest}: expected megabytes above 0.")
+    with open_store(store_folder(store)) as opened:
+        done = opened.compact(int(1e6 * largest))
+        tell_damage(opened)
+    print(
+        f"{done.runs} runs copied into {done.files} files of {done.size / 1e6:.1f} MB; "
+        f"{done.left} larger or damaged ones are read as they are"
+    )
 
 
 def show(
@@ -109,6 +94,24 @@ def show(
         format: How to print it.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    from flows.cli.store_work import show_record
+    with open_store(store_folder(store)) as opened:
+        found = find(opened.path, id)
+        record = {
+            "kind": found.kind,
+            "id": found.id,
+            "folder": str(found.folder.relative_to(opened.path)),
+            **_relatives(opened, found.id),
+            "quarantined": tombstone(opened.path, found.id),
+            "content": read_record(opened.path, found.id),
+        }
+        tell_damage(opened)
+    if format == "json":
+        print(json.dumps(record, indent=2, ensure_ascii=False))
+    else:
+        print("\n".join(record_lines(record)))
 
-    show_record(store, id, format)
+
+def _relatives(store: Store, id: str) -> dict:
+    parents = store.sql(f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}")
+    children = store.sql(f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}")
+    return {"parents": parents.to_pylist(), "children": children.to_pylist()}

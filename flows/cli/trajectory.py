@@ -1,5 +1,21 @@
 """modelgap trajectory: plan a motion, preview it, export it."""
 
+from pathlib import Path
+
+from rich.console import Console
+
+from flows.cli.options import named_files
+from flows.inputs.robots import load
+from flows.outputs import check_writable, write_all
+from flows.report.page.motion import motion_png
+from flows.report.terminal.trajectory import about_motion, excitation, usage_table
+from flows.say import say
+from flows.steps.trajectory import as_csv
+from sim.engine.render import animate
+from sim.records import TrajectorySpec
+from sim.trajectories import make_reference
+from sim.trajectories.usage import usage
+
 
 def trajectory(
     kind: str,
@@ -38,10 +54,18 @@ def trajectory(
         plot: PNG of the curves to write.
         gif: GIF of the moving arm to write.
     """
-    from rich.console import Console
-
-    from flows.steps.trajectory import Wanted, preview
-    from sim.records import TrajectorySpec
-
-    spec = TrajectorySpec(kind, duration, periods, seed)
-    preview(Wanted(spec, robot, rate, csv, plot, gif), Console())
+    files = named_files({"--csv": csv, "--plot": plot, "--gif": gif})
+    check_writable(files, [Path(robot)])
+    spec, arm = TrajectorySpec(kind, duration, periods, seed), load(robot)
+    motion = make_reference(arm, spec, rate)
+    make = {
+        "--csv": lambda: as_csv(motion),
+        "--plot": lambda: motion_png(arm, motion),
+        "--gif": lambda: animate(arm, motion),
+    }
+    # Before anything is printed, which may go into a pipe that closes.
+    write_all({path: make[option]() for option, path in files.items()})
+    console, used = Console(), usage(arm, motion)
+    say(console, *about_motion(arm, motion, spec, rate))
+    console.print(usage_table(used))
+    say(console, excitation(used), *(f"wrote {path}" for path in files.values()))

@@ -4,52 +4,64 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from flows.settings import store_folder
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from warehouse.logs import check_distinct, load_columns, read_log, unique_ids
+from warehouse.runs import read_run
 
 
-@dataclass(frozen=True, slots=True)
-class Logs:
-    """All logs of one command, in the order of the words.
+@dataclass(frozen=True, eq=False, slots=True)
+class LogSets:
+    """All logs of one command, by what they are for.
 
     Attributes:
-        recordings: The logs; those of runs are called by the beginning of their id.
-        lines: What was understood of them, for the user.
+        robot: The arm that was logged.
+        fit: Logs to fit; those of runs are called by the beginning of their id.
+        baseline: Logs of healthy runs.
+        held_out: Logs for the proof.
+        lines: What was understood of them, for the user; the first says which log is
+            used as what.
         warnings: What is odd but usable.
         runs: Whole ids of those that are runs, by the id of the recording.
     """
 
-    recordings: tuple[Recording, ...]
-    lines: tuple[str, ...]
-    warnings: tuple[str, ...]
-    runs: Mapping[str, str]
+    robot: Robot
+    fit: tuple[Recording, ...]
+    baseline: tuple[Recording, ...] = ()
+    held_out: tuple[Recording, ...] = ()
+    lines: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    runs: Mapping[str, str] | None = None
 
 
-def read_words(
-    words: Sequence[str], robot: Robot, columns: str | None, store: Path
-) -> Logs:
+def read_sets(
+    sets: tuple[Sequence[str], Sequence[str], Sequence[str]],
+    robot: Robot,
+    columns: str | None,
+    store: str | Path | None,
+) -> LogSets:
     """Read every log once and make sure that no sample counts twice.
 
     Args:
-        words: "FILE", "FILE@start:end", or the id of a run.
+        sets: Logs to fit, of the baseline, and held out: "FILE", "FILE@start:end", or
+            the id of a run.
         robot: The arm that was logged.
         columns: COLUMNS.toml for the files, None for the default columns.
-        store: Where the runs are.
+        store: Where the runs are, None for the usual place.
 
     Raises:
         InputError: If a log is not usable or shares samples with another.
     """
-    from warehouse.logs import check_distinct, load_columns, read_log, unique_ids
-
-    known = load_columns(columns) if columns else None
-    files = [word for word in words if not is_run(word)]
-    labels = iter(unique_ids(files))
+    place, known = store_folder(store), load_columns(columns) if columns else None
+    words = [word for part in sets for word in part]
+    labels = iter(unique_ids([word for word in words if not is_run(word)]))
     logs: list[Recording] = []
     lines, warnings, runs = [], [], {}
     for word in words:
         if is_run(word):
-            log, id, line = _read_run(word, robot, store)
+            log, id, line = _read_run(word, robot, place)
             runs[log.id] = id
         else:
             log, told = read_log(word, robot, known, next(labels))
@@ -58,7 +70,27 @@ def read_words(
         logs.append(log)
         lines.append(line)
     check_distinct(logs)
-    return Logs(tuple(logs), tuple(lines), tuple(warnings), runs)
+    rest = iter(logs)
+    parts = [tuple(next(rest) for _ in part) for part in sets]
+    about = (_use(*parts), *lines)
+    return LogSets(robot, *parts, about, tuple(warnings), runs)
+
+
+def need_logs(words: Sequence[str], purpose: str, command: str) -> None:
+    """Refuse a command without any log.
+
+    Args:
+        words: The logs.
+        purpose: What they are needed for, such as "to diagnose".
+        command: The command that they belong to.
+
+    Raises:
+        InputError: If there is none.
+    """
+    if not words:
+        raise InputError(
+            f"No log {purpose}. Name it first: modelgap {command} LOG ... --robot R."
+        )
 
 
 def is_run(word: str) -> bool:
@@ -66,9 +98,14 @@ def is_run(word: str) -> bool:
     return not Path(word).exists() and not set(word) - set("0123456789abcdef")
 
 
-def _read_run(word: str, robot: Robot, store: Path) -> tuple[Recording, str, str]:
-    from warehouse.runs import read_run
+def _use(*sets: tuple[Recording, ...]) -> str:
+    """Return one line that says which log is used as what."""
+    names = ("fit", "baseline", "held out")
+    parts = (" ".join(log.id for log in logs) or "–" for logs in sets)
+    return " | ".join(f"{n}: {p}" for n, p in zip(names, parts, strict=True))
 
+
+def _read_run(word: str, robot: Robot, store: Path) -> tuple[Recording, str, str]:
     log = read_run(store, word)
     if log.dof != robot.dof:
         raise InputError(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+import warehouse
 from flows.keep.diagnosis import read_models, read_verdict
 from residual.calibration.calibrate import Calibration
 from residual.calibration.schemes import RUN
@@ -109,8 +110,6 @@ def found_effects(
     """
     if not ids:
         return Found()
-    import warehouse
-
     query = (
         "SELECT d.diagnosis_id AS id, l.parent AS run FROM diagnoses d JOIN lineage l "
         "ON l.child = d.diagnosis_id AND l.role = 'fit' WHERE d.verdict = 'effects' "

@@ -1,17 +1,27 @@
 """A calibration as one JSON document."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from flows.steps.calibrate import Outcome
 from residual.calibration.calibrate import Calibration
 
 
-def document(outcome: Outcome) -> dict:
-    """Return all figures of a calibration; what is not known is null."""
-    made = outcome.made
+def document(
+    made: Calibration,
+    words: Sequence[str],
+    warnings: Sequence[str],
+    kept: Mapping[str, str],
+) -> dict:
+    """Return all figures of a calibration; what is not known is null.
+
+    Args:
+        made: The calibration.
+        words: What it shows, in sentences.
+        warnings: What is odd but usable.
+        kept: Ids of its records by kind; empty where nothing was stored.
+    """
     return {
         "schema": 1,
         "robot": made.robot,
@@ -35,10 +45,10 @@ def document(outcome: Outcome) -> dict:
         "levels": _sweep(made),
         "importance": _terms(made),
         "outliers": _oddities(made),
-        "words": list(outcome.words),
+        "words": list(words),
         "notes": list(made.notes),
-        "warnings": list(outcome.warnings),
-        "stored": dict(outcome.kept) or None,
+        "warnings": list(warnings),
+        "stored": dict(kept) or None,
     }
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from flows.keep.identification_json import KINDS, document
-from flows.steps.identify import Outcome
+from residual.identification.prove import Identified
 from residual.model.record import to_record
 from warehouse.commit import commit_record
 from warehouse.schema import VIEWS, arrow_schema
@@ -17,7 +17,10 @@ _METRICS = {"raw": "held_out", "filtered": "filtered", "moving": "moving"}
 
 
 def store_identification(
-    store: Path, outcome: Outcome, request: Mapping, runs: Mapping[str, Sequence[str]]
+    store: Path,
+    outcome: Identified,
+    request: Mapping,
+    runs: Mapping[str, Sequence[str]],
 ) -> str:
     """Put an identified model into the store.
 

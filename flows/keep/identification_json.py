@@ -1,19 +1,15 @@
 """What was identified, as a document that programs read."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from flows.steps.identify import Outcome
-
-if TYPE_CHECKING:
-    from residual.model.compare import Errors
+from residual.identification.prove import Identified
+from residual.model.compare import Errors
 
 SCHEMA = 1
 KINDS = ("raw", "filtered", "moving")
 
 
-def document(outcome: Outcome) -> dict:
+def document(outcome: Identified) -> dict:
     """Return an outcome as plain values: every key always there, null for none."""
     found = outcome.found
     return {
@@ -48,7 +44,7 @@ def document(outcome: Outcome) -> dict:
     }
 
 
-def parameters(outcome: Outcome) -> list[dict]:
+def parameters(outcome: Identified) -> list[dict]:
     """Return the base parameters: value, standard deviation, and what they are."""
     found = outcome.found
     base, estimate = found.base, found.estimate
@@ -75,18 +71,18 @@ def parameters(outcome: Outcome) -> list[dict]:
     return out
 
 
-def _errors(outcome: Outcome, kind: str) -> dict:
+def _errors(outcome: Identified, kind: str) -> dict:
     return {name: _error(e, kind) for name, e in outcome.errors.items()}
 
 
-def _error(errors: "Errors", kind: str) -> dict:
+def _error(errors: Errors, kind: str) -> dict:
     return {
         "joints": _plain(errors.per_joint(kind)),
         "overall": _plain(errors.overall(kind)),
     }
 
 
-def _essential(outcome: Outcome) -> dict | None:
+def _essential(outcome: Identified) -> dict | None:
     made = outcome.found.essential
     if made is None:
         return None
@@ -98,7 +94,7 @@ def _essential(outcome: Outcome) -> dict | None:
     }
 
 
-def _consistent(outcome: Outcome) -> dict | None:
+def _consistent(outcome: Identified) -> dict | None:
     made = outcome.consistent
     if made is None:
         return None

@@ -7,7 +7,10 @@ from rich.table import Table
 
 from flows.blind.draw import Asked
 from flows.blind.run import Study
+from flows.report.page.study import headline, lines, render
 from flows.say import say
+from warehouse.commit import commit_record
+from warehouse.layout import record_folder
 
 
 def store_page(asked: Asked, study: Study, store: Path) -> Path:
@@ -16,10 +19,6 @@ def store_page(asked: Asked, study: Study, store: Path) -> Path:
     Returns:
         The page.
     """
-    from flows.report.page.study import render
-    from warehouse.commit import commit_record
-    from warehouse.layout import record_folder
-
     about = {
         "robot": asked.robot,
         "seed": asked.seed,
@@ -36,8 +35,6 @@ def store_page(asked: Asked, study: Study, store: Path) -> Path:
 
 def tell_study(study: Study, console: Console) -> None:
     """Print the figures of a study and every case that is not plainly right."""
-    from flows.report.page.study import headline, lines
-
     console.print(f"{headline(study.summary)}\n", markup=False, highlight=False)
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_column()

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from time import monotonic
 
+import numpy as np
 from prefect.artifacts import (
     create_link_artifact,
     create_markdown_artifact,
@@ -13,7 +14,16 @@ from prefect.artifacts import (
     update_progress_artifact,
 )
 
-from flows.scheduled.stages import Stage
+from flows.report.page.monitor_plot import plot as draw
+from flows.report.terminal.monitor import meaning
+from flows.report.words.calibration import sentences
+from flows.steps.calibrate import Calibrated
+from flows.steps.monitor import Watched
+from flows.steps.validate import Validation
+from residual.identification.prove import Identified
+from residual.recording import Recording
+
+Rows = Sequence[Mapping]
 
 _MOST = 200  # rows that anybody reads there
 _PAUSE = 5.0  # s between two steps of a bar: whoever tells it waits for the server
@@ -38,7 +48,7 @@ def progress(key: str, say: Callable[[str], None]) -> Callable[[str, float], Non
     return tell
 
 
-def table(key: str, rows: Sequence[Mapping], words: str | None = None) -> None:
+def table(key: str, rows: Rows, words: str | None = None) -> None:
     """Show a table; none where there are no rows.
 
     Args:
@@ -50,18 +60,85 @@ def table(key: str, rows: Sequence[Mapping], words: str | None = None) -> None:
         create_table_artifact([dict(r) for r in rows[:_MOST]], key, words)
 
 
-def stage(key: str, done: Stage) -> None:
-    """Show what a stage came to: its words, ids and table.
+def record(key: str, ids: Sequence[str], words: str, rows: Rows = ()) -> None:
+    """Show what became of a stage: its words, the ids of its records, its table.
 
     Args:
         key: Name of the stage.
-        done: What it came to.
+        ids: Ids of the records that it left in the store.
+        words: What it found, in sentences.
+        rows: One dict per row.
     """
-    lines = [done.words, *(f"`modelgap show {id}`" for id in done.ids)]
+    lines = [words, *(f"`modelgap show {id}`" for id in ids)]
     text = "\n\n".join(line for line in lines if line)
     if text:
         create_markdown_artifact(text, f"{key}-words")
-    table(key, done.rows)
+    table(key, rows)
+
+
+def identification(made: Identified, kept: str | None) -> None:
+    """Show an identification: errors on held-out motion by model."""
+    rows = [
+        _row({"model": name}, errors.per_joint("filtered"), errors.overall("filtered"))
+        for name, errors in made.errors.items()
+    ]
+    words = " ".join(f"{warning}." for warning in made.warnings)
+    record("identify", (kept,) if kept else (), words, rows)
+
+
+def calibration(done: Calibrated) -> None:
+    """Show a calibration: errors by scheme and model."""
+    rows = [
+        _row({"scheme": s.scheme, "model": s.model}, s.rmsev, s.overall)
+        for s in done.made.scores
+    ]
+    ids = tuple(done.kept.values())
+    record("calibrate", ids, " ".join(sentences(done.made)), rows)
+
+
+def validations(made: Mapping[str, tuple[str, Validation]]) -> None:
+    """Show validations: errors per joint of each run.
+
+    Args:
+        made: Id of the validation and what was found, by run.
+    """
+    rows = []
+    for run, (_, found) in made.items():
+        figures = {
+            "open loop [mrad]": found.open_loop,
+            "feed-forward, nominal [mrad]": found.nominal,
+            "feed-forward, the arm's own [mrad]": found.arm,
+        }
+        rows += [
+            _row({"run": run[:8], "what": name}, 1e3 * errors)
+            for name, errors in figures.items()
+            if errors is not None
+        ]
+    record("validate", [id for id, _ in made.values()], "", rows)
+
+
+def monitoring(id: str, found: Watched, watched: Mapping[str, Recording]) -> None:
+    """Show what watching the sensors found: the alarms and the scores.
+
+    Args:
+        id: Id of the record.
+        found: What was found.
+        watched: The watched runs by id.
+    """
+    rows = [
+        {
+            "run": run[:8],
+            "since start [s]": round(float(a.time - watched[run].t[0]), 3),
+            "joint": a.joint,
+            "sensor": a.sensor,
+            "fault": a.fault,
+        }
+        for run, alarms in found.alarms.items()
+        for a in alarms
+    ]
+    words = " ".join([meaning(found), *found.notes])
+    record("monitor", (id,), words, rows)
+    plot("monitor-scores", draw(found, watched), words)
 
 
 def plot(key: str, png: bytes, words: str) -> None:
@@ -89,3 +166,25 @@ def report(page: Path, words: str, diagnosis: str) -> None:
     """
     create_link_artifact(page.as_uri(), "report", key="report")
     create_markdown_artifact(words, key="verdict", description=f"diagnosis {diagnosis}")
+
+
+def study(page: Path, words: str, id: str) -> None:
+    """Show the figures of a blind study, and where its page is.
+
+    Args:
+        page: The page.
+        words: Its figures, a line each.
+        id: Id of the study.
+    """
+    create_link_artifact(page.as_uri(), "blind study", key="blind")
+    create_markdown_artifact(words, key="blind-figures", description=f"study {id}")
+
+
+def _row(about: dict, per_joint: np.ndarray, overall: float | None = None) -> dict:
+    """Return a row of a table: figures per joint, three digits, null for none."""
+    figures = {f"J{j}": _short(v) for j, v in enumerate(per_joint, 1)}
+    return about | figures | ({} if overall is None else {"all": _short(overall)})
+
+
+def _short(value: float) -> float | None:
+    return float(f"{value:.3g}") if np.isfinite(value) else None

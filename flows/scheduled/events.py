@@ -7,8 +7,6 @@ from collections.abc import Sequence
 
 from prefect.events import emit_event
 
-from flows.scheduled.stages import Alarm
-
 COMMITTED, ALARM = "modelgap.run.committed", "modelgap.monitor.alarm"
 STORE = "modelgap.store"
 _MOST = 1000  # ids in one event; the server refuses more than 1.5 MB
@@ -25,14 +23,16 @@ def runs_committed(ids: Sequence[str]) -> None:
         _tell(COMMITTED, {"run_ids": part})
 
 
-def alarm_raised(alarm: Alarm) -> None:
+def alarm_raised(record: str, runs: Sequence[str], good: Sequence[str]) -> None:
     """Tell that the monitoring of runs raised an alarm.
 
     Args:
-        alarm: What was found.
+        record: Id of the monitoring.
+        runs: Ids of the runs with an alarm.
+        good: Ids of the runs that they were judged by.
     """
-    about = {"record": alarm.record}
-    _tell(ALARM, about | {"run_ids": list(alarm.runs), "good_ids": list(alarm.good)})
+    about = {"record": record, "run_ids": list(runs), "good_ids": list(good)}
+    _tell(ALARM, about)
 
 
 def _tell(name: str, payload: dict) -> None:

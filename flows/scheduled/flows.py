@@ -1,11 +1,124 @@
-"""The stages on runs of the store as Prefect flows, to be started one by one."""
+"""All Prefect flows: their order of tasks, and nothing else.
 
-from prefect import flow
+To be imported after `flows.settings.prepare_prefect`; prefect.yaml says when each is
+started.
+"""
 
-from flows.scheduled import tasks
-from flows.settings import store_folder
+from prefect import flow, get_run_logger
+from prefect.runtime import flow_run
+from prefect.task_runners import ProcessPoolTaskRunner
+
+from flows.requests import Campaign, Demo
+from flows.scheduled import events, tasks
+from flows.settings import cores, one_thread_each, store_folder
+from flows.steps.campaign import by_role, planned
+from flows.workers.runner import PROCESSES, chosen_runner
 
 _LIMIT = 12 * tasks.HOUR
+_NIGHT = 24 * tasks.HOUR
+# Batches per process: some end early, and each costs Prefect a tenth of a second.
+_BATCHES = 4
+
+
+@flow(name="nightly", flow_run_name="nightly {campaign_file}", timeout_seconds=_NIGHT)
+def nightly(
+    campaign_file: str = "examples/nightly.toml",
+    held_out: str = "welding",
+    store: str | None = None,
+    runner: str | None = None,
+    trust_network: bool = False,
+) -> str:
+    """Run new motions of the night; identify, calibrate, validate, diagnose, report.
+
+    Args:
+        campaign_file: The campaign; its seed is replaced by the date, so that every
+            night has motions of its own and the same night the same.
+        held_out: Kind of motion that is not fitted.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        runner: threads, processes or dask://HOST:PORT; else $MODELGAP_RUNNER.
+        trust_network: Whether that host may be another machine.
+
+    Returns:
+        The page.
+    """
+    place = str(store_folder(store))
+    where = (runner, trust_network, place)
+    runs = tasks.campaign(Campaign(campaign_file, held_out, _date(), *where))
+    tasks.identify(runs, place)
+    tasks.calibrate(runs, place)
+    tasks.validate(runs["held_out"] or runs["fit"], 0.25, place)
+    return tasks.report(tasks.diagnose(runs, place), place)
+
+
+@flow(name="experiment", flow_run_name="experiment {spec}", timeout_seconds=tasks.HOUR)
+def experiment(spec: str, store: str | None = None) -> str:
+    """Run one experiment on the simulated arm and store it.
+
+    Args:
+        spec: SPEC.toml.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+
+    Returns:
+        The id of its run.
+    """
+    return tasks.experiment(spec, str(store_folder(store)))
+
+
+@flow(name="campaign", flow_run_name="campaign {campaign_file}", timeout_seconds=_NIGHT)
+def campaign(
+    campaign_file: str,
+    seed: int | None = None,
+    store: str | None = None,
+    runner: str | None = None,
+    trust_network: bool = False,
+) -> list[str]:
+    """Run many experiments on the simulated arm: one task, or a task per batch.
+
+    Args:
+        campaign_file: The campaign.
+        seed: Replaces its seed.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        runner: threads, processes or dask://HOST:PORT; else $MODELGAP_RUNNER.
+        trust_network: Whether that host may be another machine.
+
+    Returns:
+        The ids of its runs.
+    """
+    place = str(store_folder(store))
+    asked = Campaign(campaign_file, "", seed, runner, trust_network, place)
+    if chosen_runner(runner, trust_network).kind == PROCESSES:
+        return in_batches(asked)
+    return tasks.campaign(asked)["fit"]
+
+
+def in_batches(asked: Campaign) -> list[str]:
+    """Run a campaign as Prefect tasks in processes of Prefect, batch by batch.
+
+    Args:
+        asked: The campaign.
+
+    Returns:
+        The ids of its runs.
+
+    Raises:
+        RunError: If none of them succeeded.
+    """
+    wanted = planned(asked)
+    missing = [p.run_id for p in wanted if not p.stored]
+    parts = [missing[i :: _BATCHES * cores()] for i in range(_BATCHES * cores())]
+    with one_thread_each(), ProcessPoolTaskRunner(max_workers=cores()) as pool:
+        futures = [
+            pool.submit(tasks.batch, {"asked": asked, "ids": ids})
+            for ids in parts
+            if ids
+        ]
+        failed = [why for future in futures for why in future.result()]
+    for why in failed:
+        get_run_logger().warning(why)
+    stored = [p.run_id for p in planned(asked) if p.stored]
+    runs = by_role(asked, wanted, stored, failed)["fit"]
+    events.runs_committed([id for id in runs if id in missing])
+    return runs
 
 
 @flow(name="identify", flow_run_name="identify {fit}", timeout_seconds=_LIMIT)
@@ -66,7 +179,7 @@ def diagnose(
     Args:
         runs: Ids of the runs to diagnose.
         held_out: Ids of the runs for the proof.
-        good: Ids of runs of the arm in good order.
+        good: Ids of healthy runs of the arm.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
 
     Returns:
@@ -89,7 +202,7 @@ def monitor(
     Args:
         runs: Ids of the runs.
         model: Id of a diagnosis, or a robot; the arm's latest diagnosis unless given.
-        good: Ids of the runs in good order; those of the diagnosis unless given.
+        good: Ids of the healthy runs; those of the diagnosis unless given.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
 
     Returns:
@@ -126,3 +239,44 @@ def rerun(id: str, verify: bool = True, store: str | None = None) -> bool:
         Whether all values are the same bits.
     """
     return tasks.rerun(id, verify, str(store_folder(store)))
+
+
+@flow(name="demo", timeout_seconds=_LIMIT)
+def demo(seed: int, effect: str | None, store: str) -> dict:
+    """An arm hides an effect; it is found, added, proved, and only then revealed.
+
+    Args:
+        seed: Seed of everything: arm, effect, motions, noise.
+        effect: Effect to hide; None to draw it, "none" to hide nothing.
+        store: Folder of the store.
+
+    Returns:
+        Ids of diagnosis and proof, what was hidden, and the page.
+    """
+    runs = tasks.demo_experiments(Demo(seed, effect, store))
+    ids = tasks.diagnose(runs, store)
+    hidden = tasks.open_seal(runs, store)
+    page = tasks.demo_report(ids, runs, hidden, store)
+    return {"diagnosis": ids[0], "proof": ids[1], "hidden": hidden, "page": page}
+
+
+@flow(name="blind", timeout_seconds=_NIGHT)
+def blind(n: int = 40, seed: int | None = None, store: str | None = None) -> str:
+    """Hide effects from the diagnosis and count how often it is right.
+
+    Args:
+        n: Number of cases.
+        seed: Seed of the study; without it the date of the schedule, so that every
+            week has cases of its own and the same week the same.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+
+    Returns:
+        The page.
+    """
+    place = str(store_folder(store))
+    return tasks.study(n, _date() if seed is None else seed, place)
+
+
+def _date() -> int:
+    """The date of the schedule as a seed: the same run made again is the same."""
+    return int(f"{flow_run.scheduled_start_time:%Y%m%d}")

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
-from flows.workers.campaign import Tell
+from flows.progress import Progress
 from flows.workers.pool import Pool
 
 
@@ -22,7 +22,7 @@ class Around:
         pool: Processes to use; None for own ones.
     """
 
-    tell: Tell | None = None
+    tell: Progress | None = None
     pool: Pool | None = None
 
 

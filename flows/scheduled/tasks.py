@@ -13,8 +13,28 @@ from prefect import get_run_logger
 from prefect import task as prefect_task
 from prefect.cache_policies import NO_CACHE
 
-from flows.scheduled import artifacts, events, night, stages
+from flows import requests
+from flows.blind import run as blind_run
+from flows.blind.draw import Asked
+from flows.inputs.robots import robot_of
+from flows.report import stored
+from flows.report.page.study import headline, lines
+from flows.report.study import store_page
+from flows.scheduled import artifacts, events
+from flows.scheduled.surroundings import around
+from flows.specs.experiment import load_spec
+from flows.steps import calibrate as calibration
+from flows.steps import campaign as campaigns
+from flows.steps import demo
+from flows.steps import diagnose as diagnosis
+from flows.steps import experiment as experiments
+from flows.steps import identify as identification
+from flows.steps import monitor as monitoring
+from flows.steps import validate as validation
+from flows.steps.monitor_model import source_of
+from flows.steps.rerun import rerun as reruns
 from flows.workers.cluster import ClusterLostError
+from residual.monitoring.monitor import LEAST_RUNS
 
 HOUR = 3600.0  # s
 
@@ -39,18 +59,17 @@ _again = {
 @task(name="experiment", task_run_name="experiment {path}", tags=["simulation"])
 def experiment(path: str, store: str) -> str:
     """Run one experiment; returns the id of its run."""
-    id = night.run_experiment(path, Path(store))
+    id = experiments.run(load_spec(path), Path(store))
     events.runs_committed([id])
     return id
 
 
-@task(name="campaign", task_run_name="campaign {path}", tags=["simulation"], **_again)
-def campaign(path: str, held_out: str, seed: int | None, store: str, runner: dict):
+@task(name="campaign", task_run_name="campaign", tags=["simulation"], **_again)
+def campaign(asked: requests.Campaign) -> dict:
     """Run what is not in the store; a failure is told and does not end the night."""
     log = get_run_logger()
     tell = artifacts.progress("campaign-progress", log.info)
-    asked = night.Campaign(path, held_out, seed, **runner)
-    ran = night.run_campaign(asked, Path(store), tell)
+    ran = campaigns.run_campaign(asked, tell)
     for why in ran.failed:
         log.warning(why)
     events.runs_committed(ran.new)
@@ -60,70 +79,123 @@ def campaign(path: str, held_out: str, seed: int | None, store: str, runner: dic
 
 
 @task(name="batch", task_run_name="{ids[0]} and after", tags=["simulation"], **_again)
-def batch(path: str, seed: int | None, ids: list[str], store: str) -> list[str]:
+def batch(asked: requests.Campaign, ids: list[str]) -> list[str]:
     """Run a part of a campaign in this process; returns what failed, in words."""
-    return night.run_part(path, seed, ids, Path(store))
+    return campaigns.run_part(asked, ids)
 
 
 @task(name="identify", task_run_name="identify", tags=["analysis"])
 def identify(runs: dict, store: str) -> None:
     """Fit the parameters of the model; the errors are a table among the artifacts."""
-    done = stages.identify(runs["fit"], runs["held_out"], Path(store))
-    artifacts.stage("identify", done)
+    fit, held_out = tuple(runs["fit"]), tuple(runs["held_out"])
+    robot = robot_of(fit, Path(store))
+    request = requests.Identify(fit, robot, held_out, store=store)
+    logs = identification.read_logs(request)
+    artifacts.identification(*identification.identify(request, logs))
 
 
 @task(name="calibrate", task_run_name="calibrate", tags=["analysis"])
 def calibrate(runs: dict, store: str) -> list[str]:
     """Fit the look-up tables; returns the ids of model and validation."""
-    done = stages.calibrate([*runs["fit"], *runs["held_out"]], Path(store))
-    artifacts.stage("calibrate", done)
-    return list(done.ids)
+    ids = (*runs["fit"], *runs["held_out"])
+    request = requests.Calibrate(ids, robot_of(ids, Path(store)), store=store)
+    done = calibration.calibrate(request, *calibration.read_logs(request))
+    artifacts.calibration(done)
+    return list(done.kept.values())
 
 
 @task(name="validate", task_run_name="validate", tags=["analysis"])
 def validate(ids: list[str], window: float, store: str) -> list[str]:
     """Try the nominal model on runs; returns the ids of the validations."""
-    done = stages.validate(ids, window, Path(store))
-    artifacts.stage("validate", done)
-    return list(done.ids)
+    wanted = (requests.Validate(id, window, store) for id in ids)
+    made = {request.run: validation.validate(request) for request in wanted}
+    artifacts.validations(made)
+    return [id for id, _ in made.values()]
 
 
 @task(name="diagnose", task_run_name="diagnose", tags=["analysis"])
 def diagnose(runs: dict, store: str) -> list[str]:
     """Identify, diagnose, augment, prove; the verdict goes into the store."""
-    return list(night.diagnose(runs, Path(store)))
+    request = diagnosis.request_of(runs, Path(store))
+    return list(diagnosis.diagnose_runs(request, around().tell))
 
 
 @task(name="watch", task_run_name="watch", tags=["monitoring"])
 def watch(ids: list[str], model: str | None, good: list[str], store: str) -> list[str]:
     """Watch the sensors of runs; an alarm is told as an event."""
-    done, alarm, picture = stages.watch(ids, model, good, Path(store))
-    get_run_logger().info(done.words)
-    artifacts.stage("monitor", done)
-    if picture is not None:
-        artifacts.plot("monitor-scores", picture, done.words)
-    if alarm is not None:
-        events.alarm_raised(alarm)
-    return list(done.ids)
+    place = Path(store)
+    model = model or monitoring.latest_diagnosis(ids, place)
+    if model is None:
+        return _nothing("No diagnosis of this arm yet: nothing to compare with.")
+    healthy = tuple(good) or source_of(model, place).good
+    new = tuple(run for run in ids if run not in healthy)
+    if not new:
+        return _nothing("No run that is not one of the healthy ones.")
+    if len(healthy) < LEAST_RUNS:
+        return _nothing(f"{len(healthy)} healthy runs, {LEAST_RUNS} are the least.")
+    request = requests.Monitor(model, new, healthy, store=store)
+    id, found, watched = monitoring.monitor(request)
+    artifacts.monitoring(id, found, watched)
+    alarmed = [run for run, alarms in found.alarms.items() if alarms]
+    if alarmed:
+        events.alarm_raised(id, alarmed, found.calibration)
+    return [id]
+
+
+def _nothing(why: str) -> list[str]:
+    get_run_logger().info(why)
+    artifacts.record("monitor", (), f"{why} Nothing was watched.")
+    return []
 
 
 @task(name="rerun", task_run_name="rerun {id}", tags=["simulation"])
 def rerun(id: str, verify: bool, store: str) -> bool:
     """Make a record again and compare; returns whether all values are the same bits."""
-    # Late: what it loads, no other task needs.
-    from flows.steps.rerun.rerun import rerun as again
-
-    made = again(id, Path(store), verify)
+    made = reruns.rerun(id, Path(store), verify)
     rows = [asdict(channel) for channel in made.apart]
-    told = made.cause or "Bit for bit the same."
-    kept = tuple(id for id in (made.made, made.noted) if id)
-    artifacts.stage("rerun", stages.Stage(kept, str(told), tuple(rows)))
+    words = str(made.cause or "Bit for bit the same.")
+    kept = [id for id in (made.made, made.noted) if id]
+    artifacts.record("rerun", kept, words, rows)
     return not rows and made.cause is None
 
 
 @task(name="report", task_run_name="report {ids[0]}", tags=["report"])
 def report(ids: list[str], store: str) -> str:
     """Write the page; it and the verdict in words appear among the artifacts."""
-    page, words = night.report((ids[0], ids[1]), Path(store))
-    artifacts.report(page, words, ids[0])
+    page = stored.diagnosis_page(ids, Path(store), "nightly")
+    artifacts.report(page, stored.words(ids[1], Path(store)), ids[0])
+    return str(page)
+
+
+@task(name="demo-experiments", task_run_name="experiments", tags=["simulation"])
+def demo_experiments(asked: requests.Demo) -> dict:
+    """Run what is not in the store, in a pool of processes."""
+    return demo.run_experiments(asked, around().tell, around().pool)
+
+
+@task(name="open-seal", task_run_name="open-seal", tags=["report"])
+def open_seal(runs: dict, store: str) -> list[dict]:
+    """Read what was hidden, after the verdict is stored."""
+    return demo.open_seal(runs, Path(store))
+
+
+@task(name="demo-report", task_run_name="report {ids[0]}", tags=["report"])
+def demo_report(ids: list[str], runs: dict, hidden: list[dict], store: str) -> str:
+    """Write the page; it appears among the artifacts."""
+    page = stored.demo_page(ids, runs["fit"][0], hidden, Path(store))
+    artifacts.report(page, stored.words(ids[1], Path(store)), ids[0])
+    return str(page)
+
+
+@task(name="study", task_run_name="study", tags=["analysis"], timeout_seconds=None)
+def study(n: int, seed: int, store: str) -> str:
+    """Run what is not in the store, in a pool of processes; write the page."""
+    log, asked, place = get_run_logger(), Asked(n, seed), Path(store)
+    made = blind_run.run_study(asked, place, lambda what, _: log.info(what))
+    for why in made.failed:
+        log.warning(why)
+    page = store_page(asked, made, place)
+    figures = (f"- {what}: {value}, {n}" for what, value, n in lines(made.summary))
+    words = "\n".join([f"{headline(made.summary)}\n", *figures])
+    artifacts.study(page, words, made.id)
     return str(page)

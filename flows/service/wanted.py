@@ -1,7 +1,6 @@
 """What `modelgap up` is asked for, checked; and the environments that follow."""
 
 import errno
-import ipaddress
 import os
 import socket
 import sys
@@ -10,7 +9,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from flows.service.state import Running
-from flows.settings import API, STORE, quiet_prefect
+from flows.settings import API, STORE, is_loopback, quiet_prefect
 from residual.errors import InputError
 
 DATABASE = "MODELGAP_DATABASE_URL"
@@ -79,16 +78,6 @@ def check_host(host: str, trust_network: bool) -> None:
             f"--host {host} lets others in the network reach the server, which has no "
             "password and starts programs. If they may: --trust-network."
         )
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only programs of this machine reach an address."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def database_url(given: str) -> str:

@@ -1,13 +1,18 @@
 """Two records side by side: spec, code, environment and values."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from flows.steps.rerun.cause import environment_apart
+from flows.steps.rerun.records import apart
 from residual.errors import InputError
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.layout import Found, find
+from warehouse.manifest import read_manifest
+from warehouse.runs import read_channels
+from warehouse.verify import read_row
 
 _CODE = ("commit", "dirty", "code_hash", "program_hash", "lock_hash", "machine")
 # What a manifest says of values and of how it was made: both stand by themselves.
@@ -61,9 +66,6 @@ def diff(one: str, two: str, store: Path) -> Diff:
 
 
 def _runs(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
-    from warehouse.manifest import read_manifest
-    from warehouse.runs import read_channels
-
     told = [read_manifest(store, each.id) for each in found]
     known = [each["provenance"] for each in told]
     spec = [
@@ -80,11 +82,6 @@ def _runs(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
 
 
 def _records(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
-    import json
-
-    from flows.steps.rerun.records import apart
-    from warehouse.verify import read_row
-
     rows = [read_row(each) for each in found]
     known = [json.loads(row.get("provenance") or "{}") for row in rows]
     records = [json.loads(row["record"]) for row in rows]

@@ -7,12 +7,25 @@ from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
+from threadpoolctl import threadpool_limits
+
 from flows.inputs.robots import load
 from flows.specs.experiment import ExperimentSpec
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from sim.catalogue import check_effect
+from sim.experiment import run_experiment
 from sim.records import Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
+from sim.streams import NAMES
+from sim.trajectories import make_reference
+from warehouse import ids
+from warehouse.commit import commit_run
+from warehouse.ids import plain
+from warehouse.layout import record_folder
+from warehouse.origin.provenance import plant_code_hash
+from warehouse.origin.robots import keep_robot
+from warehouse.seal import Sealed, sealed_hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +88,6 @@ def run_id_of(spec: ExperimentSpec) -> str:
     Raises:
         InputError: If it asks for what its robot or the plant lacks.
     """
-    from warehouse import ids
-    from warehouse.origin.provenance import plant_code_hash
-    from warehouse.seal import sealed_hash
-
     robot = checked_robot(spec)
     hidden = sealed_hash(sealed_half(spec))
     return ids.run_id(open_half(spec, robot), hidden, plant_code_hash())
@@ -86,8 +95,6 @@ def run_id_of(spec: ExperimentSpec) -> str:
 
 def is_stored(store: Path, spec: ExperimentSpec, run_id: str) -> bool:
     """Return whether a run is in the store."""
-    from warehouse.layout import record_folder
-
     return record_folder(store, "runs", run_id, checked_robot(spec).name).is_dir()
 
 
@@ -108,8 +115,6 @@ def run(spec: ExperimentSpec, store: Path) -> str:
     id = run_id_of(spec)
     if is_stored(store, spec, id):
         return id
-    from warehouse.origin.robots import keep_robot
-
     made = make(spec)
     keep_robot(store, spec.robot, checked_robot(spec))
     return keep(made, store)
@@ -144,12 +149,13 @@ def keep(made: Made, store: Path, parents: Mapping | None = None) -> str:
     Returns:
         The id of the run.
     """
-    from warehouse.commit import commit_run
-    from warehouse.seal import Sealed
-
     manifest = {**made.manifest, **({"parents": parents} if parents else {})}
     sealed = Sealed(made.hidden, made.truth)
     return commit_run(store, made.log, manifest, sealed, made.twin)
+
+
+def load_engine() -> None:
+    """Load what an experiment needs: it stands at the top of this file."""
 
 
 def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
@@ -180,8 +186,6 @@ def plant_of(sealed: Mapping) -> PlantSpec:
     Raises:
         InputError: If it is not a sealed half as this version writes it.
     """
-    from warehouse.ids import plain
-
     try:
         effects = tuple(
             PlantEffect(
@@ -212,8 +216,6 @@ def checked_robot(spec: ExperimentSpec) -> Robot:
     Raises:
         InputError: If there is no such robot, effect, parameter or joint.
     """
-    from sim.catalogue import check_effect
-
     robot = _robot(spec.robot)
     for effect in spec.plant_spec().effects:
         check_effect(effect, robot)
@@ -226,11 +228,6 @@ def _robot(name: str) -> Robot:
 
 
 def _simulate(spec: ExperimentSpec, robot: Robot) -> tuple:
-    # Late: the engine is a slow import, and whoever has only logs never needs it.
-    from threadpoolctl import threadpool_limits
-
-    from sim.experiment import run_experiment
-
     rates, clock = spec.log_rates(), [perf_counter()]
     with threadpool_limits(1, user_api="blas"):
         reference = _reference(robot, spec.reference(), rates.control)
@@ -245,12 +242,8 @@ def _simulate(spec: ExperimentSpec, robot: Robot) -> tuple:
 @lru_cache(maxsize=12)
 def _reference(robot: Robot, spec: TrajectorySpec, rate: float) -> Reference:
     """Return a motion; kept, since many arms may be asked to do the same."""
-    from sim.trajectories import make_reference
-
     return make_reference(robot, spec, rate)
 
 
 def _stream_names() -> Sequence[str]:
-    from sim.streams import NAMES
-
     return list(NAMES)

@@ -4,35 +4,20 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from flows.inputs.logs import need_logs
+from flows.inputs.robots import load
+from flows.requests import Import
+from flows.settings import store_folder
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from warehouse.logs import ColumnMap, Understood
+from warehouse.commit import commit_run, imported_run_id
+from warehouse.layout import record_folder
+from warehouse.logs import ColumnMap, Understood, load_columns, read_log, unique_ids
+from warehouse.origin.robots import keep_robot
 
 LONGEST = 60
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """Which logs to import, in the user's own words.
-
-    Attributes:
-        logs: Logs: "FILE" or "FILE@start:end".
-        robot: Built-in name, URDF file or folder.
-        columns: COLUMNS.toml, None for the default columns.
-        trajectory: What kind of motion it was, for queries; None for no word.
-        kind: What it was recorded for.
-    """
-
-    logs: tuple[str, ...]
-    robot: str
-    columns: str | None = None
-    trajectory: str | None = None
-    kind: str = "log"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,18 +33,17 @@ class Log:
     """
 
     recording: Recording
-    known: "Understood"
+    known: Understood
     run_id: str
     stored: bool
     manifest: dict
 
 
-def read(request: Request, store: Path) -> tuple[Robot, tuple[Log, ...]]:
+def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
     """Read logs and say which runs they are; nothing is written.
 
     Args:
-        request: Which logs.
-        store: The store, which need not be there.
+        request: Which logs; the store need not be there.
 
     Returns:
         The robot and the logs.
@@ -67,13 +51,7 @@ def read(request: Request, store: Path) -> tuple[Robot, tuple[Log, ...]]:
     Raises:
         InputError: If a log is not usable, or two are the same run.
     """
-    from flows.inputs.robots import load
-    from warehouse.logs import load_columns, unique_ids
-
-    if not request.logs:
-        raise InputError(
-            "No log to import. Name it first: modelgap import LOG ... --robot R."
-        )
+    need_logs(request.logs, "to import", "import")
     for what, word in (("trajectory", request.trajectory), ("kind", request.kind)):
         if word is not None and not _is_word(word):
             raise InputError(
@@ -83,7 +61,7 @@ def read(request: Request, store: Path) -> tuple[Robot, tuple[Log, ...]]:
     columns = load_columns(request.columns) if request.columns else None
     labels = unique_ids(request.logs)
     logs = [
-        _read_one(spec, label, request, (robot, columns, store))
+        _read_one(spec, label, request, (robot, columns))
         for spec, label in zip(request.logs, labels, strict=True)
     ]
     first: dict[str, str] = {}
@@ -97,31 +75,25 @@ def read(request: Request, store: Path) -> tuple[Robot, tuple[Log, ...]]:
     return robot, tuple(logs)
 
 
-def store_log(log: Log, request: Request, robot: Robot, store: Path) -> str:
+def store_log(log: Log, request: Import, robot: Robot) -> str:
     """Put a log that was read into the store; one that is there stays.
 
     Args:
         log: The log.
         request: Which logs were asked for.
         robot: The arm.
-        store: The store.
 
     Returns:
         The id of the run.
     """
-    from warehouse.commit import commit_run
-    from warehouse.origin.robots import keep_robot
-
+    store = store_folder(request.store)
     keep_robot(store, request.robot, robot)
     return commit_run(store, log.recording, log.manifest)
 
 
-def _read_one(spec: str, label: str, request: Request, around: tuple) -> Log:
-    from warehouse.commit import imported_run_id
-    from warehouse.layout import record_folder
-    from warehouse.logs import read_log
-
-    robot, columns, store = around
+def _read_one(spec: str, label: str, request: Import, of_all: tuple) -> Log:
+    robot, columns = of_all
+    store = store_folder(request.store)
     recording, known = read_log(spec, robot, columns, label)
     run_id = imported_run_id(recording, robot.content_hash)
     return Log(
@@ -139,7 +111,7 @@ def _read_one(spec: str, label: str, request: Request, around: tuple) -> Log:
     )
 
 
-def _about(known: "Understood", columns: "ColumnMap | None") -> dict:
+def _about(known: Understood, columns: ColumnMap | None) -> dict:
     """What the file was and how it was read; its name, not where it lay."""
     path = Path(known.file)
     return {

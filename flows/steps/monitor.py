@@ -4,10 +4,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import pyarrow as pa
+from threadpoolctl import threadpool_limits
+
+from flows.requests import Monitor as Request
+from flows.settings import store_folder
 from flows.steps.monitor_model import Source, model_of, robot_of, source_of
 from residual.errors import InputError
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate
+from residual.monitoring.record import to_record
 from residual.recording import Array, Recording
+from warehouse.commit import commit_record, read_record
+from warehouse.layout import find_run
+from warehouse.quarantine import tombstone
+from warehouse.query.store import open_store
+from warehouse.runs import read_run
 
 NOVEL = 0.01  # share of a run outside of what was calibrated that is worth a word
 
@@ -52,21 +63,11 @@ class Watched:
         return tuple(out)
 
 
-def monitor(
-    model: str,
-    runs: Sequence[str],
-    good: Sequence[str],
-    store: Path,
-    per_hour: float = 1.0,
-) -> tuple[str, Watched, dict[str, Recording]]:
+def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
     """Calibrate a monitor, watch runs, and store what was found.
 
     Args:
-        model: Id of a diagnosis, or a robot for its nominal model.
-        runs: Ids of the runs to watch.
-        good: Ids of the runs to calibrate on; empty for those of the diagnosis.
-        store: The store.
-        per_hour: False alarms wanted at most [1/h].
+        request: What is wanted.
 
     Returns:
         The id of the record, what was found, and the watched runs by their id.
@@ -75,18 +76,17 @@ def monitor(
         InputError: If a run is not there or of another robot, is both good and watched,
             or there are too few good ones.
     """
-    from threadpoolctl import threadpool_limits
-
-    source = source_of(model, store)
-    healthy = _read(store, good or source.good)
-    watched = _read(store, runs)
+    store = store_folder(request.store)
+    source = source_of(request.model, store)
+    healthy = _read(store, request.good or source.good)
+    watched = _read(store, request.runs)
     _check(source, healthy, watched)
     robot = robot_of(source, next(iter(healthy.values())), store)
     for run in (*healthy.values(), *watched.values()):
         robot_of(source, run, store)
     with threadpool_limits(1, user_api="blas"):
         start = model_of(source, robot, list(healthy.values()))
-        made = calibrate(start, list(healthy.values()), per_hour)
+        made = calibrate(start, list(healthy.values()), request.per_hour)
         found = Watched(
             monitor=made,
             calibration=tuple(healthy),
@@ -94,22 +94,35 @@ def monitor(
             novelty={id: made.novelty(run) for id, run in watched.items()},
             seconds=sum(run.duration for run in watched.values()),
         )
-    request = {
-        "step": "monitor",
-        "model": source.diagnosis or model,
+    asked = request.to_record() | {
+        "model": source.diagnosis or request.model,
         "runs": list(watched),
         "good": list(healthy),
-        "per_hour": per_hour,
-        "robot": None if source.diagnosis else model,
+        "robot": None if source.diagnosis else request.model,
         "robot_hash": robot.content_hash,
     }
-    return _put(store, source, found, request), found, watched
+    return _put(store, source, found, asked), found, watched
+
+
+def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
+    """Return the id of the latest diagnosis of the arm of some runs, None if none.
+
+    Raises:
+        InputError: If there is no run, or it is not in the store.
+    """
+    if not runs:
+        raise InputError("No run given, expected one or more ids.")
+    robot = find_run(store, runs[0]).folder.parent.name.removeprefix("robot=")
+    query = (
+        f"SELECT diagnosis_id FROM diagnoses WHERE robot = '{robot}' "
+        "ORDER BY created DESC, diagnosis_id LIMIT 1"
+    )
+    with open_store(store) as opened:
+        found = opened.sql(query).to_pylist()
+    return found[0]["diagnosis_id"] if found else None
 
 
 def _read(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
-    from warehouse.quarantine import tombstone
-    from warehouse.runs import read_run
-
     out = {}
     for word in ids:
         run = read_run(store, word)
@@ -139,11 +152,6 @@ def _check(source: Source, healthy: Mapping, watched: Mapping) -> None:
 
 
 def _put(store: Path, source: Source, found: Watched, request: Mapping) -> str:
-    import pyarrow as pa
-
-    from residual.monitoring.record import to_record
-    from warehouse.commit import commit_record, read_record
-
     told = to_record(found.monitor)
     model = (
         read_record(store, source.diagnosis)["model_id"] if source.diagnosis else None
@@ -172,8 +180,6 @@ def _put(store: Path, source: Source, found: Watched, request: Mapping) -> str:
 
 
 def _schema():
-    import pyarrow as pa
-
     seconds = {"unit": "s"}
     return pa.schema(
         [

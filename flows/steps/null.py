@@ -8,44 +8,25 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 
-from flows.inputs.logs import read_words
-from flows.inputs.robots import load
+from threadpoolctl import threadpool_limits
+
+from flows.inputs.logs import LogSets, need_logs, read_sets
+from flows.inputs.robots import check_declared, load
+from flows.keep.method import method_hash
+from flows.keep.null import KIND, null_records
+from flows.progress import Progress
+from flows.requests import Null as Request
 from flows.settings import cores, store_folder
-from flows.steps.diagnose import Progress, check_declared
 from flows.workers.pool import Here, Pool
-from residual.diagnosis.null_record import Null, from_record, to_record
+from residual.diagnosis.null_record import Null, from_record
 from residual.errors import InputError, ModelgapError
-from residual.recording import Recording
+from residual.null.draws import block
+from residual.null.source import source
+from warehouse.commit import commit_record
+from warehouse.ids import data_hash
 
-KIND = "null"  # of validations
 OF_A_BLOCK = 4  # draws that share their encoder noise
-
-
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """Which null is wanted.
-
-    Attributes:
-        logs: Logs: "FILE", "FILE@start:end", or ids of runs.
-        robot: Built-in name, URDF file or folder.
-        baseline: Logs of the robot in good order, the same way.
-        declared: Effects that the model has; None for the robot's own list.
-        columns: COLUMNS.toml, None for the default columns.
-        draws: How many draws.
-        seed: Seed of the draws.
-        store: Folder of the store.
-    """
-
-    logs: tuple[str, ...]
-    robot: str
-    baseline: tuple[str, ...] = ()
-    declared: tuple[str, ...] | None = None
-    columns: str | None = None
-    draws: int = 200
-    seed: int = 0
-    store: str | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,8 +44,8 @@ class Made:
     complete: bool
 
 
-def calibrate(
-    asked: Asked,
+def calibrate_null(
+    asked: Request,
     progress: Progress | None = None,
     pool: Pool | Here | None = None,
     workers: int | None = None,
@@ -84,8 +65,8 @@ def calibrate(
     """
     if pool is None:
         with Pool(workers or cores()) as own:
-            return calibrate(asked, progress, own)
-    _, _, ids = _read(asked)
+            return calibrate_null(asked, progress, own)
+    sets = _read(asked)
     blocks = -(-asked.draws // OF_A_BLOCK)
     done = _begun(asked)
     known = OF_A_BLOCK * len(done)
@@ -103,62 +84,14 @@ def calibrate(
         complete = False
         if not done:
             raise
-    return Made(_keep(asked, done, ids), known, complete)
+    return Made(_keep(asked, done, tuple(sets.runs.values())), known, complete)
 
 
-def read_null(path: str) -> Null:
-    """Read a null from a JSON file.
-
-    Raises:
-        InputError: If there is none.
-    """
-    try:
-        record = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"--null {path}: cannot be read, {error.strerror}.") from error
-    except ValueError as error:
-        raise InputError(
-            f"--null {path} is no JSON, expected what modelgap calibrate-null --out "
-            "wrote."
-        ) from error
-    if not isinstance(record, Mapping):
-        raise InputError(f"--null {path} is no null, expected a JSON object.")
-    return from_record(record, str(record.get("id") or Path(path).name))
-
-
-def null_json(null: Null) -> str:
-    """Return a null as JSON text."""
-    record = {"schema": 1, "kind": KIND, "id": null.id, **to_record(null)}
-    return json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def nulls_in(store: Path) -> tuple[Null, ...]:
-    """Return all nulls of a store, those with most draws and the latest first."""
-    found = [from_record(r, id) for id, r in _records(store)]
-    return tuple(sorted(found, key=lambda n: -len(n.net)))
-
-
-def _records(store: Path) -> list[tuple[str, Mapping]]:
-    """Return ids and records of all nulls, the latest first."""
-    if not (store / "validations").is_dir():
-        return []
-    from warehouse.commit import read_record
-    from warehouse.query.store import open_store
-
-    query = (
-        "SELECT validation_id FROM validations "
-        f"WHERE kind = '{KIND}' ORDER BY created DESC"
-    )
-    with open_store(store) as opened:
-        ids = opened.sql(query).column(0).to_pylist()
-    return [(id, read_record(store, id)) for id in ids]
-
-
-def _begun(asked: Asked) -> dict[int, dict]:
+def _begun(asked: Request) -> dict[int, dict]:
     """Return the blocks of the same null that the store has, by number."""
     out: dict[int, dict] = {}
     identity = _identity(asked)
-    for _, record in _records(store_folder(asked.store)):
+    for _, record in null_records(store_folder(asked.store)):
         if record["asked"] != identity:
             continue
         for number in sorted(set(record["block"])):
@@ -171,16 +104,14 @@ def _begun(asked: Asked) -> dict[int, dict]:
     return out
 
 
-def _identity(asked: Asked) -> dict:
+def _identity(asked: Request) -> dict:
     """What makes two nulls the same but for the number of draws, as JSON has it."""
-    from flows.blind.steps import method_hash
-    from warehouse.ids import data_hash
-
-    fit, baseline, _ = _read(asked)
-    logs = [data_hash({"t": r.t, "q": r.q, "tau": r.tau}) for r in (*fit, *baseline)]
+    sets = _read(asked)
+    both = (*sets.fit, *sets.baseline)
+    logs = [data_hash({"t": r.t, "q": r.q, "tau": r.tau}) for r in both]
     return {
         "logs": logs,
-        "baseline": len(baseline),
+        "baseline": len(sets.baseline),
         "robot": load(asked.robot).content_hash,
         "declared": None if asked.declared is None else list(asked.declared),
         "seed": asked.seed,
@@ -188,9 +119,7 @@ def _identity(asked: Asked) -> dict:
     }
 
 
-def _keep(asked: Asked, done: Mapping[int, Mapping], ids: Sequence[str]) -> Null:
-    from warehouse.commit import commit_record
-
+def _keep(asked: Request, done: Mapping[int, Mapping], ids: Sequence[str]) -> Null:
     blocks = sorted(done)
     first = done[blocks[0]]
     record = {
@@ -210,23 +139,19 @@ def _keep(asked: Asked, done: Mapping[int, Mapping], ids: Sequence[str]) -> Null
     return from_record(record, id)
 
 
-def _block(job: tuple[Asked, int]) -> dict:
+def _block(job: tuple[Request, int]) -> dict:
     """Do one block; whatever it raises can cross to the parent process."""
-    from threadpoolctl import threadpool_limits
-
-    from residual.null.draws import block
-
     asked, index = job
     try:
         with threadpool_limits(1, user_api="blas"):
-            source = _source(asked)
-            draws = block(source, asked.seed, index, OF_A_BLOCK)
+            made_after = _source(asked)
+            draws = block(made_after, asked.seed, index, OF_A_BLOCK)
     except ModelgapError as error:
         raise InputError(str(error)) from None
-    key = {name: getattr(source.key, name) for name in source.key.__slots__}
+    key = {name: getattr(made_after.key, name) for name in made_after.key.__slots__}
     return {
         "key": json.loads(json.dumps(key)),
-        "scale": source.scale,
+        "scale": made_after.scale,
         "nats": [d.nats for d in draws],
         "net": [d.net for d in draws],
         "named": [d.named for d in draws],
@@ -234,29 +159,17 @@ def _block(job: tuple[Asked, int]) -> dict:
 
 
 @lru_cache(maxsize=1)
-def _source(asked: Asked):
+def _source(asked: Request):
     """Return what the recordings are made after; each process finds it out once."""
-    from residual.null.source import source
-
-    fit, baseline, _ = _read(asked)
-    return source(load(asked.robot), fit, asked.declared, baseline)
+    sets = _read(asked)
+    return source(sets.robot, sets.fit, asked.declared, sets.baseline)
 
 
 @lru_cache(maxsize=1)
-def _read(
-    asked: Asked,
-) -> tuple[tuple[Recording, ...], tuple[Recording, ...], tuple[str, ...]]:
-    """Return the logs, those of the baseline, and the ids of those that are runs."""
-    if not asked.logs:
-        raise InputError(
-            "No log to calibrate for. Name it first: modelgap calibrate-null LOG ... "
-            "--robot R."
-        )
+def _read(asked: Request) -> LogSets:
+    need_logs(asked.logs, "to calibrate for", "calibrate-null")
     if asked.draws < 1:
         raise InputError(f"--draws is {asked.draws}, expected 1 or more; 200 is usual.")
     check_declared(asked.declared)
-    words, place = (*asked.logs, *asked.baseline), store_folder(asked.store)
-    logs = read_words(words, load(asked.robot), asked.columns, place)
-    count = len(asked.logs)
-    ids = tuple(logs.runs.values())
-    return logs.recordings[:count], logs.recordings[count:], ids
+    sets = (asked.logs, asked.baseline, ())
+    return read_sets(sets, load(asked.robot), asked.columns, asked.store)

@@ -12,13 +12,33 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+from scipy.interpolate import CubicSpline
+from threadpoolctl import threadpool_limits
 
 from flows.inputs.robots import load
+from flows.requests import Validate as Request
+from flows.settings import store_folder
 from flows.steps.experiment import plant_of
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.signals.track import Filters, prepare
+from sim.plant import tables as at
+from sim.plant.arm import build_arm
+from sim.plant.controller import ComputedTorque
+from sim.plant.stepping import DivergedError, simulate
 from sim.records import PlantSpec, Reference, TrajectorySpec
+from sim.streams import motion_label
+from sim.trajectories import make_reference
+from sim.twin import open_loop, track, twin_of
+from warehouse.commit import commit_record
+from warehouse.layout import SEALED
+from warehouse.manifest import about_run, read_manifest
+from warehouse.origin.provenance import plant_code_hash
+from warehouse.runs import read_run
+from warehouse.schema import VIEWS, arrow_schema
+from warehouse.seal import open_seal
 
 Array = np.ndarray
 
@@ -51,13 +71,11 @@ class Validation:
         return "open_loop" if self.nominal is None else "open_loop,feed_forward"
 
 
-def validate(run_id: str, window: float, store: Path) -> tuple[str, Validation]:
+def validate(request: Request) -> tuple[str, Validation]:
     """Validate the nominal model on a run, and store what was found.
 
     Args:
-        run_id: Id of the run, or its beginning.
-        window: Length of the windows of the open loop [s].
-        store: The store.
+        request: What is wanted.
 
     Returns:
         The id of the validation, the same for the same run and window; and the errors.
@@ -66,12 +84,8 @@ def validate(run_id: str, window: float, store: Path) -> tuple[str, Validation]:
         InputError: If there is no such run, its robot is described differently now,
             the window is not usable, or the seal is broken.
     """
-    from threadpoolctl import threadpool_limits
-
-    from warehouse.manifest import read_manifest
-    from warehouse.runs import read_run
-
-    log = read_run(store, run_id)
+    store, window = store_folder(request.store), request.window
+    log = read_run(store, request.run)
     manifest = read_manifest(store, log.id)
     robot = _robot_of(log, manifest)
     with threadpool_limits(1, user_api="blas"):
@@ -83,14 +97,12 @@ def validate(run_id: str, window: float, store: Path) -> tuple[str, Validation]:
     if used < window:
         notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")
     made = Validation(used, strayed, **tracked, notes=tuple(notes))
-    request = {
-        "step": "validate",
+    asked = request.to_record() | {
         "run": log.id,
-        "window": window,
         "robot": manifest.get("robot", log.robot),
         "robot_hash": robot.content_hash,
     }
-    return _put(store, log, (manifest, request), made), made
+    return _put(store, log, (manifest, asked), made), made
 
 
 def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array, float]:
@@ -110,9 +122,6 @@ def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array,
     Raises:
         InputError: If the window is not usable, or the model never stays near.
     """
-    from sim.plant.stepping import DivergedError
-    from sim.twin import open_loop
-
     if not _SHORTEST <= window <= log.duration:
         raise InputError(
             f"--window {window:g}: expected {_SHORTEST:g} s to the length of the run, "
@@ -147,13 +156,6 @@ def feed_forward_errors(
     Returns:
         Root mean square of read minus wanted position: nominal, arm [rad]. (dof,) each.
     """
-    from sim.plant import tables as at
-    from sim.plant.arm import build_arm
-    from sim.plant.controller import ComputedTorque
-    from sim.plant.stepping import simulate
-    from sim.streams import motion_label
-    from sim.twin import track, twin_of
-
     # Under the label and at the start of `track`: chance and warmth are the same.
     label, loop = motion_label(reference, 0.0), ComputedTorque(robot, reference)
     arm = simulate(build_arm(robot, plant), reference, loop, label, seed=plant.seed)
@@ -170,10 +172,6 @@ def _measured(log: Recording) -> tuple[Reference, Array]:
     The motion is that of the diagnosis, low-passed, made finer by a cubic spline: then
     velocities and accelerations are exactly those of its positions.
     """
-    from scipy.interpolate import CubicSpline
-
-    from residual.signals.track import Filters, prepare
-
     (track,), _ = prepare((log,), Filters(), full_rate=True)
     rate = track.rate * max(1, round(_RATE / track.rate))
     since = np.arange(round((track.t[-1] - track.t[0]) * rate) + 1) / rate
@@ -201,9 +199,6 @@ def _robot_of(log: Recording, manifest: Mapping) -> Robot:
 
 def _hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | None:
     """Return the arm of a simulated run; None where no sealed half lies."""
-    from warehouse.layout import SEALED
-    from warehouse.seal import open_seal
-
     # A seal that was taken out is no error, one that is broken is.
     if not manifest["sealed_sha256"]:
         return None
@@ -214,8 +209,6 @@ def _hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | No
 
 def _reference(robot: Robot, manifest: Mapping) -> Reference:
     """Make the reference of a run once more, at the rate of the controller."""
-    from sim.trajectories import make_reference
-
     spec = manifest["spec"]
     try:
         wanted, rate = TrajectorySpec(**spec["trajectory"]), spec["rates"]["control"]
@@ -228,8 +221,6 @@ def _reference(robot: Robot, manifest: Mapping) -> Reference:
 
 
 def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
-    from warehouse.origin.provenance import plant_code_hash
-
     if not with_arm:
         return ["No feed-forward: that needs the arm, and none is sealed with the run."]
     notes, start = [], manifest["spec"].get("start", 0.0)
@@ -247,12 +238,6 @@ def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
 
 
 def _put(store: Path, log: Recording, about: tuple, made: Validation) -> str:
-    import pyarrow as pa
-
-    from warehouse.commit import commit_record
-    from warehouse.manifest import about_run
-    from warehouse.schema import VIEWS, arrow_schema
-
     figures = (
         ("nominal", OPEN_LOOP, made.open_loop),
         ("nominal", FEED_FORWARD, made.nominal),

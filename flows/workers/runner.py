@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from flows.service.wanted import is_loopback
-from flows.settings import cores
+from flows.settings import cores, is_loopback
 from flows.workers.cluster import Cluster
 from flows.workers.pool import Pool
 from residual.errors import InputError
@@ -65,7 +64,7 @@ def workers_of(runner: Runner, jobs: int) -> Iterator[Pool | Cluster | None]:
     """Give what runs jobs: processes of ours, or a cluster that somebody else keeps.
 
     Threads and processes are the same here: experiments need a process each, and the
-    difference is in what Prefect sees (`flows.scheduled.campaign`).
+    difference is in what Prefect sees (`flows.scheduled.flows`).
 
     Args:
         runner: Where to compute.

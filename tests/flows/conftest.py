@@ -1,8 +1,5 @@
 """A diagnosis without the numerics: the core and the report replaced by fakes."""
 
-import sys
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -58,15 +55,9 @@ def calls(monkeypatch):
     def render(outcome, robot_name):
         return f"<html>{robot_name} {outcome.notes}</html>"
 
-    fakes = {
-        "residual.close": SimpleNamespace(close_the_loop=close_the_loop),
-        "flows.report.terminal.diagnosis": SimpleNamespace(
-            print_diagnosis=print_diagnosis, print_truth=None
-        ),
-        "flows.report.page.diagnosis": SimpleNamespace(render=render),
-    }
-    for name, module in fakes.items():
-        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr("flows.steps.diagnose.close_the_loop", close_the_loop)
+    monkeypatch.setattr("flows.cli.diagnose.print_diagnosis", print_diagnosis)
+    monkeypatch.setattr("flows.cli.diagnose.render", render)
     return made
 
 

@@ -33,16 +33,17 @@ def short(monkeypatch, compiled_plant):
 @pytest.fixture
 def unsealed(monkeypatch, tmp_path):
     """Take all that is sealed away while a diagnosis runs, which does not miss it."""
-    diagnose = steps.diagnose
+    diagnose_runs = steps.diagnose_runs
 
-    def without(robot, runs, store):
-        away = (store / "sealed").rename(tmp_path / "away")
-        ids = diagnose(robot, runs, store)
-        assert not (store / "sealed").exists()
-        away.rename(store / "sealed")
+    def without(request):
+        sealed = request.store / "sealed"
+        away = sealed.rename(tmp_path / "away")
+        ids = diagnose_runs(request)
+        assert not sealed.exists()
+        away.rename(sealed)
         return ids
 
-    monkeypatch.setattr(steps, "diagnose", without)
+    monkeypatch.setattr(steps, "diagnose_runs", without)
 
 
 class _Stopped(Here):

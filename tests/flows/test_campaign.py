@@ -12,10 +12,10 @@ import pytest
 
 from flows.cli import main
 from flows.specs.experiment import experiment_of
-from flows.steps import experiment
+from flows.steps import campaign, experiment
+from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
-from flows.workers import campaign, runner
-from flows.workers.campaign import run_all
+from flows.workers import runner
 from flows.workers.pool import Done, Here, Pool
 from residual.errors import InputError
 from tests.waiting import PATIENCE, until

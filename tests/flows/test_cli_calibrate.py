@@ -37,7 +37,7 @@ def run(words):
 def quick(monkeypatch):
     """Fewer levels and components: the words are the same and the numbers quick."""
     lean = partial(core.Settings, form=NominalForm(6, 4), levels=(2, 5), pairs=False)
-    monkeypatch.setattr(core, "Settings", lean)
+    monkeypatch.setattr("flows.steps.calibrate.Settings", lean)
 
 
 @pytest.fixture

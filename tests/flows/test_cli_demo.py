@@ -12,6 +12,7 @@ from flows.cli import main
 from flows.progress import progress_bar
 from flows.report.terminal.diagnosis import print_truth
 from flows.report.words.staged import Hidden, Staged, judge
+from flows.requests import Demo
 from flows.steps import demo as steps
 from tests.verdict_documents import typed
 
@@ -70,7 +71,7 @@ def test_a_wrong_word_is_answered_before_anything_is_started(
 
 
 def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own():
-    made = [spec for _, spec in steps.specs(steps.Asked(3))]
+    made = [spec for _, spec in steps.specs(Demo(3))]
     assert len({spec.plant_spec() for spec in made}) == 1
     assert len({spec.reference().seed for spec in made}) == 8
     ends = [spec.start + spec.trajectory.duration for spec in made]
@@ -82,7 +83,7 @@ def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own()
 
 def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
     drawn, asked, nothing = (
-        steps.specs(steps.Asked(3, effect))[0][1] for effect in (None, "spring", "none")
+        steps.specs(Demo(3, effect))[0][1] for effect in (None, "spring", "none")
     )
     assert len(drawn.plant_spec().effects) == 1
     assert asked.plant_spec().effects[0].name == "spring"

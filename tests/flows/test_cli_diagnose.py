@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from flows.cli import main
-from flows.cli.diagnose import parse_declared
+from flows.cli.options import parse_declared
+from flows.steps import diagnose as steps
 
 ROOT = Path(__file__).parents[2]
 
@@ -152,7 +153,7 @@ def test_a_failure_of_the_program_is_one_and_hints_at_the_trace(
     def fail(*_, **__):
         raise RuntimeError("of a\nstrange kind")
 
-    monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", fail)
+    monkeypatch.setattr(steps, "close_the_loop", fail)
     assert run("diagnose A.csv --robot irb140 --report o.html") == 1
     shown = capsys.readouterr().err
     assert shown == (
@@ -169,21 +170,21 @@ def test_an_interruption_is_one_hundred_and_thirty(folder, calls, capsys, monkey
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", interrupt)
+    monkeypatch.setattr(steps, "close_the_loop", interrupt)
     assert run("diagnose A.csv --robot irb140 --report o.html") == 130
     assert capsys.readouterr().err == "modelgap: interrupted\n"
     assert sorted(os.listdir(folder)) == ["A.csv", "B.csv", "C.csv"]
 
 
 def test_a_verdict_with_nan_is_never_written(folder, calls, monkeypatch):
-    close = sys.modules["residual.close"].close_the_loop
+    close = steps.close_the_loop
 
     def spoiled(*words, **options):
         found = close(*words, **options)
         spoiled = replace(found.verdict, nominal_scale=float("nan"))
         return replace(found, verdict=spoiled)
 
-    monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", spoiled)
+    monkeypatch.setattr(steps, "close_the_loop", spoiled)
     assert run("diagnose A.csv --robot irb140 --report o.html --json o.json") == 0
     text = (folder / "o.json").read_text()
     assert "NaN" not in text

@@ -10,7 +10,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli import main, store_ask
+from flows.cli import main
+from flows.cli import sql as sql_command
 from tests.warehouse import store_samples as made
 from warehouse.quarantine import quarantine
 from warehouse.query.named import NAMED
@@ -230,7 +231,7 @@ def test_the_prompt_answers_until_the_end(ids, tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr("builtins.input", typed)
     with open_store(Path(ids["store"])) as store:
-        store_ask.prompt(store, "csv")
+        sql_command.prompt(store, "csv")
     out = capsys.readouterr().out
     assert "n\n3\n" in out
     assert "Parser Error" in out

@@ -7,14 +7,15 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import yaml
 
-from flows.scheduled import night as watch
-from flows.scheduled import stages
+from flows.report import stored
+from flows.requests import Demo
 from flows.scheduled.surroundings import Around, surrounded
 from flows.service import server as server_of
-from flows.steps import demo as steps
+from flows.steps import calibrate, campaign, demo, diagnose, identify, validate
 from tests.flows.blind_rows import row
 from tests.waiting import until
 
@@ -23,9 +24,25 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.prefect
 
 
+# What the pages of Prefect show of an identification and a calibration.
+NO_ERRORS = SimpleNamespace(errors={}, warnings=())
+SCORE = SimpleNamespace(scheme="run", model="ls", rmsev=np.array([1.0]), overall=2.0)
+SCORES = calibrate.Calibrated(SimpleNamespace(scores=[SCORE]), (), {"model": "aa"})
+
+
 @pytest.fixture
-def order(monkeypatch, tmp_path):
+def flows(server):
+    """All flows, loaded only now: Prefect takes its settings when it is."""
+    from flows.scheduled import flows
+
+    return flows
+
+
+@pytest.fixture
+def order(flows, monkeypatch, tmp_path):
     """Replace the steps of both flows; returns the order in which they are taken."""
+    from flows.scheduled import artifacts, tasks
+
     page = tmp_path / "report.html"
     page.write_text("<html>")
     taken = []
@@ -41,89 +58,92 @@ def order(monkeypatch, tmp_path):
 
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
     hidden = [{"name": "spring", "joints": [2], "parameters": {"stiffness": 4.0}}]
-    take(steps, "run_experiments", runs)
-    take(steps, "diagnose", ("dd", "ee"))
-    take(steps, "open_seal", hidden)
-    take(steps, "report", page)
-    take(steps, "headline", "Nothing is missing.")
-    take(watch, "run_campaign", watch.Ran(runs, ("aa",), ("one failed",)))
-    for name in ("identify", "calibrate", "validate"):
-        take(stages, name, stages.Stage((name,), f"{name} done", ({"J1": 1.0},)))
-    take(watch, "diagnose", ("dd", "ee"))
-    take(watch, "report", (page, "Nothing is missing."))
+    take(demo, "run_experiments", runs)
+    take(demo, "open_seal", hidden)
+    take(stored, "demo_page", page)
+    take(stored, "diagnosis_page", page)
+    take(stored, "words", "Nothing is missing.")
+    take(campaign, "run_campaign", campaign.Ran(runs, ("aa",), ("one failed",)))
+    monkeypatch.setattr(diagnose, "request_of", lambda runs, store: (runs, store))
+    take(diagnose, "diagnose_runs", ("dd", "ee"))
+    monkeypatch.setattr(tasks, "robot_of", lambda runs, store: "irb140")
+    for module in (identify, calibrate):
+        monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
+    monkeypatch.setattr(artifacts, "sentences", lambda made: ("calibrated",))
+    take(identify, "identify", (NO_ERRORS, "ff"))
+    take(calibrate, "calibrate", SCORES)
+    take(validate, "validate", ("ab", validate.Validation(0.25, np.array([0.001]))))
     return taken
 
 
-def test_the_seal_is_opened_after_the_verdict_is_stored(server, order, tmp_path):
-    from flows.scheduled.demo import demo
-
-    done = demo(3, None, str(tmp_path))
+def test_the_seal_is_opened_after_the_verdict_is_stored(flows, order, tmp_path):
+    done = flows.demo(3, None, str(tmp_path))
     names = [name for name, _ in order]
-    assert names[:4] == ["run_experiments", "diagnose", "open_seal", "report"]
+    assert names[:4] == ["run_experiments", "diagnose_runs", "open_seal", "demo_page"]
     assert done["diagnosis"] == "dd"
     assert done["hidden"][0]["name"] == "spring"
     assert done["page"] == str(tmp_path / "report.html")
 
 
-def test_the_steps_of_a_flow_get_progress_and_processes_of_its_command(server, order):
-    from flows.scheduled.demo import demo
-
+def test_the_steps_of_a_flow_get_progress_and_processes_of_its_command(flows, order):
     told, pool = print, object()
     with surrounded(Around(told, pool)):
-        demo(3, "spring", "store")
+        flows.demo(3, "spring", "store")
     (_, given), (_, given_to_diagnose) = order[:2]
-    assert given == (steps.Asked(3, "spring"), Path("store"), told, pool)
+    assert given == (Demo(3, "spring", "store"), told, pool)
     assert given_to_diagnose[-1] is told
 
 
-def test_a_failing_step_fails_the_flow_with_its_own_error(server, order, monkeypatch):
+def test_a_failing_step_fails_the_flow_with_its_own_error(flows, order, monkeypatch):
+
     from flows.errors import RunError
-    from flows.scheduled.demo import demo
 
     def fail(*_):
         raise RunError("Experiment welding failed: joint 2 at 1.2 s")
 
-    monkeypatch.setattr(steps, "run_experiments", fail)
+    monkeypatch.setattr(demo, "run_experiments", fail)
     with pytest.raises(RunError, match="joint 2 at"):
-        demo(3, None, "store")
+        flows.demo(3, None, "store")
     assert order == []
 
 
 def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
-    server, order, tmp_path, monkeypatch
+    flows, order, tmp_path, monkeypatch
 ):
-    from flows.scheduled.nightly import nightly
-
     monkeypatch.setenv("MODELGAP_STORE", str(tmp_path))
-    assert nightly() == str(tmp_path / "report.html")
+    assert flows.nightly() == str(tmp_path / "report.html")
     (name, given), *rest = order
     assert name == "run_campaign"
-    asked, store, _ = given
+    asked, _ = given
     assert (asked.path, asked.held_out) == ("examples/nightly.toml", "welding")
     assert 20260101 < asked.seed < 21000101
-    assert store == tmp_path
-    stages_taken = ["identify", "calibrate", "validate", "diagnose", "report"]
-    assert [name for name, _ in rest] == stages_taken
-    assert rest[2][1][0] == ["cc"]  # what was held out is validated
+    assert asked.store == str(tmp_path)
+    verbs = ["identify", "calibrate", "validate", "diagnose_runs", "diagnosis_page"]
+    assert [name for name, _ in rest][:5] == verbs
+    assert rest[2][1][0].run == "cc"  # what was held out is validated
 
 
-def test_report_and_verdict_appear_among_the_artifacts(server, order, tmp_path):
-    from prefect.artifacts import Artifact
-
+def test_report_and_verdict_appear_among_the_artifacts(flows, order, tmp_path):
     from flows.scheduled.nightly import nightly
+    from prefect.artifacts import Artifact
 
     nightly(store=str(tmp_path))
     assert "report.html" in Artifact.get("report").data
     assert Artifact.get("verdict").data == "Nothing is missing."
-    assert json.loads(Artifact.get("calibrate").data) == [{"J1": 1.0}]
+    assert json.loads(Artifact.get("calibrate").data) == [
+        {"scheme": "run", "model": "ls", "J1": 1.0, "all": 2.0}
+    ]
+    assert json.loads(Artifact.get("validate").data) == [
+        {"run": "cc", "what": "open loop [mrad]", "J1": 1.0}
+    ]
     assert Artifact.get("campaign-progress").type == "progress"
 
 
 def test_the_flow_of_a_blind_study_runs_it_and_links_its_page(
-    server, monkeypatch, tmp_path
+    flows, monkeypatch, tmp_path
 ):
     from flows.blind.sums import summary
-    from flows.scheduled import blind as blind_flow
+    from flows.scheduled import tasks
 
     asked = []
     rows = [row("single", "right", multiple=3.0)]
@@ -137,12 +157,12 @@ def test_the_flow_of_a_blind_study_runs_it_and_links_its_page(
         return made
 
     page = tmp_path / "report.html"
-    monkeypatch.setattr(blind_flow.blind_run, "run_study", run_study)
-    monkeypatch.setattr(blind_flow, "store_page", lambda *given: page)
-    assert blind_flow.blind(7, 3, str(tmp_path)) == str(page)
+    monkeypatch.setattr(tasks.blind_run, "run_study", run_study)
+    monkeypatch.setattr(tasks, "store_page", lambda *given: page)
+    assert flows.blind(7, 3, str(tmp_path)) == str(page)
     assert asked == [(7, 3, tmp_path)]
     # Without a seed it is the day of the schedule.
-    blind_flow.blind(2, None, str(tmp_path))
+    flows.blind(2, None, str(tmp_path))
     assert 20200101 < asked[1][1] < 21000101
 
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from flows.cli import main
+from flows.requests import Diagnose
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
-from flows.steps.study import Study, diagnose
+from flows.steps.diagnose import diagnose_runs
 from residual.errors import InputError
 from residual.recording import Recording
 from sim.records import PlantRun
@@ -128,7 +129,7 @@ def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
 def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypatch):
     import pickle
 
-    from flows.workers import campaign
+    from flows.steps import campaign
     from sim.plant.stepping import DivergedError
 
     def diverge(spec, store):
@@ -153,13 +154,13 @@ def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
         return commit_run(tmp_path, log, about, Sealed({"salt": log.id}))
 
     fit, held_out = (tuple(map(put, logs)) for logs in (case.fit[:3], case.held_out))
-    asked = Study("irb140", fit, held_out[:1])
-    ids = diagnose(asked, tmp_path)
+    asked = Diagnose(fit, "irb140", held_out[:1], store=tmp_path)
+    ids = diagnose_runs(asked)
     verdict = read_record(tmp_path, ids[0])["document"]
     assert verdict["effects"][0]["name"] == "spring"
     for folder in ("sealed", "diagnoses", "models", "validations"):
         shutil.rmtree(tmp_path / folder)
-    assert diagnose(asked, tmp_path) == ids
+    assert diagnose_runs(asked) == ids
     assert json.dumps(read_record(tmp_path, ids[0])["document"]) == json.dumps(verdict)
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.cli.monitor import meaning
 from flows.keep.diagnosis import store_outcome
+from flows.report.terminal.monitor import meaning
+from flows.requests import Monitor
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment, monitor
 from residual.diagnosis.result import Diagnosis
@@ -53,7 +54,7 @@ def made(tmp_path_factory, compiled_plant):
 @pytest.fixture(scope="module")
 def watched(made):
     store, good, fine, bad = made
-    return monitor.monitor(ROBOT, [fine, bad], good, store)
+    return monitor.monitor(Monitor(ROBOT, (fine, bad), tuple(good), store=store))
 
 
 def test_the_jump_is_found_and_the_good_run_left_in_peace(made, watched):
@@ -88,7 +89,10 @@ def test_the_record_has_alarms_limits_and_lineage(made, watched):
 
 def test_the_same_question_is_the_same_record(made, watched):
     store, good, fine, bad = made
-    assert monitor.monitor(ROBOT, [fine, bad], good, store)[0] == watched[0]
+    assert (
+        monitor.monitor(Monitor(ROBOT, (fine, bad), tuple(good), store=store))[0]
+        == watched[0]
+    )
 
 
 def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
@@ -108,7 +112,7 @@ def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
         {"nominal": nominal, "augmented": augmented},
     )
     id, _ = store_outcome(store, found, {"fit": good})
-    record_id, watched, _ = monitor.monitor(id, [fine], [], store)
+    record_id, watched, _ = monitor.monitor(Monitor(id, (fine,), store=store))
     assert sorted(watched.calibration) == sorted(good)
     assert watched.monitor.model.to_record() == augmented.to_record()
     assert watched.alarms[fine] == ()
@@ -122,7 +126,7 @@ def test_a_diagnosis_of_an_earlier_version_is_refused(made):
     found = Diagnosis(typed({"robot": ROBOT, "warnings": ["early"]}))
     id, _ = store_outcome(store, found, {"fit": good})
     with pytest.raises(InputError, match="without its models"):
-        monitor.monitor(id, [fine], [], store)
+        monitor.monitor(Monitor(id, (fine,), store=store))
 
 
 def test_the_command_prints_a_table_and_draws(made, tmp_path, capsys):

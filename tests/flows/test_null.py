@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from flows.keep.null import null_json, nulls_in
+from flows.requests import Null
 from flows.steps import null as steps
 from flows.workers.pool import Here
 from residual.errors import InputError
@@ -26,7 +28,7 @@ def place(tmp_path, monkeypatch):
 
 def asked(place, **changes):
     logs = tuple(sorted(str(p) for p in place.glob("*.csv")))
-    return steps.Asked(logs, str(place / "arm.urdf"), **{"draws": 8, **changes})
+    return Null(logs, str(place / "arm.urdf"), **{"draws": 8, **changes})
 
 
 class Breaks(Here):
@@ -38,18 +40,18 @@ class Breaks(Here):
 
 
 def test_what_an_interrupted_run_finished_is_kept_and_gone_on_with(place):
-    part = steps.calibrate(asked(place), pool=Breaks())
+    part = steps.calibrate_null(asked(place), pool=Breaks())
     assert not part.complete
     assert len(part.null.net) == steps.OF_A_BLOCK
-    whole = steps.calibrate(asked(place), pool=Here())
+    whole = steps.calibrate_null(asked(place), pool=Here())
     assert whole.complete
     assert whole.known == steps.OF_A_BLOCK
     assert len(whole.null.net) == 8
     assert whole.null.net[: steps.OF_A_BLOCK] == part.null.net
-    again = steps.calibrate(asked(place), pool=Here())
+    again = steps.calibrate_null(asked(place), pool=Here())
     assert again.known == 8
     assert again.null.id == whole.null.id
-    kept = steps.nulls_in(place / "store")
+    kept = nulls_in(place / "store")
     assert [n.id for n in kept] == [whole.null.id, part.null.id]
     assert kept[0].key == whole.null.key
 
@@ -84,9 +86,9 @@ def test_the_command_says_the_rate_and_writes_the_file(place, monkeypatch, capsy
 
 
 def test_a_null_in_a_file_is_the_same_null(place):
-    made = steps.calibrate(asked(place, draws=4), pool=Here()).null
+    made = steps.calibrate_null(asked(place, draws=4), pool=Here()).null
     file = place / "null.json"
-    file.write_text(steps.null_json(made))
+    file.write_text(null_json(made))
     read = steps.read_null(str(file))
     assert (read.id, read.key, read.nats) == (made.id, made.key, made.nats)
 
@@ -109,15 +111,15 @@ def test_a_request_that_makes_no_sense_is_refused(place):
         ({"declared": ("friction",)}, "friction"),
     ):
         with pytest.raises(InputError, match=word):
-            steps.calibrate(asked(place, **changes), pool=Here())
+            steps.calibrate_null(asked(place, **changes), pool=Here())
     with pytest.raises(InputError, match="No log"):
-        steps.calibrate(steps.Asked((), str(place / "arm.urdf")), pool=Here())
+        steps.calibrate_null(Null((), str(place / "arm.urdf")), pool=Here())
 
 
 def test_a_diagnosis_finds_the_null_of_its_logs_in_the_store(place, capsys):
     from flows.cli import main
 
-    null = steps.calibrate(asked(place, draws=4), pool=Here()).null
+    null = steps.calibrate_null(asked(place, draws=4), pool=Here()).null
     words = [*asked(place).logs, "--robot", str(place / "arm.urdf")]
     assert main(["diagnose", *words, "--json", str(place / "v.json")]) == 0
     verdict = json.loads((place / "v.json").read_text())

@@ -9,13 +9,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from flows.cli import main
+from flows.requests import Diagnose
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
+from flows.steps.diagnose import diagnose_runs
 from flows.steps.diff import diff
 from flows.steps.rerun import rerun
 from flows.steps.rerun import runs as rerun_run
 from flows.steps.rerun.cause import cause_of
-from flows.steps.study import Study, diagnose
 from residual.errors import InputError
 from residual.recording import Recording
 from sim.records import PlantRun
@@ -72,9 +73,10 @@ def other_code(monkeypatch):
     def change():
         known = provenance.provenance()
         told = replace(known, code_hash="f" * 64, program_hash="e" * 64)
-        hash = "warehouse.origin.provenance.plant_code_hash"
-        monkeypatch.setattr(hash, lambda: told.code_hash)
-        for place in ("warehouse.origin.provenance", "warehouse.commit"):
+        for place in ("warehouse.origin.provenance", "flows.steps.experiment"):
+            hash = f"{place}.plant_code_hash"
+            monkeypatch.setattr(hash, lambda: told.code_hash)
+        for place in ("flows.steps.rerun.rerun", "warehouse.commit"):
             monkeypatch.setattr(f"{place}.provenance", lambda: told)
 
     return change
@@ -262,8 +264,6 @@ def test_the_robot_of_a_run_is_kept_and_travels_with_it(tmp_path, plant, monkeyp
 @pytest.fixture
 def diagnosed(tmp_path, plant, calls, monkeypatch):
     """A store with a diagnosis whose numbers are those of its runs."""
-    import sys
-
     from residual.diagnosis.result import Diagnosis
 
     def close_the_loop(robot, fit, **options):
@@ -272,10 +272,11 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
         made["nominal_scale"] = float(sum(log.tau.sum() for log in fit)) + plant["tau"]
         return Diagnosis(typed(made, 2))
 
-    monkeypatch.setattr(sys.modules["residual.close"], "close_the_loop", close_the_loop)
+    monkeypatch.setattr("flows.steps.diagnose.close_the_loop", close_the_loop)
     monkeypatch.setattr("flows.keep.diagnosis.errors_by_run", lambda found: [])
     runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
-    ids = diagnose(Study("irb140", tuple(runs[:2]), (runs[2],)), tmp_path)
+    asked = Diagnose(tuple(runs[:2]), "irb140", (runs[2],), store=tmp_path)
+    ids = diagnose_runs(asked)
     return tmp_path, runs, ids
 
 

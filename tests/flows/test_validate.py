@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.cli.validate import meaning
+from flows.report.terminal.validation import meaning
+from flows.requests import Validate
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment, validate
 from residual.errors import InputError
@@ -42,7 +43,7 @@ def made(tmp_path_factory, compiled_plant):
 
 @pytest.fixture(scope="module")
 def loaded(made):
-    return validate.validate(made[1], 0.25, made[0])
+    return validate.validate(Validate(made[1], 0.25, made[0]))
 
 
 def rows(store, id):
@@ -87,7 +88,7 @@ def test_a_sealed_half_of_another_form_is_refused_and_not_told(change):
 
 def test_a_load_that_the_model_lacks_shows_in_both_validations(made, loaded):
     _, found = loaded
-    _, good = validate.validate(made[2], 0.25, made[0])
+    _, good = validate.validate(Validate(made[2], 0.25, made[0]))
     assert found.kind == good.kind == "open_loop,feed_forward"
     # The filter of the motion and the sampling of the torque leave under a mrad.
     assert good.open_loop.max() < 1e-3
@@ -105,8 +106,8 @@ def test_a_load_that_the_model_lacks_shows_in_both_validations(made, loaded):
 def test_the_record_has_every_figure_in_rad_and_is_kept_once(made, loaded):
     store, run_id, _ = made
     id, found = loaded
-    assert validate.validate(run_id, 0.25, store)[0] == id
-    assert validate.validate(run_id, 0.2, store)[0] != id
+    assert validate.validate(Validate(run_id, 0.25, store))[0] == id
+    assert validate.validate(Validate(run_id, 0.2, store))[0] != id
     record = read_record(store, id)
     assert (record["robot"], record["kind"]) == ("irb140", found.kind)
     assert (record["unit"], record["window_s"]) == ("rad", 0.25)
@@ -130,7 +131,7 @@ def test_the_record_has_every_figure_in_rad_and_is_kept_once(made, loaded):
 
 def test_without_its_sealed_half_a_run_has_the_open_loop(made, loaded, tmp_path):
     store = without_hidden_half(made, tmp_path)
-    id, found = validate.validate(made[1], 0.25, store)
+    id, found = validate.validate(Validate(made[1], 0.25, store))
     assert found.kind == "open_loop"
     np.testing.assert_array_equal(found.open_loop, loaded[1].open_loop)
     assert "none is sealed" in found.notes[0]
@@ -143,7 +144,7 @@ def test_a_broken_seal_is_not_passed_over(made, tmp_path):
     path = store / "sealed" / f"run_id={made[1]}" / "spec.json"
     path.write_bytes(path.read_bytes().replace(b"4.0", b"4.5"))
     with pytest.raises(InputError, match="broken"):
-        validate.validate(made[1], 0.25, store)
+        validate.validate(Validate(made[1], 0.25, store))
 
 
 def test_a_measured_run_has_the_open_loop_at_its_own_rate_and_clock(made, tmp_path):
@@ -151,7 +152,7 @@ def test_a_measured_run_has_the_open_loop_at_its_own_rate_and_clock(made, tmp_pa
     log = read_run(store, good)
     rare = Recording("", "irb140", 1e3 + log.t[::2], log.q[::2], log.tau[::2])
     id = commit_run(tmp_path, rare, {"robot_hash": ROBOT.content_hash})
-    _, found = validate.validate(id[:6], 0.25, tmp_path)
+    _, found = validate.validate(Validate(id[:6], 0.25, tmp_path))
     assert found.kind == "open_loop"
     assert found.open_loop.max() < 2e-3
 
@@ -160,19 +161,19 @@ def test_a_run_of_another_description_is_refused(made, tmp_path):
     log = replace(read_run(*made[:2]), id="")
     id = commit_run(tmp_path, log, {"robot_hash": "0" * 64})
     with pytest.raises(InputError, match="another description of irb140"):
-        validate.validate(id, 0.25, tmp_path)
+        validate.validate(Validate(id, 0.25, tmp_path))
 
 
 def test_changed_code_of_the_plant_is_told(made, monkeypatch):
     manifest = read_manifest(*made[:2])
-    monkeypatch.setattr("warehouse.origin.provenance.plant_code_hash", lambda: "other")
+    monkeypatch.setattr("flows.steps.validate.plant_code_hash", lambda: "other")
     assert "has changed since" in validate._notes(manifest, True)[0]
 
 
 @pytest.mark.parametrize("window", [0.0, -1.0, 4.5, float("nan"), float("inf")])
 def test_a_window_that_cannot_be_is_refused(made, window):
     with pytest.raises(InputError, match="to the length of the run, 4 s"):
-        validate.validate(made[1], window, made[0])
+        validate.validate(Validate(made[1], window, made[0]))
 
 
 def test_windows_in_which_the_model_runs_away_are_halved(made):
@@ -190,7 +191,7 @@ def test_a_model_that_runs_away_in_any_window_is_told(made, monkeypatch):
         tried.append(window)
         raise DivergedError(0.0, np.zeros(6), np.full(6, 900.0), 3)
 
-    monkeypatch.setattr("sim.twin.open_loop", diverge)
+    monkeypatch.setattr("flows.steps.validate.open_loop", diverge)
     with pytest.raises(InputError, match=r"0\.015625 s\. Check units and signs"):
         validate.open_loop_error(ROBOT, read_run(*made[:2]), 0.25)
     assert tried == [0.25, 0.125, 0.0625, 0.03125, 0.015625]

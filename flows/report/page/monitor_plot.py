@@ -3,6 +3,8 @@
 import io
 from collections.abc import Mapping
 
+from matplotlib.figure import Figure
+
 from flows.steps.monitor import Watched
 from residual.recording import Recording
 
@@ -20,8 +22,6 @@ def plot(found: Watched, runs: Mapping[str, Recording]) -> bytes:
     Returns:
         A PNG.
     """
-    from matplotlib.figure import Figure
-
     ids = sorted(runs, key=lambda id: -len(found.alarms[id]))[:MOST]
     figure = Figure(figsize=(9, 0.6 + 2.2 * len(ids)), layout="constrained")
     panels = figure.subplots(len(ids), 1, squeeze=False)[:, 0]

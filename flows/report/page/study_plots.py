@@ -1,8 +1,10 @@
 """Figures of a blind study: confusion, detection, coverage, errors."""
 
 from collections.abc import Mapping, Sequence
+from math import erf, sqrt
 
 import numpy as np
+from matplotlib.patches import Rectangle
 
 from flows.blind.score import NOTHING, UNKNOWN
 from flows.report.page.plots import COLOURS, INK, SOFT, as_uri, blank, look, rule
@@ -144,8 +146,6 @@ def _colour(true: str, said: str) -> str:
 
 
 def _square(x: float, y: float, **style):
-    from matplotlib.patches import Rectangle
-
     return Rectangle((x - 0.5, y - 0.5), 1, 1, **style)
 
 
@@ -155,6 +155,4 @@ def _word(name: str) -> str:
 
 def _within(deviations: float) -> float:
     """Share of a normal distribution within so many standard deviations."""
-    from math import erf, sqrt
-
     return erf(deviations / sqrt(2))

@@ -10,11 +10,13 @@ from datetime import datetime
 from decimal import Decimal
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from residual.errors import InputError
+from warehouse.query.store import Store
 
 # More rows than anybody reads; the other formats have all of them.
 MOST = 1000
@@ -45,8 +47,6 @@ def as_bytes(rows: pa.Table, format: str) -> bytes:
         format: "table", "csv", "json" or "parquet".
     """
     if format == "parquet":
-        import pyarrow.parquet as pq
-
         sink = pa.BufferOutputStream()
         pq.write_table(rows, sink, compression="zstd")
         return sink.getvalue().to_pybytes()
@@ -67,6 +67,12 @@ def check_shown(format: str, out: str | None) -> None:
             "Parquet is no text for a terminal. Name a file with --out FILE, or send "
             "it on with > FILE."
         )
+
+
+def tell_damage(store: Store) -> None:
+    """Say on standard error which files cannot be read."""
+    for line in store.damaged:
+        print(f"modelgap: left out: {line}", file=sys.stderr)
 
 
 def _print_people(rows: pa.Table) -> None:

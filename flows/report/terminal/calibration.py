@@ -5,8 +5,9 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from flows.report.words.calibration import sentences
 from flows.say import say
-from flows.steps.calibrate import Outcome
+from flows.steps.calibrate import Calibrated
 from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import WORDS as MODELS
 from residual.calibration.rows import PAPER
@@ -15,7 +16,7 @@ from residual.calibration.scores import Score
 from residual.tables.form import NAMED, PAIRS
 
 
-def print_outcome(outcome: Outcome, console: Console) -> None:
+def print_outcome(outcome: Calibrated, console: Console) -> None:
     """Print the table, and what it shows.
 
     Args:
@@ -26,7 +27,11 @@ def print_outcome(outcome: Outcome, console: Console) -> None:
         # Into a file or a pipe: as wide as it needs, nothing is cut.
         console = Console(file=console.file, width=200)
     console.print(_table(outcome.made))
-    lines = [about_rows(outcome.made), chosen_words(outcome.made), *outcome.words]
+    lines = [
+        about_rows(outcome.made),
+        chosen_words(outcome.made),
+        *sentences(outcome.made),
+    ]
     lines += [f"note: {n}" for n in outcome.made.notes]
     lines += [f"warning: {w}" for w in outcome.warnings]
     say(console, *lines)

@@ -8,13 +8,13 @@ from rich.console import Console
 from rich.table import Table
 
 from flows.say import say
-from flows.steps.identify import Outcome
+from residual.identification.prove import Identified
 
 _KINDS = (("raw", "as logged"), ("filtered", "filtered"), ("moving", "moving"))
 _NARROW = 58
 
 
-def print_outcome(outcome: Outcome, console: Console) -> None:
+def print_outcome(outcome: Identified, console: Console) -> None:
     """Print an identification.
 
     Args:
@@ -30,7 +30,7 @@ def print_outcome(outcome: Outcome, console: Console) -> None:
     say(console, *_proof(outcome))
 
 
-def _parameters(outcome: Outcome) -> Table:
+def _parameters(outcome: Identified) -> Table:
     found, extra = outcome.found, outcome.consistent
     titles = ["parameter (as a sum of standard ones)", "unit", "nominal", "value"]
     titles += ["sd", "sd %"] + (["consistent"] if extra else [])
@@ -48,7 +48,7 @@ def _parameters(outcome: Outcome) -> Table:
     return table
 
 
-def _told(outcome: Outcome) -> list[str]:
+def _told(outcome: Identified) -> list[str]:
     found = outcome.found
     estimate = found.estimate
     noise = ", ".join(f"{n:.3g}" for n in estimate.noise)
@@ -70,7 +70,7 @@ def _told(outcome: Outcome) -> list[str]:
     return lines
 
 
-def _errors(outcome: Outcome) -> Table:
+def _errors(outcome: Identified) -> Table:
     joints = range(1, outcome.robot.dof + 1)
     titles = ["error on held-out motion [%]", "model", *(f"J{j}" for j in joints)]
     table = _table([*titles, "all"], 2)
@@ -85,7 +85,7 @@ def _errors(outcome: Outcome) -> Table:
     return table
 
 
-def _proof(outcome: Outcome) -> list[str]:
+def _proof(outcome: Identified) -> list[str]:
     lines = []
     if outcome.consistent is not None:
         made = outcome.consistent

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from warehouse.origin.made_with import read_packages
+
 CODE = "code"
 ENVIRONMENT = "environment"
 MACHINE = "machine"
@@ -55,8 +57,6 @@ def environment_apart(
     then: Mapping, now: Mapping, store: Path
 ) -> dict[str, tuple[str | None, str | None]]:
     """Return the packages whose version differs: then and now, by name."""
-    from warehouse.origin.made_with import read_packages
-
     if then.get("environment_hash") == now.get("environment_hash"):
         listed = ({}, {})
     else:

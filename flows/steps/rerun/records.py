@@ -14,16 +14,22 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pyarrow as pa
-from rich.console import Console
 
 from flows.inputs.robots import instead
+from flows.requests import Calibrate, Diagnose, Identify, Monitor, Validate
+from flows.steps import calibrate, identify
+from flows.steps.diagnose import diagnose_runs
+from flows.steps.monitor import monitor
+from flows.steps.validate import validate
 from residual.errors import InputError
 from warehouse.commit import commit_record, read_record
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.files import read_parquet, table_hash
+from warehouse.ids import ID_DIGITS
 from warehouse.layout import SEALED, Found, find, list_folders
 from warehouse.manifest import read_manifest
 from warehouse.origin.lineage import RERUN_OF, needed
+from warehouse.origin.robots import robot_word
 from warehouse.verify import list_tables, other_files, read_row
 
 
@@ -142,72 +148,38 @@ def _counterpart(own: Path, found: Found, before: set[str]) -> Found:
 
 def _robots(store: Path, request: Mapping, before: Sequence[Found]) -> dict[str, str]:
     """Return where to load each robot from, such that it is the one that was used."""
-    from warehouse.origin.robots import robot_word
-
     runs = [read_manifest(store, each.id) for each in before if each.kind == "runs"]
     known = [(told.get("robot"), told.get("robot_hash")) for told in (*runs, request)]
     return {word: robot_word(store, word, hash) for word, hash in known if word}
 
 
-def _diagnose(request: Mapping, own: Path) -> None:
-    from flows.steps.study import Study, diagnose
-
-    lists = {k: tuple(request[k]) for k in ("fit", "held_out", "baseline")}
-    diagnose(Study(request["robot"], declared=_tuple(request), **lists), own)
+def _diagnose(record: Mapping, own: Path) -> None:
+    diagnose_runs(Diagnose.from_record(record, own))
 
 
-def _identify(request: Mapping, own: Path) -> None:
-    from flows.steps.identify import Request, identify
-    from warehouse.ids import ID_DIGITS
-
-    words = [*request["logs"], *request["held_out"]]
+def _identify(record: Mapping, own: Path) -> None:
+    words = [*record["logs"], *record["held_out"]]
     files = [w for w in words if len(w) < ID_DIGITS or set(w) - set("0123456789abcdef")]
     if files:
         raise InputError(
             f"It was identified from the file {files[0]}, which is not in the store. "
             "Import the log (modelgap import) and identify from the run."
         )
-    options = ("method", "prior", "essential", "consistent")
-    asked = Request(
-        logs=tuple(request["logs"]),
-        robot=request["robot"],
-        held_out=tuple(request["held_out"]),
-        declared=_tuple(request),
-        **{name: request[name] for name in options},
-        store=str(own),
-    )
-    identify(asked, Console(quiet=True))
+    request = Identify.from_record(record, own)
+    identify.identify(request, identify.read_logs(request))
 
 
-def _calibrate(request: Mapping, own: Path) -> None:
-    from flows.steps.calibrate import Request, calibrate
-
-    asked = Request(
-        logs=tuple(request["logs"]),
-        robot=request["robot"],
-        paper=request["paper"],
-        declared=_tuple(request),
-        store=str(own),
-    )
-    calibrate(asked, Console(quiet=True))
+def _calibrate(record: Mapping, own: Path) -> None:
+    request = Calibrate.from_record(record, own)
+    calibrate.calibrate(request, *calibrate.read_logs(request))
 
 
-def _validate(request: Mapping, own: Path) -> None:
-    from flows.steps.validate import validate
-
-    validate(request["run"], request["window"], own)
+def _validate(record: Mapping, own: Path) -> None:
+    validate(Validate.from_record(record, own))
 
 
-def _monitor(request: Mapping, own: Path) -> None:
-    from flows.steps.monitor import monitor
-
-    model, per_hour = request["model"], request["per_hour"]
-    monitor(model, request["runs"], request["good"], own, per_hour)
-
-
-def _tuple(request: Mapping) -> tuple[str, ...] | None:
-    declared = request["declared"]
-    return None if declared is None else tuple(declared)
+def _monitor(record: Mapping, own: Path) -> None:
+    monitor(Monitor.from_record(record, own))
 
 
 _STEPS = {

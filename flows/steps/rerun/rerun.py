@@ -1,13 +1,24 @@
 """Make a record again, and say whether it is the same, bit for bit; if not, why."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from flows.steps import experiment
+from flows.steps.rerun import records, runs
 from flows.steps.rerun.cause import Cause, cause_of
 from residual.errors import InputError
+from warehouse.commit import commit_record
 from warehouse.compare import Channel, compare, differing
+from warehouse.files import read_parquet, to_arrays
+from warehouse.ids import data_hash
 from warehouse.layout import SAMPLES_FILE, Found, find
+from warehouse.manifest import read_manifest
+from warehouse.origin.lineage import RERUN_OF
+from warehouse.origin.made_with import about_changes
+from warehouse.origin.provenance import as_record, provenance
+from warehouse.verify import faults, read_row
 
 KIND = "rerun"
 _MOST = 50  # differences that are kept on record
@@ -71,8 +82,6 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
         InputError: If there is no such record or it cannot be made again: a measured
             run, a report, or a run whose sealed half is not there.
     """
-    from warehouse.origin.provenance import as_record, provenance
-
     found, now = find(store, id), as_record(provenance())
     if found.kind == "runs":
         return _rerun_run(found, store, now, verify)
@@ -80,31 +89,21 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
 
 
 def _rerun_run(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
-    from flows.steps.experiment import keep
-    from flows.steps.rerun.runs import again
-    from warehouse.manifest import read_manifest
-    from warehouse.origin.lineage import RERUN_OF
-
     manifest = read_manifest(store, found.id)
     if manifest.get("spec") is None:
         return _check_imported(found, store, manifest, verify)
-    made = again(store, found.id, manifest)
+    made = runs.again(store, found.id, manifest)
     apart = _run_apart(found, store, manifest, made)
     told = _told(found, store, (manifest["provenance"], now), apart)
     if verify:
         return Rerun(*told)
     id = None
     if not told[3]:
-        id = keep(made, store, {RERUN_OF: [found.id]})
+        id = experiment.keep(made, store, {RERUN_OF: [found.id]})
     return Rerun(*told, id, _note(store, told, found.folder.parent.name[6:], id))
 
 
 def _rerun_record(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
-    import json
-
-    from flows.steps.rerun.records import again, apart, keep
-    from warehouse.verify import read_row
-
     if found.kind == "reports":
         raise InputError(
             f"{found.id} is a report: a page about a diagnosis. Make that one again: "
@@ -112,20 +111,17 @@ def _rerun_record(found: Found, store: Path, now: Mapping, verify: bool) -> Reru
         )
     row = read_row(found)
     then = json.loads(row.get("provenance") or "{}")
-    with again(store, found) as (own, made):
-        told = _told(found, store, (then, now), apart(found, made))
+    with records.again(store, found) as (own, made):
+        told = _told(found, store, (then, now), records.apart(found, made))
         if verify:
             return Rerun(*told)
         other = made.id != found.id and not told[3]
-        id = keep(own, store, found, made) if other else None
+        id = records.keep(own, store, found, made) if other else None
         return Rerun(*told, id, _note(store, told, row["robot"], id))
 
 
 def _told(found: Found, store: Path, when: tuple, apart: tuple[Channel, ...]) -> tuple:
     """Return the first six attributes of a rerun."""
-    from warehouse.origin.made_with import about_changes
-    from warehouse.verify import faults
-
     then, now = when
     key = "code_hash" if found.kind == "runs" else "program_hash"
     apart, wrong = differing(apart), faults(found)
@@ -137,9 +133,6 @@ def _told(found: Found, store: Path, when: tuple, apart: tuple[Channel, ...]) ->
 
 
 def _run_apart(found: Found, store: Path, manifest: Mapping, made) -> tuple:
-    from warehouse.files import read_parquet, to_arrays
-    from warehouse.ids import data_hash
-
     # Past the check of the hash: what was changed is to be found, not only refused.
     stored = to_arrays(read_parquet(found.folder / SAMPLES_FILE))
     names = ("t", "q", "qd", "qdd", "tau", "q_ref")
@@ -155,9 +148,6 @@ def _run_apart(found: Found, store: Path, manifest: Mapping, made) -> tuple:
 def _check_imported(
     found: Found, store: Path, manifest: Mapping, verify: bool
 ) -> Rerun:
-    from warehouse.origin.made_with import about_changes
-    from warehouse.verify import faults
-
     if not verify:
         raise InputError(
             f"Run {found.id} was measured, not simulated: it cannot be made again. "
@@ -172,9 +162,6 @@ def _check_imported(
 
 def _note(store: Path, told: tuple, robot: str, made: str | None) -> str | None:
     """Keep on record that a rerun did not reproduce; None if it did."""
-    from warehouse.commit import commit_record
-    from warehouse.origin.lineage import RERUN_OF
-
     outcome = Rerun(*told)
     if outcome.cause is None:
         return None

@@ -14,6 +14,9 @@ from flows.steps.experiment import (
     sealed_half,
 )
 from residual.errors import InputError
+from warehouse.ids import plain
+from warehouse.origin.robots import robot_word
+from warehouse.seal import open_seal
 
 _OTHER = (
     "its spec is of another version of this program than this one. Check out the "
@@ -33,10 +36,6 @@ def again(store: Path, run_id: str, manifest: Mapping) -> Made:
         InputError: If its sealed half or its robot is not there, or it was made by a
             version of this program that wrote other specs.
     """
-    from warehouse.ids import plain
-    from warehouse.origin.robots import robot_word
-    from warehouse.seal import open_seal
-
     hidden = open_seal(store, run_id).spec
     word = robot_word(store, manifest["robot"], manifest.get("robot_hash"))
     spec = spec_of({**manifest, "robot": word}, hidden)

@@ -4,21 +4,25 @@ There is no journal to go wrong: the id of a run says what it is, and a run is i
 store whole or not at all. So whatever ends a campaign, the same command completes it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
 from flows.errors import RunError
-from flows.settings import cores
+from flows.progress import Progress
+from flows.requests import Campaign
+from flows.settings import cores, store_folder
+from flows.specs.campaign import load_campaign
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
-from flows.steps.experiment import Planned
+from flows.steps.experiment import Planned, plan
 from flows.workers.cluster import Cluster
 from flows.workers.pool import Here, Pool
+from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError, ModelgapError
 
-Tell = Callable[[str, float], None]
+Runs = dict[str, list[str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +64,7 @@ class Summary:
 def run_all(
     planned: Sequence[Planned],
     store: Path,
-    tell: Tell | None = None,
+    tell: Progress | None = None,
     pool: Pool | Here | Cluster | None = None,
 ) -> Summary:
     """Run what is not in the store, in as many processes as there are cores.
@@ -94,6 +98,97 @@ def run_all(
         tuple(failures),
         round(perf_counter() - begun, 2),
     )
+
+
+def planned(asked: Campaign) -> list[Planned]:
+    """Return the experiments of a campaign, and which of them are stored.
+
+    Raises:
+        InputError: If the campaign is not usable, or of several robots.
+    """
+    entries = load_campaign(asked.path, asked.seed)
+    robots = {entry.spec.robot for entry in entries}
+    if len(robots) > 1:
+        raise InputError(f"{asked.path} has {len(robots)} robots; expected one.")
+    labelled = ((e.label, e.spec) for e in entries)
+    return plan(labelled, store_folder(asked.store))
+
+
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """What became of a campaign.
+
+    Attributes:
+        runs: Ids of the runs that are in the store, by role: fit and held_out.
+        new: Ids of those that were not there before.
+        failed: What failed, in words.
+    """
+
+    runs: Runs
+    new: tuple[str, ...]
+    failed: tuple[str, ...]
+
+
+def run_campaign(asked: Campaign, tell: Progress | None = None) -> Ran:
+    """Run what is not in the store.
+
+    Args:
+        asked: The campaign.
+        tell: Told what is done.
+
+    Raises:
+        InputError: If the campaign is not usable, or of several robots.
+        RunError: If too few of its runs succeeded for a diagnosis.
+    """
+    wanted = planned(asked)
+    runner = chosen_runner(asked.runner, asked.trust_network)
+    with workers_of(runner, sum(not p.stored for p in wanted)) as pool:
+        summary = run_all(wanted, store_folder(asked.store), tell, pool)
+    failed = tuple(f"{f.planned.label}: {f.why}" for f in summary.failures)
+    known = {p.run_id for p in wanted if p.stored}
+    new = tuple(id for id in summary.stored if id not in known)
+    return Ran(by_role(asked, wanted, summary.stored, failed), new, failed)
+
+
+def run_part(asked: Campaign, ids: Sequence[str]) -> list[str]:
+    """Run some experiments of a campaign in this process; return what failed.
+
+    Args:
+        asked: The campaign.
+        ids: Which: the ids that their runs will have.
+    """
+    part = [p for p in planned(asked) if p.run_id in ids]
+    summary = run_all(part, store_folder(asked.store), pool=Here())
+    return [f"{f.planned.label}: {f.why}" for f in summary.failures]
+
+
+def by_role(
+    asked: Campaign,
+    wanted: Sequence[Planned],
+    stored: Sequence[str],
+    failed: Sequence[str],
+) -> Runs:
+    """Return the stored runs by role.
+
+    Args:
+        asked: The campaign.
+        wanted: Its experiments.
+        stored: Ids of the runs that are in the store.
+        failed: What failed, in words.
+
+    Raises:
+        RunError: If none is left to fit.
+    """
+    runs: Runs = {"fit": [], "held_out": []}
+    for each in wanted:
+        if each.run_id in stored:
+            kind = each.spec.trajectory.kind
+            role = "held_out" if kind == asked.held_out else "fit"
+            runs[role].append(each.run_id)
+    if not runs["fit"]:
+        why = failed[0] if failed else f"all motions are '{asked.held_out}', held out"
+        raise RunError(f"{asked.path} has no run to fit: {why}.")
+    return runs
 
 
 def _run(job: tuple[ExperimentSpec, Path]) -> str:

@@ -4,12 +4,15 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from flows.progress import Progress
+from flows.report.stored import demo_page
+from flows.requests import Demo
 from flows.scheduled.surroundings import Around, surrounded
 from flows.service.server import answers, start_server
-from flows.settings import API, cores, prefect_home, prepare_prefect
+from flows.settings import API, cores, prefect_home, prepare_prefect, store_folder
 from flows.steps import demo as steps
-from flows.steps.demo import Asked
-from flows.workers.campaign import Tell
+from flows.steps.diagnose import diagnose_runs, request_of
+from flows.steps.experiment import load_engine
 from flows.workers.pool import Pool
 
 
@@ -30,52 +33,46 @@ class Made:
     page: Path
 
 
-def run_plain(asked: Asked, store: Path, tell: Tell | None = None) -> Made:
+def run_plain(asked: Demo, progress: Progress | None = None) -> Made:
     """Do all steps one after the other, without Prefect.
 
     Args:
         asked: Which demonstration.
-        store: The store.
-        tell: Told the stage and the share done.
+        progress: Told the stage and the share done.
     """
-    runs = steps.run_experiments(asked, store, tell)
-    ids = steps.diagnose(runs, store, tell)
+    store = store_folder(asked.store)
+    runs = steps.run_experiments(asked, progress)
+    ids = diagnose_runs(request_of(runs, store), progress)
     hidden = steps.open_seal(runs, store)
-    return Made(*ids, hidden, steps.report(ids, runs, hidden, store))
+    return Made(*ids, hidden, demo_page(ids, runs["fit"][0], hidden, store))
 
 
-def run_flow(asked: Asked, store: Path, tell: Tell | None = None) -> Made:
+def run_flow(asked: Demo, progress: Progress | None = None) -> Made:
     """Do the same steps as a Prefect flow; no server need run.
 
     A server that PREFECT_API_URL names and that answers is used, else one of our own.
 
     Args:
-        asked: Which demonstration.
-        store: The store; Prefect's own files go there too.
-        tell: Told the stage and the share done.
+        asked: Which demonstration; Prefect's own files go into its store too.
+        progress: Told the stage and the share done.
     """
+    store = store_folder(asked.store)
     home = prefect_home(store)
     prepare_prefect(home)
     own = None if answers(os.environ.get(API)) else start_server(home)
     with Pool(cores()) as pool:
         # A server takes as long to start as the processes take to load the engine.
         pool.warm(load_engine)
-        if tell:
-            tell("starting", 0.0)
+        if progress:
+            progress("starting", 0.0)
         if own:
             os.environ[API] = own.url
         # Only now, since Prefect takes its settings when it is loaded.
-        from flows.scheduled.demo import demo
+        from flows.scheduled.flows import demo
 
         if own:
             own.wait()
-        with surrounded(Around(tell, pool)):
+        with surrounded(Around(progress, pool)):
             done = demo(asked.seed, asked.effect, str(store))
     page = Path(done["page"])
     return Made(done["diagnosis"], done["proof"], done["hidden"], page)
-
-
-def load_engine() -> None:
-    """Load what an experiment needs."""
-    import sim.experiment
-    import sim.trajectories  # noqa: F401

@@ -1,0 +1,43 @@
+"""What the options of several commands have in common."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+# A switch without a value; there is no --no-switch.
+Flag = Annotated[bool, Parameter(negative="")]
+# Takes all following words up to the next option; at least one.
+Words = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negative="")]
+Log = Annotated[str, Parameter(name="LOG")]
+
+STDOUT = "-"
+
+
+def parse_declared(text: str | None) -> tuple[str, ...] | None:
+    """Return the names in "a,b", () for "none", None for no text."""
+    if text is None:
+        return None
+    if text.strip() == "none":
+        return ()
+    return tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+
+
+def named_files(options: Mapping[str, str | None]) -> dict[str, Path]:
+    """Return the files to write, by the option that names them.
+
+    Args:
+        options: What was given; "-" is standard output and no file.
+    """
+    return {k: Path(v) for k, v in options.items() if v not in (None, STDOUT)}
+
+
+def console_beside(json: str | None) -> Console:
+    """Return where people read: standard error where JSON has the output for itself.
+
+    Args:
+        json: What was given as --json.
+    """
+    return Console(stderr=json == STDOUT)

@@ -1,0 +1,168 @@
+"""modelgap sql: ask the store."""
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import pyarrow as pa
+from cyclopts import Parameter
+
+from flows.cli.options import Flag
+from flows.cli.store import Format
+from flows.outputs import check_writable, write_all
+from flows.report.terminal.answers import (
+    as_bytes,
+    check_shown,
+    print_table,
+    tell_damage,
+)
+from flows.report.terminal.schema import named_table, schema_table, values_of
+from flows.settings import store_folder
+from residual.errors import InputError
+from residual.names import check_name
+from warehouse.query.named import NAMED
+from warehouse.query.store import Store, open_store
+
+with suppress(ImportError):
+    import readline  # noqa: F401  gives the prompt its arrow keys
+
+FIRST, NEXT = "modelgap> ", "     ...> "
+HELP = (
+    "A query ends with ; or an empty line. Ctrl-D ends. Views: modelgap sql --schema."
+)
+LIST = "list"  # what a lone --named asks for
+_ONE_OF = 'Give one of: a query in quotes ("SELECT ..."), --named NAME, --schema.'
+_Values = Annotated[tuple[str, ...], Parameter(name="--with", negative="")]
+
+
+def sql(
+    query: str | None = None,
+    /,
+    *,
+    named: str | None = None,
+    with_: _Values = (),
+    schema: Flag = False,
+    format: Format = "table",
+    out: str | None = None,
+    store: Annotated[str | None, Parameter(name="--store")] = None,
+) -> None:
+    """Ask the store in SQL; it can only be read.
+
+    ```
+    modelgap sql "SELECT robot, count(*) FROM runs GROUP BY robot"
+    modelgap sql --schema
+    modelgap sql --named
+    modelgap sql --named error_by_trajectory --format csv
+    modelgap sql --named runs_of_model --with model=3f2a
+    modelgap sql "FROM samples WHERE run_id = '...'" --format parquet --out run.parquet
+    ```
+
+    Without a query on a terminal: one query after the other, each ended by ;.
+    Without a terminal one query is read from standard input.
+
+    Args:
+        query: One SELECT over the views, in the SQL of DuckDB.
+        named: A query that comes with the program, by its name; without one they are
+            listed.
+        with_: A value for a named query, as name=value.
+        schema: Show the views with every column and its unit, and the named queries.
+        format: How to print the answer; parquet needs --out on a terminal.
+        out: File for the answer.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    asked = [query is not None, named is not None, schema]
+    if sum(asked) > 1:
+        raise InputError(_ONE_OF)
+    if with_ and named in (None, LIST):
+        raise InputError("--with gives a value to a query of --named NAME.")
+    check_shown(format, out)
+    check_writable({"--out": Path(out)} if out else {}, ())
+    if schema:
+        _give(schema_table(), format, out)
+        if out is None and format == "table":
+            print()
+            print_table(named_table(), "table")
+    elif named == LIST:
+        _give(named_table(), format, out)
+    elif not any(asked) and sys.stdin.isatty():
+        with open_store(store_folder(store)) as opened:
+            prompt(opened, format)
+    else:
+        text, values = _asked(query, named, with_)
+        with open_store(store_folder(store)) as opened:
+            _give(opened.sql(text, values), format, out)
+            tell_damage(opened)
+
+
+def prompt(store: Store, format: str) -> None:
+    """Read queries and print answers until the end; an error ends only its query.
+
+    Args:
+        store: The opened store.
+        format: How to print answers.
+    """
+    print(HELP)
+    for query in _typed():
+        try:
+            print_table(store.sql(query), format)
+            tell_damage(store)
+        except InputError as error:
+            print(error)
+        except KeyboardInterrupt:
+            print("cancelled")
+
+
+def _typed() -> Iterator[str]:
+    lines: list[str] = []
+    while True:
+        try:
+            line = input(NEXT if lines else FIRST).strip()
+        except KeyboardInterrupt:
+            print()
+            lines.clear()
+            continue
+        except EOFError:
+            print()
+            return
+        lines.append(line)
+        if not line or line.endswith(";"):
+            query = "\n".join(lines).strip()
+            lines.clear()
+            if query:
+                yield query
+
+
+def _asked(
+    query: str | None, named: str | None, given: Sequence[str]
+) -> tuple[str, Mapping[str, str]]:
+    """Return the SQL, and the values of what stands for something in it."""
+    if named is None:
+        query = query if query is not None else sys.stdin.read()
+        if not query.strip():
+            raise InputError(_ONE_OF)
+        return query, {}
+    name = check_name(named, NAMED, "named query")
+    return NAMED[name][1], _values(name, given)
+
+
+def _values(name: str, given: Sequence[str]) -> dict[str, str]:
+    pairs = [word.partition("=") for word in given]
+    values = {key: value for key, _, value in pairs}
+    wanted = values_of(name)
+    if set(values) != set(wanted) or len(values) < len(given) or "" in values.values():
+        told = " ".join(f"--with {key}=... ({about})" for key, about in wanted.items())
+        raise InputError(
+            f"'{name}' takes {told or 'no --with'}, got {', '.join(given) or 'none'}."
+        )
+    return values
+
+
+def _give(rows: pa.Table, format: str, out: str | None) -> None:
+    if out is None:
+        print_table(rows, format)
+        return
+    write_all({Path(out): as_bytes(rows, format)})
+    noun = "row" if len(rows) == 1 else "rows"
+    print(f"wrote {out}: {len(rows)} {noun}")

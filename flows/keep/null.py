@@ -1,0 +1,57 @@
+"""Nulls of the store and of files: what chance alone showed, of one kind of logs."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from residual.diagnosis.null_record import Null, from_record, to_record
+from residual.errors import InputError
+from warehouse.commit import read_record
+from warehouse.query.store import open_store
+
+KIND = "null"  # of validations
+
+
+def read_null(path: str) -> Null:
+    """Read a null from a JSON file.
+
+    Raises:
+        InputError: If there is none.
+    """
+    try:
+        record = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"--null {path}: cannot be read, {error.strerror}.") from error
+    except ValueError as error:
+        raise InputError(
+            f"--null {path} is no JSON, expected what modelgap calibrate-null --out "
+            "wrote."
+        ) from error
+    if not isinstance(record, Mapping):
+        raise InputError(f"--null {path} is no null, expected a JSON object.")
+    return from_record(record, str(record.get("id") or Path(path).name))
+
+
+def null_json(null: Null) -> str:
+    """Return a null as JSON text."""
+    record = {"schema": 1, "kind": KIND, "id": null.id, **to_record(null)}
+    return json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def nulls_in(store: Path) -> tuple[Null, ...]:
+    """Return all nulls of a store, those with most draws and the latest first."""
+    found = [from_record(record, id) for id, record in null_records(store)]
+    return tuple(sorted(found, key=lambda n: -len(n.net)))
+
+
+def null_records(store: Path) -> list[tuple[str, Mapping]]:
+    """Return ids and records of all nulls, the latest first."""
+    if not (store / "validations").is_dir():
+        return []
+    query = (
+        "SELECT validation_id FROM validations "
+        f"WHERE kind = '{KIND}' ORDER BY created DESC"
+    )
+    with open_store(store) as opened:
+        ids = opened.sql(query).column(0).to_pylist()
+    return [(id, read_record(store, id)) for id in ids]

@@ -1,0 +1,89 @@
+"""Pages about a diagnosis in the store: what a schedule and a demonstration leave."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from flows.inputs.robots import load
+from flows.keep.diagnosis import read_outcome, store_report
+from flows.outputs import json_text
+from flows.report.page.diagnosis import render
+from flows.report.words.staged import Hidden, Staged
+from flows.report.words.verdict import sentences
+from residual.diagnosis.verdict import to_json
+from sim.engine.render import gif_of
+from warehouse.runs import read_run
+
+CLIP = 6.0  # s of motion in the picture
+
+
+def diagnosis_page(
+    ids: Sequence[str],
+    store: Path,
+    kind: str,
+    staged: Staged | None = None,
+    files: Mapping[str, bytes] | None = None,
+) -> Path:
+    """Write the page and the verdict of a diagnosis into the store.
+
+    Args:
+        ids: Of the diagnosis and of its proof.
+        store: The store.
+        kind: What it reports, such as "nightly".
+        staged: What only a demonstration can show.
+        files: More files of the report, by name.
+
+    Returns:
+        The page.
+    """
+    found = read_outcome(store, ids[1])
+    robot = found.verdict.robot
+    contents = {
+        "report.html": render(found, robot, staged).encode(),
+        "verdict.json": json_text(to_json(found.verdict)).encode(),
+        **(files or {}),
+    }
+    folder = store_report(store, {"robot": robot, "kind": kind}, ids[0], contents)
+    return folder / "report.html"
+
+
+def demo_page(
+    ids: Sequence[str], run_id: str, hidden: Sequence[Mapping], store: Path
+) -> Path:
+    """Write the page of a demonstration: the arm in motion, and the truth at the end.
+
+    Args:
+        ids: Of the diagnosis and of its proof.
+        run_id: The run that the picture shows.
+        hidden: What the seal held.
+        store: The store.
+
+    Returns:
+        The page.
+    """
+    run = read_run(store, run_id)
+    rows = run.t - run.t[0] <= CLIP
+    gif = gif_of(load(run.robot), run.t[rows], run.q[rows])
+    caption = f"The first {CLIP:g} s of run {run_id}, in the physics engine."
+    verdict = read_outcome(store, ids[1]).verdict
+    staged = Staged(gif, caption, as_hidden(hidden), verdict)
+    truth = (json.dumps(list(hidden), indent=2) + "\n").encode()
+    files = {"truth.json": truth, "arm.gif": gif}
+    return diagnosis_page(ids, store, "demo", staged, files)
+
+
+def words(proof: str, store: Path) -> str:
+    """Return a stored verdict in a few sentences.
+
+    Args:
+        proof: Id of the validation with its curves.
+        store: The store.
+    """
+    return " ".join(sentences(read_outcome(store, proof).verdict))
+
+
+def as_hidden(found: Sequence[Mapping]) -> tuple[Hidden, ...]:
+    """Return what a seal held as the report takes it."""
+    return tuple(
+        Hidden(e["name"], tuple(e["joints"]), dict(e["parameters"])) for e in found
+    )

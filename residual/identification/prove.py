@@ -1,0 +1,130 @@
+"""Identify a model and prove it on held-out motion: the verb of this folder."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from residual.errors import InputError
+from residual.identification.consistency import (
+    Consistent,
+    consistent,
+    least_mass_matrix,
+)
+from residual.identification.estimate import Options
+from residual.identification.identify import Identification, identify
+from residual.identification.validation import (
+    AccelerationError,
+    acceleration_error,
+    torque_errors,
+)
+from residual.model.compare import Errors
+from residual.model.model import Model
+from residual.recording import Recording
+from residual.robot.robot import Robot
+from residual.signals.split import hold_out_end, session_clock
+
+SAME_RUN = (
+    "no --holdout given: the last quarter of the longest log was held out; the proof "
+    "is weak, since it is the same run"
+)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Identified:
+    """What was identified, and how far it gets on held-out motion.
+
+    Attributes:
+        robot: The arm as described.
+        found: The free fit.
+        consistent: Physically consistent parameters, or None.
+        errors: Torque errors by model: "nominal", "identified", "consistent".
+        accelerations: Errors of acceleration from torque by model; None where M(q)
+            is not positive definite.
+        least_mass_matrix: Smallest eigenvalue of M(q) over random poses, by model.
+        fit, held_out: Ids of the logs.
+        same_run: Whether the held-out part is of a log that was fitted.
+        warnings: What is odd but usable.
+    """
+
+    robot: Robot
+    found: Identification
+    consistent: Consistent | None
+    errors: Mapping[str, Errors]
+    accelerations: Mapping[str, AccelerationError | None]
+    least_mass_matrix: Mapping[str, float]
+    fit: tuple[str, ...]
+    held_out: tuple[str, ...]
+    same_run: bool
+    warnings: tuple[str, ...]
+
+    @property
+    def best(self) -> Model:
+        """The model to use elsewhere: the consistent one where there is one."""
+        return (self.consistent or self.found).model
+
+
+def identify_and_prove(
+    robot: Robot,
+    fit: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    declared: Sequence[str] | None = None,
+    options: Options | None = None,
+    bodies: bool = False,
+) -> Identified:
+    """Fit the parameters of a model and compare it with the nominal one.
+
+    Args:
+        robot: The arm as described.
+        fit: Logs to fit.
+        held_out: Logs for the proof; empty for the last quarter of the longest.
+        declared: Effects that the model has; None for the robot's own list.
+        options: How to fit.
+        bodies: Whether to find parameters too that bodies can have.
+
+    Raises:
+        InputError: If a log is not usable.
+    """
+    same_run = not held_out
+    if same_run:
+        fit, held_out = hold_out_end(fit)
+    clock = session_clock([*fit, *held_out])
+    found = identify(robot, fit, declared, options or Options(), clock)
+    models = {"nominal": found.nominal, "identified": found.model}
+    made = consistent(found) if bodies else None
+    if made is not None:
+        models["consistent"] = made.model
+    least = {name: least_mass_matrix(model) for name, model in models.items()}
+    return Identified(
+        robot=robot,
+        found=found,
+        consistent=made,
+        errors=torque_errors(models, held_out),
+        accelerations={k: _acceleration(m, held_out) for k, m in models.items()},
+        least_mass_matrix=least,
+        fit=tuple(r.id for r in fit),
+        held_out=tuple(r.id for r in held_out),
+        same_run=same_run,
+        warnings=(
+            *((SAME_RUN,) if same_run else ()),
+            *found.preflight.lines(found.base),
+            *_doubts(least),
+        ),
+    )
+
+
+def _acceleration(
+    model: Model, held_out: Sequence[Recording]
+) -> AccelerationError | None:
+    try:
+        return acceleration_error(model, held_out)
+    except InputError:
+        return None
+
+
+def _doubts(least: Mapping[str, float]) -> list[str]:
+    return [
+        f"M(q) of the {name} model is not positive definite (least eigenvalue "
+        f"{value:.3g} kg m^2): it predicts torque but cannot be simulated; "
+        "--consistent gives one that can"
+        for name, value in least.items()
+        if value <= 0
+    ]
