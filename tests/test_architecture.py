@@ -108,7 +108,15 @@ def test_a_library_is_imported_only_where_it_belongs(library):
 
 
 @pytest.mark.parametrize(
-    "module", ["flows.cli.app", "flows.steps.diagnose", "flows.steps.demo"]
+    "module",
+    [
+        "flows.cli.app",
+        "flows.steps.diagnose",
+        *(
+            f"flows.cli.{command}"
+            for command in ("diagnose", "identify", "calibrate", "imports", "monitor")
+        ),
+    ],
 )
 def test_who_has_only_logs_loads_neither_engine_nor_scheduler(module):
     code = (

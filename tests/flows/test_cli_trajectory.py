@@ -65,14 +65,14 @@ def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
     assert list(here.iterdir()) == []
 
 
-def test_planning_without_a_picture_does_not_load_the_engine(here):
+def test_planning_a_motion_loads_neither_scheduler_nor_database(here):
     import subprocess
     import sys
 
     code = (
         "import sys; from flows.cli import main; "
         "main(['trajectory', 'move_stop_move', '--duration', '5', '--periods', '1']); "
-        "print({'pybullet', 'prefect', 'matplotlib'} & set(sys.modules))"
+        "print({'prefect', 'duckdb'} & set(sys.modules))"
     )
     root = __file__.rsplit("/tests/", 1)[0]
     done = subprocess.run(

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from flows.keep.null import null_json, nulls_in
+from flows.keep.null import null_json, nulls_in, read_null
 from flows.requests import Null
 from flows.steps import null as steps
 from flows.workers.pool import Here
@@ -79,7 +79,7 @@ def test_the_command_says_the_rate_and_writes_the_file(place, monkeypatch, capsy
     told = capsys.readouterr().out
     assert "of 4 recordings with nothing missing were given a name" in told
     assert "an extrapolation" in told
-    id = steps.read_null(str(place / "n.json")).id
+    id = read_null(str(place / "n.json")).id
     assert f"modelgap show {id}" in told
     assert main(["show", id]) == 0
     assert main(["calibrate-null", *words, "--workers", "0"]) == 2
@@ -89,7 +89,7 @@ def test_a_null_in_a_file_is_the_same_null(place):
     made = steps.calibrate_null(asked(place, draws=4), pool=Here()).null
     file = place / "null.json"
     file.write_text(null_json(made))
-    read = steps.read_null(str(file))
+    read = read_null(str(file))
     assert (read.id, read.key, read.nats) == (made.id, made.key, made.nats)
 
 
@@ -100,9 +100,9 @@ def test_a_file_that_is_no_null_is_refused(place, text, word):
     file = place / "other.json"
     file.write_text(text)
     with pytest.raises(InputError, match=word):
-        steps.read_null(str(file))
+        read_null(str(file))
     with pytest.raises(InputError, match="cannot be read"):
-        steps.read_null(str(place / "none.json"))
+        read_null(str(place / "none.json"))
 
 
 def test_a_request_that_makes_no_sense_is_refused(place):
