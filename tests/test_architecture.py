@@ -8,6 +8,11 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -49,6 +54,18 @@ HOMONYMS = {
     ("residual/tables/lookup/lookup.py", "offset"): "the same in its record",
 }
 NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
+# What may be imported inside a function: optional extras, doors, and what must not be
+# loaded before its settings are known; thirty in all.
+LATE = {
+    "residual/identification/consistency.py": {"clarabel", "cvxpy"},
+    "warehouse/logs/formats/bag.py": {"rosbags"},
+    "warehouse/logs/formats/mcap.py": {"mcap", "mcap_ros2"},
+    "flows/workers/cluster.py": {"distributed"},
+    "modelgap.py": {"flows", "residual", "sim", "warehouse"},
+    # Prefect takes its settings when it is loaded, and they depend on the store.
+    "flows/cli/demo_run.py": {"flows"},
+}
+MOST_LATE, MOST_FILES = 30, 23
 MAX_LINES = 300
 MAX_BODY = 40
 
@@ -105,6 +122,80 @@ def test_a_library_is_imported_only_where_it_belongs(library):
         and any(_within(name, {library}) for name in _imports(path))
     ]
     assert wrong == []
+
+
+def _modules() -> dict[str, Path]:
+    """Return every file of the product by its dotted name."""
+    files = [*_sources(*ROOMS), *ROOT.glob("modelgap.py")]
+    dotted = (_name(path).removesuffix(".py").replace("/", ".") for path in files)
+    return {n.removesuffix(".__init__"): p for n, p in zip(dotted, files, strict=True)}
+
+
+@cache
+def _edges() -> dict[str, set[str]]:
+    """Return which modules of the product each of them imports, early or late."""
+    known = _modules()
+
+    def module(name: str) -> str | None:
+        # `from residual import robot` names a module, `from x import f` what is in it.
+        return next((n for n in (name, name.rpartition(".")[0]) if n in known), None)
+
+    found = {n: {module(each) for each in _imports(p)} for n, p in known.items()}
+    return {name: others - {None, name} for name, others in found.items()}
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    try:
+        TopologicalSorter(_edges()).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def _floors() -> Iterator[tuple[str, dict[str, int]]]:
+    """Return the folders of each room by their floor, the highest first."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    for contract in settings["tool"]["importlinter"]["contracts"]:
+        for room in contract.get("containers", ()):
+            layers = enumerate(contract["layers"])
+            yield room, {n: i for i, text in layers for n in text.split(" | ")}
+
+
+def test_a_folder_is_a_floor_and_imports_only_what_lies_below_it():
+    rooms = dict(_floors())
+    assert set(rooms) == {"residual", "flows"}
+    wrong = []
+    for name, others in _edges().items():
+        room, _, rest = name.partition(".")
+        floors, own = rooms.get(room), rest.split(".")[0]
+        for other in others if floors and own else ():
+            target = other.removeprefix(f"{room}.").split(".")[0]
+            if other.startswith(f"{room}.") and target != own:
+                wrong += [(name, other)] if floors[own] >= floors[target] else []
+    assert wrong == []
+
+
+def test_imports_stand_at_the_top_of_a_file():
+    late = Counter(
+        (_name(path), name.split(".")[0])
+        for path in _modules().values()
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for node in ast.walk(function)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module or "."]
+        )
+    )
+    assert [each for each in late if each[1] not in LATE.get(each[0], ())] == []
+    assert late.total() <= MOST_LATE
+
+
+def test_no_folder_has_more_files_than_a_reader_takes_in():
+    folders = Counter(_name(p.parent) for p in _sources(*ROOMS) if p.stem != "__init__")
+    del folders["residual/effects"]  # one file each, by design
+    assert {f: n for f, n in folders.items() if n > MOST_FILES} == {}
 
 
 @pytest.mark.parametrize(

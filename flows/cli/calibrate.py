@@ -40,7 +40,7 @@ def calibrate(
     export: str | None = None,
     store: str | None = None,
 ) -> None:
-    """Fit look-up tables to what a model leaves, and validate them in every way.
+    """Fit look-up tables to the residual of a model, and validate them in every way.
 
     Least squares, PLSR, the paper's nominal-level PLSR and a form that generalises are
     compared on runs left out, on families of motion left out, and on the paper's

@@ -46,7 +46,7 @@ def diagnose(
     modelgap diagnose run.csv@:60% --robot arm.urdf --holdout run.csv@60%:
     ```
 
-    What has changed since the robot was in good order?
+    What has changed since the robot was healthy?
 
     ```
     modelgap diagnose today.csv --robot arm.urdf --baseline healthy.csv
@@ -61,7 +61,7 @@ def diagnose(
             FILE@60%: the last 40 percent.
         robot: Built-in name (irb140), URDF file, or folder with one *.urdf and an
             optional robot.toml.
-        baseline: Logs of the robot in good order; then what has changed is named.
+        baseline: Logs of healthy runs of the robot; then what has changed is named.
         holdout: Logs for the proof. Without them the last quarter of the longest log.
         declared: Effects that the model has, as a,b; "none" for a bare rigid body.
             Without it the robot's own list, or viscous,coulomb,rotor_inertia.

@@ -24,7 +24,7 @@ def monitor(
     plot: str | None = None,
     store: str | None = None,
 ) -> None:
-    """Watch the sensors of runs, with limits from runs in good order.
+    """Watch the sensors of runs, with limits from healthy runs.
 
     ```
     modelgap monitor irb140 3f2a --calibrate 01ab 02cd 03ef 04aa
@@ -37,9 +37,9 @@ def monitor(
 
     Args:
         model: Id of a diagnosis, or a robot (built-in name, URDF, folder) for its
-            nominal model. Its coefficients are fitted to the good runs.
+            nominal model. Its coefficients are fitted to the healthy runs.
         runs: Ids of the runs to watch; the beginning is enough.
-        calibrate: Ids of runs in good order, three or more; without it those that the
+        calibrate: Ids of healthy runs, three or more; without it those that the
             diagnosis was made from.
         per_hour: False alarms wanted at most in an hour.
         plot: PNG file for the scores over time.

@@ -45,7 +45,7 @@ def calibrate_null(
         logs: Logs as they will be diagnosed: CSV, Parquet, or ids of runs.
         robot: Built-in name, URDF file, or folder with one *.urdf and an optional
             robot.toml.
-        baseline: Logs of the robot in good order, if they will be diagnosed with them.
+        baseline: Logs of healthy runs, if they will be diagnosed with them.
         declared: Effects that the model has, as a,b; "none" for a bare rigid body.
         map: TOML file that says which column is what, in which unit.
         draws: Number of recordings; one in 200 is the least p-value of 200.

@@ -10,7 +10,6 @@ import os
 import socket
 import subprocess
 import sys
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic, sleep
@@ -18,6 +17,7 @@ from urllib.request import urlopen
 
 _PATIENCE = 600.0  # s; the first start makes the database, on a busy machine slowly
 _GRACE = 10.0  # s
+_PROGRAM = Path(__file__).with_name("serve.py")
 # None of our flows uses blocks, and registering them takes seconds.
 _LEAN = {"PREFECT_API_BLOCKS_REGISTER_ON_START": "false", "PREFECT_UI_ENABLED": "false"}
 
@@ -69,7 +69,7 @@ def start_server(home: Path) -> Server:
     """
     log, port = home / "server.log", _free_port()
     # -P: the folder of this file must not be a place to import from.
-    command = [sys.executable, "-P", str(Path(__file__)), str(port)]
+    command = [sys.executable, "-P", str(_PROGRAM), str(port)]
     with log.open("ab") as said:
         process = subprocess.Popen(
             command,
@@ -99,24 +99,3 @@ def _free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
-
-
-def _serve(port: int) -> None:
-    """Serve until standard input ends, which it does with whoever holds it."""
-    import uvicorn
-    from prefect.server.api.server import create_app
-
-    app = create_app(ephemeral=True, final=True)
-    settings = uvicorn.Config(app, "127.0.0.1", port, log_level="error")
-    server = uvicorn.Server(settings)
-
-    def end_with_input() -> None:
-        sys.stdin.buffer.read()
-        server.should_exit = True
-
-    threading.Thread(target=end_with_input, daemon=True).start()
-    server.run()
-
-
-if __name__ == "__main__":
-    _serve(int(sys.argv[1]))

@@ -85,7 +85,7 @@ def run_experiments(
 
 
 def open_seal(runs: Runs, store: Path) -> list[dict]:
-    """Return what the arm had and its model was not told of.
+    """Return what the arm had and its model does not have.
 
     Returns:
         Name, joints and parameters of each effect, as JSON can hold it.

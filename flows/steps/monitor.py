@@ -1,4 +1,4 @@
-"""Watch the sensors of runs: calibrate on good runs, tell what is not as usual."""
+"""Watch the sensors of runs: calibrate on healthy runs, tell what is not as usual."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -29,9 +29,9 @@ class Watched:
 
     Attributes:
         monitor: The monitor, calibrated.
-        calibration: Ids of the good runs.
+        calibration: Ids of the healthy runs.
         alarms: Alarms of each watched run, by its id.
-        novelty: Share of each run that is outside of the good runs. Shapes (dof,).
+        novelty: Share of each run that is outside of the healthy runs. Shapes (dof,).
         seconds: Length of all watched runs [s].
     """
 
@@ -48,8 +48,9 @@ class Watched:
         minutes = 60 * self.monitor.hours
         if self.monitor.per_hour * self.monitor.hours < 1:
             out.append(
-                f"The good runs last {minutes:.3g} min in all: that alarms are false "
-                f"at most {self.monitor.per_hour:g} times an hour is extrapolated."
+                f"The healthy runs last {minutes:.3g} min in all: that alarms are "
+                f"false at most {self.monitor.per_hour:g} times an hour is "
+                "extrapolated."
             )
         if not self.monitor.referenced:
             out.append("q_ref is not logged: no errors of tracking, no cycles.")
@@ -58,7 +59,7 @@ class Watched:
             if shares[joint] > NOVEL:
                 out.append(
                     f"Run {run}: joint {joint + 1} is for {100 * shares[joint]:.0f} % "
-                    "of the time where no good run was; alarms there may be false."
+                    "of the time where no healthy run was; alarms there may be false."
                 )
         return tuple(out)
 
@@ -140,14 +141,14 @@ def _check(source: Source, healthy: Mapping, watched: Mapping) -> None:
     if len(healthy) < LEAST_RUNS:
         whose = f"diagnosis {source.diagnosis} has" if source.diagnosis else "there are"
         raise InputError(
-            f"Good runs to calibrate on: {whose} {len(healthy)}, expected at least "
+            f"Healthy runs to calibrate on: {whose} {len(healthy)}, expected at least "
             f"{LEAST_RUNS}. Name them: --calibrate RUN ..."
         )
     both = sorted(set(healthy) & set(watched))
     if both:
         raise InputError(
             f"Run {both[0]} is to be watched and to calibrate on. Watch another, or "
-            "name the good runs with --calibrate."
+            "name the healthy runs with --calibrate."
         )
 
 

@@ -124,10 +124,9 @@ def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
 
 
 def test_report_and_verdict_appear_among_the_artifacts(flows, order, tmp_path):
-    from flows.scheduled.nightly import nightly
     from prefect.artifacts import Artifact
 
-    nightly(store=str(tmp_path))
+    flows.nightly(store=str(tmp_path))
     assert "report.html" in Artifact.get("report").data
     assert Artifact.get("verdict").data == "Nothing is missing."
     assert json.loads(Artifact.get("calibrate").data) == [

@@ -214,4 +214,4 @@ def test_one_sentence_says_what_it_means(loaded):
     alone = meaning(replace(found, nominal=None, arm=None))
     assert alone.endswith("the worst.")
     assert "feed-forward" not in alone
-    assert "about as good" in meaning(replace(found, nominal=found.arm))
+    assert "about as well" in meaning(replace(found, nominal=found.arm))

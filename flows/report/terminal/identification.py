@@ -53,7 +53,7 @@ def _told(outcome: Identified) -> list[str]:
     estimate = found.estimate
     noise = ", ".join(f"{n:.3g}" for n in estimate.noise)
     lines = [
-        f"{found.options.method} on {estimate.counts.sum()} moving rows, as good as "
+        f"{found.options.method} on {estimate.counts.sum()} moving rows, worth "
         f"{estimate.independent.sum():.0f} independent ones; condition "
         f"{estimate.condition:.3g}",
         f"noise per joint [N m]: {noise}",
