@@ -8,6 +8,7 @@ the seal opened.
 from pathlib import Path
 
 from flows.errors import RunError
+from flows.inputs.robots import load
 from flows.progress import Progress
 from flows.requests import Demo
 from flows.settings import store_folder
@@ -17,7 +18,6 @@ from flows.steps.experiment import plan
 from flows.workers.pool import Here, Pool
 from residual.effects import reported_joints
 from residual.errors import InputError
-from residual.robot.robot import load_robot
 from sim.experiment import draw_hidden
 from sim.streams import HIDDEN, stream
 from warehouse import seal
@@ -90,7 +90,7 @@ def open_seal(runs: Runs, store: Path) -> list[dict]:
     Returns:
         Name, joints and parameters of each effect, as JSON can hold it.
     """
-    dof = load_robot(ROBOT).dof
+    dof = load(ROBOT).dof
     found = seal.open_seal(store, runs["fit"][0]).spec["effects"]
     return [
         {
@@ -106,7 +106,7 @@ def _hidden_effect(asked: Demo) -> list[dict]:
     if asked.effect == NOTHING:
         return []
     rng = stream(asked.seed, HIDDEN)
-    effect = draw_hidden(load_robot(ROBOT), rng, asked.effect)
+    effect = draw_hidden(load(ROBOT), rng, asked.effect)
     return [
         {"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}
     ]
