@@ -116,7 +116,7 @@ BAD_WORDS = {
     "diagnose A.csv --robot irb140 --declared coulom": "did you mean 'coulomb'",
     "diagnose A.csv --robot irb140 --declared viscous,": "Unknown effect",
     "diagnose A.csv --robot irb140 --declared none,viscous": "Unknown effect",
-    "diagnose A.csv --robot irb140 --map no.toml": "Cannot read the map",
+    "diagnose A.csv --robot irb140 --map no.toml": "Cannot read no.toml",
     "diagnose D.csv --robot irb140": "No log file 'D.csv'",
     "diagnose A.csv@0:9 --robot irb140": "outside the log",
     "diagnose A.csv B.csv --robot irb140 --holdout A.csv": "hold the same samples",
