@@ -198,6 +198,17 @@ def test_help_teaches_by_example(capsys, words):
     assert f"\n modelgap {command}" in capsys.readouterr().out
 
 
+def test_help_lists_the_commands_in_groups(capsys):
+    assert run("--help") == 0
+    shown = capsys.readouterr().out
+    groups = ("First steps", "Your logs", "Your experiments", "History", "Schedule")
+    places = [shown.index(f"╭─ {group} ") for group in groups]
+    assert places == sorted(places)
+    assert places[0] < shown.index("│ demo ") < shown.index("│ diagnose ") < places[1]
+    assert places[1] < shown.index("│ identify ") < places[2]
+    assert "│ demo      Find the effect that a simulated arm hides" in shown
+
+
 def in_a_shell(words, **options):
     code = "import sys; from flows.cli import main; sys.exit(main())"
     return subprocess.run(
