@@ -17,6 +17,7 @@ from residual.diagnosis.angle_noise import (
 from residual.diagnosis.confusable import lookalikes
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.held_out import Verdicts
+from residual.diagnosis.result import Place
 from residual.evidence.fit import fit
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
@@ -183,10 +184,10 @@ def test_only_what_moves_alike_is_confusable(rng):
     fitted = fit(task.design, task.prior, (), task.design.rows)
     told_of = [(g, 3.0 * np.eye(len(g.ids))[0]) for g in groups]
     line, other, plane, far = lookalikes(task, fitted, told_of)
-    assert line == far == []
-    assert other == [{"name": "plane", "joints": [1]}]
+    assert line == far == ()
+    assert other == (Place("plane", (1,)),)
     # Of a plane in the direction that OTHER has too.
-    assert plane == [{"name": "other", "joints": [1]}]
+    assert plane == (Place("other", (1,)),)
 
 
 def test_a_large_effect_is_confused_with_less_than_a_small_one(rng):
@@ -197,5 +198,5 @@ def test_a_large_effect_is_confused_with_less_than_a_small_one(rng):
     small, large = lookalikes(
         task, fitted, [(groups[0], np.array([x])) for x in (1e-3, 3.0)]
     )
-    assert small == [{"name": "other", "joints": [1]}]
-    assert large == []
+    assert small == (Place("other", (1,)),)
+    assert large == ()
