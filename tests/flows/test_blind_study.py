@@ -12,6 +12,7 @@ from flows.report import study as blind_report
 from flows.report.page.study import render
 from flows.workers.pool import Here
 from tests.flows.blind_rows import row
+from tests.verdict_documents import whole
 from warehouse import seal
 from warehouse.query.store import open_store
 
@@ -127,7 +128,7 @@ def test_a_case_that_fails_is_told_and_the_others_go_on(short, monkeypatch, tmp_
         return commit_record(tmp_path, "validations", record)
 
     def run_null(job):
-        record = {"kind": "blind_null", "key": job[2], "minimum_detectable": []}
+        record = {"kind": "blind_null", "key": job[2], "document": whole({})}
         return commit_record(tmp_path, "validations", record)
 
     monkeypatch.setattr(steps, "run_case", run_case)
