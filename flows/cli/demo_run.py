@@ -7,7 +7,7 @@ from pathlib import Path
 from flows.progress import Progress
 from flows.report.stored import demo_page
 from flows.requests import Demo
-from flows.scheduled.surroundings import Around, surrounded
+from flows.scheduled.surroundings import Surroundings, surrounded
 from flows.service.server import answers, start_server
 from flows.settings import API, cores, prefect_home, prepare_prefect, store_folder
 from flows.steps import demo as steps
@@ -72,7 +72,7 @@ def run_flow(asked: Demo, progress: Progress | None = None) -> Made:
 
         if own:
             own.wait()
-        with surrounded(Around(progress, pool)):
+        with surrounded(Surroundings(progress, pool)):
             done = demo(asked.seed, asked.effect, str(store))
     page = Path(done["page"])
     return Made(done["diagnosis"], done["proof"], done["hidden"], page)

@@ -14,31 +14,31 @@ from flows.workers.pool import Pool
 
 
 @dataclass(frozen=True, slots=True)
-class Around:
+class Surroundings:
     """Surroundings of a flow.
 
     Attributes:
-        tell: Told the stage and the share done; None where nobody listens.
+        progress: Told the stage and the share done; None where nobody listens.
         pool: Processes to use; None for own ones.
     """
 
-    tell: Progress | None = None
+    progress: Progress | None = None
     pool: Pool | None = None
 
 
-_AROUND: ContextVar[Around] = ContextVar("around", default=Around())  # noqa: B039
+_NOW: ContextVar[Surroundings] = ContextVar("surroundings", default=Surroundings())  # noqa: B039
 
 
-def around() -> Around:
+def surroundings() -> Surroundings:
     """Return the surroundings of the flow that runs."""
-    return _AROUND.get()
+    return _NOW.get()
 
 
 @contextmanager
-def surrounded(by: Around) -> Iterator[None]:
+def surrounded(by: Surroundings) -> Iterator[None]:
     """Give flows that are started inside these surroundings."""
-    token = _AROUND.set(by)
+    token = _NOW.set(by)
     try:
         yield
     finally:
-        _AROUND.reset(token)
+        _NOW.reset(token)

@@ -21,7 +21,7 @@ from flows.report import stored
 from flows.report.page.study import headline, lines
 from flows.report.study import store_page
 from flows.scheduled import artifacts, events
-from flows.scheduled.surroundings import around
+from flows.scheduled.surroundings import surroundings
 from flows.specs.experiment import load_spec
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns
@@ -117,7 +117,7 @@ def validate(ids: list[str], window: float, store: str) -> list[str]:
 def diagnose(runs: dict, store: str) -> list[str]:
     """Identify, diagnose, augment, prove; the verdict goes into the store."""
     request = diagnosis.request_of(runs, Path(store))
-    return list(diagnosis.diagnose_runs(request, around().tell))
+    return list(diagnosis.diagnose_runs(request, surroundings().progress))
 
 
 @task(name="watch", task_run_name="watch", tags=["monitoring"])
@@ -170,7 +170,7 @@ def report(ids: list[str], store: str) -> str:
 @task(name="demo-experiments", task_run_name="experiments", tags=["simulation"])
 def demo_experiments(asked: requests.Demo) -> dict:
     """Run what is not in the store, in a pool of processes."""
-    return demo.run_experiments(asked, around().tell, around().pool)
+    return demo.run_experiments(asked, surroundings().progress, surroundings().pool)
 
 
 @task(name="open-seal", task_run_name="open-seal", tags=["report"])

@@ -13,7 +13,7 @@ import yaml
 
 from flows.report import stored
 from flows.requests import Demo
-from flows.scheduled.surroundings import Around, surrounded
+from flows.scheduled.surroundings import Surroundings, surrounded
 from flows.service import server as server_of
 from flows.steps import calibrate, campaign, demo, diagnose, identify, validate
 from tests.flows.blind_rows import row
@@ -87,7 +87,7 @@ def test_the_seal_is_opened_after_the_verdict_is_stored(flows, order, tmp_path):
 
 def test_the_steps_of_a_flow_get_progress_and_processes_of_its_command(flows, order):
     told, pool = print, object()
-    with surrounded(Around(told, pool)):
+    with surrounded(Surroundings(told, pool)):
         flows.demo(3, "spring", "store")
     (_, given), (_, given_to_diagnose) = order[:2]
     assert given == (Demo(3, "spring", "store"), told, pool)

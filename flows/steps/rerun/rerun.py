@@ -94,13 +94,13 @@ def _rerun_run(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
         return _check_imported(found, store, manifest, verify)
     made = runs.again(store, found.id, manifest)
     apart = _run_apart(found, store, manifest, made)
-    told = _told(found, store, (manifest["provenance"], now), apart)
+    facts = _facts(found, store, (manifest["provenance"], now), apart)
     if verify:
-        return Rerun(*told)
+        return Rerun(*facts)
     id = None
-    if not told[3]:
+    if not facts[3]:
         id = experiment.keep(made, store, {RERUN_OF: [found.id]})
-    return Rerun(*told, id, _note(store, told, found.folder.parent.name[6:], id))
+    return Rerun(*facts, id, _note(store, facts, found.folder.parent.name[6:], id))
 
 
 def _rerun_record(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
@@ -112,15 +112,15 @@ def _rerun_record(found: Found, store: Path, now: Mapping, verify: bool) -> Reru
     row = read_row(found)
     then = json.loads(row.get("provenance") or "{}")
     with records.again(store, found) as (own, made):
-        told = _told(found, store, (then, now), records.apart(found, made))
+        facts = _facts(found, store, (then, now), records.apart(found, made))
         if verify:
-            return Rerun(*told)
-        other = made.id != found.id and not told[3]
+            return Rerun(*facts)
+        other = made.id != found.id and not facts[3]
         id = records.keep(own, store, found, made) if other else None
-        return Rerun(*told, id, _note(store, told, row["robot"], id))
+        return Rerun(*facts, id, _note(store, facts, row["robot"], id))
 
 
-def _told(found: Found, store: Path, when: tuple, apart: tuple[Channel, ...]) -> tuple:
+def _facts(found: Found, store: Path, when: tuple, apart: tuple[Channel, ...]) -> tuple:
     """Return the first six attributes of a rerun."""
     then, now = when
     key = "code_hash" if found.kind == "runs" else "program_hash"
@@ -160,9 +160,9 @@ def _check_imported(
     return Rerun(found.id, found.kind, (), True, cause, known, imported=True)
 
 
-def _note(store: Path, told: tuple, robot: str, made: str | None) -> str | None:
+def _note(store: Path, facts: tuple, robot: str, made: str | None) -> str | None:
     """Keep on record that a rerun did not reproduce; None if it did."""
-    outcome = Rerun(*told)
+    outcome = Rerun(*facts)
     if outcome.cause is None:
         return None
     record = {
