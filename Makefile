@@ -1,6 +1,6 @@
 # make demo and make test set everything up by themselves, in .venv, once.
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format types lock clean
+.PHONY: help demo test test-all lint format types lock clean
 BIN := .venv/bin
 UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
 	--only-binary :all: --python-version 3.11 --python-platform x86_64-manylinux_2_28 \
@@ -8,7 +8,8 @@ UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
 
 help:
 	@echo "make demo    find an effect that a model was not told of; writes a report"
-	@echo "make test    all tests            (make test ARGS='-k signals -x' for some)"
+	@echo "make test    what every change must pass (ARGS='-k signals -x' for some)"
+	@echo "make test-all  that and the long tests of pages, browser and installation"
 	@echo "make lint    style, format, import directions"
 	@echo "make format  put the code into the format that lint asks for"
 	@echo "make types   static types (advice, not a gate)"
@@ -19,9 +20,10 @@ demo: .venv/core.stamp
 	@$(BIN)/modelgap demo $(ARGS)
 
 # One BLAS thread each: two workers with two threads each fight over two cores.
-test: .venv/dev.stamp
+test: CHOICE := -m "not long"
+test test-all: .venv/dev.stamp
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-		$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+		$(BIN)/python -m pytest -n 2 --dist loadfile $(CHOICE) $(ARGS)
 
 lint: .venv/dev.stamp
 	$(BIN)/ruff check .

@@ -13,7 +13,9 @@ from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs
 from residual.errors import InputError
 from residual.recording import Recording
-from sim.records import PlantRun
+from residual.robot.robot import load_robot
+from sim.records import Hidden, PlantRun
+from tests.residual.arms import short_case, urdf_text
 from tests.verdict_documents import typed
 from warehouse.commit import read_record
 from warehouse.manifest import read_manifest
@@ -143,25 +145,29 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
 
 @pytest.mark.slow
 def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
-    from sim.synthetic.logs import standard_case
     from warehouse.commit import commit_run
     from warehouse.seal import Sealed
 
-    case = standard_case("spring", 3)
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm" / "arm.urdf").write_text(urdf_text())
+    (tmp_path / "arm" / "robot.toml").touch()
+    robot, store = load_robot(tmp_path / "arm"), tmp_path / "store"
+    spring = Hidden("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
+    case = short_case(robot, spring, seed=44)
 
     def put(log):
-        about = {"spec": {"robot": "irb140", "seed": 1, "log": log.id}}
-        return commit_run(tmp_path, log, about, Sealed({"salt": log.id}))
+        about = {"spec": {"robot": robot.name, "seed": 1, "log": log.id}}
+        return commit_run(store, log, about, Sealed({"salt": log.id}))
 
-    fit, held_out = (tuple(map(put, logs)) for logs in (case.fit[:3], case.held_out))
-    asked = Diagnose(fit, "irb140", held_out[:1], store=tmp_path)
+    fit, held_out = (tuple(map(put, logs)) for logs in (case.fit, case.held_out))
+    asked = Diagnose(fit, str(tmp_path / "arm"), held_out, store=store)
     ids = diagnose_runs(asked)
-    verdict = read_record(tmp_path, ids[0])["document"]
+    verdict = read_record(store, ids[0])["document"]
     assert verdict["effects"][0]["name"] == "spring"
     for folder in ("sealed", "diagnoses", "models", "validations"):
-        shutil.rmtree(tmp_path / folder)
+        shutil.rmtree(store / folder)
     assert diagnose_runs(asked) == ids
-    assert json.dumps(read_record(tmp_path, ids[0])["document"]) == json.dumps(verdict)
+    assert json.dumps(read_record(store, ids[0])["document"]) == json.dumps(verdict)
 
 
 def test_curves_come_back_from_the_store_as_they_were():
