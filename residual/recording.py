@@ -9,7 +9,7 @@ from residual.errors import RecordingError
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Recording:
     """Samples of one motion.
 
@@ -53,6 +53,12 @@ class Recording:
                 f"{self.id}: time must increase; sample {row} is at {self.t[row]:g} s "
                 f"after {self.t[row - 1]:g} s. Remove repeated or reordered samples."
             )
+
+    def __repr__(self) -> str:
+        return (
+            f"Recording({self.id}: {self.robot}, {len(self.t)} samples of {self.dof} "
+            f"joints, {self.duration:.1f} s)"
+        )
 
     def _check(self, name: str, array: Array) -> None:
         expected = (len(self.t),) if name == "t" else (len(self.t), self.dof)

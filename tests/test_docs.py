@@ -109,3 +109,20 @@ def test_every_option_that_a_page_shows_exists():
         # An option named like a Python word has an underscore at the end.
         names = {name.rstrip("_") for name in known}
         assert option.replace("-", "_") in names, (command, option)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_names_only_files_and_folders_of_code_that_are_there(page):
+    folders = ("residual", "flows", "sim", "warehouse", "benchmarks", "tests")
+    there = {
+        f"/{path.relative_to(ROOT).as_posix()}"
+        for folder in folders
+        for path in (ROOT / folder).rglob("*")
+    } | {"/modelgap.py", "/creaking.py"}  # the second is the example of a new effect
+    text = page.read_text(encoding="utf-8")
+    if page.name == "CHANGELOG.md":  # tells of what was, too
+        text = text.split("\n## ")[0]
+    files = re.findall(r"`((?:\w+/)*\w+\.py)`", text)
+    roots = "|".join(folders)
+    files += re.findall(rf"`((?:{roots})/[\w/]*\w)/?`", text)
+    assert [f for f in files if not any(p.endswith(f"/{f}") for p in there)] == []

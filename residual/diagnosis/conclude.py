@@ -119,18 +119,40 @@ def _unexplained(case: Case) -> Unexplained:
 
 
 def _errors(case: Case) -> ErrorTables:
-    def per_joint(kind: str) -> dict:
-        return {s: _per_joint(case.errors.get(s), kind) for s in STAGES}
+    return error_tables(
+        {name: case.errors.get(name) for name in STAGES},
+        min(t.cutoff for t in case.examined.logs.tracks),
+        case.held_out,
+        case.same_run,
+    )
+
+
+def error_tables(
+    errors: Mapping[str, Errors | None],
+    cutoff: float,
+    logs: Sequence[str],
+    same_run: bool = False,
+) -> ErrorTables:
+    """Return the errors of several models as plain values [%].
+
+    Args:
+        errors: By name of the model; None for a model that is not there.
+        cutoff: Of the identification filter [Hz].
+        logs: Labels of the held-out logs.
+        same_run: Whether they are a part of a fit log.
+    """
 
     def overall(kind: str) -> dict:
-        every = ((s, case.errors.get(s)) for s in STAGES)
-        return {s: None if e is None else plain(e.overall(kind)) for s, e in every}
+        return {s: e and plain(e.overall(kind)) for s, e in errors.items()}
+
+    def per_joint(kind: str) -> dict:
+        return {s: _per_joint(e, kind) for s, e in errors.items()}
 
     return ErrorTables(
         metric=METRIC,
-        cutoff_hz=min(t.cutoff for t in case.examined.logs.tracks),
-        logs=tuple(case.held_out),
-        same_run=case.same_run,
+        cutoff_hz=cutoff,
+        logs=tuple(logs),
+        same_run=same_run,
         held_out=per_joint("raw"),
         filtered=per_joint("filtered"),
         moving=per_joint("moving"),

@@ -30,7 +30,7 @@ __all__ = ["Declared", "Robot", "built_in_robots", "load_robot", "robot_from_tex
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Robot:
     """A serial arm of revolute joints, joint 1 at the base.
 
@@ -67,6 +67,10 @@ class Robot:
     motor_from_joint: Array | None
     declared: Mapping[str, Declared]
     prior_scale: float | None
+
+    def __repr__(self) -> str:
+        declared = ", ".join(self.declared) or "rigid body alone"
+        return f"Robot({self.name}: {self.dof} joints; declared: {declared})"
 
     @property
     def content_hash(self) -> str:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from flows.report.page import calibration_plots as plots
+from flows.report.page.base import Tile, environment
 from flows.report.page.charts import Chart
-from flows.report.page.diagnosis import Tile, _environment
 from flows.report.terminal.calibration import about_rows, chosen_words
 from flows.report.words.calibration import sentences
 from residual.calibration.calibrate import Calibration
@@ -34,7 +34,7 @@ def render(made: Calibration, warnings: Sequence[str] = ()) -> str:
     Returns:
         One self-contained HTML document.
     """
-    page = _environment().get_template("calibration.html")
+    page = environment().get_template("calibration.html")
     return page.render(_context(made, warnings))
 
 

@@ -1,12 +1,9 @@
 """The verdict as one HTML page that needs nothing else: to mail, print and keep."""
 
-from functools import cache
-from pathlib import Path
-from typing import Any, NamedTuple
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from typing import Any
 
 from flows.report.page import charts
+from flows.report.page.base import Tile, environment
 from flows.report.words import outlook, rows
 from flows.report.words import verdict as words
 from flows.report.words.phrases import sentence_case
@@ -14,16 +11,6 @@ from flows.report.words.staged import Staged
 from residual import quantity
 from residual.diagnosis.result import STAGES, Diagnosis, Verdict
 from residual.quantity import known
-
-_TEMPLATES = Path(__file__).parent / "templates"
-
-
-class Tile(NamedTuple):
-    """One figure at the head of the page: what it is, its value, what it means."""
-
-    label: str
-    value: str
-    note: str
 
 
 def render(found: Diagnosis, robot_name: str, staged: Staged | None = None) -> str:
@@ -37,28 +24,8 @@ def render(found: Diagnosis, robot_name: str, staged: Staged | None = None) -> s
     Returns:
         One self-contained HTML document; the same diagnosis gives the same bytes.
     """
-    page = _environment().get_template("page.html")
+    page = environment().get_template("page.html")
     return page.render(_context(found, robot_name), staged=staged)
-
-
-@cache
-def _environment() -> Environment:
-    # Everything is escaped: names of logs and columns come from other people's files.
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "percent": quantity.percent,
-        "bare": quantity.bare_percent,
-        "probability": quantity.probability,
-        "sentence": sentence_case,
-    }
-    environment.tests["known"] = known
-    return environment
 
 
 def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:

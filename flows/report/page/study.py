@@ -5,8 +5,8 @@ from typing import Any
 
 from flows.blind.score import CLASS, NOTHING, PAIR, RIGHT, SINGLE, UNKNOWN, Name
 from flows.report.page import study_plots as plots
+from flows.report.page.base import Tile, environment
 from flows.report.page.charts import Chart
-from flows.report.page.diagnosis import Tile, _environment
 from residual.quantity import MISSING
 
 _RATES = {
@@ -37,7 +37,7 @@ def render(rows: Sequence[Mapping], summary: Mapping, about: Mapping) -> str:
         summary: Its figures (``flows.blind.sums``).
         about: ``robot``, ``seed``, ``n``, ``id``, and ``failed`` in words.
     """
-    page = _environment().get_template("blind.html")
+    page = environment().get_template("blind.html")
     return page.render(_context(rows, summary, about))
 
 

@@ -20,7 +20,7 @@ _ARRAYS = ("offset", "slope", "low", "high")
 
 
 # No slots: the packed form is made once and kept in the instance.
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Lookup:
     """y = offset + x slope + the sum of all tables at the levels of x.
 
@@ -41,6 +41,12 @@ class Lookup:
     slope: Array
     low: Array
     high: Array
+
+    def __repr__(self) -> str:
+        return (
+            f"Lookup({', '.join(self.names)} -> {', '.join(self.joints)}: "
+            f"{len(self.tables)} tables)"
+        )
 
     def predict(self, X: Array) -> Array:
         """Return the correction of rows, in units of the responses. Shape (m, j).

@@ -1,0 +1,68 @@
+"""Calibrate from Python: look-up tables for what the model leaves, and their page."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from flows.outputs import write_all
+from flows.report.page.calibration import render
+from residual.calibration import calibrate as core
+from residual.calibration.methods import DEFAULT, NONE
+from residual.calibration.rows import Run
+from residual.calibration.schemes import RUN
+from residual.calibration.scores import find
+from residual.recording import Recording
+from residual.robot.robot import Robot
+from residual.tables.lookup.export import export_lookup
+from warehouse.logs import check_distinct
+
+
+class Calibration(core.Calibration):
+    """Look-up tables and what they are worth, which can be shown and kept."""
+
+    __slots__ = ()
+
+    def save_report(self, path: str | Path) -> None:
+        """Write the page: one HTML file that needs nothing else."""
+        write_all({Path(path): render(self)})
+
+    def save_tables(self, folder: str | Path) -> None:
+        """Write the tables, with an evaluator that needs only NumPy, into a folder."""
+        place = Path(folder)
+        place.mkdir(parents=True, exist_ok=True)
+        write_all({place / k: v for k, v in export_lookup(self.lookup).items()})
+
+    def __repr__(self) -> str:
+        ours, none = (find(self.scores, RUN, model) for model in (DEFAULT, NONE))
+        error = (
+            f"{none.overall:.3g} % -> {ours.overall:.3g} %" if ours and none else "–"
+        )
+        return f"Calibration({self.robot}: unseen runs {error})"
+
+
+def calibrate(
+    robot: Robot,
+    fit: Sequence[Recording],
+    declared: Sequence[str] | None = None,
+    figures: bool = True,
+) -> Calibration:
+    """Fit tables to what the model leaves, and judge them on motion they never saw.
+
+    Args:
+        robot: The arm.
+        fit: Logs; a single one is cut into five parts.
+        declared: Effects that the model has; None for the robot's own list.
+        figures: Whether to compute too what only the page shows, which takes most of
+            the time.
+
+    Raises:
+        InputError: If a log or a name is not usable, or two logs share samples.
+    """
+    check_distinct(fit)
+    names = None if declared is None else tuple(declared)
+    settings = core.Settings(declared=names, views=figures)
+    with threadpool_limits(1, user_api="blas"):
+        made = core.calibrate(robot, [Run(log) for log in fit], settings)
+    return Calibration(*(getattr(made, field.name) for field in fields(made)))

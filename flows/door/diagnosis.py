@@ -1,0 +1,75 @@
+"""Diagnose from Python: the core's result, with its page and its JSON."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from flows.outputs import write_all
+from flows.report.page.diagnosis import render
+from flows.report.page.summary import summary
+from residual.close import close_the_loop
+from residual.diagnosis import result
+from residual.diagnosis.null_record import Null
+from residual.diagnosis.verdict import to_json
+from residual.recording import Recording
+from residual.robot.robot import Robot
+from warehouse.logs import check_distinct
+
+Progress = Callable[[str, float], None]
+
+
+class Diagnosis(result.Diagnosis):
+    """The result of a diagnosis, which can be shown and kept."""
+
+    __slots__ = ()
+
+    def save_report(self, path: str | Path) -> None:
+        """Write the page: one HTML file that needs nothing else."""
+        write_all({Path(path): render(self, self.verdict.robot)})
+
+    def to_json(self) -> dict:
+        """The verdict as plain values, in its documented form (docs/verdict.md)."""
+        return to_json(self.verdict)
+
+    def _repr_html_(self) -> str:
+        return summary(self)
+
+
+def diagnose(  # noqa: PLR0913  called from outside, by keyword
+    robot: Robot,
+    fit: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    baseline: Sequence[Recording] = (),
+    declared: Sequence[str] | None = None,
+    null: Null | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find which effects the model of a robot lacks, and prove it on other motion.
+
+    Args:
+        robot: The arm.
+        fit: Logs to diagnose.
+        held_out: Logs for the proof; none: the last quarter of the longest of ``fit``.
+        baseline: Logs of healthy runs. With them only what has changed is named.
+        declared: Effects that the model has; None for the robot's own list.
+        null: What ``load_null`` reads; p-values and threshold come from it.
+        progress: Called with the stage and the share done.
+
+    Raises:
+        InputError: If a log or a name is not usable, or two logs share samples.
+    """
+    check_distinct([*fit, *held_out, *baseline])
+    # One thread: the products are small, two threads only wait for each other.
+    with threadpool_limits(1, user_api="blas"):
+        found = close_the_loop(
+            robot,
+            fit,
+            baseline=baseline,
+            held_out=held_out,
+            declared=declared,
+            progress=progress,
+            null=null,
+        )
+    return Diagnosis(*(getattr(found, field.name) for field in fields(found)))

@@ -1,0 +1,99 @@
+"""Find what a robot's dynamic model is missing, from a script or a notebook.
+
+    import modelgap as mg
+
+    robot = mg.load_robot("irb140")
+    fit = mg.read_logs(["fit_1.csv", "fit_2.csv"], robot)
+    test = mg.read_logs(["held_out.csv"], robot)
+    found = mg.diagnose(robot, fit, held_out=test)
+    found.save_report("out.html")
+
+docs/api.md has the rest. A name is loaded when it is first used, so that importing this
+loads no numerics, scheduler, physics engine, database or plotting library.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # for editors
+    from flows.door.calibration import Calibration, calibrate
+    from flows.door.comparison import compare
+    from flows.door.diagnosis import Diagnosis, diagnose
+    from flows.door.identification import Identification, identify
+    from flows.door.logs import read_logs
+    from flows.door.store import Store, open_store
+    from flows.door.table import Table
+    from flows.keep.null import read_null as load_null
+    from residual.diagnosis.result import (
+        ErrorTables,
+        Finding,
+        Parameter,
+        Verdict,
+    )
+    from residual.errors import InputError
+    from residual.identification.estimate import Options
+    from residual.model.model import Model
+    from residual.model.record import load_model
+    from residual.recording import Recording
+    from residual.robot.robot import Robot, load_robot
+
+__all__ = [
+    "Calibration",
+    "Diagnosis",
+    "ErrorTables",
+    "Finding",
+    "Identification",
+    "InputError",
+    "Model",
+    "Options",
+    "Parameter",
+    "Recording",
+    "Robot",
+    "Store",
+    "Table",
+    "Verdict",
+    "calibrate",
+    "compare",
+    "diagnose",
+    "identify",
+    "load_model",
+    "load_null",
+    "load_robot",
+    "open_store",
+    "read_logs",
+]
+
+_PLACES = {
+    "flows.door.calibration": ("Calibration", "calibrate"),
+    "flows.door.comparison": ("compare",),
+    "flows.door.diagnosis": ("Diagnosis", "diagnose"),
+    "flows.door.identification": ("Identification", "identify"),
+    "flows.door.logs": ("read_logs",),
+    "flows.door.store": ("Store", "open_store"),
+    "flows.door.table": ("Table",),
+    "flows.keep.null": ("load_null",),
+    "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),
+    "residual.errors": ("InputError",),
+    "residual.identification.estimate": ("Options",),
+    "residual.model.model": ("Model",),
+    "residual.model.record": ("load_model",),
+    "residual.recording": ("Recording",),
+    "residual.robot.robot": ("Robot", "load_robot"),
+}
+_RENAMED = {"load_null": "read_null"}
+_PLACE = {name: place for place, names in _PLACES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name when it is first used."""
+    if name not in _PLACE:
+        raise AttributeError(f"module 'modelgap' has no attribute {name!r}")
+    found = globals()[name] = getattr(
+        import_module(_PLACE[name]), _RENAMED.get(name, name)
+    )
+    return found
+
+
+def __dir__() -> list[str]:
+    """Every name, also those that are not loaded yet."""
+    return sorted({*globals(), *__all__})

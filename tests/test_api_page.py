@@ -1,0 +1,81 @@
+"""docs/api.md and the notebook of the examples run, and print what they show."""
+
+import doctest
+import re
+import shutil
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+import modelgap as mg
+from warehouse.commit import commit_run
+
+ROOT = Path(__file__).parents[1]
+_FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+
+def _sections() -> dict[str, str]:
+    """The text below each heading of the page."""
+    _, first, *rest = re.split(r"^#+ (.*)$", _page(), flags=re.M)
+    below = iter([first, *rest])
+    return dict(zip(below, below, strict=True))
+
+
+def _page() -> str:
+    return (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+
+
+def _run(text: str, known: dict) -> None:
+    cells = doctest.DocTestParser().get_doctest(text, known, "api.md", None, 0)
+    told: list[str] = []
+    done = doctest.DocTestRunner(optionflags=_FLAGS).run(cells, out=told.append)
+    assert done.attempted
+    assert told == []
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with the logs of the example, and a store with one of them."""
+    shutil.copytree(ROOT / "examples" / "hidden", tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    (log,) = mg.read_logs("fit_1.csv@0:2", mg.load_robot("irb140"))
+    commit_run(tmp_path / "store", log, {"spec": {"robot": "irb140"}})
+    return tmp_path
+
+
+def test_the_cells_of_the_page_print_what_it_shows(folder):
+    page = _sections()
+    page.pop("Calibrate")
+    _run("\n".join(page.values()), {})
+    assert (folder / "out.html").read_text(encoding="utf-8").startswith("<!doctype")
+
+
+@pytest.mark.slow
+def test_the_cell_that_calibrates_prints_what_it_shows(folder):
+    known = {"mg": mg, "robot": mg.load_robot("irb140")}
+    _run(_sections()["Calibrate"], known)
+
+
+def test_the_page_has_a_paragraph_for_every_function():
+    functions = {name for name in mg.__all__ if name[0].islower()}
+    assert functions == set(re.findall(r"mg\.([a-z]\w+)", _page()))
+
+
+def test_a_cell_of_the_readme_uses_what_there_is():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"mg\.(\w+)", text)) <= set(mg.__all__)
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_in_the_order_of_its_cells(tmp_path):
+    shutil.copytree(ROOT / "examples", tmp_path, dirs_exist_ok=True)
+    book = nbformat.read(tmp_path / "first_hour.ipynb", as_version=4)
+    assert all(not cell.get("outputs") for cell in book.cells)
+    place = {"metadata": {"path": str(tmp_path)}}
+    NotebookClient(book, timeout=600, resources=place).execute()
+    shown = [out for cell in book.cells for out in cell.get("outputs", ())]
+    html = "".join(out.get("data", {}).get("text/html", "") for out in shown)
+    assert "The model lacks a payload at the flange." in html
+    assert (tmp_path / "out.html").exists()

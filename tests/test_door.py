@@ -1,0 +1,171 @@
+"""The door: what `import modelgap as mg` gives, and what it does not load."""
+
+import ast
+import json
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import modelgap as mg
+from flows.door.diagnosis import Diagnosis
+from flows.door.table import Table
+from residual.diagnosis.result import (
+    ErrorTables,
+    Evidence,
+    Finding,
+    Parameter,
+    Place,
+    Unexplained,
+    Verdict,
+)
+from residual.diagnosis.verdict import from_json
+from residual.errors import InputError
+from warehouse.commit import commit_run
+
+ROOT = Path(__file__).parents[1]
+HEAVY = ("numpy", "pinocchio", "prefect", "pybullet", "duckdb", "matplotlib", "rich")
+
+
+def _in_a_process(code: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.stderr == ""
+    return done.stdout.strip()
+
+
+def test_importing_it_loads_nothing_heavy_and_takes_no_time():
+    out = _in_a_process(
+        "import sys, time; start = time.process_time(); import modelgap\n"
+        f"print(sorted(set({HEAVY}) & set(sys.modules)), "
+        "time.process_time() - start < 1.5)"
+    )
+    assert out == "[] True"
+
+
+def test_who_diagnoses_in_a_notebook_loads_no_scheduler_engine_or_database():
+    out = _in_a_process(
+        "import sys, modelgap as mg\n"
+        "mg.diagnose, mg.identify, mg.calibrate, mg.compare, mg.read_logs\n"
+        "print(sorted({'prefect', 'pybullet', 'duckdb', 'cvxpy'} & set(sys.modules)))"
+    )
+    assert out == "[]"
+
+
+@pytest.mark.parametrize("name", mg.__all__)
+def test_every_name_is_there(name):
+    assert getattr(mg, name).__doc__
+    assert name in dir(mg)
+
+
+def test_editors_are_told_of_every_name_where_it_is():
+    tree = ast.parse((ROOT / "modelgap.py").read_text(encoding="utf-8"))
+    (typed,) = (node for node in tree.body if isinstance(node, ast.If))
+    told = {
+        alias.asname or alias.name: node.module
+        for node in typed.body
+        for alias in node.names
+    }
+    assert told == mg._PLACE
+    assert sorted(told) == mg.__all__
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'modelgap' has no attribute 'diagnoze'"):
+        _ = mg.diagnoze
+
+
+TABLE = Table(pa.table({"name": ["<b>", "c"], "value": [1.23456, None]}))
+
+
+def test_a_table_is_read_by_row_by_column_and_as_a_whole():
+    assert len(TABLE) == 2
+    assert TABLE["name"] == ["<b>", "c"]
+    assert TABLE[-1] == {"name": "c", "value": None}
+    assert [row["name"] for row in TABLE] == TABLE["name"]
+    assert TABLE.rows() == TABLE.arrow().to_pylist()
+    with pytest.raises(IndexError):
+        _ = TABLE[2]
+
+
+def test_a_table_is_printed_in_columns_and_escaped_in_a_notebook():
+    assert repr(TABLE) == "name  value\n<b>   1.235\nc     –"
+    assert "<td>&lt;b&gt;</td><td>1.235</td>" in TABLE._repr_html_()
+    assert repr(Table(pa.table({"i": range(50)}))).endswith("… and 10 more rows")
+    assert repr(Table(pa.table({"long": ["x" * 99]}))).endswith("x" * 59 + "…")
+
+
+@pytest.mark.parametrize(("method", "library"), [("df", "pandas"), ("pl", "polars")])
+def test_a_table_says_which_library_it_lacks(method, library):
+    if find_spec(library):
+        pytest.skip(f"{library} is installed here")
+    with pytest.raises(InputError, match=rf"\.{method}\(\) needs {library}"):
+        getattr(TABLE, method)()
+
+
+def test_a_store_answers_with_finished_tables(tmp_path):
+    rng = np.random.default_rng(1)
+    log = mg.Recording("", "irb140", np.arange(50) / 100, *rng.normal(size=(2, 50, 6)))
+    commit_run(tmp_path, log, {"spec": {"robot": "irb140"}})
+    with mg.open_store(tmp_path) as store:
+        assert repr(store) == f"Store({tmp_path.name}: 1 runs)"
+        runs = store.sql("SELECT rows FROM runs WHERE robot = $robot", robot="irb140")
+        assert "findings" in store.named
+        assert len(store.sql("findings")) == 0
+        with pytest.raises(InputError, match="Only one SELECT"):
+            store.sql("DROP VIEW runs")
+    assert runs.rows() == [{"rows": 50}]
+
+
+def test_a_store_that_is_not_there_is_an_input_error(tmp_path):
+    with pytest.raises(InputError, match="There is no store"):
+        mg.open_store(tmp_path / "none")
+
+
+def _diagnosis() -> Diagnosis:
+    """A payload that was found on an arm of one joint."""
+    both = {
+        "nominal": (31.5,),
+        "identified": (31.3,),
+        "augmented": (2.0,),
+        "plsr": None,
+    }
+    overall = {name: value and value[0] for name, value in both.items()}
+    error = ErrorTables(
+        "%", 8.0, ("<script>",), False, both, both, both, overall, overall
+    )
+    evidence = Evidence(310.0, "fit", "confirmed", 0.9, None)
+    mass = {"mass": Parameter(3.96, 0.35, "kg")}
+    effect = Finding("payload", (1,), 0.97, 1, (Place("spring", (1,)),), mass, evidence)
+    left = Unexplained((), 0.04, 0.03, (), None, (0.04,), "autocorrelation")
+    return Diagnosis(
+        Verdict("arm", (), "effects", (effect,), (), left, error, 0.03, None, ("<&>",))
+    )
+
+
+def test_a_diagnosis_is_a_line_in_a_terminal_and_a_short_page_in_a_notebook():
+    found = _diagnosis()
+    assert repr(found) == (
+        "Diagnosis(arm: payload on joint 1, p = 0.97; held-out 31.3 % -> 2.0 %)"
+    )
+    html = found._repr_html_()
+    assert (
+        "<td>payload on joint 1</td><td>mass 3.96 ± 0.35 kg</td><td>97 %</td>" in html
+    )
+    assert "<td>identified</td><td>31.3 %</td><td>31.3 %</td>" in html
+    assert "plsr" not in html
+    assert "(&lt;script&gt;)" in html
+    assert "Warning: &lt;&amp;&gt;" in html
+
+
+def test_a_diagnosis_is_kept_as_a_page_and_as_json(tmp_path):
+    found = _diagnosis()
+    found.save_report(tmp_path / "out.html")
+    assert "&lt;script&gt;" in (tmp_path / "out.html").read_text(encoding="utf-8")
+    text = json.dumps(found.to_json(), allow_nan=False)
+    assert from_json(json.loads(text)) == found.verdict
