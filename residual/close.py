@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 
 from residual.diagnosis.angle_noise import drop_noise, noise_notes
 from residual.diagnosis.baseline import from_baseline
-from residual.diagnosis.clouds import clouds
 from residual.diagnosis.conclude import Case, conclude
 from residual.diagnosis.examine import Examined, Progress, examine, without_refuted
-from residual.diagnosis.findings import findings
+from residual.diagnosis.findings import clouds, findings
 from residual.diagnosis.held_out import judge_held_out, three_models, unproven
 from residual.diagnosis.leftover.examine import examine_leftover
 from residual.diagnosis.null_key import key_of

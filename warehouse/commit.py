@@ -24,10 +24,10 @@ from warehouse.files import (
     write_parquet,
 )
 from warehouse.layout import KINDS, SAMPLES_FILE, find, record_folder
-from warehouse.manifest import Parents, about_run, lineage_rows
 from warehouse.origin.made_with import keep_made_with
 from warehouse.origin.provenance import Provenance, as_record, provenance
-from warehouse.query.segments import remember
+from warehouse.query.catalogue import remember
+from warehouse.runs import Parents, about_run, lineage_rows
 from warehouse.schema import SIGNALS
 from warehouse.seal import Sealed, commit_seal, sealed_hash
 
@@ -48,7 +48,7 @@ def commit_run(
     Args:
         store: The store.
         recording: What was logged.
-        manifest: How it came to be (keys: ``warehouse.manifest``). With ``spec``, the
+        manifest: How it came to be (keys: ``warehouse.runs``). With ``spec``, the
             open half, it is a simulated run; without, a measured one, which needs
             ``robot_hash``.
         sealed: The hidden half of a simulated run.

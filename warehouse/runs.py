@@ -1,13 +1,71 @@
-"""Runs back out of the store."""
+"""Runs back out of the store.
 
+Keys that a caller gives: ``spec`` (the open half: robot, trajectory, declared effects,
+rates, reference seed), ``source``, ``kind``, ``trajectory``, ``seed``, ``robot_hash``,
+``seed_streams``, ``timings``, ``parents``; others are kept as they are. The commit adds
+``sealed_sha256``, ``provenance``, ``data_hash``, ``truth_hash`` and ``units``.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from residual.errors import InputError
 from residual.recording import Recording
 from warehouse.files import read_parquet, to_arrays
-from warehouse.ids import data_hash
+from warehouse.ids import check_id, data_hash
 from warehouse.layout import SAMPLES_FILE, find_run
-from warehouse.manifest import read_manifest
+
+Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
+
+
+def read_manifest(store: Path, run_id: str) -> dict:
+    """Return the manifest of a run.
+
+    Args:
+        store: The store.
+        run_id: Id of the run, or its beginning.
+
+    Raises:
+        InputError: If there is no such run, or it is damaged.
+    """
+    row = read_parquet(find_run(store, run_id).row, ["manifest"])
+    return json.loads(row.column("manifest")[0].as_py())
+
+
+def lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
+    """Return parents as rows of the view ``lineage``, without the child.
+
+    Args:
+        parents: Ids, pairs of id and role, or lists of ids by role.
+        role: Role of those that are given none.
+
+    Raises:
+        InputError: If an id is none.
+    """
+    if isinstance(parents, Mapping):
+        pairs = [(id, name) for name, ids in parents.items() for id in ids]
+    else:
+        pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
+    rows = [{"parent": check_id(id), "role": str(name)} for id, name in pairs]
+    if len({tuple(row.values()) for row in rows}) < len(rows):
+        raise InputError("A parent is given twice in one role, expected it once.")
+    return rows
+
+
+def about_run(manifest: Mapping) -> dict:
+    """Return the columns of ``runs`` that the manifest decides."""
+    spec = manifest.get("spec") or {}
+    motion = spec.get("trajectory") or {}
+    motion = motion.get("kind") if isinstance(motion, Mapping) else motion
+    simulated = "spec" in manifest
+    return {
+        "source": manifest.get("source", "simulated" if simulated else "imported"),
+        "kind": manifest.get("kind", "experiment" if simulated else "log"),
+        "trajectory": manifest.get("trajectory", motion),
+        "seed": manifest.get("seed", spec.get("seed")),
+    }
+
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
 

@@ -16,7 +16,7 @@ from warehouse.files import publish, read_parquet, staged, to_arrays, to_table
 from warehouse.files import write_parquet as write
 from warehouse.ids import canonical, check_id, data_hash, digest
 from warehouse.layout import SEALED, find_run
-from warehouse.manifest import read_manifest
+from warehouse.runs import read_manifest
 from warehouse.schema import SIGNALS
 
 Array = np.ndarray

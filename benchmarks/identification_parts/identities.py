@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import Figures, figure
+from benchmarks.identification_parts.energy import power_miss
 from benchmarks.identification_parts.plant_logs import ROBOT, plant_logs
 from residual.identification.identify import identify
 from residual.model.export import robot_files
 from residual.model.fit_logs import ready, start_nominal
 from residual.robot import dynamics
 from residual.robot.base_parameters import base_parameters
-from residual.robot.energy import power_miss
 from residual.robot.robot import load_robot
 
 STATES = 1000

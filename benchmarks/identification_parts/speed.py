@@ -8,6 +8,7 @@ import pinocchio as pin
 from sklearn.linear_model import HuberRegressor
 
 from benchmarks.figures import Figures, figure
+from benchmarks.identification_parts.normal_equations import normal_equations
 from benchmarks.identification_parts.plant_logs import ROBOT, plant_logs
 from residual.identification import solve
 from residual.identification.estimate import Options, estimated
@@ -16,7 +17,6 @@ from residual.identification.solve import Start
 from residual.identification.structure import rows_of
 from residual.robot.base_parameters import base_columns
 from residual.robot.dynamics import inverse_dynamics
-from residual.robot.normal_equations import normal_equations
 
 SAMPLES = 60_000
 

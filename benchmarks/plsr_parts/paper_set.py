@@ -16,8 +16,7 @@ from benchmarks.logs_parts.measured import data_folder
 from residual.calibration.calibrate import Calibration, Settings, calibrate
 from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
 from residual.calibration.rows import Run
-from residual.calibration.schemes import RANDOM, RUN
-from residual.calibration.scores import find
+from residual.calibration.scores import RANDOM, RUN, find
 from residual.robot.robot import Robot, load_robot
 from sim.experiment import run_experiment
 from sim.plant import tables as at

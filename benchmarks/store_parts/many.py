@@ -11,7 +11,7 @@ import warehouse
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.store_parts.made import folder, small
 from warehouse.commit import commit_run
-from warehouse.query.segments import flush
+from warehouse.query.catalogue import flush
 from warehouse.query.store import Store
 from warehouse.runs import read_run
 

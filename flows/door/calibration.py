@@ -11,8 +11,7 @@ from flows.report.page.calibration import render
 from residual.calibration import calibrate as core
 from residual.calibration.methods import DEFAULT, NONE
 from residual.calibration.rows import Run
-from residual.calibration.schemes import RUN
-from residual.calibration.scores import find
+from residual.calibration.scores import RUN, find
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.tables.lookup.export import export_lookup

@@ -9,7 +9,7 @@ from residual.effects import registry, vocabulary
 from residual.errors import InputError
 from residual.names import check_name
 from residual.robot.robot import Robot, load_robot
-from warehouse.manifest import read_manifest
+from warehouse.runs import read_manifest
 
 _INSTEAD: ContextVar[Mapping[str, str]] = ContextVar("instead", default={})  # noqa: B039
 

@@ -9,8 +9,7 @@ import pyarrow as pa
 import warehouse
 from flows.keep.diagnosis import read_models, read_verdict
 from residual.calibration.calibrate import Calibration
-from residual.calibration.schemes import RUN
-from residual.calibration.scores import Score
+from residual.calibration.scores import RUN, Score
 from residual.diagnosis.result import Finding
 from residual.model.nominal import declared_names
 from residual.model.record import to_record

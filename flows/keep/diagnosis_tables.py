@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from residual.diagnosis.result import Diagnosis, ErrorTables, Finding, Verdict
-from residual.model.curves import Cloud, LogProof
+from residual.model.compare import Cloud, LogProof
 
 PROOFS, CLOUDS = "proofs", "clouds"
 

@@ -10,8 +10,7 @@ from flows.steps.rerun.records import apart
 from residual.errors import InputError
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.layout import Found, find
-from warehouse.manifest import read_manifest
-from warehouse.runs import read_channels
+from warehouse.runs import read_channels, read_manifest
 from warehouse.verify import read_row
 
 _CODE = ("commit", "dirty", "code_hash", "program_hash", "lock_hash", "machine")

@@ -11,8 +11,7 @@ from flows.requests import Monitor as Request
 from flows.settings import store_folder
 from flows.steps.monitor_model import Source, model_of, robot_of, source_of
 from residual.errors import InputError
-from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate
-from residual.monitoring.record import to_record
+from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, to_record
 from residual.recording import Array, Recording
 from warehouse.commit import commit_record, read_record
 from warehouse.layout import find_run

@@ -15,8 +15,8 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
 from warehouse.layout import find, list_folders
-from warehouse.manifest import read_manifest
 from warehouse.query.store import open_store
+from warehouse.runs import read_manifest
 
 _GOOD = ("baseline", "fit")  # roles of a diagnosis' runs; the first that there is
 

@@ -34,9 +34,8 @@ from sim.trajectories import make_reference
 from sim.twin import open_loop, track, twin_of
 from warehouse.commit import commit_record
 from warehouse.layout import SEALED
-from warehouse.manifest import about_run, read_manifest
 from warehouse.origin.provenance import plant_code_hash
-from warehouse.runs import read_run
+from warehouse.runs import about_run, read_manifest, read_run
 from warehouse.schema import VIEWS, arrow_schema
 from warehouse.seal import open_seal
 

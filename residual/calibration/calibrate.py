@@ -30,8 +30,14 @@ from residual.calibration.rows import (
     measured_rows,
     paper_rows,
 )
-from residual.calibration.schemes import UNSEEN, Scheme, make_schemes
-from residual.calibration.scores import Score, judge_responses, score
+from residual.calibration.scores import (
+    UNSEEN,
+    Scheme,
+    Score,
+    judge_responses,
+    make_schemes,
+    score,
+)
 from residual.calibration.views import (
     SWEEP,
     Components,

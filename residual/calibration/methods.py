@@ -7,7 +7,6 @@ import numpy as np
 
 from residual.recording import Array
 from residual.tables.build import build_lookup
-from residual.tables.cells import merge_rows
 from residual.tables.choose import PROVEN, EffectModel, fit_effect_tables
 from residual.tables.form import (
     NAMED,
@@ -20,6 +19,7 @@ from residual.tables.form import (
     fit_rest,
 )
 from residual.tables.form import NONE as NOTHING
+from residual.tables.levels import merge_rows
 from residual.tables.lookup.lookup import Lookup
 from residual.tables.nominal.pls import (
     NominalForm,

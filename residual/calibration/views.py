@@ -8,13 +8,12 @@ import numpy as np
 
 from residual.calibration.methods import Training, fit_paper, fixed_lookup
 from residual.calibration.rows import Rows, Run
-from residual.calibration.schemes import RANDOM, RUN, Scheme
+from residual.calibration.scores import RANDOM, RUN, Scheme
 from residual.recording import Array
 from residual.tables.blocks import check_count
 from residual.tables.crossval import HeldOut
 from residual.tables.form import PAIRS, EffectForm, Option
-from residual.tables.importance import table_importance
-from residual.tables.jackknife import Jackknife, jackknife
+from residual.tables.importance import Jackknife, jackknife, table_importance
 from residual.tables.nominal.crossval import nominal_errors
 from residual.tables.nominal.pls import NominalForm
 from residual.tables.outliers import nominal_distances

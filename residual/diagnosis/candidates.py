@@ -7,8 +7,12 @@ from itertools import combinations
 
 import numpy as np
 
+from residual.effects import registry
 from residual.effects.base import Effect, Span
 from residual.evidence.design import Design, Group
+from residual.evidence.fit import Prior
+from residual.evidence.priors import forbidden, priors
+from residual.model.nominal import Nominal
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -94,3 +98,32 @@ def _on_all_joints(groups: Sequence[Group], dof: int) -> list[Group]:
         if g.effect.groupable and g.shape == ():
             own.setdefault(g.effect.name, []).append(g)
     return [Design.union(parts) for parts in own.values() if len(parts) == dof > 1]
+
+
+def every_candidate(
+    design: Design, nominal: Nominal, span: Span, clocked: bool
+) -> Candidates:
+    """Append the columns of all effects that some prior allows.
+
+    Args:
+        design: Columns.
+        nominal: The nominal model.
+        span: How far the logs move the arm.
+        clocked: Whether the order of the logs in time is known.
+    """
+    effects = [e for e in registry().values() if clocked or not e.needs_clock]
+    barred = _barred(design, nominal)
+    wanted = [e for e in effects if not all(e.name in b for _, b in barred)]
+    return collect(design, wanted, span, design.dof)
+
+
+def allowed(
+    design: Design, nominal: Nominal, everything: Candidates
+) -> list[tuple[Prior, Candidates]]:
+    """Every prior with the candidates that may be named under it."""
+    barred = _barred(design, nominal)
+    return [(prior, everything.without(tuple(b))) for prior, b in barred]
+
+
+def _barred(design: Design, nominal: Nominal) -> list[tuple[Prior, set]]:
+    return [(p, forbidden(p, nominal)) for p in priors(design, nominal)]

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.adequacy import Adequacy, adequacy, carried
-from residual.diagnosis.candidates import Candidates, renewed
-from residual.diagnosis.choices import allowed, every_candidate
+from residual.diagnosis.candidates import Candidates, allowed, every_candidate, renewed
 from residual.diagnosis.curves_only import only_curves
 from residual.diagnosis.gate import Tested, passed, simplest
 from residual.diagnosis.prior_scale import Selection, select

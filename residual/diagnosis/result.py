@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
-from residual.model.curves import Cloud, LogProof
 from residual.model.model import Model
 from residual.quantity import measured, percent
 

@@ -6,19 +6,18 @@ torque minus that of the model, and their change from one cycle of a program to 
 next. ``calibrate`` learns what is usual of them, ``Monitor.watch`` tells what is not.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.monitoring.limits import limits_of
 from residual.monitoring.names import Alarm, events
 from residual.monitoring.scores import Scale, Scores
 from residual.monitoring.sight import fit, sight_of
 from residual.monitoring.track import Rows, rows_of
-from residual.monitoring.usual import all_scores, rest_of, usual
+from residual.monitoring.usual import all_scores, limits_of, rest_of, usual
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 
@@ -206,3 +205,57 @@ def _check_runs(model: Model, runs: Sequence[Recording], per_hour: float) -> Non
     rate = sample_rate(runs[0].t)
     for run in runs:
         check_log(run, model, rate)
+
+
+FORM = 1
+_ARRAYS = ("theta", "lowest", "highest")
+_PLAIN = ("rate", "per_hour", "hours", "referenced")
+
+
+def to_record(monitor: Monitor) -> dict:
+    """Return a monitor whole, with its model.
+
+    A limit that is never reached is null.
+    """
+    scale = {f.name: getattr(monitor.scale, f.name).tolist() for f in fields(Scale)}
+    return {
+        "form": FORM,
+        "robot": monitor.model.robot.name,
+        "model": monitor.model.to_record(),
+        **{name: getattr(monitor, name) for name in _PLAIN},
+        **{name: getattr(monitor, name).tolist() for name in _ARRAYS},
+        "scale": scale,
+        "limits": {kind: _told(limit) for kind, limit in monitor.limits.items()},
+    }
+
+
+def from_record(record: Mapping) -> Monitor:
+    """Return the monitor of a record.
+
+    Args:
+        record: What ``to_record`` returned.
+
+    Raises:
+        InputError: If it is of another form, or its model is damaged.
+    """
+    if record.get("form") != FORM or "model" not in record:
+        raise InputError(
+            f"A monitor of form {record.get('form')!r}, expected {FORM} with its "
+            "model. Calibrate it again."
+        )
+    scale = Scale(**{f.name: np.array(record["scale"][f.name]) for f in fields(Scale)})
+    return Monitor(
+        model=Model.from_record(record["model"]),
+        scale=scale,
+        limits={k: _read(limit) for k, limit in record["limits"].items()},
+        **{name: record[name] for name in _PLAIN},
+        **{name: np.array(record[name]) for name in _ARRAYS},
+    )
+
+
+def _told(limit: Array) -> list[float | None]:
+    return [float(x) if np.isfinite(x) else None for x in limit]
+
+
+def _read(limit: list) -> Array:
+    return np.array([np.inf if x is None else x for x in limit])

@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.model.model import Model
-from residual.monitoring.cycle import period_of
-from residual.monitoring.track import Rows, rows_of
+from residual.monitoring.track import Rows, period_of, rows_of
 from residual.recording import Array, Recording
 
 _PULL = 1e-3  # share of the rows that the belief in the model weighs

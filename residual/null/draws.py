@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.choices import allowed, every_candidate
+from residual.diagnosis.candidates import Candidates, allowed, every_candidate
 from residual.diagnosis.gate import passed, simplest
 from residual.diagnosis.prior_scale import select
 from residual.diagnosis.search import Rules, Task, _shortlist, possible

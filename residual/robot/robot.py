@@ -22,8 +22,7 @@ from residual.robot.toml import (
     parse_toml,
     read_robot_toml,
 )
-from residual.robot.urdf import Chain, read_chain
-from residual.robot.urdf_model import build_model
+from residual.robot.urdf import Chain, build_model, read_chain
 
 __all__ = ["Declared", "Robot", "built_in_robots", "load_robot", "robot_from_texts"]
 

@@ -18,8 +18,8 @@ from residual.tables.form import (
     Rest,
 )
 from residual.tables.levels import Levels
-from residual.tables.lookup.axes import Axis, Table
 from residual.tables.lookup.lookup import Lookup, live_tables
+from residual.tables.lookup.pack import Axis, Table
 
 
 def build_lookup(

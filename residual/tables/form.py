@@ -12,8 +12,7 @@ import numpy as np
 
 from residual.recording import Array
 from residual.tables.blocks import as_block, as_pair
-from residual.tables.cells import merge_rows
-from residual.tables.levels import Levels
+from residual.tables.levels import Levels, merge_rows
 from residual.tables.load_tables import Loaded, fit_loaded
 from residual.tables.main_tables import (
     PYRAMID,

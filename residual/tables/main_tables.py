@@ -15,8 +15,7 @@ from numba import njit
 from residual.errors import InputError
 from residual.recording import Array
 from residual.tables.blocks import as_pair, frozen
-from residual.tables.cells import merge_rows
-from residual.tables.levels import Codes, Levels, quantile_levels
+from residual.tables.levels import Codes, Levels, merge_rows, quantile_levels
 
 PYRAMID = (5, 10, 20, 40)  # levels, from wide to narrow
 RIDGES = (1.0, 10.0, 100.0, 1000.0)  # per ROWS rows

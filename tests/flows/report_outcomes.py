@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.verdict import from_json, to_json
-from residual.model.curves import Cloud, LogProof
+from residual.model.compare import Cloud, LogProof
 from tests.verdict_documents import MODELS, typed, unexplained
 
 DOF = 6

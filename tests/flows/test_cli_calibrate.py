@@ -15,8 +15,7 @@ from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from residual.calibration import calibrate as core
 from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
-from residual.calibration.schemes import RANDOM, RUN
-from residual.calibration.scores import Score
+from residual.calibration.scores import RANDOM, RUN, Score
 from residual.tables.nominal.pls import NominalForm
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs

@@ -18,8 +18,7 @@ from sim.records import Hidden, PlantRun
 from tests.residual.arms import short_case, urdf_text
 from tests.verdict_documents import typed
 from warehouse.commit import read_record
-from warehouse.manifest import read_manifest
-from warehouse.runs import read_channels, read_run
+from warehouse.runs import read_channels, read_manifest, read_run
 from warehouse.seal import open_seal
 
 EFFECT = {"name": "spring", "joints": [2], "stiffness": 4.0}
@@ -173,7 +172,7 @@ def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
 def test_curves_come_back_from_the_store_as_they_were():
     from flows.keep.diagnosis_tables import from_record, to_record
     from residual.diagnosis.result import Diagnosis
-    from residual.model.curves import Cloud, LogProof
+    from residual.model.compare import Cloud, LogProof
 
     rng = np.random.default_rng(0)
     t, tau, moving = np.arange(4.0), rng.normal(size=(4, 2)), np.ones((4, 2), bool)

@@ -17,7 +17,7 @@ from residual.effects import registry
 from residual.errors import InputError
 from residual.model.fit_logs import ready, start_nominal
 from residual.model.term import Term
-from residual.monitoring.record import from_record
+from residual.monitoring.monitor import from_record
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from tests.verdict_documents import typed

@@ -17,7 +17,7 @@ from flows.report.page.diagnosis import render
 from flows.report.terminal.diagnosis import print_diagnosis
 from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.verdict import from_json, to_json
-from residual.model.curves import Cloud, LogProof
+from residual.model.compare import Cloud, LogProof
 from tests.flows import report_outcomes as made
 from tests.verdict_documents import typed
 

@@ -27,10 +27,10 @@ from warehouse.exchange.bundle import write_bundle
 from warehouse.exchange.unbundle import read_bundle
 from warehouse.files import write_parquet
 from warehouse.layout import find, list_folders
-from warehouse.manifest import read_manifest
 from warehouse.origin import provenance
 from warehouse.origin.lineage import RERUN_OF
 from warehouse.query.store import open_store
+from warehouse.runs import read_manifest
 from warehouse.seal import open_seal
 
 EFFECTS = [

@@ -19,9 +19,8 @@ from sim.plant.stepping import DivergedError
 from sim.records import Noise, PlantEffect, PlantSpec
 from warehouse.commit import commit_run, read_record
 from warehouse.ids import canonical
-from warehouse.manifest import read_manifest
 from warehouse.query.store import open_store
-from warehouse.runs import read_run
+from warehouse.runs import read_manifest, read_run
 
 LOAD = {"name": "payload", "joints": [6], "mass": 4.0, "com_x": 0.1}
 ROBOT = load_robot("irb140")

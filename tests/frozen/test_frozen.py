@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from residual.model.fit_logs import ready, start_nominal
-from residual.monitoring.monitor import calibrate
-from residual.monitoring.record import to_record
+from residual.monitoring.monitor import calibrate, to_record
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from tests.frozen.make import HIDDEN, document

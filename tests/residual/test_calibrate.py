@@ -20,15 +20,15 @@ from residual.calibration.methods import (
 )
 from residual.calibration.nominal import identified_without, prepare_runs
 from residual.calibration.rows import Run, cut_single, paper_rows, repeat_period
-from residual.calibration.schemes import (
+from residual.calibration.scores import (
     FAMILY,
     RANDOM,
     REPEATS,
     RUN,
     SYSTEMATIC,
+    find,
     make_schemes,
 )
-from residual.calibration.scores import find
 from residual.effects import registry
 from residual.errors import InputError
 from residual.model.term import Term

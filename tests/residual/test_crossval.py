@@ -15,7 +15,7 @@ from residual.tables.crossval import (
     systematic,
     systematic_repeats,
 )
-from residual.tables.jackknife import jackknife
+from residual.tables.importance import jackknife
 from residual.tables.outliers import hotelling_t2, spe_limit, t2_limit
 
 

@@ -20,7 +20,7 @@ from residual.tables.form import (
 from residual.tables.importance import split_pair, table_importance
 from residual.tables.levels import quantile_levels
 from residual.tables.load_tables import WIDTHS
-from residual.tables.lookup.axes import Table
+from residual.tables.lookup.pack import Table
 from residual.tables.main_tables import (
     ROWS,
     main_effects,

@@ -14,7 +14,7 @@ from residual.diagnosis.angle_noise import (
     drop_noise,
     noise_notes,
 )
-from residual.diagnosis.confusable import lookalikes
+from residual.diagnosis.detectable import lookalikes
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.held_out import Verdicts
 from residual.diagnosis.result import Place

@@ -5,8 +5,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from residual.errors import InputError
-from residual.tables.cells import merge_rows
-from residual.tables.levels import equal_levels, quantile_levels, shift_ahead
+from residual.tables.levels import (
+    equal_levels,
+    merge_rows,
+    quantile_levels,
+    shift_ahead,
+)
 
 COLUMNS = arrays(
     float, st.integers(3, 40), elements=st.floats(-5, 5, width=16), fill=st.nothing()

@@ -11,11 +11,10 @@ import pytest
 from residual.errors import InputError
 from residual.tables.choose import fit_effect_tables
 from residual.tables.form import EffectForm
-from residual.tables.lookup.axes import Axis, Table
 from residual.tables.lookup.build import nominal_lookup
 from residual.tables.lookup.export import export_lookup
 from residual.tables.lookup.lookup import Lookup, no_slope
-from residual.tables.lookup.pack import find_triples
+from residual.tables.lookup.pack import Axis, Table, find_triples
 from residual.tables.nominal.pls import NominalForm, fit_nominal_pls
 from tests.residual.motion_blocks import NAMES, motion
 

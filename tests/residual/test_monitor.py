@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.monitoring.cycle import period_of, repeats
-from residual.monitoring.monitor import calibrate
+from residual.monitoring.monitor import calibrate, from_record, to_record
 from residual.monitoring.names import TOGETHER
-from residual.monitoring.record import from_record, to_record
 from residual.monitoring.scores import fast_scores
-from residual.monitoring.track import rows_of
+from residual.monitoring.track import period_of, repeats, rows_of
 from tests.residual.monitored import (
     PERIOD,
     RATE,

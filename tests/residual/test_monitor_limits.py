@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from residual.monitoring.limits import (
+from residual.monitoring.scores import Scores, channels
+from residual.monitoring.usual import (
     BLOCK,
     block_maxima,
     limits_of,
     next_run_limit,
     tail_limit,
 )
-from residual.monitoring.scores import Scores, channels
 
 RATE = 25.0
 

@@ -4,9 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual.errors import InputError
-from residual.tables.cells import merge_rows
 from residual.tables.crossval import leave_one_out, random_blocks, systematic
-from residual.tables.levels import equal_levels
+from residual.tables.levels import equal_levels, merge_rows
 from residual.tables.nominal.crossval import nominal_errors
 from residual.tables.nominal.pls import NominalForm, fit_cells, fit_nominal_pls
 from residual.tables.outliers import nominal_distances

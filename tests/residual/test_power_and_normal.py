@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.identification_parts.energy import energy, power, power_miss
+from benchmarks.identification_parts.normal_equations import normal_equations
 from residual.errors import InputError
 from residual.robot import dynamics
-from residual.robot.energy import energy, power, power_miss
-from residual.robot.normal_equations import normal_equations
 from residual.robot.robot import load_robot
 
 MODEL = load_robot("irb140").model

@@ -13,8 +13,7 @@ import pytest
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.commit import read_record
-from warehouse.exchange.bundle import write_bundle
-from warehouse.exchange.form import CONTENTS, kind_of
+from warehouse.exchange.bundle import CONTENTS, kind_of, write_bundle
 from warehouse.exchange.unbundle import read_bundle
 from warehouse.files import read_parquet, write_parquet
 from warehouse.layout import find

@@ -8,9 +8,9 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse.manifest import read_manifest
 from warehouse.origin import changes, made_with
 from warehouse.origin.made_with import about_changes, check_kept
+from warehouse.runs import read_manifest
 
 GIT = ("git", "-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
 

@@ -16,9 +16,8 @@ from tests.warehouse import store_samples as made
 from warehouse import ids, schema
 from warehouse.commit import commit_record, commit_run, read_record
 from warehouse.layout import find, find_run
-from warehouse.manifest import read_manifest
 from warehouse.origin.provenance import plant_code_hash
-from warehouse.runs import read_channels, read_run
+from warehouse.runs import read_channels, read_manifest, read_run
 from warehouse.seal import Sealed, open_seal, sealed_hash
 
 

@@ -11,7 +11,7 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.commit import commit_run
 from warehouse.layout import find_run, list_folders
-from warehouse.query import segments
+from warehouse.query import catalogue as segments
 from warehouse.query.store import open_store
 from warehouse.schema import DEFAULT_DOF, NUMBER, WHOLE, all_views
 

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from residual.errors import InputError, ModelgapError
 from residual.robot.robot import load_robot
-from warehouse.exchange.form import (
+from warehouse.exchange.bundle import (
     CONTENTS,
     LARGEST,
     LONGEST,

@@ -1,10 +1,9 @@
 """Readers of measured logs, and the checks that every log passes."""
 
 from warehouse.logs.columns import ColumnMap, load_columns
-from warehouse.logs.overlap import check_distinct
 from warehouse.logs.read import read_log
 from warehouse.logs.understood import Understood
-from warehouse.logs.window import unique_ids
+from warehouse.logs.window import check_distinct, unique_ids
 
 __all__ = [
     "ColumnMap",

@@ -12,9 +12,8 @@ from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM, PLSR
 from residual.calibration.methods import WORDS as MODELS
 from residual.calibration.rows import PAPER
-from residual.calibration.schemes import RANDOM, RUN
-from residual.calibration.schemes import WORDS as SCHEMES
-from residual.calibration.scores import Score, find
+from residual.calibration.scores import RANDOM, RUN, Score, find
+from residual.calibration.scores import WORDS as SCHEMES
 
 _TILES = (
     (RANDOM, PAPER_FORM, "Paper form, random rows"),

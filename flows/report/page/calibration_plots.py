@@ -15,9 +15,8 @@ from residual.calibration.methods import (
     PLSR,
     WORDS,
 )
-from residual.calibration.schemes import RANDOM, RUN
-from residual.calibration.schemes import WORDS as SCHEMES
-from residual.calibration.scores import Score
+from residual.calibration.scores import RANDOM, RUN, Score
+from residual.calibration.scores import WORDS as SCHEMES
 from residual.calibration.views import INPUT, WHITE, Components, Sweep, Terms
 
 # Okabe and Ito's palette, as in the other figures.

@@ -17,7 +17,7 @@ from flows.report.words.rows import (
     has,
 )
 from residual.diagnosis.result import STAGES, Diagnosis
-from residual.model.curves import Cloud, LogProof
+from residual.model.compare import Cloud, LogProof
 from residual.quantity import bare_percent, known, percent
 
 # Each figure costs about 0.1 s; these limits keep the page within 1.5 s and 3 MB.

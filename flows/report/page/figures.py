@@ -17,7 +17,7 @@ from flows.report.page.plots import (
     rule,
 )
 from flows.report.words.rows import METRICS, ErrorRow
-from residual.model.curves import Cloud, LogProof
+from residual.model.compare import Cloud, LogProof
 from residual.quantity import bare_percent, known
 
 _MOST_POINTS = 900

@@ -11,7 +11,7 @@ from flows.steps.calibrate import Calibrated
 from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import WORDS as MODELS
 from residual.calibration.rows import PAPER
-from residual.calibration.schemes import WORDS as SCHEMES
+from residual.calibration.scores import WORDS as SCHEMES
 from residual.calibration.scores import Score
 from residual.tables.form import NAMED, PAIRS
 

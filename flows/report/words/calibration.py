@@ -6,8 +6,15 @@ import numpy as np
 
 from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import DEFAULT, EFFECTS, LS, NONE, PAPER_FORM, WORDS
-from residual.calibration.schemes import FAMILY, RANDOM, REPEATS, RUN, SYSTEMATIC
-from residual.calibration.scores import Score, find
+from residual.calibration.scores import (
+    FAMILY,
+    RANDOM,
+    REPEATS,
+    RUN,
+    SYSTEMATIC,
+    Score,
+    find,
+)
 
 HIDDEN = 1.25  # ratio from which random rows are said to hide something
 WORSE = 1.03  # ... from which one error is said to be above another

@@ -27,9 +27,9 @@ from warehouse.compare import Channel, compare, values_apart
 from warehouse.files import read_parquet, table_hash
 from warehouse.ids import ID_DIGITS
 from warehouse.layout import SEALED, Found, find, list_folders
-from warehouse.manifest import read_manifest
 from warehouse.origin.lineage import RERUN_OF, needed
 from warehouse.origin.robots import robot_word
+from warehouse.runs import read_manifest
 from warehouse.verify import list_tables, other_files, read_row
 
 

@@ -14,10 +14,10 @@ from warehouse.compare import Channel, compare, differing
 from warehouse.files import read_parquet, to_arrays
 from warehouse.ids import data_hash
 from warehouse.layout import SAMPLES_FILE, Found, find
-from warehouse.manifest import read_manifest
 from warehouse.origin.lineage import RERUN_OF
 from warehouse.origin.made_with import about_changes
 from warehouse.origin.provenance import as_record, provenance
+from warehouse.runs import read_manifest
 from warehouse.verify import faults, read_row
 
 KIND = "rerun"

@@ -25,7 +25,7 @@ from residual.diagnosis.leftover.time import Clock, Line, drift_of, line_of
 from residual.diagnosis.result import Dependence
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
-from residual.model.curves import Cloud
+from residual.model.compare import Cloud
 from residual.recording import Array
 from residual.signals.track import Track
 

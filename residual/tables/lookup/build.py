@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from residual.tables.blocks import as_names
-from residual.tables.lookup.axes import Axis, Table
 from residual.tables.lookup.lookup import Lookup, no_slope
+from residual.tables.lookup.pack import Axis, Table
 from residual.tables.nominal.pls import NominalPls
 
 

@@ -12,9 +12,8 @@ import numpy as np
 from residual.errors import InputError
 from residual.recording import Array
 from residual.tables.blocks import as_block, frozen
-from residual.tables.lookup.axes import Axis, Table
 from residual.tables.lookup.kernels import evaluate_levels, evaluate_row, evaluate_rows
-from residual.tables.lookup.pack import pack
+from residual.tables.lookup.pack import Axis, Table, pack
 
 _ARRAYS = ("offset", "slope", "low", "high")
 

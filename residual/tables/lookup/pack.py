@@ -6,12 +6,39 @@ a row takes 12 reads and not 36.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import prod
 
 import numpy as np
 
 from residual.recording import Array
-from residual.tables.lookup.axes import Axis, Table
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Axis:
+    """Levels of one variable.
+
+    Attributes:
+        variable: Column of X, from 0.
+        edges: Inner edges, increasing; a value at one belongs above. Shape (k - 1,).
+    """
+
+    variable: int
+    edges: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Table:
+    """Corrections by the levels of one axis or two.
+
+    Attributes:
+        axes: Numbers of its axes.
+        values: Shape (k, j) or (k1, k2, j), in units of the responses.
+    """
+
+    axes: tuple[int, ...]
+    values: Array
+
 
 GRID = 1024  # steps per axis that lead to a level without a search
 CUBE = 32_768  # cells that a table of three axes may have: 1 MB for four joints

@@ -13,10 +13,15 @@ import numpy as np
 
 from residual.recording import Array
 from residual.tables.blocks import EXHAUSTED, as_pair
-from residual.tables.cells import Cells, merge_rows
 from residual.tables.crossval import Folds, HeldOut, check_folds, fold_power
-from residual.tables.nominal.fold_kernels import deflate, directions, orthogonalise
-from residual.tables.nominal.kernels import gather_pairs, scatter_pairs
+from residual.tables.levels import Cells, merge_rows
+from residual.tables.nominal.kernels import (
+    deflate,
+    directions,
+    gather_pairs,
+    orthogonalise,
+    scatter_pairs,
+)
 from residual.tables.nominal.pls import NominalForm, check_components, response_scale
 
 WIDTH = 8  # folds that share a pass: one cache line of a table

@@ -14,8 +14,13 @@ import numpy as np
 from residual.errors import InputError
 from residual.recording import Array
 from residual.tables.blocks import EXHAUSTED, as_pair, check_count, frozen
-from residual.tables.cells import Cells, merge_rows
-from residual.tables.levels import Levels, equal_levels, quantile_levels
+from residual.tables.levels import (
+    Cells,
+    Levels,
+    equal_levels,
+    merge_rows,
+    quantile_levels,
+)
 from residual.tables.nominal.kernels import (
     explain,
     gather_pairs,
