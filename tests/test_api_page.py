@@ -52,7 +52,7 @@ def test_the_cells_of_the_page_print_what_it_shows(folder):
     assert (folder / "out.html").read_text(encoding="utf-8").startswith("<!doctype")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_cell_that_calibrates_prints_what_it_shows(folder):
     known = {"mg": mg, "robot": mg.load_robot("irb140")}
     _run(_sections()["Calibrate"], known)
@@ -68,7 +68,7 @@ def test_a_cell_of_the_readme_uses_what_there_is():
     assert set(re.findall(r"mg\.(\w+)", text)) <= set(mg.__all__)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_notebook_runs_in_the_order_of_its_cells(tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path, dirs_exist_ok=True)
     book = nbformat.read(tmp_path / "first_hour.ipynb", as_version=4)
