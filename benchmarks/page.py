@@ -45,8 +45,8 @@ class Figure:
     @property
     def hits(self) -> int:
         """Cases, whether the file has their number or their share."""
-        share = isinstance(self.value, float)
-        return round(self.value * self.n) if share else self.value
+        value = self.value or 0
+        return round(value * self.n) if isinstance(value, float) else value
 
     def __str__(self) -> str:
         if self.value is None:
@@ -162,7 +162,7 @@ def _section(name: str, content: Mapping) -> str:
 def _arms(measured: list[Mapping]) -> str:
     """The measured arms one by one, where least squares stand beside them."""
     rows = [("log", "named", "error over least squares, per joint", "more than noise")]
-    rows.append(("---",) * 4)
+    rows.append(("---", "---", "---", "---"))
     for arm in measured:
         if "least_squares" not in arm:
             return ""

@@ -44,7 +44,7 @@ class Table:
     def pl(self) -> Any:
         """The table as a Polars DataFrame, where Polars is installed."""
         try:
-            import polars  # optional
+            import polars  # pyright: ignore[reportMissingImports]  optional
         except ImportError as error:
             raise _not_installed("polars", "pl") from error
         return polars.from_arrow(self._rows)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.effects.base import State
+from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.track import Filters, Track, at_samples, prepare
@@ -71,7 +72,7 @@ class HeldOutLog:
     track: Track
     regressor: Array
 
-    def observe(self, model: Model) -> State:
+    def observe(self, model: Model | Corrected) -> State:
         """What the model's effects see of this log."""
         return model.observe(self.track, self.regressor)
 
@@ -113,7 +114,9 @@ class Errors:
 
 
 def compare(
-    models: Mapping[str, Model], held_out: Sequence[HeldOutLog], filters: Filters
+    models: Mapping[str, Model | Corrected],
+    held_out: Sequence[HeldOutLog],
+    filters: Filters,
 ) -> tuple[dict[str, Errors], tuple[LogProof, ...]]:
     """Errors of every model on the held-out logs, and the curves behind them.
 

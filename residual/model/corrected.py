@@ -1,7 +1,9 @@
 """A model with look-up tables on top of it: what a statistical correction makes."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -97,6 +99,10 @@ class Corrected:
                 for t in self.tables
             ],
         }
+
+    def save(self, path: str | Path) -> None:
+        """Write model and tables into a JSON file, which ``load_model`` reads."""
+        Path(path).write_text(json.dumps(self.to_record(), allow_nan=False) + "\n")
 
     @classmethod
     def from_record(cls, record: Mapping) -> "Corrected":

@@ -107,15 +107,17 @@ def test_any_set_of_effects_comes_back_with_the_very_bits(names, seed):
     assert through_text(to_record(again)) == through_text(to_record(model))
 
 
-def test_tables_on_top_of_a_model_come_back_with_the_very_bits():
+def test_tables_on_top_of_a_model_come_back_with_the_very_bits(tmp_path):
     rng = np.random.default_rng(4)
     columns = (("qd", (0,), ""), ("q", (0, 1), "difference"))
     model = model_of(["coulomb"], arm())
     tables = (Tables(0, columns, lookup(rng), MAIN), Tables(1, (), lookup(rng), NONE))
     made = Corrected(model, tables)
     again = from_record(through_text(to_record(made)))
+    made.save(tmp_path / "model.json")
     log = log_of(model.robot)
-    np.testing.assert_array_equal(again.predict(log), made.predict(log))
+    for one in (again, load_model(tmp_path / "model.json")):
+        np.testing.assert_array_equal(one.predict(log), made.predict(log))
     assert np.abs(made.predict(log) - model.predict(log))[:, 0].max() > 0.01
     assert again.helpless == (1,)
     assert repr(made).endswith("tables on J1)")
