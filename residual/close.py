@@ -21,7 +21,7 @@ from residual.diagnosis.search import Rules
 from residual.diagnosis.warnings import signal_notes, warnings
 from residual.errors import InputError
 from residual.model.compare import compare, prepare_held_out
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.model.nominal import declared_names
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -60,7 +60,7 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     same_run = not held_out
     if same_run:
         fit, held_out = hold_out_end(fit)
-    logs = ready(robot, fit, session_clock([*fit, *held_out]), Filters())
+    logs = prepare_logs(robot, fit, session_clock([*fit, *held_out]), Filters())
     if baseline:
         nominal = from_baseline(robot, baseline, names, logs, tell)
     else:

@@ -19,7 +19,7 @@ from residual.diagnosis.examine import examine
 from residual.diagnosis.search import Rules
 from residual.evidence.states import as_model
 from residual.model.compare import prepare_held_out
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.model.nominal import declared_names
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
@@ -129,7 +129,7 @@ def _without_structure(
     its size, or itself with its samples in random order.
     """
     filters = Filters()
-    logs = ready(robot, fit, session_clock([*fit, *held_out]), filters)
+    logs = prepare_logs(robot, fit, session_clock([*fit, *held_out]), filters)
     nominal = start_nominal(logs, declared_names(robot, None))
     found = examine(logs, nominal, Rules(), lambda stage, share: None)
     # Without the standstill that suits these logs: as an extra shape of friction it

@@ -11,7 +11,7 @@ from benchmarks.identification_parts.energy import power_miss
 from benchmarks.identification_parts.plant_logs import ROBOT, plant_logs
 from residual.identification.identify import identify
 from residual.model.export import robot_files
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.robot import dynamics
 from residual.robot.base_parameters import base_parameters
 from residual.robot.robot import load_robot
@@ -52,7 +52,9 @@ def _round_trip() -> float:
         for name, content in robot_files(found.model).items():
             (Path(folder) / name).write_bytes(content)
         robot = load_robot(folder)
-    again = start_nominal(ready(robot, fit, None, found.model.filters), names).model
+    again = start_nominal(
+        prepare_logs(robot, fit, None, found.model.filters), names
+    ).model
     again = replace(
         again,
         speed_floor=found.model.speed_floor,

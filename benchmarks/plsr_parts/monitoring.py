@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.figures import Figures, figure, missing, partial
 from benchmarks.plsr_parts.monitor_runs import ROBOT, Case, good_run, run_of
 from flows.blind.rates import wilson
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.model.nominal import declared_names
 from residual.monitoring.monitor import Alarm, calibrate
 from residual.signals.track import Filters
@@ -131,7 +131,7 @@ def watch_arm(arm: int, plan: Plan, pool: Executor) -> list[Seen]:
         for case in _cases(arm, plan, plan.faulty, 2000)
     ]
     good = list(pool.map(good_run, _cases(arm, plan, plan.good, 0)))
-    logs = ready(ROBOT, good, None, Filters())
+    logs = prepare_logs(ROBOT, good, None, Filters())
     model = start_nominal(logs, declared_names(ROBOT, None)).model
     monitor = calibrate(model, good, _PER_HOUR)
     return [

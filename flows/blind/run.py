@@ -178,14 +178,14 @@ def _run(work: Callable, jobs: Sequence, pool: Pool | Here):
 
 
 def _null(job: tuple) -> str:
-    return _told(steps.run_null, job)
+    return _report_failure(steps.run_null, job)
 
 
 def _case(job: tuple) -> str:
-    return _told(steps.run_case, job)
+    return _report_failure(steps.run_case, job)
 
 
-def _told(work: Callable, job: tuple) -> str:
+def _report_failure(work: Callable, job: tuple) -> str:
     """Do it; whatever it raises can cross to the parent process."""
     try:
         return work(job)

@@ -8,7 +8,7 @@ from pathlib import Path
 from flows.inputs.robots import load
 from flows.keep.diagnosis import read_models
 from residual.errors import InputError
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.model.model import Model
 from residual.model.nominal import declared_names
 from residual.recording import Recording
@@ -72,7 +72,7 @@ def model_of(source: Source, robot: Robot, runs: Sequence[Recording]) -> Model:
     """
     if source.model is not None:
         return source.model
-    logs = ready(robot, runs, None, Filters())
+    logs = prepare_logs(robot, runs, None, Filters())
     return start_nominal(logs, declared_names(robot, None)).model
 
 

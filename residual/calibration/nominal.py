@@ -14,7 +14,7 @@ from residual.evidence.design import Design
 from residual.evidence.fit import fit, start
 from residual.evidence.priors import priors
 from residual.evidence.states import as_model
-from residual.model.fit_logs import Logs, ready, start_nominal
+from residual.model.fit_logs import Logs, prepare_logs, start_nominal
 from residual.model.model import Model
 from residual.model.nominal import declared_names
 from residual.model.standstill import with_standstill
@@ -66,7 +66,7 @@ def prepare_runs(
         runs: Its logs.
         declared: Effects that the model has; None for the robot's own list.
     """
-    logs = ready(robot, [run.log for run in runs], None, Filters())
+    logs = prepare_logs(robot, [run.log for run in runs], None, Filters())
     names = declared_names(robot, declared)
     model = start_nominal(logs, names).model
     regressors = tuple(model.observe(track).regressor for track in logs.tracks)
@@ -93,7 +93,7 @@ def identified_without(
     first = start(design, wide[-1])
     if named:
         # Some effects read the model's own torque: it should be about right.
-        design.look(_observed(as_model(nominal, first), tracks, regressors))
+        design.show_torque(_observed(as_model(nominal, first), tracks, regressors))
     groups = design.add([(t.effect, t.joints, t.shape) for t in named])
     fits = [fit(design, p, groups, first.counted, None, rounds=4) for p in wide]
     best = max(fits, key=lambda f: f.score)

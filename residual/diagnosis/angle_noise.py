@@ -21,7 +21,7 @@ from residual.diagnosis.gate import Tested
 from residual.diagnosis.held_out import Verdicts
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, System, scaled_inverse
-from residual.evidence.states import as_model, first_look, physical
+from residual.evidence.states import as_model, first_design, physical
 from residual.recording import Array, Recording
 from residual.signals.encoder_noise import on_rows_of
 from residual.signals.track import prepare
@@ -233,7 +233,7 @@ def _seen(examined: Examined, fitted: Fit, tracks) -> tuple[Design, Array]:
     """The fit's columns as other angles give them, on the very same rows."""
     nominal = examined.nominal
     other = replace(examined.logs, tracks=tracks)
-    design = first_look(other, nominal, physical(as_model(nominal, fitted)))
+    design = first_design(other, nominal, physical(as_model(nominal, fitted)))
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
     return design, np.concatenate([design.nominal, *(g.ids for g in members)])
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from residual.diagnosis.examine import Progress, examine
 from residual.diagnosis.search import Rules
 from residual.evidence.priors import posterior_of
-from residual.model.fit_logs import Logs, ready, start_nominal
+from residual.model.fit_logs import Logs, prepare_logs, start_nominal
 from residual.model.nominal import Nominal
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -19,7 +19,7 @@ def from_baseline(
     robot: Robot, baseline: Sequence[Recording], names, logs: Logs, tell: Progress
 ) -> Nominal:
     """Diagnose the baseline first; what it shows is declared from then on."""
-    own = ready(robot, baseline, session_clock(baseline), logs.filters)
+    own = prepare_logs(robot, baseline, session_clock(baseline), logs.filters)
     first = examine(
         own,
         start_nominal(own, names),

@@ -14,7 +14,7 @@ from residual.diagnosis.search import Rules, Task, refined
 from residual.effects import registry
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, Prior, fit
-from residual.evidence.states import as_model, first_look, look_with, physical
+from residual.evidence.states import as_model, first_design, physical, show_torque
 from residual.model.fit_logs import Logs
 from residual.model.model import Model
 from residual.model.nominal import Nominal
@@ -77,13 +77,13 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         rules: Thresholds.
         progress: Told the stage and the share done.
     """
-    design = first_look(logs, nominal)
+    design = first_design(logs, nominal)
     progress("features", 0.0)
     everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
     selection = _search(design, nominal, everything, (rules, progress))
-    if _needs_second_look(selection):
-        settled = _looked_again(logs, nominal, selection)
-        look_with(design, logs, physical(as_model(nominal, settled)))
+    if _needs_second_search(selection):
+        settled = _refit_named(logs, nominal, selection)
+        show_torque(design, logs, physical(as_model(nominal, settled)))
         progress("features", 0.5)
         everything = renewed(design, everything)
         prior, wide = selection.task.prior, selection.wide
@@ -126,7 +126,7 @@ def _search(
     return select(design, pairs, rules, lambda share: progress("search", share))
 
 
-def _needs_second_look(selection: Selection) -> bool:
+def _needs_second_search(selection: Selection) -> bool:
     """Did a large effect, or one that reads the model's torque, get accepted?"""
     fitted, task = selection.fit, selection.task
     if not fitted.members:
@@ -139,7 +139,7 @@ def _needs_second_look(selection: Selection) -> bool:
     return model_based and bool(np.max(np.sqrt(fall) / task.design.rms) > LARGE)
 
 
-def _looked_again(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
+def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     """The named effects on columns of a model that has them: Gauss and Newton's way.
 
     A log that ends at a certain torque bends the model that its plateau is held
@@ -148,7 +148,7 @@ def _looked_again(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     task, fitted = selection.task, selection.fit
     design = task.design
     for _ in range(LOOKS):
-        look_with(design, logs, physical(as_model(nominal, fitted)))
+        show_torque(design, logs, physical(as_model(nominal, fitted)))
         members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
         for group in [g for g in members if g.effect.uses_model and g.effect.refine]:
             others = [g for g in members if g is not group]

@@ -18,9 +18,9 @@ from residual.effects.base import Effect, Joints
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit
 from residual.evidence.priors import priors
-from residual.evidence.states import as_model, first_look, physical
+from residual.evidence.states import as_model, first_design, physical
 from residual.model.compare import Errors, compare, prepare_held_out
-from residual.model.fit_logs import Logs, ready, start_nominal
+from residual.model.fit_logs import Logs, prepare_logs, start_nominal
 from residual.model.nominal import Nominal, declared_names
 from residual.names import check_name
 from residual.recording import Recording
@@ -56,17 +56,19 @@ def oracle(
         UnknownNameError: If there is no such effect.
     """
     names, filters = declared_names(robot, declared), Filters()
-    logs = ready(robot, recordings, session_clock([*recordings, *held_out]), filters)
+    logs = prepare_logs(
+        robot, recordings, session_clock([*recordings, *held_out]), filters
+    )
     if baseline:
         nominal = from_baseline(robot, baseline, names, logs, lambda stage, share: None)
     else:
         nominal = start_nominal(logs, names)
     wanted = [pair for told in effects for pair in _placed(told, robot.dof)]
-    task, fitted = _best(first_look(logs, nominal), logs, nominal, wanted)
+    task, fitted = _best(first_design(logs, nominal), logs, nominal, wanted)
     if wanted:
         # As after a find: features that read the model's torque are made of the better.
         named = physical(as_model(nominal, fitted))
-        design = first_look(logs, nominal, named)
+        design = first_design(logs, nominal, named)
         task, fitted = _best(design, logs, nominal, wanted)
     # Without an adequacy: nobody asks this one what is left.
     found = Examined(

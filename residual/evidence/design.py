@@ -132,7 +132,7 @@ class Design:
         self.nominal = np.concatenate(ids)
         self.inertial = ids[0]
 
-    def look(self, states: Sequence[State]) -> None:
+    def show_torque(self, states: Sequence[State]) -> None:
         """From now on let effects see the logs with another model's torque."""
         tracks = [track for track, _ in self._logs]
         self._logs = list(zip(tracks, states, strict=True))

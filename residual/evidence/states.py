@@ -13,7 +13,7 @@ from residual.model.term import Term
 ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
 
 
-def first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
+def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
     """Nominal columns, and features seen with a model that fits these logs roughly.
 
     Args:
@@ -29,15 +29,15 @@ def first_look(logs: Logs, nominal: Nominal, named: Model | None = None) -> Desi
         else:
             (prior,) = priors(design, nominal)
         named = as_model(nominal, start(design, prior))
-    look_with(design, logs, named)
+    show_torque(design, logs, named)
     return design
 
 
-def look_with(design: Design, logs: Logs, named: Model) -> None:
+def show_torque(design: Design, logs: Logs, named: Model) -> None:
     """From now on let features read the torque of that model."""
     rigid = [s.regressor for s in design.states]
     states = zip(logs.tracks, rigid, strict=True)
-    design.look([named.observe(t, r) for t, r in states])
+    design.show_torque([named.observe(t, r) for t, r in states])
 
 
 def physical(model: Model) -> Model:

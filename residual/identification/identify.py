@@ -31,7 +31,7 @@ from residual.identification.structure import (
     state_at,
     structure,
 )
-from residual.model.fit_logs import Logs, ready, start_nominal
+from residual.model.fit_logs import Logs, prepare_logs, start_nominal
 from residual.model.model import Model
 from residual.model.nominal import declared_names
 from residual.model.standstill import with_standstill
@@ -109,7 +109,7 @@ def identify(
     Raises:
         InputError: If a log is of another arm, nothing moves, or rows are too few.
     """
-    logs = ready(robot, _checked(robot, recordings), clock, Filters())
+    logs = prepare_logs(robot, _checked(robot, recordings), clock, Filters())
     nominal = start_nominal(logs, declared_names(robot, declared)).model
     base = structure(nominal)
     first = _fitted(nominal, base, logs, options)
@@ -143,7 +143,7 @@ def _fitted(
     size = np.sqrt(np.diag(base.mapping @ wide @ base.mapping.T))
     blocks = solve.compress(rows)
     start = Start(theta, size, np.arange(len(base)))
-    seen = _looked(nominal, base, (rows, blocks), start)
+    seen = _with_torque(nominal, base, (rows, blocks), start)
     start = replace(start, free=seen.free)
     if options.prior is not None:
         # A prior speaks for what the motion does not show: nothing need be held.
@@ -171,7 +171,7 @@ def _fitted(
     )
 
 
-def _looked(
+def _with_torque(
     nominal: Model, base: BaseParameters, data: tuple, start: Start
 ) -> Preflight:
     """What the motion shows, under the noise of a first fit of everything."""

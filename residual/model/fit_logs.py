@@ -29,7 +29,7 @@ class Logs:
     shaken: tuple[Track, ...]
 
 
-def ready(
+def prepare_logs(
     robot: Robot,
     recordings: Sequence[Recording],
     clock: float | None,

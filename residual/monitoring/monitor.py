@@ -68,14 +68,14 @@ class Monitor:
         Raises:
             InputError: If it is of another robot or rate, or too short.
         """
-        recording = self._fitting(recording)
+        recording = self._matched(recording)
         log = sight_of(self.model, recording)
         scores, errors = all_scores(recording, log, self.theta, self.scale)
         return events(scores, self.limits, (errors, self.scale, recording.dof))
 
     def scores(self, recording: Recording) -> tuple[Scores, ...]:
         """Return all scores of a log, each column over its limit; 1 is an alarm."""
-        recording = self._fitting(recording)
+        recording = self._matched(recording)
         log = sight_of(self.model, recording)
         scores, _ = all_scores(recording, log, self.theta, self.scale)
         return tuple(
@@ -91,12 +91,12 @@ class Monitor:
             Share of the rows with position, speed or acceleration of the joint outside
             of what was calibrated. Shape (dof,).
         """
-        state = _states(rows_of(self._fitting(recording)))
+        state = _states(rows_of(self._matched(recording)))
         room = _SPAN * (self.highest - self.lowest)
         outside = (state < self.lowest - room) | (state > self.highest + room)
         return outside.any(axis=1).mean(axis=0)
 
-    def _fitting(self, recording: Recording) -> Recording:
+    def _matched(self, recording: Recording) -> Recording:
         check_log(recording, self.model, self.rate)
         if not self.referenced:
             return replace(recording, q_ref=None)
@@ -225,7 +225,7 @@ def to_record(monitor: Monitor) -> dict:
         **{name: getattr(monitor, name) for name in _PLAIN},
         **{name: getattr(monitor, name).tolist() for name in _ARRAYS},
         "scale": scale,
-        "limits": {kind: _told(limit) for kind, limit in monitor.limits.items()},
+        "limits": {kind: _values(limit) for kind, limit in monitor.limits.items()},
     }
 
 
@@ -253,7 +253,7 @@ def from_record(record: Mapping) -> Monitor:
     )
 
 
-def _told(limit: Array) -> list[float | None]:
+def _values(limit: Array) -> list[float | None]:
     return [float(x) if np.isfinite(x) else None for x in limit]
 
 

@@ -20,8 +20,8 @@ from residual.diagnosis.search import Rules, Task, _shortlist, possible
 from residual.evidence.colour import coloured
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit, gain
-from residual.evidence.states import first_look
-from residual.model.fit_logs import Logs, ready
+from residual.evidence.states import first_design
+from residual.model.fit_logs import Logs, prepare_logs
 from residual.model.nominal import Nominal
 from residual.null.source import Source, null_recordings, redrawn
 from residual.recording import Array
@@ -50,7 +50,7 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
     rng = np.random.default_rng([seed, index])
     logs, hiss = _noisy(source, rng)
     nominal = redrawn(source, rng)
-    design = first_look(logs, nominal)
+    design = first_design(logs, nominal)
     candidates = every_candidate(design, nominal, logs.span, logs.clock is not None)
     out = [_searched(design, nominal, candidates)]
     for _ in range(count - 1):
@@ -60,11 +60,11 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
         for j, change in enumerate(target):
             place, have = design.present(j, design.nominal)
             change += design.target[j] + design.columns(j, place) @ moved[have]
-        out.append(_searched(retold(design, target), another, candidates))
+        out.append(_searched(with_torque(design, target), another, candidates))
     return tuple(out)
 
 
-def retold(design: Design, target: Sequence[Array]) -> Design:
+def with_torque(design: Design, target: Sequence[Array]) -> Design:
     """The same columns on the same rows, with another torque to explain.
 
     Torque rms, to which tolerances and priors of effects refer, stays: another draw of
@@ -121,7 +121,7 @@ def _noisy(source: Source, rng: np.random.Generator) -> tuple[Logs, list[Array]]
     """The logs of a block, ready, and the torque noise that is in them."""
     _, read = null_recordings(source, rng)
     old = source.logs
-    logs = ready(old.robot, read, old.clock, old.filters)
+    logs = prepare_logs(old.robot, read, old.clock, old.filters)
     hiss = _hiss(source, logs, rng)
     tracks = tuple(
         replace(new, tau=new.tau + noise, torque_noise=was.torque_noise)

@@ -11,7 +11,7 @@ from residual.diagnosis.null_key import Key, key_of
 from residual.diagnosis.search import Rules
 from residual.evidence.colour import autocovariance
 from residual.evidence.priors import inertial_precision
-from residual.model.fit_logs import Logs, ready, start_nominal
+from residual.model.fit_logs import Logs, prepare_logs, start_nominal
 from residual.model.model import Model
 from residual.model.nominal import ASSUMED, Nominal, declared_names
 from residual.recording import Array, Recording
@@ -69,7 +69,7 @@ def source(
         baseline: Logs of the arm as commissioned.
     """
     names, filters = declared_names(robot, declared), Filters()
-    logs = ready(robot, recordings, session_clock(recordings), filters)
+    logs = prepare_logs(robot, recordings, session_clock(recordings), filters)
     if baseline:
         nominal = from_baseline(robot, baseline, names, logs, _quiet)
     else:

@@ -55,7 +55,7 @@ def gif_of(robot: Robot, t: Array, q: Array, frames: int = 60) -> bytes:
     span = float(t[-1] - t[0])
     arm = body(robot.model)
     length, stands = arm.radius / 0.07, bool(arm.low)
-    with Camera(look(robot), length, stands, _SIZE) as camera:
+    with Camera(urdf_to_see(robot), length, stands, _SIZE) as camera:
         shots = [(camera.shot(q[row]), t[row] - t[0]) for row in rows]
     pictures = [
         _titled(pixels, f"{robot.name}  {time:4.1f} s") for pixels, time in shots
@@ -76,7 +76,7 @@ def gif_of(robot: Robot, t: Array, q: Array, frames: int = 60) -> bytes:
     return out.getvalue()
 
 
-def look(robot: Robot) -> str:
+def urdf_to_see(robot: Robot) -> str:
     """Return a URDF with the robot's primitive shapes, rods where it has none.
 
     Meshes are files beside the URDF, which nobody can count on.

@@ -15,7 +15,7 @@ from flows.steps import experiment, monitor
 from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
 from residual.errors import InputError
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.model.term import Term
 from residual.monitoring.monitor import from_record
 from residual.robot.robot import load_robot
@@ -98,7 +98,7 @@ def test_the_same_question_is_the_same_record(made, watched):
 def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
     store, good, fine, _ = made
     robot = load_robot(ROBOT)
-    logs = ready(robot, [read_run(store, id) for id in good], None, Filters())
+    logs = prepare_logs(robot, [read_run(store, id) for id in good], None, Filters())
     nominal = start_nominal(logs, ("viscous", "coulomb", "rotor_inertia")).model
     known = registry()
     more = (

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.monitoring.monitor import calibrate, to_record
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
@@ -45,7 +45,7 @@ def test_it_says_what_it_said(name, tmp_path):
     assert_same(document(name, tmp_path), frozen(name))
 
 
-@pytest.mark.slow  # a minute: every scheme, every number of levels
+@pytest.mark.long  # half a minute: every scheme, every number of levels
 def test_a_calibration_has_the_figures_it_had(tmp_path):
     assert_same(document("calibration", tmp_path), frozen("calibration"))
 
@@ -54,7 +54,7 @@ def test_a_monitor_has_the_limits_it_had():
     robot = load_robot("irb140")
     names = ("fit_1", "fit_2", "fit_3", "held_out")
     *good, other = (read_log(f"{HIDDEN / n}.csv@0:10", robot)[0] for n in names)
-    logs = ready(robot, good, None, Filters())
+    logs = prepare_logs(robot, good, None, Filters())
     nominal = start_nominal(logs, ("viscous", "coulomb", "rotor_inertia"))
     monitor = calibrate(nominal.model, good)
     now = {

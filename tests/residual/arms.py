@@ -13,7 +13,7 @@ from residual.diagnosis.examine import Examined, examine
 from residual.diagnosis.findings import Named, findings
 from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.search import Rules
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.model.nominal import DEFAULT_DECLARED
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
@@ -164,7 +164,7 @@ def recording(t, q, tau, label="log") -> Recording:
 def doubts(case: Case, declared=DEFAULT_DECLARED) -> tuple[Examined, list[Named]]:
     """Search, gate and findings without the proof, which takes as long again."""
     clock = session_clock([*case.fit, *case.held_out])
-    logs = ready(case.robot, case.fit, clock, Filters())
+    logs = prepare_logs(case.robot, case.fit, clock, Filters())
     if case.baseline:
         nominal = from_baseline(case.robot, case.baseline, declared, logs, quiet)
     else:

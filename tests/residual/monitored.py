@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.monitoring.monitor import Monitor, calibrate
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
@@ -64,7 +64,7 @@ def good_runs() -> tuple[Recording, ...]:
 
 
 def model_of(runs):
-    logs = ready(ROBOT, list(runs), None, Filters())
+    logs = prepare_logs(ROBOT, list(runs), None, Filters())
     names = ("viscous", "coulomb", "rotor_inertia")
     return start_nominal(logs, names).model
 

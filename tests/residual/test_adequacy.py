@@ -9,7 +9,7 @@ from residual.diagnosis import examine, gate
 from residual.diagnosis.adequacy import adequacy, repeat
 from residual.diagnosis.log_checks import delayed_at_source, filtered_at_source
 from residual.evidence.fit import fit
-from residual.model.fit_logs import ready
+from residual.model.fit_logs import prepare_logs
 from residual.model.model import Model
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.signals.split import session_clock
@@ -209,7 +209,7 @@ def test_dead_torque_channels_were_not_filtered():
 
 
 def delay_said(robot, recordings):
-    logs = ready(robot, recordings, session_clock(recordings), Filters())
+    logs = prepare_logs(robot, recordings, session_clock(recordings), Filters())
     model = Model(robot, inertial_parameters(robot.model), (), logs.speed_floor)
     return delayed_at_source(model, logs)
 

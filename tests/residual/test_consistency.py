@@ -16,7 +16,7 @@ from residual.identification.consistency import (
 )
 from residual.identification.identify import identify
 from residual.model.export import robot_files
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.robot import dynamics
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
@@ -120,7 +120,7 @@ def test_a_written_model_reloads_to_the_same_torque(found, bodies, tmp_path, whi
     for name, content in robot_files(model, "a test").items():
         (tmp_path / name).write_bytes(content)
     robot = load_robot(tmp_path)
-    again = start_nominal(ready(robot, logs(1), None, Filters()), EFFECTS).model
+    again = start_nominal(prepare_logs(robot, logs(1), None, Filters()), EFFECTS).model
     again = replace(again, speed_floor=model.speed_floor, standstill=model.standstill)
     new = logs(1, seed=9)[0]
     np.testing.assert_allclose(
@@ -132,7 +132,7 @@ def test_parts_that_are_fixed_to_a_link_are_counted_once(tmp_path):
     """The written link has the whole body; its fixed parts keep no inertia."""
     robot = load_robot("irb140")
     model = start_nominal(
-        ready(robot, _six_joint_logs(robot), None, Filters()), EFFECTS
+        prepare_logs(robot, _six_joint_logs(robot), None, Filters()), EFFECTS
     ).model
     for name, content in robot_files(model).items():
         (tmp_path / name).write_bytes(content)

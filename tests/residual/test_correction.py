@@ -9,7 +9,7 @@ from residual.diagnosis.leftover.examine import shared_source
 from residual.diagnosis.leftover.leftover import leftovers
 from residual.diagnosis.search import Rules
 from residual.model.compare import compare, prepare_held_out
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.model.nominal import DEFAULT_DECLARED
 from residual.signals.split import session_clock
 from residual.signals.track import Filters
@@ -39,7 +39,7 @@ def made():
     for kind in (WALL, KNOCK):
         every = logs_with(kind)
         fit, held = every[:4], every[4:]
-        logs = ready(arm(), fit, session_clock(every), Filters())
+        logs = prepare_logs(arm(), fit, session_clock(every), Filters())
         nominal = start_nominal(logs, DEFAULT_DECLARED)
         diagnosis = examine(logs, nominal, Rules(most=0), quiet)
         told, design = diagnosis.adequacy, diagnosis.task.design
@@ -89,7 +89,7 @@ def _two_doubted(rng, alike):
         wave = [np.sin(5 * log.t), np.sin(5 * log.t if alike else 7.3 * log.t)]
         tau = log.tau + 2 * np.column_stack(wave)
         logs.append(type(log)(log.id, log.robot, log.t, log.q, tau))
-    ready_logs = ready(arm(), logs, session_clock(logs), Filters())
+    ready_logs = prepare_logs(arm(), logs, session_clock(logs), Filters())
     nominal = start_nominal(ready_logs, DEFAULT_DECLARED)
     diagnosis = examine(ready_logs, nominal, Rules(most=0), quiet)
     assert diagnosis.adequacy.doubted == (0, 1)

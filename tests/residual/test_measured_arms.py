@@ -15,7 +15,7 @@ from residual.close import close_the_loop
 from residual.diagnosis.examine import examine
 from residual.diagnosis.search import Rules
 from residual.evidence.states import as_model
-from residual.model.fit_logs import ready, start_nominal
+from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.model.nominal import DEFAULT_DECLARED
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
@@ -116,7 +116,7 @@ def test_nothing_new_is_named_where_the_residual_is_out_of_order():
 
 def _out_of_order(name, specs, rules):
     """Diagnosis of logs, then of the model that it gives with its residual shuffled."""
-    logs = ready(robot(name), [log(name, s) for s in specs], None, Filters())
+    logs = prepare_logs(robot(name), [log(name, s) for s in specs], None, Filters())
     nominal = start_nominal(logs, DEFAULT_DECLARED)
     first = examine(logs, nominal, rules, quiet)
     model, rng = as_model(nominal, first.fit), np.random.default_rng(31)

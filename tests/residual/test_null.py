@@ -11,7 +11,7 @@ from residual.diagnosis.null_key import Key
 from residual.diagnosis.null_record import Null, choose_null, from_record, to_record
 from residual.errors import InputError
 from residual.evidence.colour import LONGEST, autocovariance, coloured
-from residual.null.draws import block, loudest, retold
+from residual.null.draws import block, loudest, with_torque
 from residual.null.source import null_recordings, redrawn, source
 from sim.records import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
@@ -162,7 +162,7 @@ def test_another_torque_on_the_same_columns_is_as_good_as_a_new_design():
     problem = Problem.draw(rng, rows=80)
     groups = every_group(problem.design)
     target = [y + rng.normal(size=len(y)) for y in problem.design.target]
-    told = retold(problem.design, target)
+    told = with_torque(problem.design, target)
     logs = [
         (replace(t, tau=t.tau + change), s)
         for (t, s), change in zip(problem.logs, _per_log(problem, target), strict=True)

@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from residual.robot.robot import load_robot
-from sim.engine.render import animate, gif_of, look
+from sim.engine.render import animate, gif_of, urdf_to_see
 from sim.records import Reference
 from tests.sim.arms import SEVEN, arm
 
@@ -43,7 +43,7 @@ def test_the_same_motion_gives_the_same_bytes():
 
 def test_links_without_shapes_are_drawn_as_rods(tmp_path):
     robot = arm(SEVEN, tmp_path)
-    text = look(robot)
+    text = urdf_to_see(robot)
     assert text.count("<cylinder") == 8
     picture = Image.open(io.BytesIO(animate(robot, _sweep(robot), frames=2)))
     pixels = np.asarray(picture.convert("RGB")).astype(int)
@@ -56,5 +56,5 @@ def test_meshes_and_collision_shapes_are_left_out(tmp_path):
     robot = arm(
         SEVEN.replace('<link name="l3">', f'<link name="l3">{mesh}{solid}'), tmp_path
     )
-    assert "mesh" not in look(robot)
-    assert "sphere" not in look(robot)
+    assert "mesh" not in urdf_to_see(robot)
+    assert "sphere" not in urdf_to_see(robot)

@@ -162,17 +162,17 @@ def _installed() -> dict[str, str]:
 def _commit() -> str | None:
     if not is_checkout():
         return None
-    return _said("rev-parse", "HEAD") or None
+    return _git_answer("rev-parse", "HEAD") or None
 
 
 def _dirty() -> bool | None:
     if _commit() is None:
         return None
-    changes = _said("status", "--porcelain", "--", *PACKAGES)
+    changes = _git_answer("status", "--porcelain", "--", *PACKAGES)
     return None if changes is None else bool(changes)
 
 
-def _said(*words: str) -> str | None:
+def _git_answer(*words: str) -> str | None:
     answer = git(ROOT, *words)
     return None if answer is None else answer.decode("utf-8", "replace").strip()
 

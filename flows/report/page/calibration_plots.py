@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from flows.report.page.plots import INK, SOFT, as_uri, blank, look, rule
+from flows.report.page.plots import INK, SOFT, as_uri, blank, figure_style, rule
 from residual.calibration.methods import (
     DEFAULT,
     EFFECTS,
@@ -36,7 +36,7 @@ _CLIP = 2.2
 def components_figure(parts: Sequence[Components]) -> str:
     """Return explained variance of the blocks of one family (figures 4 to 6)."""
     colours = {INPUT: "#0072b2", WHITE: "#b3b3b3"}
-    with look():
+    with figure_style():
         figure = blank(4.6, 2.7)
         axes = figure.add_axes((0.13, 0.165, 0.855, 0.66))
         rule(axes)
@@ -59,7 +59,7 @@ def components_figure(parts: Sequence[Components]) -> str:
 
 def curve_figure(scores: Sequence[Score], joints: Sequence[int]) -> str:
     """Return RMSEV over the number of components of one model (figure 8)."""
-    with look():
+    with figure_style():
         figure = blank(4.6, 3.0)
         axes = figure.add_axes((0.13, 0.15, 0.855, 0.68))
         rule(axes)
@@ -83,7 +83,7 @@ def bars_figure(scores: Sequence[Score], joints: Sequence[int]) -> str:
     """Return bars of every model under one scheme, joint by joint (figures 9, 10)."""
     top = _bar_limit(scores)
     width = 0.84 / len(scores)
-    with look():
+    with figure_style():
         figure = blank(max(6.0, 1.35 * len(joints) + 1.2), 2.6)
         axes = figure.add_axes((0.075, 0.13, 0.915, 0.7))
         for place, one in enumerate(scores):
@@ -104,7 +104,7 @@ def bars_figure(scores: Sequence[Score], joints: Sequence[int]) -> str:
 
 def sweep_figure(sweep: Sweep, joints: Sequence[int]) -> str:
     """Return RMSEV over levels on unseen runs and random rows, and time (fig. 12)."""
-    with look():
+    with figure_style():
         figure = blank(9.2, 3.0)
         places = {RUN: 0.075, RANDOM: 0.4}
         most = max(float(np.nanmax(e)) for e in sweep.errors.values())
@@ -134,7 +134,7 @@ def importance_figure(terms: Terms, joint: int, column: int, count: int = 10) ->
     """Return the largest contributions to one joint, with their standard errors."""
     sizes, errors = terms.sizes.values[:, column], terms.sizes.errors[:, column]
     order = np.argsort(-sizes, kind="stable")[:count][::-1]
-    with look():
+    with figure_style():
         figure = blank(4.6, 3.1)
         axes = figure.add_axes((0.24, 0.15, 0.745, 0.74))
         axes.grid(axis="x", color="#e3e7ea", linewidth=0.8)

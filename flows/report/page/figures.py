@@ -13,7 +13,7 @@ from flows.report.page.plots import (
     SOFT,
     as_uri,
     blank,
-    look,
+    figure_style,
     rule,
 )
 from flows.report.words.rows import METRICS, ErrorRow
@@ -42,7 +42,7 @@ def error_bars(
     Returns:
         The figure as a data address.
     """
-    with look():
+    with figure_style():
         figure = blank(max(6.0, 1.25 * len(joints) + 1.2), 2.7)
         axes = figure.add_axes((0.075, 0.15, 0.915, 0.68))
         top = _bar_limit([row.values[metric] for row in joints], stages)
@@ -73,7 +73,7 @@ def over_time(proof: LogProof, joint: int, stages: Sequence[str]) -> str:
     """
     column = joint - 1
     tau = proof.tau[:, column]
-    with look():
+    with figure_style():
         figure = blank(9.2, 3.5)
         top = figure.add_axes((0.078, 0.42, 0.912, 0.48))
         low = figure.add_axes((0.078, 0.125, 0.912, 0.25), sharex=top)
@@ -109,7 +109,7 @@ def over_variable(cloud: Cloud) -> str:
         The figure as a data address.
     """
     rows = thin.draw(len(cloud.x), _MOST_POINTS)
-    with look():
+    with figure_style():
         figure = blank(4.6, 3.1)
         axes = figure.add_axes((0.155, 0.15, 0.83, 0.735))
         rule(axes)

@@ -5,7 +5,7 @@ import io
 import numpy as np
 from matplotlib.axes import Axes
 
-from flows.report.page.plots import SOFT, blank, look, rule
+from flows.report.page.plots import SOFT, blank, figure_style, rule
 from residual.robot.robot import Robot
 from sim.records import Reference
 from sim.trajectories.limits import largest_torque
@@ -34,7 +34,7 @@ def motion_png(robot: Robot, reference: Reference) -> bytes:
         ("acceleration", qdd, robot.acceleration_limit),
         ("torque (nominal)", torque, robot.torque_limit),
     )
-    with look():
+    with figure_style():
         figure = blank(9.0, 8.4)
         panels = figure.subplots(len(rows), 1, sharex=True)
         for panel, (name, values, limit) in zip(panels, rows, strict=True):

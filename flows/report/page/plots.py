@@ -53,7 +53,7 @@ _STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def look() -> Iterator[None]:
+def figure_style() -> Iterator[None]:
     """Apply the report's style while a figure is made and saved."""
     with matplotlib.rc_context(_STYLE):
         yield

@@ -7,7 +7,15 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 from flows.blind.score import NOTHING, UNKNOWN
-from flows.report.page.plots import COLOURS, INK, SOFT, as_uri, blank, look, rule
+from flows.report.page.plots import (
+    COLOURS,
+    INK,
+    SOFT,
+    as_uri,
+    blank,
+    figure_style,
+    rule,
+)
 
 _BLUE, _AMBER, _RED = "#0072b2", "#e69f00", "#d55e00"
 # Standard deviations that the curve of coverage is drawn to.
@@ -26,7 +34,7 @@ def confusion_figure(
     """
     table = np.array([[counts[r].get(c, 0) for c in columns] for r in rows], float)
     share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
-    with look():
+    with figure_style():
         wide, high = 2.2 + 0.3 * len(columns), 1.9 + 0.25 * len(rows)
         figure = blank(wide, high)
         place = (1.75 / wide, 0.15 / high, 0.3 * len(columns) / wide)
@@ -56,7 +64,7 @@ def confusion_figure(
 
 def detection_figure(points: Sequence[Mapping]) -> str:
     """Return the share rightly named over the size in minimum detectable ones."""
-    with look():
+    with figure_style():
         figure = blank(4.6, 2.8)
         axes = figure.add_axes((0.12, 0.17, 0.86, 0.78))
         rule(axes)
@@ -84,7 +92,7 @@ def detection_figure(points: Sequence[Mapping]) -> str:
 def coverage_figure(z: Sequence[float]) -> str:
     """Return the share of truths within so many standard deviations."""
     sizes = np.sort(np.abs(z))
-    with look():
+    with figure_style():
         figure = blank(4.6, 2.8)
         axes = figure.add_axes((0.12, 0.17, 0.86, 0.78))
         rule(axes)
@@ -114,7 +122,7 @@ def errors_figure(rows: Sequence[Mapping]) -> str:
         "error_refit": ("identified", "refitted", "x"),
         "error_after": ("augmented", "with what was found", "o"),
     }
-    with look():
+    with figure_style():
         figure = blank(4.6, 3.6)
         axes = figure.add_axes((0.12, 0.13, 0.86, 0.83))
         rule(axes)

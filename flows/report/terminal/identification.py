@@ -25,7 +25,7 @@ def print_outcome(outcome: Identified, console: Console) -> None:
         # Into a file or a pipe: as wide as it needs, nothing is cut.
         console = Console(file=console.file, width=200)
     console.print(_parameters(outcome))
-    say(console, *_told(outcome), *(f"warning: {w}" for w in outcome.warnings))
+    say(console, *_sentences(outcome), *(f"warning: {w}" for w in outcome.warnings))
     console.print(_errors(outcome))
     say(console, *_proof(outcome))
 
@@ -48,7 +48,7 @@ def _parameters(outcome: Identified) -> Table:
     return table
 
 
-def _told(outcome: Identified) -> list[str]:
+def _sentences(outcome: Identified) -> list[str]:
     found = outcome.found
     estimate = found.estimate
     noise = ", ".join(f"{n:.3g}" for n in estimate.noise)
