@@ -132,4 +132,4 @@ def test_what_is_forgotten_within_a_second_does_not_drift(seed):
 
 
 def test_nothing_left_says_nothing():
-    assert depends_on([]) == []
+    assert depends_on([]) == ()
