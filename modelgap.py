@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # for editors
     from flows.door.logs import read_logs
     from flows.door.store import Store, open_store
     from flows.door.table import Table
+    from flows.inputs.robots import load as load_robot
     from flows.keep.null import read_null as load_null
     from residual.diagnosis.result import (
         ErrorTables,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:  # for editors
     from residual.model.model import Model
     from residual.model.record import load_model
     from residual.recording import Recording
-    from residual.robot.robot import Robot, load_robot
+    from residual.robot.robot import Robot
 
 __all__ = [
     "Calibration",
@@ -71,6 +72,7 @@ _PLACES = {
     "flows.door.logs": ("read_logs",),
     "flows.door.store": ("Store", "open_store"),
     "flows.door.table": ("Table",),
+    "flows.inputs.robots": ("load_robot",),
     "flows.keep.null": ("load_null",),
     "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),
     "residual.errors": ("InputError",),
@@ -78,9 +80,9 @@ _PLACES = {
     "residual.model.model": ("Model",),
     "residual.model.record": ("load_model",),
     "residual.recording": ("Recording",),
-    "residual.robot.robot": ("Robot", "load_robot"),
+    "residual.robot.robot": ("Robot",),
 }
-_RENAMED = {"load_null": "read_null"}
+_RENAMED = {"load_null": "read_null", "load_robot": "load"}
 _PLACE = {name: place for place, names in _PLACES.items() for name in names}
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Self
 
 _PLACES = ("columns", "null", "store")
+_FORMERLY = {"fit": "logs"}  # keys of records of versions before 0.2
 
 
 class Request:
@@ -31,6 +32,7 @@ class Request:
             record: The record; what is no part of the request is left alone.
             store: Where its runs are, and where what is made is kept.
         """
+        record = {_FORMERLY.get(key, key): value for key, value in record.items()}
         known = {f.name for f in fields(cls)} & set(record)
         values = {name: record[name] for name in known}
         lists = {k: tuple(v) for k, v in values.items() if isinstance(v, list)}

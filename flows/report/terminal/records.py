@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+_LONG = 200  # characters of a text from which a line shows its beginning only
+
 
 def record_lines(value: Mapping | list, indent: str = "") -> list[str]:
     """Return a nested record as lines: key, then value or what is below it."""
@@ -32,4 +34,7 @@ def _short(item: object) -> bool:
 def _word(item: object) -> str:
     if isinstance(item, list):
         return ", ".join(_word(part) for part in item) or "–"
-    return "–" if item is None or item == {} else str(item)
+    text = "–" if item is None or item == {} else str(item)
+    if len(text) <= _LONG:
+        return text
+    return f"{' '.join(text[:60].split())} … ({len(text)} characters, --format json)"

@@ -1,0 +1,32 @@
+"""What was asked, as it is kept with what was made."""
+
+from flows.report.terminal.records import record_lines
+from flows.requests import Diagnose, Monitor
+
+
+def test_a_request_comes_back_from_its_record(tmp_path):
+    asked = Diagnose(("a", "b"), "irb140", held_out=("c",), declared=("viscous",))
+    kept = asked.to_record()
+    assert kept["step"] == "diagnose"
+    assert Diagnose.from_record(kept, tmp_path) == Diagnose(
+        ("a", "b"), "irb140", ("c",), declared=("viscous",), store=tmp_path
+    )
+
+
+def test_a_record_of_the_first_version_is_read(tmp_path):
+    kept = {"step": "diagnose", "robot": "irb140", "fit": ["a"], "held_out": ["b"]}
+    kept |= {"baseline": [], "declared": None, "robot_hash": "0"}
+    asked = Diagnose.from_record(kept, tmp_path)
+    assert (asked.logs, asked.held_out, asked.baseline) == (("a",), ("b",), ())
+
+
+def test_where_things_lie_is_no_part_of_a_record():
+    kept = Monitor("irb140", ("a",), store="/somewhere").to_record()
+    assert "store" not in kept
+
+
+def test_a_long_text_is_shown_by_its_beginning():
+    (line,) = record_lines({"urdf": "<robot>\n" + 300 * "x"})
+    assert line.startswith("urdf: <robot> xxx")
+    assert line.endswith("… (308 characters, --format json)")
+    assert record_lines({"name": "irb140"}) == ["name: irb140"]
