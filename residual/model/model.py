@@ -76,7 +76,7 @@ class Model:
         A joint that stands has the friction of its velocity's sign.
 
         Args:
-            q: Positions [rad]. Shape (n, dof).
+            q: Positions [rad]. Shape (n, dof); (dof,) is one state.
             qd: Velocities [rad/s]. Shape (n, dof).
             qdd: Accelerations [rad/s^2]. Shape (n, dof).
 
@@ -87,7 +87,7 @@ class Model:
             InputError: On another shape, or where an effect depends on more than the
                 state, such as a delay.
         """
-        motion = [np.asarray(x, dtype=float) for x in (q, qd, qdd)]
+        motion = [np.atleast_2d(np.asarray(x, float)) for x in (q, qd, qdd)]
         shape = (len(motion[0]), self.robot.dof)
         if any(x.shape != shape for x in motion):
             raise InputError(

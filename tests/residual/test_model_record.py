@@ -238,6 +238,12 @@ def test_states_of_another_shape_are_refused():
         model_of([]).torque(np.zeros((3, 7)), np.zeros((3, 6)), np.zeros((3, 7)))
 
 
+def test_one_state_is_a_row_of_its_own():
+    model = model_of([])
+    one = model.torque(np.ones(7), np.ones(7), np.ones(7))
+    np.testing.assert_array_equal(one, model.torque(*3 * [np.ones((1, 7))]))
+
+
 def test_a_model_says_what_it_is():
     robot = arm()
     own = [Term(registry()["viscous"], (j,), (), np.ones(1)) for j in (0, 1)]
