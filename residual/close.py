@@ -8,9 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from residual.diagnosis.angle_noise import drop_noise, noise_notes
-from residual.diagnosis.baseline import from_baseline
 from residual.diagnosis.conclude import Case, conclude
-from residual.diagnosis.examine import Examined, Progress, examine, without_refuted
+from residual.diagnosis.examine import (
+    Examined,
+    Progress,
+    examine,
+    from_baseline,
+    without_refuted,
+)
 from residual.diagnosis.findings import clouds, findings
 from residual.diagnosis.held_out import judge_held_out, three_models, unproven
 from residual.diagnosis.leftover.examine import examine_leftover
@@ -21,8 +26,7 @@ from residual.diagnosis.search import Rules
 from residual.diagnosis.warnings import signal_notes, warnings
 from residual.errors import InputError
 from residual.model.compare import compare, prepare_held_out
-from residual.model.fit_logs import prepare_logs, start_nominal
-from residual.model.nominal import declared_names
+from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.split import hold_out_end, session_clock

@@ -1,4 +1,4 @@
-"""Runs back out of the store.
+"""Runs back out of the store: their samples, their manifest, their tombstones.
 
 Keys that a caller gives: ``spec`` (the open half: robot, trajectory, declared effects,
 rates, reference seed), ``source``, ``kind``, ``trajectory``, ``seed``, ``robot_hash``,
@@ -8,13 +8,14 @@ rates, reference seed), ``source``, ``kind``, ``trajectory``, ``seed``, ``robot_
 
 import json
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 from residual.errors import InputError
 from residual.recording import Recording
-from warehouse.files import read_parquet, to_arrays
-from warehouse.ids import check_id, data_hash
-from warehouse.layout import SAMPLES_FILE, find_run
+from warehouse.files import read_parquet, replace_file, to_arrays
+from warehouse.ids import ID_DIGITS, check_id, data_hash
+from warehouse.layout import QUARANTINE, SAMPLES_FILE, find_run
 
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
 
@@ -105,3 +106,45 @@ def read_channels(store: Path, run_id: str) -> dict:
             "Take its folder out of the store."
         )
     return arrays
+
+
+def quarantine(store: Path, run_id: str, reason: str) -> Path:
+    """Say that a run should not be used; nothing of it is deleted or changed.
+
+    Args:
+        store: The store.
+        run_id: Id of the run, or its beginning.
+        reason: Why, for people.
+
+    Returns:
+        The tombstone; the first one stays.
+
+    Raises:
+        InputError: If there is no such run, or no reason.
+    """
+    if not reason.strip():
+        raise InputError("A quarantine needs a reason, for those who find it later.")
+    id = find_run(store, run_id).id
+    target = store / QUARANTINE / f"run_id={id}.json"
+    if not target.exists():
+        told = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
+        replace_file(store, target, (json.dumps(told) + "\n").encode())
+    return target
+
+
+def quarantined(store: Path) -> frozenset[str]:
+    """Return the ids of all runs with a tombstone."""
+    names = (path.stem for path in (store / QUARANTINE).glob("run_id=*.json"))
+    ids = (name.removeprefix("run_id=") for name in names)
+    return frozenset(check_id(id) for id in ids if len(id) == ID_DIGITS)
+
+
+def tombstone(store: Path, run_id: str) -> str | None:
+    """Return why a run should not be used, None where it may be."""
+    path = store / QUARANTINE / f"run_id={check_id(run_id)}.json"
+    try:
+        return str(json.loads(path.read_bytes()).get("reason"))
+    except FileNotFoundError:
+        return None
+    except (ValueError, AttributeError):
+        return "its tombstone cannot be read"

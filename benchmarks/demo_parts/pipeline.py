@@ -6,7 +6,7 @@ from time import perf_counter
 
 from benchmarks.figures import ROOT, Figures, figure
 from benchmarks.logs_parts.singles import judge, told
-from flows.blind.rates import wilson
+from flows.blind.sums import wilson
 from flows.keep.diagnosis import read_outcome
 from flows.requests import Demo
 from flows.steps import demo

@@ -5,9 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from benchmarks.figures import Figures, figure
-from flows.blind.rates import wilson
 from flows.blind.score import WRONG
-from flows.blind.sums import both_clear, is_clear, is_right
+from flows.blind.sums import both_clear, is_clear, is_right, wilson
 
 Rows = Sequence[Mapping]
 _FEW = "not the deciding draws; the full run decides"

@@ -12,15 +12,14 @@ import numpy as np
 
 from benchmarks.figures import Figures, figure, missing
 from benchmarks.logs_parts.measured import data_folder
-from flows.blind.rates import wilson
 from flows.blind.score import Name, Said, members
+from flows.blind.sums import wilson
 from residual.close import close_the_loop
 from residual.diagnosis.examine import examine
 from residual.diagnosis.search import Rules
 from residual.evidence.states import as_model
 from residual.model.compare import prepare_held_out
-from residual.model.fit_logs import prepare_logs, start_nominal
-from residual.model.nominal import declared_names
+from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from residual.signals.split import session_clock

@@ -11,7 +11,7 @@ from benchmarks.identification_parts.energy import power_miss
 from benchmarks.identification_parts.plant_logs import ROBOT, plant_logs
 from residual.identification.identify import identify
 from residual.model.export import robot_files
-from residual.model.fit_logs import prepare_logs, start_nominal
+from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot import dynamics
 from residual.robot.base_parameters import base_parameters
 from residual.robot.robot import load_robot

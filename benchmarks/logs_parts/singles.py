@@ -4,7 +4,7 @@ from collections import Counter, defaultdict
 from time import perf_counter
 
 from benchmarks.figures import Figures, figure
-from flows.blind.rates import wilson
+from flows.blind.sums import wilson
 from residual.close import close_the_loop
 from residual.diagnosis.result import Verdict
 from sim.draw import usual_effects

@@ -14,9 +14,8 @@ import numpy as np
 
 from benchmarks.figures import Figures, figure, missing, partial
 from benchmarks.plsr_parts.monitor_runs import ROBOT, Case, good_run, run_of
-from flows.blind.rates import wilson
-from residual.model.fit_logs import prepare_logs, start_nominal
-from residual.model.nominal import declared_names
+from flows.blind.sums import wilson
+from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.monitoring.monitor import Alarm, calibrate
 from residual.signals.track import Filters
 from sim.trajectories import KINDS

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+from scipy.stats import binomtest
 
-from flows.blind.rates import rate
 from flows.blind.score import (
     CLASS,
     FLAGGED,
@@ -16,6 +16,26 @@ from flows.blind.score import (
     UNKNOWN,
     WRONG,
 )
+
+
+def wilson(hits: int, n: int) -> list[float]:
+    """Return the 95 % Wilson interval of a rate, to four digits.
+
+    Args:
+        hits: How often it happened.
+        n: Of how many; 0 gives [0, 1].
+    """
+    if n == 0:
+        return [0.0, 1.0]
+    interval = binomtest(hits, n).proportion_ci(method="wilson")
+    return [round(float(interval.low), 4), round(float(interval.high), 4)]
+
+
+def rate(hits: int, n: int) -> dict:
+    """Return a rate with its count and its 95 % interval, as JSON can hold it."""
+    value = hits / n if n else None
+    return {"value": value, "hits": hits, "n": n, "interval": wilson(hits, n)}
+
 
 CLEAR = 3.0  # multiples of the minimum detectable size from which one ought to see it
 _ROUNDING = 1e-6

@@ -11,9 +11,9 @@ from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse.commit import read_record
 from warehouse.layout import find
-from warehouse.quarantine import tombstone
 from warehouse.query.store import Store, open_store
 from warehouse.query.views import text as quoted
+from warehouse.runs import tombstone
 
 Format = Literal["table", "csv", "json", "parquet"]
 _Store = Annotated[str | None, Parameter(name="--store")]

@@ -7,8 +7,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from flows.outputs import write_all
-from flows.report.page.diagnosis import render
-from flows.report.page.summary import summary
+from flows.report.page.diagnosis import render, summary
 from residual.close import close_the_loop
 from residual.diagnosis import result
 from residual.diagnosis.null_record import Null

@@ -1,7 +1,9 @@
 """Nulls of the store and of files: what chance alone showed, of one kind of logs."""
 
+import hashlib
 import json
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 from residual.diagnosis.null_record import Null, from_record, to_record
@@ -55,3 +57,20 @@ def null_records(store: Path) -> list[tuple[str, Mapping]]:
     with open_store(store) as opened:
         ids = opened.sql(query).column(0).to_pylist()
     return [(id, read_record(store, id)) for id in ids]
+
+
+_JUDGES = ("steps.py", "row.py", "score.py", "size.py")
+
+
+@cache
+def method_hash() -> str:
+    """Return the hash of the code that diagnoses and judges, 16 hex digits."""
+    root, total = Path(__file__).parents[2], hashlib.sha256()
+    files = [
+        *(root / "residual").rglob("*.py"),
+        *(root / "flows" / "blind" / f for f in _JUDGES),
+    ]
+    for path in sorted(files):
+        total.update(path.relative_to(root).as_posix().encode())
+        total.update(path.read_bytes())
+    return total.hexdigest()[:16]

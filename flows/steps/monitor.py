@@ -15,9 +15,8 @@ from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, t
 from residual.recording import Array, Recording
 from warehouse.commit import commit_record, read_record
 from warehouse.layout import find_run
-from warehouse.quarantine import tombstone
 from warehouse.query.store import open_store
-from warehouse.runs import read_run
+from warehouse.runs import read_run, tombstone
 
 NOVEL = 0.01  # share of a run outside of what was calibrated that is worth a word
 

@@ -8,9 +8,8 @@ from pathlib import Path
 from flows.inputs.robots import load
 from flows.keep.diagnosis import read_models
 from residual.errors import InputError
-from residual.model.fit_logs import prepare_logs, start_nominal
 from residual.model.model import Model
-from residual.model.nominal import declared_names
+from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters

@@ -14,9 +14,8 @@ from residual.evidence.design import Design
 from residual.evidence.fit import fit, start
 from residual.evidence.priors import priors
 from residual.evidence.states import as_model
-from residual.model.fit_logs import Logs, prepare_logs, start_nominal
 from residual.model.model import Model
-from residual.model.nominal import declared_names
+from residual.model.nominal import Logs, declared_names, prepare_logs, start_nominal
 from residual.model.standstill import with_standstill
 from residual.model.term import Term
 from residual.recording import Array

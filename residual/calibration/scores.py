@@ -1,4 +1,4 @@
-"""Errors of calibration and of validation of one model under one scheme.
+"""Schemes of validation, and the errors of one model under each of them.
 
 RMSEC and RMSEV are 100 ||Y* - Yhat|| / ||Y*|| on the rows that a fold fitted and on
 those that it held out (paper, eq. 29), Y* the measured torque.

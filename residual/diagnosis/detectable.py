@@ -1,4 +1,4 @@
-"""The smallest effect that these logs would have shown.
+"""The smallest effect that these logs would have shown, and what it resembles.
 
 It rests on the motion and on the noise alone: what a fit with one effect leaves of
 another, in nats.

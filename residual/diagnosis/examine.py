@@ -14,11 +14,14 @@ from residual.diagnosis.search import Rules, Task, refined
 from residual.effects import registry
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, Prior, fit
+from residual.evidence.priors import posterior_of
 from residual.evidence.states import as_model, first_design, physical, show_torque
-from residual.model.fit_logs import Logs
 from residual.model.model import Model
-from residual.model.nominal import Nominal
+from residual.model.nominal import Logs, Nominal, prepare_logs, start_nominal
 from residual.model.standstill import with_standstill
+from residual.recording import Recording
+from residual.robot.robot import Robot
+from residual.signals.split import session_clock
 
 Progress = Callable[[str, float], None]
 LOOKS = 4  # at what was named, before the second search
@@ -205,4 +208,30 @@ def refit(examined: Examined, tested: Sequence[Tested]) -> Fit:
     members = [t.group for t in tested]
     return task.settle(
         fit(task.design, task.prior, members, examined.fit.counted, None, rounds=4)
+    )
+
+
+BASELINE_MOST = 12  # names that a baseline may need: it shows all that the URDF lacks
+
+
+def from_baseline(
+    robot: Robot, baseline: Sequence[Recording], names, logs: Logs, tell: Progress
+) -> Nominal:
+    """Diagnose the baseline first; what it shows is declared from then on."""
+    own = prepare_logs(robot, baseline, session_clock(baseline), logs.filters)
+    first = examine(
+        own,
+        start_nominal(own, names),
+        replace(Rules(), most=BASELINE_MOST),
+        lambda stage, share: tell(f"baseline: {stage}", share),
+    )
+    model = replace(
+        first.model(first.fit), speed_floor=logs.speed_floor, clock=logs.clock
+    )
+    count = len(model.coefficients())
+    return Nominal(
+        model,
+        (None,) * len(model.terms),
+        covariance=posterior_of(first.fit, count),
+        baseline_unexplained=first.adequacy.structured,
     )

@@ -1,4 +1,4 @@
-"""From tested members to findings: one per name, with parameters and alternatives."""
+"""From tested members to findings, and the residual that each of them explains."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ from residual.evidence.priors import TINY
 from residual.model.nominal import Nominal
 
 if TYPE_CHECKING:
-    from residual.model.fit_logs import Logs
+    from residual.model.nominal import Logs
 
 LIKE = 1.5  # factor within which noise, speeds and durations count as the same
 SHARE = 0.15  # by which the shares of moving rows may differ

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual.diagnosis.baseline import from_baseline
 from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.examine import Examined
+from residual.diagnosis.examine import Examined, from_baseline
 from residual.diagnosis.search import Rules, Task, refined
 from residual.effects import registry
 from residual.effects.base import Effect, Joints
@@ -20,8 +19,13 @@ from residual.evidence.fit import Fit, fit
 from residual.evidence.priors import priors
 from residual.evidence.states import as_model, first_design, physical
 from residual.model.compare import Errors, compare, prepare_held_out
-from residual.model.fit_logs import Logs, prepare_logs, start_nominal
-from residual.model.nominal import Nominal, declared_names
+from residual.model.nominal import (
+    Logs,
+    Nominal,
+    declared_names,
+    prepare_logs,
+    start_nominal,
+)
 from residual.names import check_name
 from residual.recording import Recording
 from residual.robot.robot import Robot

@@ -5,9 +5,8 @@ from dataclasses import replace
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, start
 from residual.evidence.priors import priors, relative_prior
-from residual.model.fit_logs import Logs
 from residual.model.model import Model
-from residual.model.nominal import Nominal
+from residual.model.nominal import Logs, Nominal
 from residual.model.term import Term
 
 ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features

@@ -31,9 +31,8 @@ from residual.identification.structure import (
     state_at,
     structure,
 )
-from residual.model.fit_logs import Logs, prepare_logs, start_nominal
 from residual.model.model import Model
-from residual.model.nominal import declared_names
+from residual.model.nominal import Logs, declared_names, prepare_logs, start_nominal
 from residual.model.standstill import with_standstill
 from residual.recording import Array, Recording
 from residual.robot.base_parameters import BaseParameters, random_states

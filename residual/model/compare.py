@@ -1,4 +1,4 @@
-"""The error of several models on logs that no model was fitted to."""
+"""The error of several models on logs that no model was fitted to, and its curves."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""The model as the user gave it: rigid body and declared effects."""
+"""Logs prepared for a fit, and the model as the user gave it: body, declared effects."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,10 +11,11 @@ from residual.errors import InputError
 from residual.model.model import Model
 from residual.model.term import Term
 from residual.names import check_keys, check_name
-from residual.recording import Array
+from residual.recording import Array, Recording
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot
-from residual.signals.track import Filters
+from residual.signals.encoder_noise import shaken
+from residual.signals.track import Filters, Track, prepare
 
 MOST_SHAPES = 4
 # What a model has where nobody says otherwise, in the order of its coefficients.
@@ -127,3 +128,50 @@ def _width(effect: Effect, robot: Robot) -> int:
     """Number of linear coefficients of an effect."""
     theta, _ = effect.from_values(np.ones(len(effect.parameters)), robot)
     return len(theta)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Logs:
+    """Fit logs, ready: signals, session clock and how far they move the arm.
+
+    ``shaken`` are the same with one more helping of the noise of their angles.
+    """
+
+    robot: Robot
+    tracks: tuple[Track, ...]
+    clock: float | None
+    span: Span
+    speed_floor: np.ndarray
+    filters: Filters
+    shaken: tuple[Track, ...]
+
+
+def prepare_logs(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    clock: float | None,
+    filters: Filters,
+) -> Logs:
+    """Prepare the signals of the fit logs."""
+    tracks, floor = prepare(recordings, filters)
+    q = np.concatenate([t.q for t in tracks])
+    qd = np.concatenate([t.qd for t in tracks])
+    tau = np.concatenate([t.tau for t in tracks])
+    last = max(t.t[-1] for t in tracks)
+    span = Span(
+        speed=np.quantile(np.abs(qd), 0.95, axis=0),
+        travel=np.ptp(q, axis=0),
+        duration=0.0 if clock is None else float(last - clock),
+        cutoff=min(t.cutoff for t in tracks),
+        torque=np.quantile(np.abs(tau), 0.995, axis=0),
+    )
+    moved = shaken(recordings, tracks, filters, floor)
+    return Logs(robot, tracks, clock, span, floor, filters, moved)
+
+
+def start_nominal(logs: Logs, names: Sequence[str]) -> Nominal:
+    """The user's model, on the clock and thresholds of these logs."""
+    nominal = build_nominal(
+        logs.robot, names, logs.span, logs.speed_floor, logs.filters
+    )
+    return replace(nominal, model=replace(nominal.model, clock=logs.clock))

@@ -1,4 +1,4 @@
-"""What a monitor sees of a log: motion and torque by short filters that know their end.
+"""What a monitor sees of a log: motion, torque, and the cycles of a program.
 
 All filters are windows of fixed length (Savitzky and Golay 1964). A value is stamped
 with the time of the last sample that it is made of, never with the middle of its

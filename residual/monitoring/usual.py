@@ -1,4 +1,4 @@
-"""What is usual of the errors of a robot in good order, and all scores against that.
+"""What is usual on a healthy robot: scores against that, and their limits.
 
 Neighbouring values of a score are nearly the same, so values cannot be counted as if
 they were independent. Blocks of some seconds nearly are. Over a high threshold u the

@@ -21,8 +21,7 @@ from residual.evidence.colour import coloured
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit, gain
 from residual.evidence.states import first_design
-from residual.model.fit_logs import Logs, prepare_logs
-from residual.model.nominal import Nominal
+from residual.model.nominal import Logs, Nominal, prepare_logs
 from residual.null.source import Source, null_recordings, redrawn
 from residual.recording import Array
 

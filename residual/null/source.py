@@ -5,15 +5,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.baseline import from_baseline
-from residual.diagnosis.examine import examine
+from residual.diagnosis.examine import examine, from_baseline
 from residual.diagnosis.null_key import Key, key_of
 from residual.diagnosis.search import Rules
 from residual.evidence.colour import autocovariance
 from residual.evidence.priors import inertial_precision
-from residual.model.fit_logs import Logs, prepare_logs, start_nominal
 from residual.model.model import Model
-from residual.model.nominal import ASSUMED, Nominal, declared_names
+from residual.model.nominal import (
+    ASSUMED,
+    Logs,
+    Nominal,
+    declared_names,
+    prepare_logs,
+    start_nominal,
+)
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.direction import SMOOTH, Standstill

@@ -1,4 +1,4 @@
-"""A URDF text, checked and turned into a model with one velocity per position."""
+"""A URDF text, checked, and turned into a Pinocchio model."""
 
 import os
 import re

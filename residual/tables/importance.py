@@ -1,4 +1,4 @@
-"""What each variable and each pair of variables contributes to a correction.
+"""What each variable contributes to a correction, and how far one run decides it.
 
 A pair table also holds main effects of its two variables. They are taken out first
 (weighted two-way analysis of variance) and credited to the variables: what is left is

@@ -2,7 +2,7 @@ import pytest
 
 from benchmarks.figures import figure, finish, missing, partial
 from benchmarks.logs_parts.singles import judge, singles_figures
-from flows.blind.rates import wilson
+from flows.blind.sums import wilson
 from tests.verdict_documents import typed
 
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import pytest
 
 from flows.blind.draw import Asked, drafts
-from flows.blind.rates import wilson
 from flows.blind.row import case_row, estimate
 from flows.blind.score import Name, members, score
 from flows.blind.size import Hidden, draw_sized, measured
-from flows.blind.sums import summary
+from flows.blind.sums import summary, wilson
 from residual.diagnosis.result import Detectable
 from residual.effects import registry
 from residual.errors import InputError

@@ -13,9 +13,9 @@ import pytest
 from flows.cli import main
 from flows.cli import sql as sql_command
 from tests.warehouse import store_samples as made
-from warehouse.quarantine import quarantine
 from warehouse.query.named import NAMED
 from warehouse.query.store import open_store
+from warehouse.runs import quarantine
 from warehouse.schema import all_views
 
 ROOT = Path(__file__).parents[2]

@@ -15,7 +15,7 @@ from flows.steps import experiment, monitor
 from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
 from residual.errors import InputError
-from residual.model.fit_logs import prepare_logs, start_nominal
+from residual.model.nominal import prepare_logs, start_nominal
 from residual.model.term import Term
 from residual.monitoring.monitor import from_record
 from residual.robot.robot import load_robot

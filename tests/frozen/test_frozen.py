@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from residual.model.fit_logs import prepare_logs, start_nominal
+from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring.monitor import calibrate, to_record
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters

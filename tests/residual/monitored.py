@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from residual.model.fit_logs import prepare_logs, start_nominal
+from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring.monitor import Monitor, calibrate
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics

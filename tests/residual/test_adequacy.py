@@ -7,10 +7,10 @@ import pytest
 
 from residual.diagnosis import examine, gate
 from residual.diagnosis.adequacy import adequacy, repeat
-from residual.diagnosis.log_checks import delayed_at_source, filtered_at_source
+from residual.diagnosis.warnings import delayed_at_source, filtered_at_source
 from residual.evidence.fit import fit
-from residual.model.fit_logs import prepare_logs
 from residual.model.model import Model
+from residual.model.nominal import prepare_logs
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.signals.split import session_clock
 from residual.signals.track import Filters, low_pass, prepare

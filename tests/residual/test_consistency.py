@@ -16,7 +16,7 @@ from residual.identification.consistency import (
 )
 from residual.identification.identify import identify
 from residual.model.export import robot_files
-from residual.model.fit_logs import prepare_logs, start_nominal
+from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot import dynamics
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters

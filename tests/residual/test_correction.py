@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from residual.diagnosis.examine import examine
-from residual.diagnosis.leftover.correction import corrected
-from residual.diagnosis.leftover.examine import shared_source
+from residual.diagnosis.leftover.examine import corrected, shared_source
 from residual.diagnosis.leftover.leftover import leftovers
 from residual.diagnosis.search import Rules
 from residual.model.compare import compare, prepare_held_out
-from residual.model.fit_logs import prepare_logs, start_nominal
-from residual.model.nominal import DEFAULT_DECLARED
+from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.signals.split import session_clock
 from residual.signals.track import Filters
 from tests.residual.arms import arm, plain_logs, quiet

@@ -15,8 +15,7 @@ from residual.close import close_the_loop
 from residual.diagnosis.examine import examine
 from residual.diagnosis.search import Rules
 from residual.evidence.states import as_model
-from residual.model.fit_logs import prepare_logs, start_nominal
-from residual.model.nominal import DEFAULT_DECLARED
+from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from sim.synthetic.logs import Case

@@ -13,8 +13,8 @@ from tests.warehouse import store_samples as made
 from warehouse import schema
 from warehouse.commit import commit_record, commit_run
 from warehouse.layout import find_run
-from warehouse.quarantine import quarantine, tombstone
 from warehouse.query.named import NAMED, TAKES
+from warehouse.runs import quarantine, tombstone
 
 
 def ask(store, query, values=None):

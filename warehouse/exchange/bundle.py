@@ -1,4 +1,4 @@
-"""A record with all that it was made from, as one file for another machine."""
+"""A record with all that it was made from, as one file; what such a file may hold."""
 
 import hashlib
 import io

@@ -1,8 +1,8 @@
 """Readers of measured logs, and the checks that every log passes."""
 
 from warehouse.logs.columns import ColumnMap, load_columns
+from warehouse.logs.convert import Understood
 from warehouse.logs.read import read_log
-from warehouse.logs.understood import Understood
 from warehouse.logs.window import check_distinct, unique_ids
 
 __all__ = [

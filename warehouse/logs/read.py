@@ -1,17 +1,67 @@
-"""One log: from the words of the user to a checked recording."""
+"""One log: opened by what is in it, read into a checked recording."""
+
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
-from residual.errors import RecordingError
+from residual.errors import InputError, RecordingError
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs.check import check_samples, check_time
 from warehouse.logs.columns import TIME_UNITS, ColumnMap
-from warehouse.logs.convert import channels_of, describe, to_link_side
-from warehouse.logs.open import open_log
+from warehouse.logs.convert import Understood, channels_of, describe, to_link_side
+from warehouse.logs.file import LogFile
+from warehouse.logs.formats.bag import open_bag
+from warehouse.logs.formats.csv import CsvLog, find_layout
+from warehouse.logs.formats.mcap import open_mcap
+from warehouse.logs.formats.parquet import ParquetLog
 from warehouse.logs.select import Selection, check_units, select
-from warehouse.logs.understood import Understood
 from warehouse.logs.window import split_spec
+
+_SQLITE = b"SQLite format 3\0"
+_ROS1 = b"#ROSBAG V"
+
+
+def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
+    """Open a log.
+
+    Args:
+        path: An existing file, or the folder of a ROS 2 bag.
+        columns: How text is written, and what of a bag is read.
+        joints: Names of the robot's joints in the URDF, joint 1 first.
+
+    Returns:
+        The opened log.
+
+    Raises:
+        InputError: If the file is empty or of no known format.
+    """
+    head = b"" if path.is_dir() else _head(path)
+    if path.is_dir() or head.startswith((_SQLITE, _ROS1)):
+        return open_bag(path, joints, columns.bag)
+    if head.startswith(b"\x89MCAP"):
+        return open_mcap(path, joints, columns.bag)
+    if head.startswith(b"PAR1"):
+        return ParquetLog(path)
+    if any(c < 32 and c not in b"\t\r\n\f" for c in head):
+        raise InputError(
+            f"{path.name} is binary but not Parquet, a ROS bag or MCAP, expected one "
+            "of them or CSV text (UTF-8). Export the log as one of them."
+        )
+    return CsvLog(path, head, columns.csv, find_layout)
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            head = file.read(1 << 16)
+    except OSError as error:
+        raise InputError(f"Cannot read {path}: {error.strerror}.") from error
+    if not head.strip():
+        raise InputError(f"{path.name} is empty, expected a log with samples.")
+    return head
+
 
 Array = np.ndarray
 

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 from residual.errors import InputError
 from warehouse.logs.columns import JOINT_SIGNALS, UNITS, ColumnMap, SignalMap
-from warehouse.logs.understood import shorten
+from warehouse.logs.convert import shorten
 
 _NEEDED = ("q", "tau")
 _JOINT_COLUMN = re.compile(r"(q|tau|qd|qdd|q_ref)(\d+)")

@@ -1,4 +1,4 @@
-"""What the words FILE@start:end stand for."""
+"""What the words FILE@start:end stand for, and whether two logs share samples."""
 
 import re
 from collections import Counter

@@ -11,11 +11,11 @@ import pyarrow as pa
 from residual.errors import InputError
 from warehouse.files import read_parquet
 from warehouse.layout import INDEX, KINDS, SAMPLES_FILE
-from warehouse.quarantine import quarantined
 from warehouse.query.catalogue import read_catalogue
 from warehouse.query.guard import check_reads_only, first_line
 from warehouse.query.packs import Held, Pack, Packed, read_packs, write_packs
 from warehouse.query.views import catalogue_views, samples_view, text
+from warehouse.runs import quarantined
 from warehouse.schema import SIGNALS, TEXT
 
 # Outside of these no query reads anything: not the sealed halves, not the machine.

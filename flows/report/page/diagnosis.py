@@ -8,6 +8,7 @@ from flows.report.words import outlook, rows
 from flows.report.words import verdict as words
 from flows.report.words.phrases import sentence_case
 from flows.report.words.staged import Staged
+from flows.report.words.verdict import sentences
 from residual import quantity
 from residual.diagnosis.result import STAGES, Diagnosis, Verdict
 from residual.quantity import known
@@ -126,3 +127,25 @@ def _error_table(found: Diagnosis) -> dict[str, Any]:
         "rows": lines,
         "share": any(known(line.unexplained) for line in lines),
     }
+
+
+def summary(found: Diagnosis) -> str:
+    """Return the headline, the effects, and the errors before and after, escaped."""
+    errors = found.errors
+    rows = [
+        (name, values, errors.overall_filtered[name])
+        for name, values in errors.filtered.items()
+        if values is not None
+    ]
+    return (
+        environment()
+        .get_template("summary.html")
+        .render(
+            headline=sentences(found.verdict)[0],
+            effects=found.effects,
+            logs=errors.logs,
+            joints=range(1, found.verdict.dof + 1),
+            errors=rows,
+            warnings=found.warnings,
+        )
+    )

@@ -1,4 +1,4 @@
-"""Look-up tables laid out for fast reading.
+"""Axes and tables of a look-up, laid out for fast reading.
 
 Three pair tables over the same three axes are one table of three axes: their sum. Nine
 variables have 36 pairs, and twelve triples hold each of them once (a Steiner system):
