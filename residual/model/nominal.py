@@ -1,4 +1,4 @@
-"""Logs prepared for a fit, and the model as the user gave it: body, declared effects."""
+"""Logs prepared for a fit, and the model as the user gave it: body and effects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
