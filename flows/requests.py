@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Self
 
 _PLACES = ("columns", "null", "store")
-_FORMERLY = {"fit": "logs"}  # keys of records of versions before 0.2
+_FORMERLY = {"fit": "logs"}  # keys of records of 0.1.0
 
 
 class Request:
