@@ -2,17 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from residual.effects import registry
 from residual.evidence.fit import NOISE_FLOOR
 from residual.evidence.priors import TINY
-from residual.model.nominal import Nominal
-
-if TYPE_CHECKING:
-    from residual.model.nominal import Logs
+from residual.model.nominal import Logs, Nominal
 
 LIKE = 1.5  # factor within which noise, speeds and durations count as the same
 SHARE = 0.15  # by which the shares of moving rows may differ
@@ -79,7 +75,7 @@ class Key:
         return None
 
 
-def key_of(logs: "Logs", nominal: Nominal) -> Key:
+def key_of(logs: Logs, nominal: Nominal) -> Key:
     """What a null that is made of these logs holds for."""
     tracks, span = logs.tracks, logs.span
     rms = np.sqrt(np.mean(np.concatenate([t.tau for t in tracks]) ** 2, axis=0))
