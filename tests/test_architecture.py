@@ -65,6 +65,9 @@ LATE = {
     "flows/door/table.py": {"polars"},
     # Prefect takes its settings when it is loaded, and they depend on the store.
     "flows/cli/demo_run.py": {"flows"},
+    # A page needs a plotting library, and most diagnoses need no page.
+    "flows/cli/diagnose.py": {"flows"},
+    "flows/cli/calibrate.py": {"flows"},
 }
 MOST_LATE, MOST_FILES = 30, 21
 MAX_LINES = 300
@@ -208,6 +211,15 @@ def test_no_folder_has_more_files_than_a_reader_takes_in():
     folders = Counter(_name(p.parent) for p in _sources(*ROOMS) if p.stem != "__init__")
     del folders["residual/effects"], folders["sim/effects"]  # one file each, by design
     assert {f: n for f, n in folders.items() if n > MOST_FILES} == {}
+
+
+def test_who_wants_no_page_loads_no_plotting_library():
+    modules = ", ".join(f"flows.cli.{c}" for c in ("diagnose", "calibrate", "identify"))
+    code = f"import sys, {modules}\nprint('matplotlib' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert (done.stdout.strip(), done.stderr) == ("False", "")
 
 
 def test_who_has_only_logs_loads_neither_engine_nor_scheduler():

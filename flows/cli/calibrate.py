@@ -20,7 +20,6 @@ from flows.outputs import (
     write_all,
 )
 from flows.progress import progress_bar
-from flows.report.page.calibration import render
 from flows.report.terminal.calibration import print_outcome
 from flows.report.words.calibration import sentences
 from flows.requests import Calibrate
@@ -82,7 +81,7 @@ def calibrate(
     text = json_text(
         document(done.made, sentences(done.made), done.warnings, done.kept)
     )
-    page = {"--report": render(done.made, done.warnings)} if report else {}
+    page = {"--report": _page(done)} if report else {}
     contents = {path: (page | {"--json": text})[o] for o, path in files.items()}
     if export is not None:
         contents |= in_folder(export, export_lookup(done.made.lookup))
@@ -101,3 +100,10 @@ def _kept(done: steps.Calibrated) -> list[str]:
         f"stored: model {model}, validation {validation}: modelgap show "
         f"{validation[:8]}"
     ]
+
+
+def _page(done: steps.Calibrated) -> str:
+    # Here, since who wants no page need not wait for a plotting library.
+    from flows.report.page.calibration import render
+
+    return render(done.made, done.warnings)

@@ -10,11 +10,11 @@ from flows.cli.options import (
 )
 from flows.outputs import check_writable, json_text, read_files, write_all
 from flows.progress import progress_bar
-from flows.report.page.diagnosis import render
 from flows.report.terminal.diagnosis import print_diagnosis
 from flows.requests import Diagnose
 from flows.say import say
 from flows.steps import diagnose as steps
+from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.verdict import to_json
 
 
@@ -93,10 +93,17 @@ def diagnose(
     # Those of the logs were printed before the work.
     say(console, *found.notes[len(read.lines) :])
     text = json_text(to_json(found.verdict))
-    page = {"--report": render(found, found.verdict.robot)} if report else {}
+    page = {"--report": _page(found)} if report else {}
     contents = {"--json": text} | page
     write_all({path: contents[option] for option, path in files.items()})
     print_diagnosis(found, console)
     say(console, *(f"wrote {path}" for path in files.values()))
     if json == STDOUT:
         print(text, end="")
+
+
+def _page(found: Diagnosis) -> str:
+    # Here, since who wants no page need not wait for a plotting library.
+    from flows.report.page.diagnosis import render
+
+    return render(found, found.verdict.robot)

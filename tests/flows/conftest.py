@@ -57,7 +57,7 @@ def calls(monkeypatch):
 
     monkeypatch.setattr("flows.steps.diagnose.close_the_loop", close_the_loop)
     monkeypatch.setattr("flows.cli.diagnose.print_diagnosis", print_diagnosis)
-    monkeypatch.setattr("flows.cli.diagnose.render", render)
+    monkeypatch.setattr("flows.report.page.diagnosis.render", render)
     return made
 
 
