@@ -46,6 +46,7 @@ ONLY = {
 }
 # Strings that are an effect's name by chance: (file, string) and what they are there.
 HOMONYMS = {
+    ("residual/check/result.py", "delay"): "a fault of a log, of the same nature",
     ("residual/tables/lookup/evaluate.py", "offset"): "the constant of a look-up model",
     (
         "residual/tables/lookup/export.py",
