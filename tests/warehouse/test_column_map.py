@@ -55,6 +55,35 @@ def test_units_signs_and_zeros_are_applied_and_said(read, samples):
     )
 
 
+def test_scales_are_applied_after_unit_and_sign_and_said(read, samples):
+    table = samples * [2, 1, 1, 1000, -500]
+    table[:, 1:3] = np.rad2deg(samples[:, 1:3]) * [4, -0.5] + [10, -20]
+    recording, understood = read(
+        'time = {column = "Time", scale = 0.5}\n'
+        'q = {columns = ["J1", "J2"], unit = "deg", sign = [1, -1], zero = [10, -20], '
+        "scale = [0.25, 2]}\n"
+        'tau = {columns = ["I1", "I2"], sign = [1, -1], scale = [1e-3, 2e-3]}\n',
+        table,
+    )
+    np.testing.assert_allclose(recording.t, samples[:, 0])
+    np.testing.assert_allclose(recording.q, samples[:, 1:3], atol=1e-12)
+    np.testing.assert_allclose(recording.tau, samples[:, 3:])
+    assert understood.conversions == (
+        "t: times 0.5",
+        "q: deg to rad, sign turned on joint 2, times 0.25, 2, zero moved",
+        "tau: sign turned on joint 2, times 0.001, 0.002",
+    )
+    done = {channel: told for channel, _, _, told in understood.channels}
+    assert done["t"] == "times 0.5"
+    assert done["tau2"] == "sign turned, times 0.002"
+
+
+def test_a_scale_of_time_comes_on_top_of_its_unit(read, samples):
+    table = samples * [250, 1, 1, 1, 1]
+    text = 'time = {column = "Time", unit = "ms", scale = 4}\n'
+    np.testing.assert_allclose(read(text + Q + TAU, table)[0].t, samples[:, 0])
+
+
 MOTOR = (
     BASE
     + 'q = {columns = ["J1", "J2"], side = "motor"}\n'
@@ -131,6 +160,22 @@ BAD_MAPS = {
     "no columns": ("q = {unit = 'deg'}", r"\[q\] needs the key 'columns'"),
     "sign": ("q = {columns = ['a', 'b'], sign = [1, 2]}", "list of 1 and -1"),
     "sign length": ("q = {columns = ['a', 'b'], sign = [1]}", "1 entries for 2"),
+    "scale": ("q = {columns = ['a', 'b'], scale = [1, 0]}", "list of positive numbers"),
+    "scale sign": ("q = {columns = ['a', 'b'], scale = [1, -1]}", "see sign"),
+    "scale length": ("q = {columns = ['a', 'b'], scale = [1]}", "1 entries for 2"),
+    "one scale": ("q = {columns = ['a', 'b'], scale = 2.0}", "expected a list"),
+    "scale text": (
+        "tau = {columns = ['a', 'b'], scale = [1, '2']}",
+        r"scale \(entry 2\) is '2', expected a number",
+    ),
+    "scale infinite": (
+        "tau = {columns = ['a', 'b'], scale = [1, inf]}",
+        r"scale \(entry 2\) is inf, expected a finite number",
+    ),
+    "time scale": ("time = {scale = 0.0}", "scale is 0.0, expected greater than 0"),
+    "time scales": ("time = {scale = [1]}", r"scale is \[1\], expected a number"),
+    "time scale true": ("time = {scale = true}", "scale is True, expected a number"),
+    "time scale nan": ("time = {scale = nan}", "scale is nan"),
     "zero": (
         "q = {columns = ['a', 'b'], zero = [nan, 0]}",
         r"zero \(entry 1\) is nan, expected a finite number",

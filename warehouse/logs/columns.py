@@ -42,6 +42,7 @@ class SignalMap:
         unit: Unit of the columns; empty for the usual one.
         side: "link" or "motor".
         sign: Factor 1 or -1 of each joint, empty for all 1.
+        scale: Positive factor of each joint, after unit and sign; empty for all 1.
         zero: Reading at the joint's zero in the unit of the columns, empty for all 0.
     """
 
@@ -50,12 +51,16 @@ class SignalMap:
     side: Literal["link", "motor"] = "link"
     sign: _Numbers = ()
     zero: _Numbers = ()
+    scale: _Numbers = ()
 
     @model_validator(mode="after")
     def _check(self) -> "SignalMap":
         if not {*self.sign} <= {1, -1}:
             raise ValueError("sign must be a list of 1 and -1")
-        for key, values in (("sign", self.sign), ("zero", self.zero)):
+        if any(value <= 0 for value in self.scale):
+            raise ValueError("scale must be a list of positive numbers; see sign")
+        for key in ("sign", "zero", "scale"):
+            values = getattr(self, key)
             if values and len(values) != len(self.columns):
                 raise ValueError(
                     f"{key} has {len(values)} entries for {len(self.columns)} columns"
@@ -114,6 +119,7 @@ class ColumnMap:
     Attributes:
         time: Column of time.
         time_unit: "s", "ms" or "us".
+        time_scale: Factor on time, after its unit.
         signals: Joint signals that the map names; others keep their default columns.
         csv: How text logs are written.
         bag: What of a bag is read.
@@ -121,6 +127,7 @@ class ColumnMap:
 
     time: str = "t"
     time_unit: str = "s"
+    time_scale: float = 1.0
     signals: Mapping[str, SignalMap] = field(default_factory=dict)
     csv: CsvFormat = CsvFormat()
     bag: BagFormat = BagFormat()
@@ -130,6 +137,7 @@ class ColumnMap:
 class _Time:
     column: str = "t"
     unit: Literal["s", "ms", "us"] = "s"
+    scale: Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)] = 1.0
 
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
@@ -165,6 +173,7 @@ def load_columns(path: str | Path) -> ColumnMap:
     return ColumnMap(
         time=file.time.column,
         time_unit=file.time.unit,
+        time_scale=file.time.scale,
         signals={k: _in_unit(k, s, name) for k, s in given.items() if s},
         csv=file.csv,
         bag=file.bag,

@@ -15,9 +15,9 @@ Array = np.ndarray
 def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Array:
     """Convert one signal of all joints.
 
-    Positions and their derivatives: unit * sign * (reading - zero), then from motor to
-    joint by the inverse of the transmission. Torques: from motor to joint by its
-    transpose, since both sides carry the same power.
+    Positions and their derivatives: scale * unit * sign * (reading - zero), then from
+    motor to joint by the inverse of the transmission. Torques: from motor to joint by
+    its transpose, since both sides carry the same power.
 
     Args:
         name: "q", "qd", "qdd", "q_ref" or "tau".
@@ -37,6 +37,8 @@ def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Arra
     factor = UNITS[name][signal.unit]
     if factor != 1 or signal.sign:
         values = values * (factor * np.array(signal.sign or 1.0))
+    if signal.scale:
+        values = values * np.array(signal.scale)
     if name == "tau":
         return _torque(values, signal, robot)
     if signal.side == "motor":
@@ -80,6 +82,8 @@ def channels_of(name: str, signal: SignalMap) -> list[tuple[str, str, str, str]]
         done = ["from motor side"] if signal.side == "motor" else []
         if signal.sign and signal.sign[i] < 0:
             done.append("sign turned")
+        if signal.scale and signal.scale[i] != 1:
+            done.append(f"times {signal.scale[i]:.6g}")
         if signal.zero and signal.zero[i]:
             done.append(f"zero at {signal.zero[i]:g}")
         out.append((f"{name}{i + 1}", column, signal.unit, ", ".join(done)))
@@ -97,6 +101,8 @@ def describe(name: str, signal: SignalMap) -> str | None:
     if any(s < 0 for s in signal.sign):
         turned = [str(i) for i, s in enumerate(signal.sign, start=1) if s < 0]
         parts.append(f"sign turned on joint {', '.join(turned)}")
+    if any(value != 1 for value in signal.scale):
+        parts.append(f"times {', '.join(f'{value:.6g}' for value in signal.scale)}")
     if any(signal.zero):
         parts.append("zero moved")
     return f"{name}: {', '.join(parts)}" if parts else None

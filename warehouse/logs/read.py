@@ -91,7 +91,7 @@ def read_log(
     chosen = select(log.columns, columns, robot.dof, path.name)
     check_units(chosen, columns.time_unit, log.units, path.name)
     table = log.read(chosen.used)
-    t = table[chosen.time] * TIME_UNITS[columns.time_unit]
+    t = table[chosen.time] * (TIME_UNITS[columns.time_unit] * columns.time_scale)
     check_time(t, path.name)
     rows = slice(None) if window is None else window.rows(t, path.name)
     signals = _signals(table, chosen, rows, robot)
@@ -102,7 +102,10 @@ def read_log(
     words = [describe(name, signal) for name, signal in chosen.signals.items()]
     if columns.time_unit != "s":
         words.insert(0, f"t: {columns.time_unit} to s")
-    channels = [("t", chosen.time, columns.time_unit, "")]
+    slower = "" if columns.time_scale == 1 else f"times {columns.time_scale:.6g}"
+    if slower:
+        words.insert(0, f"t: {slower}")
+    channels = [("t", chosen.time, columns.time_unit, slower)]
     channels += [c for n, s in chosen.signals.items() for c in channels_of(n, s)]
     understood = Understood(
         id=label,
