@@ -40,6 +40,25 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
+class Check(Request):
+    """Which logs are checked.
+
+    Attributes:
+        logs: Logs: "FILE", "FILE@start:end", or the id of a run.
+        robot: Built-in name, URDF file or folder.
+        declared: Effects that the model has; None for the robot's own list.
+        columns: COLUMNS.toml, None for the default columns.
+        store: Folder of the store, None for the usual one.
+    """
+
+    logs: tuple[str, ...]
+    robot: str
+    declared: tuple[str, ...] | None = None
+    columns: str | None = None
+    store: str | Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnose(Request):
     """Which logs are diagnosed, and against which.
 

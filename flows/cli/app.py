@@ -37,6 +37,7 @@ _COMMANDS = {
         "diagnose": ("diagnose:diagnose", _LOGS),
     },
     "Your logs": {
+        "check": ("check:check", _LOGS),
         "import": ("imports:import_", _LOGS),
         "identify": ("identify:identify", _LOGS),
         "calibrate": ("calibrate:calibrate", _LOGS),

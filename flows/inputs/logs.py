@@ -1,14 +1,22 @@
 """The logs that a command is given: files, or ids of runs of the store."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from flows.settings import store_folder
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from warehouse.logs import check_distinct, load_columns, read_log, unique_ids
+from warehouse.logs import (
+    ColumnMap,
+    Doubt,
+    check_distinct,
+    load_columns,
+    read_any,
+    read_log,
+    unique_ids,
+)
 from warehouse.runs import read_run
 
 
@@ -25,6 +33,9 @@ class LogSets:
             used as what.
         warnings: What is odd but usable.
         runs: Whole ids of those that are runs, by the id of the recording.
+        columns: How the files were read.
+        doubts: Why logs can be none of this arm, with the label of the log; only where
+            they were read for a check.
     """
 
     robot: Robot
@@ -34,6 +45,8 @@ class LogSets:
     lines: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     runs: Mapping[str, str] | None = None
+    columns: ColumnMap = field(default_factory=ColumnMap)
+    doubts: tuple[tuple[str, Doubt], ...] = ()
 
 
 def read_sets(
@@ -41,6 +54,7 @@ def read_sets(
     robot: Robot,
     columns: str | None,
     store: str | Path | None,
+    to_check: bool = False,
 ) -> LogSets:
     """Read every log once and make sure that no sample counts twice.
 
@@ -50,30 +64,36 @@ def read_sets(
         robot: The arm that was logged.
         columns: COLUMNS.toml for the files, None for the default columns.
         store: Where the runs are, None for the usual place.
+        to_check: Whether a check follows, which tells why samples can be none of this
+            arm; without it they are an error.
 
     Raises:
         InputError: If a log is not usable or shares samples with another.
     """
-    place, known = store_folder(store), load_columns(columns) if columns else None
+    place = store_folder(store)
+    known = load_columns(columns) if columns else ColumnMap()
+    read = read_any if to_check else read_log
     words = [word for part in sets for word in part]
     labels = iter(unique_ids([word for word in words if not is_run(word)]))
     logs: list[Recording] = []
-    lines, warnings, runs = [], [], {}
+    lines, warnings, runs, doubts = [], [], {}, []
     for word in words:
         if is_run(word):
             log, id, line = _read_run(word, robot, place)
             runs[log.id] = id
         else:
-            log, told = read_log(word, robot, known, next(labels))
+            log, told = read(word, robot, known, next(labels))
             line = told.text
             warnings += told.warnings
+            doubts += [(log.id, doubt) for doubt in told.doubts]
         logs.append(log)
         lines.append(line)
     check_distinct(logs)
     rest = iter(logs)
     parts = [tuple(next(rest) for _ in part) for part in sets]
     about = (_use(*parts), *lines)
-    return LogSets(robot, *parts, about, tuple(warnings), runs)
+    told = (about, tuple(warnings), runs)
+    return LogSets(robot, *parts, *told, known, tuple(doubts))
 
 
 def need_logs(words: Sequence[str], purpose: str, command: str) -> None:

@@ -1,15 +1,18 @@
 """Readers of measured logs, and the checks that every log passes."""
 
+from warehouse.logs.check import Doubt
 from warehouse.logs.columns import ColumnMap, load_columns
 from warehouse.logs.convert import Understood
-from warehouse.logs.read import read_log
+from warehouse.logs.read import read_any, read_log
 from warehouse.logs.window import check_distinct, unique_ids
 
 __all__ = [
     "ColumnMap",
+    "Doubt",
     "Understood",
     "check_distinct",
     "load_columns",
+    "read_any",
     "read_log",
     "unique_ids",
 ]

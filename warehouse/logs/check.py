@@ -1,5 +1,7 @@
 """Whether the samples of a log can be what they claim to be."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from residual.errors import RecordingError
@@ -14,6 +16,23 @@ MIN_RATE = 10.0
 LIMIT_SLACK = 0.2
 # No arm goes so much faster than its rating; degrees read as radians do.
 SPEED_SLACK = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Why a log as it was read is none of this arm.
+
+    Attributes:
+        kind: What sort of fault it is (docs/check.md).
+        joints: Its joints, from 1; () for all.
+        words: What was found and what to do, in one or two lines.
+        fatal: Whether nothing can be computed from such a log.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    words: str
+    fatal: bool = False
 
 
 def check_time(t: Array, where: str) -> None:
@@ -41,7 +60,7 @@ def check_time(t: Array, where: str) -> None:
         )
 
 
-def check_samples(recording: Recording, robot: Robot) -> tuple[str, ...]:
+def check_samples(recording: Recording, robot: Robot) -> tuple[Doubt, ...]:
     """Check what a log says against what an arm can do.
 
     Args:
@@ -49,98 +68,110 @@ def check_samples(recording: Recording, robot: Robot) -> tuple[str, ...]:
         robot: The arm.
 
     Returns:
-        What is odd but usable, in words.
-
-    Raises:
-        RecordingError: If the log is too short or too slow, nothing moves, or the
-            positions cannot be those of the arm.
+        What no log of this arm can be: too short or too slow, without motion, or at
+        positions and speeds that the arm does not have; empty for a usable log.
     """
-    _check_length(recording)
-    _check_constant(recording)
-    _check_range(recording, robot)
-    _check_speed(recording, robot)
-    return _odd(recording)
+    # Of what is out of range the speed says no more.
+    checks = (_short(recording), _constant(recording))
+    where = _out_of_range(recording, robot) or _too_fast(recording, robot)
+    return tuple(doubt for doubt in (*checks, where) if doubt)
 
 
-def _check_length(recording: Recording) -> None:
+def _short(recording: Recording) -> Doubt | None:
     rows = len(recording.t)
     # Every sample stands for the step that follows it: 500 at 250 Hz are 2 s.
     duration = recording.duration * rows / (rows - 1)
     if duration < MIN_DURATION * (1 - 1e-3):
-        raise RecordingError(
+        words = (
             f"{recording.id} lasts {duration:.3g} s, expected at least "
             f"{MIN_DURATION:g} s. Record longer; is the unit of time right (--map)?"
         )
+        return Doubt("too_short", (), words, fatal=True)
     if rows / duration < MIN_RATE:
-        raise RecordingError(
+        words = (
             f"{recording.id} has {rows / duration:.3g} samples per second, expected at "
             f"least {MIN_RATE:g}.\nTime in ms? Say so in --map: time = {{unit = 'ms'}}."
         )
+        return Doubt("time_unit", (), words, fatal=True)
+    return None
 
 
-def _check_constant(recording: Recording) -> None:
-    if np.ptp(recording.q, axis=0).max() < 1e-6:
-        raise RecordingError(
+def _constant(recording: Recording) -> Doubt | None:
+    if np.ptp(recording.q / 2, axis=0).max() < 1e-6:
+        words = (
             f"{recording.id}: q is constant on all joints, expected motion. "
             "Give a log in which the arm moves."
         )
-    frozen = [j + 1 for j in np.flatnonzero(np.ptp(recording.tau, axis=0) == 0)]
-    if frozen:
-        joints = "all joints" if len(frozen) == recording.dof else f"joint {frozen[0]}"
-        raise RecordingError(
-            f"{recording.id}: tau is constant on {joints}, expected a signal. Give a "
-            "log with measured torques or currents of every joint."
-        )
+        return Doubt("frozen", (), words, fatal=True)
+    frozen = [
+        int(j) + 1 for j in np.flatnonzero(np.ptp(recording.tau / 2, axis=0) == 0)
+    ]
+    if not frozen:
+        return None
+    joints = "all joints" if len(frozen) == recording.dof else f"joint {frozen[0]}"
+    words = (
+        f"{recording.id}: tau is constant on {joints}, expected a signal. Give a "
+        "log with measured torques or currents of every joint."
+    )
+    return Doubt("frozen", tuple(frozen), words, fatal=True)
 
 
-def _check_range(recording: Recording, robot: Robot) -> None:
+def _out_of_range(recording: Recording, robot: Robot) -> Doubt | None:
     q = recording.q
     beyond = np.maximum(robot.lower - q, q - robot.upper).max(axis=0)
     if beyond.max() <= LIMIT_SLACK:
-        return
+        return None
     joint = int(np.argmax(beyond))
     low, high = q[:, joint].min(), q[:, joint].max()
     as_degrees = np.deg2rad(q)
     inside = np.maximum(robot.lower - as_degrees, as_degrees - robot.upper).max()
+    degrees = inside <= LIMIT_SLACK and max(-low, high) > 4
     hint = (
         "Degrees? Say so in --map: q = {columns = [...], unit = 'deg'}."
-        if inside <= LIMIT_SLACK and max(-low, high) > 4
+        if degrees
         else "Check zero, sign and unit (--map), or the limits in the URDF."
     )
-    raise RecordingError(
+    words = (
         f"{recording.id}: q{joint + 1} runs from {low:.3g} to {high:.3g} rad, the "
         f"joint's range is {robot.lower[joint]:.3g} to {robot.upper[joint]:.3g} rad.\n"
         f"{hint}"
     )
+    kind, joints = ("angle_unit", ()) if degrees else ("out_of_range", (joint + 1,))
+    return Doubt(kind, joints, words)
 
 
-def _check_speed(recording: Recording, robot: Robot) -> None:
+def _too_fast(recording: Recording, robot: Robot) -> Doubt | None:
     # Over a tenth of a second, so that the steps of an encoder do not count.
     stride = max(1, int(0.1 * len(recording.t) / recording.duration))
     t, q = recording.t[::stride], recording.q[::stride]
+    if len(t) < 2:
+        return None
     speed = np.quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]), 0.95, axis=0)
     ratio = speed / robot.velocity_limit
-    if ratio.max() > SPEED_SLACK:
-        joint = int(np.argmax(ratio))
-        raise RecordingError(
-            f"{recording.id}: q{joint + 1} moves at {speed[joint]:.3g} rad/s, the "
-            f"joint's limit is {robot.velocity_limit[joint]:.3g} rad/s.\n"
-            "Degrees, or time in another unit? Say so in --map COLUMNS.toml."
-        )
+    if ratio.max() <= SPEED_SLACK:
+        return None
+    joint = int(np.argmax(ratio))
+    words = (
+        f"{recording.id}: q{joint + 1} moves at {speed[joint]:.3g} rad/s, the "
+        f"joint's limit is {robot.velocity_limit[joint]:.3g} rad/s.\n"
+        "Degrees, or time in another unit? Say so in --map COLUMNS.toml."
+    )
+    return Doubt("out_of_range", (joint + 1,), words)
 
 
-def _odd(recording: Recording) -> tuple[str, ...]:
-    odd = []
-    still = np.flatnonzero(np.ptp(recording.q, axis=0) == 0) + 1
+def odd(recording: Recording) -> tuple[str, ...]:
+    """Return what is odd about a log but usable, in words."""
+    said = []
+    still = np.flatnonzero(np.ptp(recording.q / 2, axis=0) == 0) + 1
     if len(still):
         joints = ", ".join(f"q{j}" for j in still)
-        odd.append(f"{recording.id}: {joints} never changes; is it logged?")
+        said.append(f"{recording.id}: {joints} never changes; is it logged?")
     steps = np.diff(recording.t)
     gap = int(np.argmax(steps))
     gaps = int(np.sum(steps > 5 * np.median(steps)))
     if gaps:
-        odd.append(
+        said.append(
             f"{recording.id}: {gaps} gap(s) in time, the largest {steps[gap]:.3g} s at "
             f"t = {recording.t[gap]:.6g} s."
         )
-    return tuple(odd)
+    return tuple(said)

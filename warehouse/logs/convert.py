@@ -7,6 +7,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.robot.robot import Robot
+from warehouse.logs.check import Doubt
 from warehouse.logs.columns import LOGGED_UNITS, UNITS, SignalMap
 
 Array = np.ndarray
@@ -125,6 +126,7 @@ class Understood:
         warnings: What is odd but usable.
         notes: What was understood of the file beyond its columns.
         channels: Channel, column, unit and what else is done to it, one by one.
+        doubts: Why the samples can be none of this arm; empty for a usable log.
     """
 
     id: str
@@ -139,6 +141,7 @@ class Understood:
     warnings: tuple[str, ...]
     notes: tuple[str, ...] = ()
     channels: tuple[tuple[str, str, str, str], ...] = ()
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def text(self) -> str:

@@ -1,6 +1,7 @@
 """One log: opened by what is in it, read into a checked recording."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ import numpy as np
 from residual.errors import InputError, RecordingError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from warehouse.logs.check import check_samples, check_time
+from warehouse.logs.broken import finite_rows, whole_rows
+from warehouse.logs.check import Doubt, check_samples, odd
 from warehouse.logs.columns import TIME_UNITS, ColumnMap
 from warehouse.logs.convert import Understood, channels_of, describe, to_link_side
 from warehouse.logs.file import LogFile
@@ -17,7 +19,7 @@ from warehouse.logs.formats.csv import CsvLog, find_layout
 from warehouse.logs.formats.mcap import open_mcap
 from warehouse.logs.formats.parquet import ParquetLog
 from warehouse.logs.select import Selection, check_units, select
-from warehouse.logs.window import split_spec
+from warehouse.logs.window import Window, split_spec
 
 _SQLITE = b"SQLite format 3\0"
 _ROS1 = b"#ROSBAG V"
@@ -66,6 +68,16 @@ def _head(path: Path) -> bytes:
 Array = np.ndarray
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Meant:
+    """What the columns of a file stand for."""
+
+    file: str
+    chosen: Selection
+    columns: ColumnMap
+    robot: Robot
+
+
 def read_log(
     spec: str, robot: Robot, columns: ColumnMap | None = None, label: str | None = None
 ) -> tuple[Recording, Understood]:
@@ -83,6 +95,24 @@ def read_log(
     Raises:
         InputError: If the file, its columns, its samples or the window are not usable.
     """
+    recording, understood = read_any(spec, robot, columns, label)
+    if understood.doubts:
+        raise RecordingError(understood.doubts[0].words)
+    return recording, understood
+
+
+def read_any(
+    spec: str, robot: Robot, columns: ColumnMap | None = None, label: str | None = None
+) -> tuple[Recording, Understood]:
+    """Read a log as `read_log`, also where its samples can be none of this arm.
+
+    Rows without a number or at a time that was before are left out. What is wrong is
+    in the `doubts` of what was understood.
+
+    Raises:
+        InputError: If the file, its columns or the window are not usable, or hardly a
+            sample is a number.
+    """
     columns = columns or ColumnMap()
     path, window = split_spec(spec)
     tail = "" if window is None else f"@{window.text}"
@@ -90,23 +120,9 @@ def read_log(
     log = open_log(path, columns, tuple(robot.model.names)[1:])
     chosen = select(log.columns, columns, robot.dof, path.name)
     check_units(chosen, columns.time_unit, log.units, path.name)
+    meant = _Meant(path.name, chosen, columns, robot)
     table = log.read(chosen.used)
-    t = table[chosen.time] * (TIME_UNITS[columns.time_unit] * columns.time_scale)
-    check_time(t, path.name)
-    rows = slice(None) if window is None else window.rows(t, path.name)
-    signals = _signals(table, chosen, rows, robot)
-    if len(t[rows]) < 2:
-        raise RecordingError(f"{label} has {len(t[rows])} samples; widen the window.")
-    recording = Recording(id=label, robot=robot.name, t=t[rows], **signals)
-    warnings = check_samples(recording, robot)
-    words = [describe(name, signal) for name, signal in chosen.signals.items()]
-    if columns.time_unit != "s":
-        words.insert(0, f"t: {columns.time_unit} to s")
-    slower = "" if columns.time_scale == 1 else f"times {columns.time_scale:.6g}"
-    if slower:
-        words.insert(0, f"t: {slower}")
-    channels = [("t", chosen.time, columns.time_unit, slower)]
-    channels += [c for n, s in chosen.signals.items() for c in channels_of(n, s)]
+    recording, doubts = _samples(table, meant, label, window)
     understood = Understood(
         id=label,
         file=str(path),
@@ -116,23 +132,65 @@ def read_log(
         duration=recording.duration,
         used=chosen.used,
         ignored=chosen.ignored,
-        conversions=tuple(word for word in words if word),
-        warnings=warnings,
+        conversions=_conversions(chosen, columns),
+        warnings=odd(recording),
         notes=log.notes,
-        channels=tuple(channels),
+        channels=_channels(chosen, columns),
+        doubts=doubts,
     )
     return recording, understood
 
 
-def _signals(
-    table: dict[str, Array], chosen: Selection, rows: slice, robot: Robot
-) -> dict[str, Array]:
-    return {
-        name: to_link_side(
-            name,
-            np.column_stack([table[c][rows] for c in signal.columns]),
-            signal,
-            robot,
+def _samples(
+    table: Mapping[str, Array], meant: "_Meant", label: str, window: Window | None
+) -> tuple[Recording, tuple[Doubt, ...]]:
+    """Return the samples that are numbers, and what is wrong with the log."""
+    name, chosen, columns, robot = meant.file, meant.chosen, meant.columns, meant.robot
+    t = table[chosen.time] * (TIME_UNITS[columns.time_unit] * columns.time_scale)
+    keep, doubts = whole_rows(t, name)
+    at = np.flatnonzero(keep)
+    if window is not None:
+        at = at[window.rows(t[at], name)]
+    raw = {k: [table[c][at] for c in s.columns] for k, s in chosen.signals.items()}
+    with np.errstate(over="ignore", invalid="ignore"):  # huge values become infinite
+        signals = {
+            k: to_link_side(k, np.column_stack(raw[k]), signal, robot)
+            for k, signal in chosen.signals.items()
+        }
+    rows, broken = finite_rows(signals, label)
+    if rows.sum() < 2:
+        said = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])
+        raise RecordingError(
+            said or f"{label} has {rows.sum()} samples; widen the window."
         )
-        for name, signal in chosen.signals.items()
-    }
+    recording = Recording(
+        id=label,
+        robot=robot.name,
+        t=t[at][rows],
+        **{k: values[rows] for k, values in signals.items()},
+    )
+    with np.errstate(over="ignore"):
+        doubts = (*doubts, *broken, *check_samples(recording, robot))
+    return recording, doubts
+
+
+def _conversions(chosen: Selection, columns: ColumnMap) -> tuple[str, ...]:
+    """Return every change of unit, side, sign, scale or zero, in words."""
+    words = []
+    if columns.time_scale != 1:
+        words.append(f"t: times {columns.time_scale:.6g}")
+    if columns.time_unit != "s":
+        words.append(f"t: {columns.time_unit} to s")
+    words += [describe(name, signal) for name, signal in chosen.signals.items()]
+    return tuple(word for word in words if word)
+
+
+def _channels(
+    chosen: Selection, columns: ColumnMap
+) -> tuple[tuple[str, str, str, str], ...]:
+    """Return channel, column, unit and what is done to it, one by one."""
+    scale = columns.time_scale
+    slower = "" if scale == 1 else f"times {scale:.6g}"
+    channels = [("t", chosen.time, columns.time_unit, slower)]
+    channels += [c for n, s in chosen.signals.items() for c in channels_of(n, s)]
+    return tuple(channels)

@@ -61,7 +61,7 @@ def select(
                 f"{dof} joints."
             )
         if signal is None:
-            signal = _default(name, dof)
+            signal = default_signal(name, dof)
             # An optional signal is read where it is whole, else ignored and named.
             if name not in _NEEDED and not set(signal.columns) <= set(columns):
                 continue
@@ -101,7 +101,13 @@ def check_units(
             )
 
 
-def _default(name: str, dof: int) -> SignalMap:
+def default_signal(name: str, dof: int) -> SignalMap:
+    """Return what is meant by a signal that no map names: q1, q2, ... in SI units.
+
+    Args:
+        name: "q", "qd", "qdd", "q_ref" or "tau".
+        dof: Number of joints of the robot.
+    """
     columns = tuple(f"{name}{i}" for i in range(1, dof + 1))
     return SignalMap(columns=columns, unit=next(iter(UNITS[name])))
 

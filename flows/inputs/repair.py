@@ -1,0 +1,179 @@
+"""The line of COLUMNS.toml or robot.toml that mends a fault of a log.
+
+A repair speaks of joints at the link side, in SI units; a map of columns, units, signs
+and scales of a file. The line is whole: it takes the place of the one in the map, or is
+added to it.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from residual.check.result import Repair
+from residual.robot.robot import Robot
+from warehouse.logs.columns import LOGGED_UNITS, TIME_UNITS, UNITS, ColumnMap, SignalMap
+from warehouse.logs.select import default_signal
+
+_SAME = 1e-6  # relative: a factor so near to a unit is that unit
+
+
+def repair_lines(
+    repairs: Iterable[Repair], robot: Robot, columns: ColumnMap
+) -> str | None:
+    """Return the lines that do some repairs, one for each signal.
+
+    Args:
+        repairs: What to do, in this order.
+        robot: The arm.
+        columns: How the log was read.
+
+    Returns:
+        TOML for the map, or for robot.toml; None where no line can do it.
+    """
+    by_signal: dict[str, list[Repair]] = {}
+    for repair in repairs:
+        by_signal.setdefault(repair.signal, []).append(repair)
+    lines = [_line(name, each, robot, columns) for name, each in by_signal.items()]
+    return None if not lines or None in lines else "\n".join(lines)
+
+
+def _line(
+    name: str, repairs: Sequence[Repair], robot: Robot, columns: ColumnMap
+) -> str | None:
+    if name == "t":
+        return _time_line(math.prod(float(r.scale or 1.0) for r in repairs), columns)
+    if name == "robot":
+        return _robot_line(repairs, robot)
+    signal = columns.signals.get(name) or default_signal(name, robot.dof)
+    for repair in repairs:
+        signal = _mended(name, signal, repair, robot)
+        if signal is None:
+            return None
+    return _signal_line(name, signal)
+
+
+def _time_line(scale: float, columns: ColumnMap) -> str:
+    whole = scale * TIME_UNITS[columns.time_unit] * columns.time_scale
+    words = [f"column = {_quoted(columns.time)}"]
+    unit = next((u for u, f in TIME_UNITS.items() if _near(whole, f)), None)
+    if unit is None:
+        words.append(f"scale = {_number(whole)}")
+    elif unit != "s":
+        words.append(f'unit = "{unit}"')
+    return f"time = {{{', '.join(words)}}}"
+
+
+def _robot_line(repairs: Sequence[Repair], robot: Robot) -> str | None:
+    """A line for robot.toml: of its gravity. Inertias stand in the URDF."""
+    scales = [r.scale for r in repairs]
+    if len(scales) != 1 or not isinstance(scales[0], float) or repairs[0].joints:
+        return None
+    gravity = [_number(scales[0] * float(g)) for g in robot.model.gravity.linear]
+    return f"gravity = [{', '.join(gravity)}]"
+
+
+def _mended(
+    name: str, signal: SignalMap, repair: Repair, robot: Robot
+) -> SignalMap | None:
+    """Return what is to be said of a signal so that it is repaired at the link side."""
+    dof = robot.dof
+    sign, scale = _each(repair.sign, repair, dof), _each(repair.scale, repair, dof)
+    order = [i - 1 for i in _order(repair, dof)]
+    gears = _gears(name, signal, robot)
+    factor = np.array(sign) * np.array(scale)
+    if gears is None:
+        # Coupled motors: only what is the same for all joints passes through.
+        if order != list(range(dof)) or np.ptp(factor) > 0:
+            return None
+        gears = np.ones(dof)
+    own = np.array(signal.sign or (1,) * dof) * np.array(signal.scale or (1,) * dof)
+    whole = own[order] * factor * gears[order] / gears
+    unit, scales = _unit(name, signal.unit, np.abs(whole))
+    zero = signal.zero and tuple(signal.zero[i] for i in order)
+    return replace(
+        signal,
+        columns=tuple(signal.columns[i] for i in order),
+        unit=unit,
+        sign=tuple(np.sign(whole).tolist()) if (whole < 0).any() else (),
+        zero=zero if any(zero) else (),
+        scale=scales,
+    )
+
+
+def _order(repair: Repair, dof: int) -> Sequence[int]:
+    """Return the channel of every joint, from 1."""
+    own = list(range(1, dof + 1))
+    if repair.order is None or len(repair.order) == dof:
+        return own if repair.order is None else repair.order
+    for joint, channel in zip(repair.joints, repair.order, strict=True):
+        own[joint - 1] = channel
+    return own
+
+
+def _each(given: Sequence | float | None, repair: Repair, dof: int) -> list[float]:
+    """Return a factor for every joint: one for all, or that of the repair's joints."""
+    joints = repair.joints or tuple(range(1, dof + 1))
+    if given is None:
+        given = 1.0
+    if not isinstance(given, Sequence):
+        given = (given,) * len(joints)
+    if len(given) == dof:
+        return [float(x) for x in given]
+    out = [1.0] * dof
+    for joint, value in zip(joints, given, strict=True):
+        out[joint - 1] = float(value)
+    return out
+
+
+def _gears(name: str, signal: SignalMap, robot: Robot) -> np.ndarray | None:
+    """Return what makes a reading the joint's, joint by joint; None if they mix."""
+    ones = np.ones(robot.dof)
+    logged = name == "tau" and signal.unit in LOGGED_UNITS
+    per_unit = robot.torque_per_unit if logged else ones
+    if signal.side == "link":
+        return per_unit
+    if robot.motor_from_joint is not None:
+        return None
+    if logged:
+        return per_unit
+    return robot.gear_ratio if name == "tau" else 1 / robot.gear_ratio
+
+
+def _unit(name: str, unit: str, scale: np.ndarray) -> tuple[str, tuple[float, ...]]:
+    """Return unit and scale of a signal: another unit where that says it all."""
+    if unit in LOGGED_UNITS or np.allclose(scale, 1, _SAME, 0):
+        return unit, () if np.allclose(scale, 1, _SAME, 0) else tuple(scale.tolist())
+    whole = scale * UNITS[name][unit]
+    for other, factor in UNITS[name].items():
+        if other not in LOGGED_UNITS and np.allclose(whole, factor, _SAME, 0):
+            return other, ()
+    return unit, tuple(scale.tolist())
+
+
+def _signal_line(name: str, signal: SignalMap) -> str:
+    words = [f"columns = [{', '.join(map(_quoted, signal.columns))}]"]
+    if signal.unit != next(iter(UNITS[name])):
+        words.append(f"unit = {_quoted(signal.unit)}")
+    if signal.side != "link":
+        words.append(f'side = "{signal.side}"')
+    for key in ("sign", "zero", "scale"):
+        values = getattr(signal, key)
+        if values:
+            words.append(f"{key} = [{', '.join(map(_number, values))}]")
+    return f"{name} = {{{', '.join(words)}}}"
+
+
+def _near(a: float, b: float) -> bool:
+    return math.isclose(a, b, rel_tol=_SAME)
+
+
+def _number(value: float) -> str:
+    """A number as TOML has it, without digits that are only rounding."""
+    return f"{float(value):.9g}"
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

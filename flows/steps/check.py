@@ -1,0 +1,141 @@
+"""Check logs before any modelling: their faults, each with the line that mends it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from threadpoolctl import threadpool_limits
+
+from flows.inputs.logs import LogSets, need_logs, read_sets
+from flows.inputs.repair import repair_lines
+from flows.inputs.robots import check_declared, load
+from flows.requests import Check
+from residual.check.check import check_logs
+from residual.check.report import CheckReport, FaultReport
+from residual.check.result import Fault
+from residual.errors import InputError
+from residual.recording import Recording
+
+
+def read_logs(request: Check) -> LogSets:
+    """Read the robot and every log, also such as no arm can have made.
+
+    Args:
+        request: What is wanted.
+
+    Raises:
+        InputError: If the request or a file is not usable.
+    """
+    robot = load(request.robot)
+    check_declared(request.declared)
+    need_logs(request.logs, "to check", "check")
+    sets = (request.logs, (), ())
+    return read_sets(sets, robot, request.columns, request.store, to_check=True)
+
+
+def check(logs: LogSets, declared: Sequence[str] | None = None) -> CheckReport:
+    """Check whether logs are what they say they are.
+
+    Healthy runs are checked by themselves, so that what is wrong with one set is not
+    lost among the logs of the other.
+
+    Args:
+        logs: The logs.
+        declared: Effects that the nominal model has; None for the robot's own list.
+    """
+    faults: list[Fault] = []
+    # One thread: the products are small, two threads only wait for each other.
+    with threadpool_limits(1, user_api="blas"):
+        for group in ((*logs.fit, *logs.held_out), logs.baseline):
+            faults += _faults(logs, group, declared) if group else []
+    return _told(_once(faults), logs)
+
+
+def demand_sound(report: CheckReport, trust_log: bool, option: str) -> None:
+    """Refuse logs that have a certain fault.
+
+    Args:
+        report: What the check found.
+        trust_log: Whether to go on all the same.
+        option: How the user says so: "--trust-log" or "trust_log=True".
+
+    Raises:
+        InputError: With the first certain fault and the line that mends it.
+    """
+    if trust_log or not report.certain:
+        return
+    first, *more = report.certain
+    mended = first.repair and " ".join(first.repair.splitlines())
+    say = f"Say so in --map: {mended}" if mended else f"Mend the log, or use {option}."
+    rest = f" And {len(more)} more: see modelgap check." if more else ""
+    evidence = " ".join(first.evidence.split())
+    raise InputError(f"The log has a fault, {first.where}: {evidence}{rest}\n{say}")
+
+
+def warnings_of(report: CheckReport) -> tuple[str, ...]:
+    """Return what is suspect, in words."""
+    return tuple(
+        f"the log looks faulty ({fault.where}): {fault.evidence}"
+        for fault in report.faults
+        if not fault.certain
+    )
+
+
+def _faults(
+    logs: LogSets, group: Sequence[Recording], declared: Sequence[str] | None
+) -> list[Fault]:
+    found = list(check_logs(logs.robot, group, declared).faults)
+    labels = {recording.id for recording in group}
+    doubts = [(label, doubt) for label, doubt in logs.doubts if label in labels]
+    # What makes a log unreadable is said in any case, another doubt only if the check
+    # has not found what is behind it.
+    behind = any(fault.certain for fault in found)
+    for label, doubt in doubts:
+        if doubt.fatal or doubt.kind in ("clock", "spike") or not behind:
+            found.append(Fault(doubt.kind, doubt.joints, True, doubt.words, (), label))
+    return sorted(found, key=lambda fault: not fault.certain)
+
+
+def _once(faults: Sequence[Fault]) -> list[Fault]:
+    """Return the faults, certain ones first; what several logs have, once."""
+    groups: dict[tuple, list[Fault]] = {}
+    for fault in sorted(faults, key=lambda fault: not fault.certain):
+        key = (fault.kind, fault.joints, fault.certain)
+        groups.setdefault(key, []).append(fault)
+    return [_merged(group) for group in groups.values()]
+
+
+def _merged(faults: Sequence[Fault]) -> Fault:
+    first, *others = faults
+    evidence = first.evidence
+    if first.log and not evidence.startswith(first.log):
+        evidence = f"{first.log}: {evidence}"
+    also = [f.log for f in others if f.log not in ("", first.log)]
+    if also:
+        evidence = f"{evidence} The same in {', '.join(dict.fromkeys(also))}."
+    return replace(first, evidence=evidence)
+
+
+def _told(faults: Sequence[Fault], logs: LogSets) -> CheckReport:
+    return CheckReport(
+        tuple(
+            FaultReport(
+                kind=fault.kind,
+                joints=tuple(int(joint) for joint in fault.joints),
+                certain=bool(fault.certain),
+                evidence=fault.evidence,
+                repair=repair_lines(_of_same(fault, faults), logs.robot, logs.columns),
+            )
+            for fault in faults
+        )
+    )
+
+
+def _of_same(fault: Fault, faults: Sequence[Fault]) -> list:
+    """Return the repairs of a fault, with those of the signals that others mend too.
+
+    A line stands for the whole signal, so it has all that is certain about it.
+    """
+    own = list(fault.repairs)
+    signals = {repair.signal for repair in own}
+    others = [r for f in faults if f.certain for r in f.repairs if r.signal in signals]
+    return own + [r for r in dict.fromkeys(others) if r not in own]

@@ -1,0 +1,205 @@
+"""modelgap check: what it says, in words and as JSON, and that it exits with 0."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows.cli import main
+from flows.report.words.check import CLEAN, MEANING, summary, title
+from flows.steps import check as steps
+from residual.check.report import CheckReport, FaultReport, from_json
+from residual.check.result import KINDS, Fault, LogCheck, Repair
+from residual.errors import InputError
+
+HIDDEN = Path(__file__).parents[2] / "examples" / "hidden"
+
+
+def run(words):
+    """Run a command line written as one text."""
+    return main(words.split())
+
+
+@pytest.fixture
+def log(tmp_path, monkeypatch):
+    """Return a function that writes a spoiled copy of an example; it is A.csv."""
+    monkeypatch.chdir(tmp_path)
+    table = np.genfromtxt(HIDDEN / "fit_3.csv", delimiter=",", names=True)[:1500]
+
+    def write(spoil=lambda table: None, name="A"):
+        own = table.copy()
+        spoil(own)
+        np.savetxt(
+            f"{name}.csv",
+            np.array(own.tolist()),
+            delimiter=",",
+            header=",".join(own.dtype.names),
+            comments="",
+        )
+
+    return write
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """Replace the core of the check; returns a function that says what it finds."""
+
+    def set(*faults):
+        monkeypatch.setattr(
+            steps, "check_logs", lambda robot, logs, declared: LogCheck(tuple(faults))
+        )
+
+    set()
+    return set
+
+
+SIGN = Fault(
+    "torque_sign",
+    (2,),
+    True,
+    "Friction of joint 2 is negative.",
+    (Repair("tau", (2,), sign=(-1,)),),
+)
+LATE = Fault("delay", (), False, "Torque is late by 8 ms.", (), "A")
+
+
+def test_a_clean_log_is_said_to_be_clean_in_one_line(log, found, capsys):
+    log()
+    assert run("check A.csv --robot irb140") == 0
+    lines = capsys.readouterr().out.strip().splitlines()
+    assert lines[0].startswith("A: 1500 samples")
+    assert lines[1:] == ["", CLEAN]
+
+
+def test_faults_are_told_with_evidence_and_the_line_that_mends_them(log, found, capsys):
+    log()
+    found(LATE, SIGN)
+    assert run("check A.csv --robot irb140") == 0
+    said = capsys.readouterr().out
+    assert "unusable as they are: 1 certain and 1 suspected faults" in said
+    assert "Torque counts the other way round, joint 2 (torque_sign, certain)." in said
+    assert "To mend it, in COLUMNS.toml (--map):" in said
+    assert 'tau = {columns = ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6"], ' in said
+    assert said.index("joint 2") < said.index("A: Torque is late by 8 ms.")
+
+
+def test_the_json_is_whole_and_alone_on_standard_output(log, found, capsys):
+    log()
+    found(SIGN, LATE)
+    assert run("check A.csv --robot irb140 --json -") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == 1
+    assert document["verdict"] == "unusable"
+    sign, late = document["faults"]
+    assert (sign["kind"], sign["joints"], sign["certain"]) == ("torque_sign", [2], True)
+    assert sign["repair"].startswith("tau = {columns = [")
+    assert late == {
+        "kind": "delay",
+        "joints": [],
+        "certain": False,
+        "evidence": "A: Torque is late by 8 ms.",
+        "repair": None,
+    }
+    assert from_json(document).to_json() == document
+
+
+def test_two_faults_of_one_signal_have_one_line_that_mends_both(log, found, capsys):
+    log()
+    other = Fault("torque_unit", (5,), True, "x", (Repair("tau", (5,), scale=1e-3),))
+    found(SIGN, other)
+    run("check A.csv --robot irb140 --json -")
+    one, two = (f["repair"] for f in json.loads(capsys.readouterr().out)["faults"])
+    assert one == two
+    assert one.endswith("sign = [1, -1, 1, 1, 1, 1], scale = [1, 1, 1, 1, 0.001, 1]}")
+
+
+def test_what_several_logs_have_is_said_once(log, found, capsys):
+    log()
+    log(lambda table: table["q1"].__iadd__(0.01), "B")
+    coarse = [Fault("quantised", (1,), False, "Steps.", (), name) for name in "AB"]
+    found(*coarse)
+    run("check A.csv B.csv --robot irb140 --json -")
+    (fault,) = json.loads(capsys.readouterr().out)["faults"]
+    assert fault["evidence"] == "A: Steps. The same in B."
+
+
+def spoil(column, rows, value):
+    def apply(table):
+        table[column][rows] = value
+
+    return apply
+
+
+UNREADABLE = {
+    "nan": (spoil("q2", 7, np.nan), ("spike", [2])),
+    "infinite": (spoil("tau3", 7, np.inf), ("spike", [3])),
+    "clock back": (spoil("t", 9, 0.0), ("clock", [])),
+    "clock stands": (spoil("t", slice(9, 12), 1.0), ("clock", [])),
+    "clock nan": (spoil("t", 9, np.nan), ("clock", [])),
+    "torque frozen": (spoil("tau2", slice(None), 1.0), ("frozen", [2])),
+    "nothing moves": (
+        lambda table: [spoil(f"q{i}", slice(None), 0.1)(table) for i in range(1, 7)],
+        ("frozen", []),
+    ),
+    "degrees": (
+        lambda table: [table[f"q{i}"].__imul__(57.3) for i in range(1, 7)],
+        ("angle_unit", []),
+    ),
+    "outside": (lambda table: table["q2"].__iadd__(3), ("out_of_range", [2])),
+    "micro": (lambda table: table["t"].__imul__(1e-3), ("too_short", [])),
+    "milli": (lambda table: table["t"].__imul__(1e3), ("time_unit", [])),
+}
+
+
+@pytest.mark.parametrize(("spoiled", "fault"), UNREADABLE.values(), ids=UNREADABLE)
+def test_what_other_commands_refuse_to_read_is_a_fault_here(
+    log, found, capsys, spoiled, fault
+):
+    log(spoiled)
+    assert run("check A.csv --robot irb140 --json -") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["verdict"] == "unusable"
+    assert fault in [(f["kind"], f["joints"]) for f in told["faults"]]
+    assert run("calibrate-null A.csv --robot irb140") == 2
+
+
+@pytest.mark.parametrize("size", [1e300, 1e308, -1.7e308])
+@pytest.mark.parametrize("column", ["q2", "tau3"])
+def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
+    log(spoil(column, 700, size))
+    assert run("check A.csv --robot irb140 --json -") == 0
+    told = json.loads(capsys.readouterr().out)
+    joint = int(column[-1])
+    assert ("spike", [joint]) in [(f["kind"], f["joints"]) for f in told["faults"]]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("check --robot irb140", "No log to check"),
+        ("check B.csv --robot irb140", "No log file 'B.csv'"),
+        ("check A.csv --robot irb140 --map no.toml", "Cannot read no.toml"),
+        ("check A.csv --robot irb140 --json A.csv", "overwrite an input"),
+        ("check A.csv --robot irb140 --declared coulom", "did you mean 'coulomb'"),
+    ],
+)
+def test_bad_words_end_with_two(log, capsys, words, message):
+    log()
+    assert run(words) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_every_kind_has_its_words():
+    assert set(MEANING) == set(KINDS)
+    fault = FaultReport("gear_ratio", (1, 2, 3), False, "")
+    assert title(fault) == "A gear ratio is missing or wrong, joints 1 to 3"
+    only = CheckReport((fault,))
+    assert summary(only) == "The logs are usable, with care: 1 suspected fault."
+    assert "gear ratio, joints 1, 2, 3 (suspect)" in repr(only)
+
+
+@pytest.mark.parametrize("document", [{}, {"schema": 2}, {"schema": 1, "faults": [{}]}])
+def test_a_document_that_is_no_check_is_refused(document):
+    with pytest.raises(InputError, match="check"):
+        from_json(document)
