@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors
     from flows.door.calibration import Calibration, calibrate
+    from flows.door.check import check
     from flows.door.comparison import compare
     from flows.door.diagnosis import Diagnosis, diagnose
     from flows.door.identification import Identification, identify
@@ -25,6 +26,7 @@ if TYPE_CHECKING:  # for editors
     from flows.door.table import Table
     from flows.inputs.robots import load as load_robot
     from flows.keep.null import read_null as load_null
+    from residual.check.report import CheckReport as LogCheck
     from residual.diagnosis.result import (
         ErrorTables,
         Finding,
@@ -45,6 +47,7 @@ __all__ = [
     "Finding",
     "Identification",
     "InputError",
+    "LogCheck",
     "Model",
     "Options",
     "Parameter",
@@ -54,6 +57,7 @@ __all__ = [
     "Table",
     "Verdict",
     "calibrate",
+    "check",
     "compare",
     "diagnose",
     "identify",
@@ -66,6 +70,7 @@ __all__ = [
 
 _PLACES = {
     "flows.door.calibration": ("Calibration", "calibrate"),
+    "flows.door.check": ("check",),
     "flows.door.comparison": ("compare",),
     "flows.door.diagnosis": ("Diagnosis", "diagnose"),
     "flows.door.identification": ("Identification", "identify"),
@@ -74,6 +79,7 @@ _PLACES = {
     "flows.door.table": ("Table",),
     "flows.inputs.robots": ("load_robot",),
     "flows.keep.null": ("load_null",),
+    "residual.check.report": ("LogCheck",),
     "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),
     "residual.errors": ("InputError",),
     "residual.identification.estimate": ("Options",),
@@ -82,7 +88,11 @@ _PLACES = {
     "residual.recording": ("Recording",),
     "residual.robot.robot": ("Robot",),
 }
-_RENAMED = {"load_null": "read_null", "load_robot": "load"}
+_RENAMED = {
+    "LogCheck": "CheckReport",
+    "load_null": "read_null",
+    "load_robot": "load",
+}
 _PLACE = {name: place for place, names in _PLACES.items() for name in names}
 
 

@@ -71,6 +71,7 @@ class Diagnose(Request):
         columns: COLUMNS.toml, None for the default columns.
         null: File of a calibrated null; None for those of the store.
         store: Folder of the store, None for the usual one.
+        trust_log: Whether to go on where a fault of the logs is certain.
     """
 
     logs: tuple[str, ...]
@@ -81,6 +82,7 @@ class Diagnose(Request):
     columns: str | None = None
     null: str | None = None
     store: str | Path | None = None
+    trust_log: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +100,7 @@ class Identify(Request):
         consistent: Whether to find physically consistent parameters too.
         columns: COLUMNS.toml, None for the default columns.
         store: Folder of the store, None for the usual one.
+        trust_log: Whether to go on where a fault of the logs is certain.
     """
 
     logs: tuple[str, ...]
@@ -110,6 +113,7 @@ class Identify(Request):
     consistent: bool = False
     columns: str | None = None
     store: str | Path | None = None
+    trust_log: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +127,7 @@ class Calibrate(Request):
         declared: Effects that the model has; None for the robot's own list.
         columns: COLUMNS.toml, None for the default columns.
         store: Folder of the store, None for the usual one.
+        trust_log: Whether to go on where a fault of the logs is certain.
     """
 
     logs: tuple[str, ...]
@@ -131,6 +136,7 @@ class Calibrate(Request):
     declared: tuple[str, ...] | None = None
     columns: str | None = None
     store: str | Path | None = None
+    trust_log: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +175,7 @@ class Import(Request):
         trajectory: What kind of motion it was, for queries; None for no word.
         kind: What it was recorded for.
         store: Folder of the store, None for the usual one.
+        trust_log: Whether to go on where a fault of the logs is certain.
     """
 
     logs: tuple[str, ...]
@@ -177,6 +184,7 @@ class Import(Request):
     trajectory: str | None = None
     kind: str = "log"
     store: str | Path | None = None
+    trust_log: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,7 @@ def calibrate(
     json: str | None = None,
     export: str | None = None,
     store: str | None = None,
+    trust_log: Flag = False,
 ) -> None:
     """Fit look-up tables to the residual of a model, and validate them in every way.
 
@@ -66,9 +67,12 @@ def calibrate(
         json: File for all figures as JSON; "-" prints it and nothing else.
         export: New folder for the tables and a program that evaluates them.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        trust_log: Go on although a fault of the logs is certain (modelgap check).
     """
     names = parse_declared(declared)
-    request = Calibrate(logs, robot, paper, names, columns=map, store=store)
+    request = Calibrate(
+        logs, robot, paper, names, columns=map, store=store, trust_log=trust_log
+    )
     files = named_files({"--report": report, "--json": json})
     check_writable(files, read_files((*logs, robot), map))
     if export is not None:

@@ -2,6 +2,7 @@
 
 from flows.cli.options import (
     STDOUT,
+    Flag,
     Log,
     Words,
     console_beside,
@@ -29,6 +30,7 @@ def diagnose(
     json: str | None = None,
     null: str | None = None,
     store: str | None = None,
+    trust_log: Flag = False,
 ) -> None:
     """Name what the model of a robot lacks, from its logs.
 
@@ -72,6 +74,8 @@ def diagnose(
             is looked for in the store.
         store: Folder of the store with runs and nulls; else $MODELGAP_STORE, else
             ./store.
+        trust_log: Go on although a fault of the logs is certain (modelgap check); the
+            answer is then "unknown", and names nothing.
     """
     request = Diagnose(
         logs=logs,
@@ -82,6 +86,7 @@ def diagnose(
         columns=map,
         null=null,
         store=store,
+        trust_log=trust_log,
     )
     files = named_files({"--report": report, "--json": json})
     check_writable(files, read_files((*logs, *baseline, *holdout, robot), map, null))

@@ -40,6 +40,7 @@ def identify(
     export: str | None = None,
     json: str | None = None,
     store: str | None = None,
+    trust_log: Flag = False,
 ) -> None:
     """Identify the parameters of a robot's model.
 
@@ -71,6 +72,7 @@ def identify(
         export: New folder for the identified URDF and robot.toml; give it as --robot.
         json: File for the outcome as JSON; "-" prints it and nothing else.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        trust_log: Go on although a fault of the logs is certain (modelgap check).
     """
     request = Identify(
         logs=logs,
@@ -83,6 +85,7 @@ def identify(
         consistent=consistent,
         columns=map,
         store=store,
+        trust_log=trust_log,
     )
     files = named_files({"--json": json})
     check_writable(files, read_files((*logs, *holdout, robot), map))

@@ -18,6 +18,7 @@ def import_(
     kind: str = "log",
     dry_run: Flag = False,
     store: str | None = None,
+    trust_log: Flag = False,
 ) -> None:
     """Put measured logs into the store, as runs like any other.
 
@@ -44,16 +45,18 @@ def import_(
         kind: A word for what it was recorded for.
         dry_run: Only show what was understood, and the id it would have.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        trust_log: Go on although a fault of the logs is certain (modelgap check).
     """
     place, console = store_folder(store), Console()
-    request = Import(logs, robot, map, trajectory, kind, place)
+    request = Import(logs, robot, map, trajectory, kind, place, trust_log)
     arm, read = steps.read_logs(request)
     for log in read:
         if dry_run:
             console.print(table(log))
         say(console, *lines(log, arm, dry_run))
-        if dry_run:
-            continue
+    sound, report = steps.check_logs(request, arm, read)
+    say(console, *(f"warning: {sentence}" for sentence in report.sentences))
+    for log in () if dry_run else sound:
         id = steps.store_log(log, request, arm)
         word = "was in" if log.stored else "stored in"
         say(console, f"{id}  {log.known.id}: {word} {place}")

@@ -1,13 +1,15 @@
 """Calibrate from Python: look-up tables for what the model leaves, and their page."""
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from flows.inputs.logs import LogSets
 from flows.outputs import write_all
 from flows.report.page.calibration import render
+from flows.steps.check import checked
 from residual.calibration import calibrate as core
 from residual.calibration.methods import DEFAULT, NONE
 from residual.calibration.rows import Run
@@ -46,6 +48,7 @@ def calibrate(
     fit: Sequence[Recording],
     declared: Sequence[str] | None = None,
     figures: bool = True,
+    trust_log: bool = False,
 ) -> Calibration:
     """Fit tables to what the model leaves, and judge them on motion they never saw.
 
@@ -55,13 +58,17 @@ def calibrate(
         declared: Effects that the model has; None for the robot's own list.
         figures: Whether to compute too what only the page shows, which takes most of
             the time.
+        trust_log: Whether to go on where a fault of the logs is certain (``check``).
 
     Raises:
-        InputError: If a log or a name is not usable, or two logs share samples.
+        InputError: If a log or a name is not usable, two logs share samples, or a fault
+            of them is certain.
     """
     check_distinct(fit)
+    report = checked(LogSets(robot, tuple(fit)), declared, trust_log)
     names = None if declared is None else tuple(declared)
     settings = core.Settings(declared=names, views=figures)
     with threadpool_limits(1, user_api="blas"):
         made = core.calibrate(robot, [Run(log) for log in fit], settings)
+    made = replace(made, notes=(*report.sentences, *made.notes))
     return Calibration(*(getattr(made, field.name) for field in fields(made)))

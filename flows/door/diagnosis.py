@@ -6,14 +6,17 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from flows.inputs.logs import LogSets
 from flows.outputs import write_all
 from flows.report.page.diagnosis import render, summary
+from flows.steps.check import checked
 from residual.close import close_the_loop
 from residual.diagnosis import result
 from residual.diagnosis.null_record import Null
 from residual.diagnosis.verdict import to_json
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.trust import with_check
 from warehouse.logs import check_distinct
 
 Progress = Callable[[str, float], None]
@@ -44,6 +47,7 @@ def diagnose(  # noqa: PLR0913  called from outside, by keyword
     declared: Sequence[str] | None = None,
     null: Null | None = None,
     progress: Progress | None = None,
+    trust_log: bool = False,
 ) -> Diagnosis:
     """Find which effects the model of a robot lacks, and prove it on other motion.
 
@@ -55,11 +59,16 @@ def diagnose(  # noqa: PLR0913  called from outside, by keyword
         declared: Effects that the model has; None for the robot's own list.
         null: What ``load_null`` reads; p-values and threshold come from it.
         progress: Called with the stage and the share done.
+        trust_log: Whether to go on where a fault of the logs is certain (``check``);
+            the answer is then "unknown", and names nothing.
 
     Raises:
-        InputError: If a log or a name is not usable, or two logs share samples.
+        InputError: If a log or a name is not usable, two logs share samples, or a fault
+            of them is certain.
     """
     check_distinct([*fit, *held_out, *baseline])
+    sets = LogSets(robot, tuple(fit), tuple(baseline), tuple(held_out))
+    report = checked(sets, declared, trust_log)
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
         found = close_the_loop(
@@ -71,4 +80,5 @@ def diagnose(  # noqa: PLR0913  called from outside, by keyword
             progress=progress,
             null=null,
         )
+    found = with_check(found, report)
     return Diagnosis(*(getattr(found, field.name) for field in fields(found)))

@@ -1,15 +1,17 @@
 """Identify from Python: base parameters as a table, the model, its proof."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pyarrow as pa
 from threadpoolctl import threadpool_limits
 
 from flows.door.table import Table
+from flows.inputs.logs import LogSets
 from flows.keep.identification_json import document, parameters
 from flows.outputs import write_all
+from flows.steps.check import checked
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified, identify_and_prove
 from residual.model.export import robot_files
@@ -63,13 +65,14 @@ class Identification(Identified):
         )
 
 
-def identify(
+def identify(  # noqa: PLR0913  called from outside, by keyword
     robot: Robot,
     fit: Sequence[Recording],
     held_out: Sequence[Recording] = (),
     declared: Sequence[str] | None = None,
     options: Options | None = None,
     consistent: bool = False,
+    trust_log: bool = False,
 ) -> Identification:
     """Identify base parameters and declared effects together, and prove them.
 
@@ -82,11 +85,16 @@ def identify(
             weighted least squares without a prior.
         consistent: Whether to find inertias too that bodies can have (needs the extra
             ``sdp``).
+        trust_log: Whether to go on where a fault of the logs is certain (``check``).
 
     Raises:
-        InputError: If a log or a name is not usable, or two logs share samples.
+        InputError: If a log or a name is not usable, two logs share samples, or a fault
+            of them is certain.
     """
     check_distinct([*fit, *held_out])
+    sets = LogSets(robot, tuple(fit), held_out=tuple(held_out))
+    report = checked(sets, declared, trust_log)
     with threadpool_limits(1, user_api="blas"):
         found = identify_and_prove(robot, fit, held_out, declared, options, consistent)
+    found = replace(found, warnings=(*report.sentences, *found.warnings))
     return Identification(*(getattr(found, field.name) for field in fields(found)))

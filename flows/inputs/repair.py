@@ -40,6 +40,11 @@ def repair_lines(
     return None if not lines or None in lines else "\n".join(lines)
 
 
+def place_of(lines: str) -> str:
+    """Return where repair lines belong, in words."""
+    return "robot.toml, [robot]" if lines.startswith("gravity") else "--map"
+
+
 def _line(
     name: str, repairs: Sequence[Repair], robot: Robot, columns: ColumnMap
 ) -> str | None:

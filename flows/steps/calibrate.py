@@ -12,6 +12,7 @@ from flows.keep.calibration import Found, found_effects, store_calibration
 from flows.progress import Progress
 from flows.requests import Calibrate
 from flows.settings import store_folder
+from flows.steps.check import checked
 from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run
@@ -50,7 +51,8 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
     robot = load(request.robot)
     check_declared(request.declared)
     need_logs(request.logs, "to calibrate on", "calibrate")
-    logs = read_sets((request.logs, (), ()), robot, request.columns, request.store)
+    sets = (request.logs, (), ())
+    logs = read_sets(sets, robot, request.columns, request.store, to_check=True)
     store, runs, lines = store_folder(request.store), [], [logs.lines[0]]
     for log, line in zip(logs.fit, logs.lines[1:], strict=True):
         id = logs.runs.get(log.id)
@@ -74,8 +76,9 @@ def calibrate(
         progress: Told the stage and the share done.
 
     Raises:
-        InputError: If the logs are not usable together.
+        InputError: If the logs are not usable together, or a fault of them is certain.
     """
+    report = checked(logs, request.declared, request.trust_log)
     settings = Settings(paper=request.paper, declared=request.declared)
     store, ids = store_folder(request.store), tuple(logs.runs.values())
     found = Found()
@@ -93,7 +96,7 @@ def calibrate(
     }
     stored = len(ids) == len(runs)
     kept = store_calibration(store, made, asked) if stored else {}
-    return Calibrated(made, logs.warnings, kept)
+    return Calibrated(made, (*logs.warnings, *report.sentences), kept)
 
 
 def _beside(store: Path, id: str) -> tuple[str | None, dict]:

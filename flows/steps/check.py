@@ -6,7 +6,7 @@ from dataclasses import replace
 from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.repair import repair_lines
+from flows.inputs.repair import place_of, repair_lines
 from flows.inputs.robots import check_declared, load
 from flows.requests import Check
 from residual.check.check import check_logs
@@ -50,33 +50,41 @@ def check(logs: LogSets, declared: Sequence[str] | None = None) -> CheckReport:
     return _told(_once(faults), logs)
 
 
-def demand_sound(report: CheckReport, trust_log: bool, option: str) -> None:
-    """Refuse logs that have a certain fault.
+def checked(
+    logs: LogSets, declared: Sequence[str] | None, trust_log: bool
+) -> CheckReport:
+    """Check logs before they are used, and refuse those with a certain fault.
 
     Args:
-        report: What the check found.
+        logs: The logs.
+        declared: Effects that the nominal model has; None for the robot's own list.
         trust_log: Whether to go on all the same.
-        option: How the user says so: "--trust-log" or "trust_log=True".
 
     Raises:
-        InputError: With the first certain fault and the line that mends it.
+        InputError: With the first certain fault and the line that mends it; in any
+            case where nothing can be computed from a log.
     """
-    if trust_log or not report.certain:
-        return
+    for _, doubt in logs.doubts:
+        if doubt.fatal:
+            raise InputError(doubt.words)
+    report = check(logs, declared)
+    if report.certain and not trust_log:
+        raise InputError(_refusal(report))
+    return report
+
+
+def _refusal(report: CheckReport) -> str:
     first, *more = report.certain
-    mended = first.repair and " ".join(first.repair.splitlines())
-    say = f"Say so in --map: {mended}" if mended else f"Mend the log, or use {option}."
-    rest = f" And {len(more)} more: see modelgap check." if more else ""
+    rest = f" {len(more)} more: see modelgap check." if more else ""
     evidence = " ".join(first.evidence.split())
-    raise InputError(f"The log has a fault, {first.where}: {evidence}{rest}\n{say}")
-
-
-def warnings_of(report: CheckReport) -> tuple[str, ...]:
-    """Return what is suspect, in words."""
-    return tuple(
-        f"the log looks faulty ({fault.where}): {fault.evidence}"
-        for fault in report.faults
-        if not fault.certain
+    if first.repair:
+        line = " ".join(first.repair.split())
+        mend = f"Mend it by this line ({place_of(first.repair)}): {line}"
+    else:
+        mend = "Mend the log."
+    return (
+        f"The logs have a fault ({first.where}): {evidence}{rest}\n"
+        f"{mend} Or go on with --trust-log (trust_log=True)."
     )
 
 

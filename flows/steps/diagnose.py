@@ -13,8 +13,10 @@ from flows.keep.null import nulls_in, read_null
 from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
+from flows.steps.check import checked
 from residual.close import close_the_loop
 from residual.diagnosis.result import Diagnosis
+from residual.trust import with_check
 from warehouse.runs import read_run
 
 _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
@@ -33,7 +35,7 @@ def read_logs(request: Diagnose) -> LogSets:
     check_declared(request.declared)
     need_logs(request.logs, "to diagnose", "diagnose")
     sets = (request.logs, request.baseline, request.held_out)
-    return read_sets(sets, robot, request.columns, request.store)
+    return read_sets(sets, robot, request.columns, request.store, to_check=True)
 
 
 def diagnose(
@@ -47,8 +49,9 @@ def diagnose(
         progress: Told the stage and the share done.
 
     Raises:
-        InputError: If the logs are not usable together.
+        InputError: If the logs are not usable together, or a fault of them is certain.
     """
+    report = checked(logs, request.declared, request.trust_log)
     null = read_null(request.null) if request.null else None
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
@@ -61,7 +64,7 @@ def diagnose(
             progress=progress,
             null=null or nulls_in(store_folder(request.store)),
         )
-    return _with_reading(found, logs)
+    return _with_reading(with_check(found, report), logs)
 
 
 def diagnose_runs(

@@ -11,6 +11,7 @@ from flows.inputs.robots import check_declared, load
 from flows.keep.identification import store_identification
 from flows.requests import Identify
 from flows.settings import store_folder
+from flows.steps.check import checked
 from residual.identification.consistency import solver
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified, identify_and_prove
@@ -32,7 +33,7 @@ def read_logs(request: Identify) -> LogSets:
     _options(request)
     need_logs(request.logs, "to identify from", "identify")
     sets = (request.logs, (), request.held_out)
-    return read_sets(sets, robot, request.columns, request.store)
+    return read_sets(sets, robot, request.columns, request.store, to_check=True)
 
 
 def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
@@ -46,8 +47,9 @@ def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
         What was identified, and the id of the model; None where it is not stored.
 
     Raises:
-        InputError: If the logs are not usable together.
+        InputError: If the logs are not usable together, or a fault of them is certain.
     """
+    report = checked(logs, request.declared, request.trust_log)
     with threadpool_limits(1, user_api="blas"):
         made = identify_and_prove(
             logs.robot,
@@ -57,7 +59,7 @@ def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
             _options(request),
             request.consistent,
         )
-    made = replace(made, warnings=(*logs.warnings, *made.warnings))
+    made = replace(made, warnings=(*logs.warnings, *report.sentences, *made.warnings))
     count = len(request.logs) + len(request.held_out)
     if request.store is None and len(logs.runs) < count:
         return made, None

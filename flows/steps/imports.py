@@ -2,19 +2,21 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.inputs.logs import need_logs
+from flows.inputs.logs import LogSets, need_logs
 from flows.inputs.robots import load
 from flows.requests import Import
 from flows.settings import store_folder
+from flows.steps.check import checked
+from residual.check.report import CheckReport
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.commit import commit_run, imported_run_id
 from warehouse.layout import record_folder
-from warehouse.logs import ColumnMap, Understood, load_columns, read_log, unique_ids
+from warehouse.logs import ColumnMap, Understood, load_columns, read_any, unique_ids
 from warehouse.origin.robots import keep_robot
 
 LONGEST = 60
@@ -75,6 +77,35 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
     return robot, tuple(logs)
 
 
+def check_logs(
+    request: Import, robot: Robot, read: Sequence[Log]
+) -> tuple[tuple[Log, ...], CheckReport]:
+    """Check logs before they are stored.
+
+    Args:
+        request: Which logs were asked for.
+        robot: The arm.
+        read: The logs (`read_logs`).
+
+    Returns:
+        The logs, their records with what was found; and what was found.
+
+    Raises:
+        InputError: If a fault is certain and the logs are not to be trusted.
+    """
+    columns = load_columns(request.columns) if request.columns else ColumnMap()
+    sets = LogSets(
+        robot,
+        tuple(log.recording for log in read),
+        columns=columns,
+        doubts=tuple((log.known.id, d) for log in read for d in log.known.doubts),
+    )
+    report = checked(sets, None, request.trust_log)
+    found = {"log_check": report.to_json()}
+    kept = (replace(log, manifest={**log.manifest, **found}) for log in read)
+    return tuple(kept), report
+
+
 def store_log(log: Log, request: Import, robot: Robot) -> str:
     """Put a log that was read into the store; one that is there stays.
 
@@ -94,7 +125,7 @@ def store_log(log: Log, request: Import, robot: Robot) -> str:
 def _read_one(spec: str, label: str, request: Import, of_all: tuple) -> Log:
     robot, columns = of_all
     store = store_folder(request.store)
-    recording, known = read_log(spec, robot, columns, label)
+    recording, known = read_any(spec, robot, columns, label)
     run_id = imported_run_id(recording, robot.content_hash)
     return Log(
         recording=recording,

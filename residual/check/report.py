@@ -34,6 +34,14 @@ class FaultReport:
         joints = f", joint{many} {listed}" if self.joints else ""
         return self.kind.replace("_", " ") + joints
 
+    @property
+    def sentence(self) -> str:
+        """What is wrong, why, and what mends it, in one line."""
+        sure = "certain" if self.certain else "suspected"
+        mended = f" To mend it: {self.repair}" if self.repair else ""
+        said = f"fault of the logs ({self.where}, {sure}): {self.evidence}{mended}"
+        return " ".join(said.split())
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class CheckReport:
@@ -56,6 +64,11 @@ class CheckReport:
     def certain(self) -> tuple[FaultReport, ...]:
         """The faults that exclude the reading given."""
         return tuple(fault for fault in self.faults if fault.certain)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Every fault in a line."""
+        return tuple(fault.sentence for fault in self.faults)
 
     def to_json(self) -> dict:
         """Return the report in its documented form (docs/check.md)."""

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from residual.check.report import CheckReport
+from residual.diagnosis.leftover.remainder import Number, Unexplained
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
 from residual.model.model import Model
@@ -11,7 +13,6 @@ from residual.quantity import measured, percent
 
 STAGES = ("nominal", "identified", "augmented", "plsr")
 
-Number = float | None  # None where it is not known
 Value = Number | tuple[Number, ...]  # one per joint where a finding is on several
 PerJoint = Mapping[str, tuple[Number, ...] | None]  # by model; None as a whole
 
@@ -129,49 +130,6 @@ class Detectable:
 
 
 @dataclass(frozen=True, slots=True)
-class Dependence:
-    """What the remainder of one joint varies with.
-
-    Attributes:
-        joint: Whose remainder, from 1.
-        on: "q", "qd", "qdd", "tau", "t" or "frequency".
-        of: Whose q, qd, qdd or tau, from 1.
-        form: "curve", "by direction", "sum" or "difference".
-        share: Of the squared remainder beyond noise.
-        frequency: Of a line [Hz], else None.
-    """
-
-    joint: int
-    on: str
-    of: tuple[int, ...]
-    form: str
-    share: float
-    frequency: Number
-
-
-@dataclass(frozen=True, slots=True)
-class Unexplained:
-    """What remains after everything that was named.
-
-    Attributes:
-        joints: Joints from 1 on which more than noise remains.
-        fraction, noise_floor: Of the torque, that nothing explains; that is noise.
-        depends_on: What the remainder of these joints varies with.
-        kind: "repeatable", "time-driven", or None.
-        per_joint: Fraction of every joint.
-        noise_model: Where the noise level is from.
-    """
-
-    joints: tuple[int, ...]
-    fraction: Number
-    noise_floor: Number
-    depends_on: tuple[Dependence, ...]
-    kind: str | None
-    per_joint: tuple[Number, ...]
-    noise_model: str | None
-
-
-@dataclass(frozen=True, slots=True)
 class ErrorTables:
     """Errors of the models on held-out logs [%], by name of the model.
 
@@ -210,6 +168,7 @@ class Verdict:
         nominal_scale: Scale of the prior of the rigid parameters; None with a baseline.
         next_experiment: Motion that would tell equivalents apart, or None.
         warnings: Sentences that qualify the answer.
+        log_check: What is wrong with the logs; None where they were not checked.
     """
 
     robot: str
@@ -222,6 +181,12 @@ class Verdict:
     nominal_scale: Number
     next_experiment: Mapping | None
     warnings: tuple[str, ...]
+    log_check: CheckReport | None = None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether no fault of the logs is certain."""
+        return self.log_check is None or not self.log_check.certain
 
     @property
     def dof(self) -> int:
@@ -232,7 +197,9 @@ class Verdict:
         errors = self.error.overall_filtered
         before, after = (percent(errors[k]) for k in ("identified", "augmented"))
         said = "nothing found" if self.verdict == "none" else "something without a name"
-        if self.effects:
+        if not self.trusted:
+            said = "nothing named, the logs are at fault"
+        elif self.effects:
             sure = [f.probability for f in self.effects if f.probability is not None]
             odds = [f"p {_odds(min(sure))}"] if sure else []
             said = ", ".join([*(f.where for f in self.effects), *odds])

@@ -5,8 +5,10 @@ Every key is always there; what does not apply is null, and nothing is NaN.
 
 from collections.abc import Mapping
 
+from residual.check.report import CheckReport
+from residual.check.report import from_json as read_report
+from residual.diagnosis.leftover.remainder import Dependence
 from residual.diagnosis.result import (
-    Dependence,
     Detectable,
     ErrorTables,
     Evidence,
@@ -40,6 +42,7 @@ def to_json(verdict: Verdict) -> dict:
             "nominal_scale": verdict.nominal_scale,
             "next_experiment": verdict.next_experiment,
             "warnings": verdict.warnings,
+            "log_check": verdict.log_check and verdict.log_check.to_json(),
         }
     )
 
@@ -76,9 +79,15 @@ def from_json(document: Mapping) -> Verdict:
             nominal_scale=document["nominal_scale"],
             next_experiment=document["next_experiment"],
             warnings=tuple(document["warnings"]),
+            log_check=_read_check(document.get("log_check")),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {error!r}.") from error
+
+
+def _read_check(entry: Mapping | None) -> CheckReport | None:
+    """Records of before have no check; theirs is not known."""
+    return None if entry is None else read_report(entry)
 
 
 def _effect(finding: Finding) -> dict:

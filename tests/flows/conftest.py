@@ -5,6 +5,7 @@ import pytest
 
 from flows.service.server import start_server
 from flows.settings import API, quiet_prefect
+from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis
 from tests.verdict_documents import typed
 
@@ -39,7 +40,7 @@ def server(tmp_path_factory):
 
 @pytest.fixture
 def calls(monkeypatch):
-    """Replace core and report; returns the list of calls of the core."""
+    """Replace core, check and report; returns the list of calls of the core."""
     made = []
 
     def close_the_loop(robot, fit, **options):
@@ -56,6 +57,7 @@ def calls(monkeypatch):
         return f"<html>{robot_name} {outcome.notes}</html>"
 
     monkeypatch.setattr("flows.steps.diagnose.close_the_loop", close_the_loop)
+    monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr("flows.cli.diagnose.print_diagnosis", print_diagnosis)
     monkeypatch.setattr("flows.report.page.diagnosis.render", render)
     return made

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from residual.check.report import CheckReport, FaultReport
 from residual.close import close_the_loop
 from residual.diagnosis.verdict import from_json, to_json
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
+from residual.trust import with_check
 from sim.records import Hidden
 from tests.residual.arms import (
     SEVEN,
@@ -83,6 +85,7 @@ FORM = {
         "nominal_scale",
         "next_experiment",
         "warnings",
+        "log_check",
     },
     "unexplained": {
         "joints",
@@ -172,7 +175,16 @@ def test_it_is_read_back_as_it_was(outcome_of, kind):
     assert json.dumps(to_json(from_json(document))) == json.dumps(document)
 
 
-@pytest.mark.parametrize("key", sorted(FORM[""]))
+def test_a_record_of_before_the_check_is_read_and_nothing_is_known_of_its_logs(
+    outcome_of,
+):
+    document = to_json(outcome_of("effects").verdict)
+    del document["log_check"]
+    assert from_json(document) == outcome_of("effects").verdict
+    assert from_json(document).log_check is None
+
+
+@pytest.mark.parametrize("key", sorted(FORM[""] - {"log_check"}))
 def test_a_verdict_that_lacks_a_key_is_refused(outcome_of, key):
     document = to_json(outcome_of("effects").verdict)
     del document[key]
@@ -188,6 +200,53 @@ def test_its_models_come_with_it(outcome_of, kind):
     assert found.models["augmented"].robot.name == found.verdict.robot
     named = {e.name for e in found.effects}
     assert named <= {t.effect.name for t in found.models["augmented"].terms}
+
+
+FAULT = FaultReport("torque_sign", (2,), True, "Friction gives.", "tau = {}")
+DOUBT = FaultReport("filtered", (), False, "No noise.")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(
+    outcome_of, kind
+):
+    found = with_check(outcome_of(kind), CheckReport((FAULT, DOUBT)))
+    verdict = to_json(found.verdict)
+    assert (verdict["verdict"], verdict["effects"]) == ("unknown", [])
+    assert verdict["minimum_detectable"] == []
+    assert verdict["log_check"]["verdict"] == "unusable"
+    assert [f["kind"] for f in verdict["log_check"]["faults"]] == [
+        "torque_sign",
+        "filtered",
+    ]
+    for table in ("held_out", "filtered", "overall", "overall_filtered"):
+        error = verdict["error"][table]
+        assert error["augmented"] == error["identified"]
+        assert error["plsr"] is None
+    assert found.models["augmented"] is found.models["identified"]
+    assert set(found.models) == {"nominal", "identified", "augmented"}
+    assert not found.clouds + found.sentences
+    for proof in found.proofs:
+        np.testing.assert_array_equal(
+            proof.tau_hat["augmented"], proof.tau_hat["identified"]
+        )
+    assert found.warnings[0] == (
+        "fault of the logs (torque sign, joint 2, certain): Friction gives. "
+        "To mend it: tau = {}"
+    )
+    assert "nothing named, the logs are at fault" in repr(found)
+    document = json.loads(json.dumps(verdict, allow_nan=False))
+    assert from_json(document) == found.verdict
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_doubt_of_the_logs_is_a_warning_and_changes_nothing_else(outcome_of, kind):
+    before = outcome_of(kind)
+    found = with_check(before, CheckReport((DOUBT,)))
+    after, same = to_json(found.verdict), to_json(before.verdict)
+    assert after.pop("log_check")["verdict"] == "suspect"
+    assert after.pop("warnings") == [DOUBT.sentence, *same.pop("warnings")]
+    assert {**after, "log_check": None} == same
 
 
 def test_what_was_found_shows_in_a_line(outcome_of):

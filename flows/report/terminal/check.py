@@ -1,9 +1,9 @@
 """What a check found, for the terminal."""
 
+from flows.inputs.repair import place_of
 from flows.report.words.check import summary, title
+from flows.report.words.phrases import sentence_case
 from residual.check.report import CheckReport, FaultReport
-
-_ROBOT_KEYS = ("gravity",)
 
 
 def lines(report: CheckReport) -> list[str]:
@@ -16,11 +16,10 @@ def lines(report: CheckReport) -> list[str]:
 
 def _fault(fault: FaultReport) -> list[str]:
     sure = "certain" if fault.certain else "suspected"
-    said = [f"{title(fault)} ({fault.kind}, {sure})."]
+    said = [f"{sentence_case(title(fault))}: {fault.kind}, {sure}."]
     said += [f"  {line}" for line in fault.evidence.splitlines()]
     if fault.repair is None:
         return said
     repair = fault.repair.splitlines()
-    of_robot = all(line.startswith(_ROBOT_KEYS) for line in repair)
-    place = "robot.toml, [robot]" if of_robot else "COLUMNS.toml (--map)"
-    return [*said, f"  To mend it, in {place}:", *(f"    {line}" for line in repair)]
+    place = place_of(fault.repair)
+    return [*said, f"  To mend it ({place}):", *(f"    {line}" for line in repair)]

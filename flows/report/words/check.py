@@ -1,6 +1,6 @@
 """What a check found, in sentences."""
 
-from flows.report.words.phrases import joint_words, sentence_case
+from flows.report.words.phrases import joint_words
 from residual.check.report import CheckReport, FaultReport
 
 CLEAN = "The logs are what they say they are: no fault was found."
@@ -45,7 +45,7 @@ def summary(report: CheckReport) -> str:
 
 
 def title(fault: FaultReport) -> str:
-    """Return what is wrong and where: 'Torque counts the other way round, joint 2'."""
+    """Return what is wrong and where: 'torque counts the other way round, joint 2'."""
     joints = joint_words(fault.joints)
     meaning = MEANING.get(fault.kind, fault.kind.replace("_", " "))
-    return sentence_case(f"{meaning}, {joints}" if joints else meaning)
+    return f"{meaning} ({joints})" if joints else meaning

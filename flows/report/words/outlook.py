@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from flows.report.words.phrases import joint_words, listing, noun, phrase, sentence_case
-from residual.diagnosis.result import Dependence, Unexplained, Verdict
+from residual.diagnosis.leftover.remainder import Dependence, Unexplained
+from residual.diagnosis.result import Verdict
 from residual.quantity import MISSING, fraction, known, number, unit_text
 
 _ELSEWHERE = 10**6  # column of what does not sit on one joint: after every joint

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from flows.report.words.check import title
 from flows.report.words.phrases import (
     alternatives,
     count,
@@ -35,7 +36,9 @@ def headline(verdict: Verdict) -> str:
 
 def sentences(verdict: Verdict) -> list[str]:
     """Return the sentences of the headline; the first is the verdict itself."""
-    if verdict.verdict == "effects":
+    if not verdict.trusted:
+        parts = [_at_fault(verdict), _level(verdict)]
+    elif verdict.verdict == "effects":
         parts = [*_claim(verdict), _proof(verdict), _left_over(verdict)]
     elif verdict.verdict == "unknown":
         parts = [_unknown(verdict), _level(verdict)]
@@ -141,6 +144,11 @@ def _left_over(verdict: Verdict) -> str:
     who = sentence_case(joint_words(joints, verdict.dof))
     keeps = "keeps" if len(joints) == 1 else "keep"
     return f"{who} {keeps} an error that no known effect explains."
+
+
+def _at_fault(verdict: Verdict) -> str:
+    faults = listing([title(fault) for fault in verdict.log_check.certain])
+    return f"Nothing is named, since the logs cannot be trusted: {faults}."
 
 
 def _unknown(verdict: Verdict) -> str:

@@ -21,8 +21,8 @@ from residual.diagnosis.leftover.curves import (
     Variable,
     curves,
 )
+from residual.diagnosis.leftover.remainder import Dependence
 from residual.diagnosis.leftover.time import Clock, Line, drift_of, line_of
-from residual.diagnosis.result import Dependence
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
 from residual.model.compare import Cloud

@@ -1,0 +1,236 @@
+"""A certain fault of logs stops every command; trusted, it lets nothing be named."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import modelgap as mg
+from flows.cli import main
+from flows.report.words.verdict import headline
+from flows.requests import Diagnose, Identify, Import
+from flows.steps import check as steps
+from flows.steps.diagnose import diagnose_runs
+from residual.check.result import Fault, LogCheck, Repair
+from residual.diagnosis.result import Diagnosis
+from residual.errors import InputError
+from tests.residual.arms import urdf_text
+from tests.residual.identified import AXES, logs
+from tests.verdict_documents import typed
+from warehouse.commit import read_record
+
+NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
+LINE = 'tau = {columns = ["tau1", "tau2", "tau3"], sign = [1, -1, 1]}'
+SIGN = Fault(
+    "torque_sign", (2,), True, "Friction gives.", (Repair("tau", (2,), sign=(-1,)),)
+)
+DOUBT = Fault("filtered", (), False, "No noise near 50 Hz.")
+VERBS = ("diagnose", "identify", "calibrate", "import")
+
+
+def run(words):
+    """Run a command line written as one text."""
+    return main(words.split())
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
+    for name, log in zip("ABC", logs(3, noise=0.5, duration=8.0), strict=True):
+        table = np.column_stack([log.t, log.q, log.tau])
+        np.savetxt(
+            f"{name}.csv", table, delimiter=",", header=",".join(NAMES), comments=""
+        )
+    return tmp_path
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """Replace the core of the check; returns what it is asked and what it is to say."""
+    said = {"faults": [], "asked": []}
+
+    def check_logs(robot, recordings, declared):
+        said["asked"].append([recording.id for recording in recordings])
+        return LogCheck(tuple(said["faults"]))
+
+    monkeypatch.setattr(steps, "check_logs", check_logs)
+    return said
+
+
+@pytest.fixture
+def named(monkeypatch):
+    """Replace the diagnosis by one that names a payload."""
+    effect = {"name": "payload", "joints": [3], "probability": 0.99}
+    verdict = typed({"verdict": "effects", "effects": [effect]}, dof=3)
+    made = Diagnosis(verdict, sentences=("There is a load.",))
+    monkeypatch.setattr("flows.steps.diagnose.close_the_loop", lambda *a, **k: made)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_certain_fault_ends_with_two_and_the_line_that_mends_it(
+    place, found, capsys, verb
+):
+    found["faults"] = [SIGN]
+    assert main([verb, "A.csv", "B.csv", "--robot", "arm.urdf"]) == 2
+    first, second = capsys.readouterr().err.strip().splitlines()
+    assert first == (
+        "modelgap: The logs have a fault (torque sign, joint 2): Friction gives."
+    )
+    assert second.startswith(f"Mend it by this line (--map): {LINE}")
+    assert "--trust-log" in second
+    assert not Path("store").exists()
+
+
+def test_trusted_logs_with_a_certain_fault_let_nothing_be_named(place, found, named):
+    found["faults"] = [SIGN, DOUBT]
+    words = "diagnose A.csv --robot arm.urdf --trust-log --json o.json --report o.html"
+    assert run(words) == 0
+    verdict = json.loads(Path("o.json").read_text())
+    assert (verdict["verdict"], verdict["effects"]) == ("unknown", [])
+    check = verdict["log_check"]
+    assert (check["schema"], check["verdict"]) == (1, "unusable")
+    assert [f["repair"] for f in check["faults"]] == [LINE, None]
+    said = headline(typed({"log_check": check, "verdict": "unknown"}))
+    assert said.startswith(
+        "Nothing is named, since the logs cannot be trusted: torque counts the other "
+        "way round (joint 2)."
+    )
+    assert "cannot be trusted" in Path("o.html").read_text(encoding="utf-8")
+
+
+def test_a_doubt_is_a_warning_and_the_names_stand(place, found, named):
+    found["faults"] = [DOUBT]
+    assert run("diagnose A.csv --robot arm.urdf --json o.json") == 0
+    verdict = json.loads(Path("o.json").read_text())
+    assert verdict["verdict"] == "effects"
+    assert verdict["log_check"]["verdict"] == "suspect"
+    assert verdict["warnings"] == [
+        "fault of the logs (filtered, suspected): No noise near 50 Hz."
+    ]
+
+
+def test_of_clean_logs_the_verdict_says_that_they_are(place, found, named):
+    assert run("diagnose A.csv --robot arm.urdf --json o.json") == 0
+    clean = {"schema": 1, "verdict": "clean", "faults": []}
+    assert json.loads(Path("o.json").read_text())["log_check"] == clean
+
+
+def test_every_log_is_checked_healthy_runs_by_themselves(place, found, named):
+    words = "diagnose A.csv --robot arm.urdf --baseline B.csv --holdout C.csv"
+    assert run(words) == 0
+    assert found["asked"] == [["A", "C"], ["B"]]
+
+
+def test_a_fault_of_the_healthy_runs_stops_it_too(place, found, named, monkeypatch):
+    def check_logs(robot, recordings, declared):
+        bad = recordings[0].id == "B"
+        return LogCheck((SIGN,) if bad else ())
+
+    monkeypatch.setattr(steps, "check_logs", check_logs)
+    words = "diagnose A.csv --robot arm.urdf --baseline B.csv"
+    assert run(words) == 2
+
+
+@pytest.mark.parametrize("verb", ["identify", "calibrate"])
+def test_trusted_the_other_commands_go_on_with_a_warning(place, found, verb):
+    found["faults"] = [SIGN]
+    words = f"{verb} A.csv B.csv --robot arm.urdf --trust-log --json o.json"
+    assert run(words) == 0
+    (warning,) = (
+        w for w in json.loads(Path("o.json").read_text())["warnings"] if "fault" in w
+    )
+    assert "torque sign, joint 2, certain" in warning
+    assert LINE in warning
+
+
+def test_what_is_imported_keeps_what_was_found(place, found, capsys):
+    found["faults"] = [SIGN]
+    assert run("import A.csv --robot arm.urdf --dry-run") == 2
+    assert "ignored columns: none" in capsys.readouterr().out
+    assert run("import A.csv --robot arm.urdf --trust-log") == 0
+    shown = capsys.readouterr().out
+    assert "warning: fault of the logs (torque sign, joint 2, certain)" in shown
+    (kept,) = Path("store", "samples").glob("*/*")
+    manifest = read_record(Path("store"), kept.name.removeprefix("run_id="))
+    assert manifest["log_check"]["verdict"] == "unusable"
+
+
+def test_runs_of_the_store_are_checked_too(place, found, named):
+    assert run("import A.csv B.csv --robot arm.urdf") == 0
+    one, two = sorted(p.name[7:] for p in Path("store", "samples").glob("*/*"))
+    found["faults"], found["asked"] = [SIGN], []
+    for verb in ("diagnose", "identify", "calibrate"):
+        assert main([verb, one, two, "--robot", "arm.urdf"]) == 2
+    assert found["asked"] == 3 * [[one[:8], two[:8]]]
+    asked = Diagnose((one,), "arm.urdf", (two,), store=Path("store"))
+    with pytest.raises(InputError, match="torque sign, joint 2"):
+        diagnose_runs(asked)
+    trusted = Diagnose((one,), "arm.urdf", (two,), store=Path("store"), trust_log=True)
+    diagnosis, _ = diagnose_runs(trusted)
+    record = read_record(Path("store"), diagnosis)
+    assert record["document"]["verdict"] == "unknown"
+    assert record["request"]["trust_log"] is True
+
+
+def test_a_request_keeps_whether_the_logs_were_trusted(tmp_path):
+    asked = [
+        Diagnose(("a",), "r", trust_log=True, store=tmp_path),
+        Identify(("a",), "r", trust_log=True, store=tmp_path),
+        Import(("a",), "r", trust_log=True, store=tmp_path),
+    ]
+    for one in asked:
+        kept = one.to_record()
+        assert kept["trust_log"] is True
+        assert type(one).from_record(kept, tmp_path) == one
+        del kept["trust_log"]  # a record of before
+        assert type(one).from_record(kept, tmp_path).trust_log is False
+
+
+def test_the_door_checks_and_refuses_likewise(place, found):
+    robot = mg.load_robot("arm.urdf")
+    fit = mg.read_logs(["A.csv", "B.csv"], robot)
+    assert repr(mg.check(robot, fit)) == "LogCheck(clean)"
+    found["faults"] = [SIGN, DOUBT]
+    told = mg.check(robot, fit)
+    assert told.verdict == "unusable"
+    assert told.faults[0].repair == LINE
+    assert repr(told).splitlines() == [
+        "LogCheck(unusable)",
+        "  torque sign, joint 2 (certain): Friction gives.",
+        f"    {LINE}",
+        "  filtered (suspect): No noise near 50 Hz.",
+    ]
+    for verb in (mg.diagnose, mg.identify, mg.calibrate):
+        with pytest.raises(InputError, match="torque sign, joint 2"):
+            verb(robot, fit)
+    made = mg.identify(robot, fit, trust_log=True)
+    assert any("torque sign" in warning for warning in made.warnings)
+
+
+def test_the_door_checks_files_that_it_would_not_read(place, found):
+    table = np.genfromtxt("A.csv", delimiter=",", names=True)
+    table["q2"][5] = np.nan
+    np.savetxt(
+        "bad.csv",
+        np.array(table.tolist()),
+        delimiter=",",
+        header=",".join(NAMES),
+        comments="",
+    )
+    robot = mg.load_robot("arm.urdf")
+    with pytest.raises(InputError, match="NaN"):
+        mg.read_logs("bad.csv", robot)
+    (fault,) = mg.check(robot, "bad.csv").faults
+    assert (fault.kind, fault.joints, fault.certain) == ("spike", (2,), True)
+
+
+def test_a_log_of_half_a_second_is_refused_also_where_it_is_trusted(
+    place, found, capsys
+):
+    words = "diagnose A.csv@0:0.5 --robot arm.urdf --trust-log"
+    assert run(words) == 2
+    assert "expected at least 2 s" in capsys.readouterr().err
