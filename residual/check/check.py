@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 
-from residual.check.result import LogCheck
+from residual.check.motion import thin_rows
+from residual.check.physics import misread
+from residual.check.result import Fault, LogCheck
 from residual.check.samples import spikes
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -24,4 +26,11 @@ def check_logs(
         The faults, certain ones first.
     """
     faults = [fault for r in recordings for fault in spikes(r)]
+    if not faults:
+        faults += _physics(robot, recordings)
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
+
+
+def _physics(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+    motion = thin_rows(recordings)
+    return [] if motion is None else misread(robot, motion)[0]

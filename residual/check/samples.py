@@ -1,12 +1,14 @@
 """Samples that no arm can have made, log by log: spikes, and values that stand."""
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from residual.check.result import Fault
 from residual.recording import Array, Recording
 
-# Of the robust deviation of second differences: noise of any usual shape stays below.
-_SPIKE = 40.0
+# Of what the samples do but for one in a hundred: noise of any shape stays below.
+_SPIKE = 12.0
+_WINDOW = 7
 _MOST = 0.002  # share of samples: more are not single ones
 
 
@@ -30,14 +32,15 @@ def spikes(recording: Recording) -> list[Fault]:
 
 def _single(x: Array) -> tuple[Array, float, float]:
     """Return the samples that stand out, by how much at most, and what is usual."""
-    # Halves first: the difference of two huge values must not overflow.
-    middle = x[1:-1] / 4 - x[:-2] / 8 - x[2:] / 8
-    steps = np.sort(np.abs(np.diff(x / 4)))
-    usual = max(np.median(np.abs(middle)) / 0.6745, steps[int(0.99 * len(steps))] / 4)
-    high = np.abs(middle) > _SPIKE * max(usual, 1e-12)
+    # Quarters: the difference of two huge values must not overflow.
+    x = x / 4
+    away = np.abs(x - median_filter(x, _WINDOW, mode="nearest"))
+    steps = np.sort(np.abs(np.diff(x)))
+    usual = max(np.sort(away)[int(0.99 * len(away))], steps[int(0.99 * len(steps))])
+    high = away > _SPIKE * max(usual, 1e-12)
     if not 0 < high.mean() <= _MOST + 3 / len(x):
-        return np.array([], dtype=int), 0.0, usual
-    return np.flatnonzero(high) + 1, float(np.abs(middle).max()), float(usual)
+        return np.array([], dtype=int), 0.0, float(usual)
+    return np.flatnonzero(high), float(away.max()), float(usual)
 
 
 def _spike(recording: Recording, name: str, found: tuple[Array, float, float]) -> Fault:

@@ -1,0 +1,127 @@
+"""What the torque of a joint may be made of, before its log is believed.
+
+The body of the robot file within a rough prior, a load on its flange, and one broad
+column for each thing that arms have beside their body. A fault must explain more than
+all of these can.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky
+
+from residual.check.motion import Motion
+from residual.evidence.priors import inertial_precision
+from residual.recording import Array
+from residual.robot.dynamics import (
+    PER_LINK,
+    flange_jacobian,
+    gravity_torque,
+    inertial_parameters,
+    regressor,
+)
+from residual.robot.robot import Robot
+
+_SCALE = 0.3  # relative sd of the inertial parameters
+_LOAD, _LEVER = 0.05, 0.15  # of the arm's mass, of its reach
+_STRANGE = 0.005  # of the arm's mass: parts that no file has
+_TILT = 0.1  # rad
+_FORCE = 0.05  # of the arm's weight, at the flange
+_LEAST_SIZE = 0.05  # of the strongest joint's torque
+_NOTHING = 1e-9
+_FRICTION = (1, 2, 7, 8)  # of the columns beside the body
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Columns:
+    """The columns of one joint, each of the size of its prior, on its moving rows.
+
+    Attributes:
+        nominal: Torque of the robot file [N m]. Shape (n,).
+        values: Torque of each coefficient of one [N m]. Shape (n, p).
+        brake: Power that friction takes, per coefficient of one [W]. Shape (p,).
+        rows: Rows that are used. Shape of all rows, bool.
+    """
+
+    nominal: Array
+    values: Array
+    brake: Array
+    rows: Array
+
+
+def columns(robot: Robot, motion: Motion) -> list[Columns]:
+    """Return the columns of every joint.
+
+    Args:
+        robot: The arm.
+        motion: Rows of its logs.
+    """
+    y = regressor(robot.model, motion.q, motion.qd, motion.qdd)
+    nominal = y @ inertial_parameters(robot.model)
+    size = np.sqrt(np.mean(nominal**2, axis=0))
+    size = np.maximum(size, _LEAST_SIZE * max(size.max(), _NOTHING))
+    root = cholesky(_inertial_covariance(robot), lower=True)
+    outer = _outer(robot, motion)
+    out = []
+    for j in range(motion.dof):
+        use, first = motion.moving[:, j], PER_LINK * j
+        local = size[j] * _local(motion, j, use)
+        body = y[use, j, first:] @ root[first:]
+        brake = np.zeros(local.shape[1])
+        if use.any():
+            friction = local[:, _FRICTION] * motion.qd[use, j, None]
+            brake[list(_FRICTION)] = friction.mean(axis=0)
+        values = np.column_stack([local, outer[use, j], body])
+        brake = np.concatenate([brake, np.zeros(values.shape[1] - len(brake))])
+        out.append(Columns(nominal[use, j], values, brake, use))
+    return out
+
+
+def _inertial_covariance(robot: Robot) -> Array:
+    """What a rough robot file leaves open, and a load that it may not have at all."""
+    out = _SCALE**2 * np.linalg.inv(inertial_precision(robot))
+    reach = sum(np.linalg.norm(p.translation) for p in robot.model.jointPlacements)
+    lever = _LEVER * reach
+    sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
+    out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))
+    out[-PER_LINK:, -PER_LINK:] += np.diag((_LOAD * sizes) ** 2)
+    return out
+
+
+def _mass(robot: Robot) -> float:
+    return sum(body.mass for body in list(robot.model.inertias)[1:])
+
+
+def _outer(robot: Robot, motion: Motion) -> Array:
+    """Torques of a tilted base and of a force on the flange. Shape (n, dof, 5)."""
+    gravity = np.linalg.norm(robot.model.gravity.linear)
+    tilts = [
+        gravity_torque(robot.model, motion.q, _TILT * gravity * axis)
+        for axis in np.eye(3)
+    ]
+    force = _FORCE * _mass(robot) * max(gravity, 1.0)
+    pulls = force * flange_jacobian(robot.model, motion.q)[:, :3]
+    return np.concatenate([np.stack(tilts, axis=2), pulls.transpose(0, 2, 1)], axis=2)
+
+
+def _local(motion: Motion, j: int, use: Array) -> Array:
+    """Rotor, friction in several forms, and what follows the angle. Shape (n, 10)."""
+    q, qd, qdd = (x[use, j] for x in (motion.q, motion.qd, motion.qdd))
+    speed, hard, wide = (_rms(x) for x in (qd, qdd, q - q.mean() if len(q) else q))
+    return np.column_stack(
+        [
+            qdd / hard,
+            qd / speed,
+            np.tanh(qd / (0.05 * speed)),
+            np.ones_like(q),
+            0.5 * np.sin(q),
+            0.5 * np.cos(q),
+            0.5 * (q - q.mean() if len(q) else q) / wide,
+            0.5 * np.abs(qd) / speed,
+            0.5 * np.abs(qd) * qd / speed**2,
+        ]
+    )
+
+
+def _rms(x: Array) -> float:
+    return max(float(np.sqrt(np.mean(x**2))) if len(x) else 1.0, 1e-6)

@@ -1,0 +1,79 @@
+"""Logs thinned to the rows by which their physics is judged."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.recording import Array, Recording
+from residual.signals.track import Filters, prepare
+
+_FILTERS = Filters(kinematics=5.0, torque=5.0, rate=60.0)
+_MOST_ROWS = 450
+_APART = 0.3  # s: rows nearer to each other count as one where evidence is added up
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Motion:
+    """Filtered rows of all logs of one column map.
+
+    Attributes:
+        q, qd, qdd: Filtered kinematics [rad, rad/s, rad/s^2]. Shape (n, dof).
+        tau: Torque behind the same filter [N m]. Shape (n, dof).
+        moving: Joint moves, beyond what its noise does. Shape (n, dof), bool.
+        spread: Independent rows for each row that is there.
+        log: Number of the log of each row. Shape (n,).
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    moving: Array
+    spread: float
+    log: Array
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    def with_angles(self, order: Sequence[int], scale: Array) -> "Motion":
+        """Return the motion with other angles: channel ``order[j]``, times a factor.
+
+        Args:
+            order: Channel of each joint, from 0.
+            scale: Factor on each joint's angle. Shape (dof,).
+        """
+        order = list(order)
+        parts = {k: getattr(self, k)[:, order] * scale for k in ("q", "qd", "qdd")}
+        return replace(self, moving=self.moving[:, order], **parts)
+
+
+def thin_rows(recordings: Sequence[Recording]) -> Motion | None:
+    """Filter and thin logs; None where nothing is left of them.
+
+    Args:
+        recordings: Logs of one robot, read with one column map.
+    """
+    long = [r for r in recordings if len(r.t) > 20]
+    if not long:
+        return None
+    tracks, _ = prepare(long, _FILTERS)
+    total = sum(int(track.inner.sum()) for track in tracks)
+    if total < 10:
+        return None
+    every = max(1, int(np.ceil(total / _MOST_ROWS)))
+    parts: dict[str, list] = {k: [] for k in ("q", "qd", "qdd", "tau", "moving", "log")}
+    seconds = 0.0
+    for number, track in enumerate(tracks):
+        use = np.flatnonzero(track.inner)[::every]
+        for key in ("q", "qd", "qdd"):
+            parts[key].append(getattr(track, key)[:: track.step][use])
+        parts["tau"].append(track.tau[use])
+        parts["moving"].append(track.moving[use])
+        parts["log"].append(np.full(len(use), number))
+        seconds += track.inner.sum() * track.step / track.rate
+    rows = {key: np.concatenate(value) for key, value in parts.items()}
+    count = len(rows["log"])
+    return Motion(**rows, spread=min(1.0, seconds / _APART / count))

@@ -1,0 +1,195 @@
+"""Readings of a log: which channel, in which sign and unit, is the signal of a joint.
+
+The torques of a reading of the angles are assigned to the joints by
+`scipy.optimize.linear_sum_assignment`. Angles make the columns anew, so they are tried
+one change at a time: single flips, single swaps, shifts by one joint, all reversed,
+other units.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from residual.check.assignment import Scores, torque_scores
+from residual.check.motion import Motion
+from residual.robot.robot import Robot
+
+TORQUE_UNITS = (1.0, 1e-3, 1e3)
+ANGLE_UNITS = (np.pi / 180, 180 / np.pi)
+# Log odds against each thing that is not as the column map says.
+_ODDS = 10.0
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How the columns of a log are read; the map as given is `as_given`.
+
+    Attributes:
+        angle_order: Channel of each joint's angle, from 0.
+        angle_sign: Sign of each joint's angle.
+        angle_unit: Factor on all angles.
+        torque_order: Channel of each joint's torque, from 0.
+        torque_sign: Sign of each joint's torque.
+        torque_unit: Factor on all torques.
+    """
+
+    angle_order: tuple[int, ...]
+    angle_sign: tuple[int, ...]
+    angle_unit: float
+    torque_order: tuple[int, ...]
+    torque_sign: tuple[int, ...]
+    torque_unit: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Judged:
+    """A reading with its evidence.
+
+    Attributes:
+        reading: The reading.
+        nats: Its log evidence.
+        odds: Log odds against what is not as given.
+        scores: Of its angles, to judge other torques by.
+    """
+
+    reading: Reading
+    nats: float
+    odds: float
+    scores: Scores
+
+    def fit(self, channel: int) -> float:
+        """Return how well a torque channel (from 0) is explained [nats]."""
+        joint = self.reading.torque_order.index(channel)
+        _, factor = _torques(self.reading)[joint]
+        return self.scores.fit(joint, channel, factor)
+
+    @property
+    def value(self) -> float:
+        """Evidence, less the odds against it."""
+        return self.nats - self.odds
+
+
+def as_given(dof: int) -> Reading:
+    """Return the reading of the column map as it is."""
+    same, plus = tuple(range(dof)), (1,) * dof
+    return Reading(same, plus, 1.0, same, plus, 1.0)
+
+
+def best_reading(robot: Robot, motion: Motion) -> Judged:
+    """Search the reading with the most evidence, one change of the angles at a time.
+
+    Args:
+        robot: The arm.
+        motion: Rows of its logs, as given.
+    """
+    best = _with_torques(robot, motion, as_given(robot.dof), TORQUE_UNITS)
+    for _ in range(_ROUNDS):
+        tried = []
+        for other in _changed(best.reading):
+            same_unit = other.angle_unit == best.reading.angle_unit
+            units = (other.torque_unit,) if same_unit else TORQUE_UNITS
+            tried.append(_with_torques(robot, motion, other, units))
+        found = max(tried, key=lambda judged: judged.value)
+        if found.value <= best.value:
+            break
+        best = found
+    return best
+
+
+def judge(robot: Robot, motion: Motion, reading: Reading) -> Judged:
+    """Return one reading with its evidence.
+
+    Args:
+        robot: The arm.
+        motion: Rows of its logs, as given.
+        reading: What to judge.
+    """
+    scores = _scores(robot, motion, reading)
+    nats = sum(
+        float(scores.evidence(j, channel, np.array([factor]))[0])
+        for j, (channel, factor) in enumerate(_torques(reading))
+    )
+    return Judged(reading, nats, _odds(reading), scores)
+
+
+def _torques(reading: Reading) -> list[tuple[int, float]]:
+    factors = [sign * reading.torque_unit for sign in reading.torque_sign]
+    return list(zip(reading.torque_order, factors, strict=True))
+
+
+def _scores(robot: Robot, motion: Motion, reading: Reading) -> Scores:
+    factor = np.array(reading.angle_sign) * reading.angle_unit
+    return torque_scores(robot, motion.with_angles(reading.angle_order, factor))
+
+
+def _with_torques(
+    robot: Robot, motion: Motion, reading: Reading, units: Sequence[float]
+) -> Judged:
+    """Give a reading of the angles the torques that suit it best."""
+    dof = robot.dof
+    scores = _scores(robot, motion, reading)
+    factors = np.array([s * u for u in units for s in (1, -1)])
+    table = np.array(
+        [[scores.evidence(j, i, factors) for i in range(dof)] for j in range(dof)]
+    ).reshape(dof, dof, len(units), 2)
+    judged = []
+    for k, unit in enumerate(units):
+        for usual in (1, -1):
+            turned = np.array([1, -1]) != usual
+            against = _ODDS * (1 - np.eye(dof))[:, :, None] + _ODDS * turned
+            value = table[:, :, k] - against
+            joints, channels = linear_sum_assignment(value.max(-1), maximize=True)
+            which = value[joints, channels].argmax(-1)
+            changed = replace(
+                reading,
+                torque_order=tuple(int(i) for i in channels),
+                torque_sign=tuple(int(1 - 2 * w) for w in which),
+                torque_unit=unit,
+            )
+            nats = float(table[joints, channels, k, which].sum())
+            judged.append(Judged(changed, nats, _odds(changed), scores))
+    return max(judged, key=lambda each: each.value)
+
+
+def _odds(reading: Reading) -> float:
+    """Log odds against a reading: so much for each thing that is not as given."""
+    turned = sum(s < 0 for s in reading.torque_sign)
+    # All of them turned are one mistake.
+    turned = min(turned, 1 + len(reading.torque_sign) - turned)
+    # Where the last joints of an arm cannot tell, it is the torque that is turned.
+    turned += 1.5 * sum(s < 0 for s in reading.angle_sign)
+    moved = [i != j for i, j in enumerate(reading.torque_order)]
+    # Angle and torque of a joint moved together are one mistake, not two.
+    moved += [
+        i != j and reading.torque_order[i] != j
+        for i, j in enumerate(reading.angle_order)
+    ]
+    units = (reading.angle_unit != 1.0) + (reading.torque_unit != 1.0)
+    return _ODDS * (turned + sum(moved) + units)
+
+
+def _changed(reading: Reading) -> Iterator[Reading]:
+    """Other angles, one change away."""
+    order, dof = reading.angle_order, len(reading.angle_order)
+    if reading.angle_unit == 1.0:
+        for unit in ANGLE_UNITS:
+            yield replace(reading, angle_unit=unit)
+    for j in range(dof):
+        sign = tuple(-s if k == j else s for k, s in enumerate(reading.angle_sign))
+        yield replace(reading, angle_sign=sign)
+    orders = {
+        reading.torque_order,
+        order[::-1],
+        (*order[1:], order[0]),
+        (order[-1], *order[:-1]),
+    }
+    for a in range(dof):
+        for b in range(a + 1, dof):
+            swapped = list(order)
+            swapped[a], swapped[b] = swapped[b], swapped[a]
+            orders.add(tuple(swapped))
+    for other in sorted(orders - {order}):
+        yield replace(reading, angle_order=other)

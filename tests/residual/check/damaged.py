@@ -1,0 +1,57 @@
+"""Clean logs, and the ways in which logs are damaged."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from residual.recording import Recording
+from sim.synthetic.logs import LogPlan, make
+from sim.synthetic.plant import Plant
+from tests.residual.arms import arm, bare_irb140
+
+AXES = ("0 0 1", "0 1 0", "0 1 0")
+
+
+@cache
+def clean_logs(name: str, seed: int = 3, hidden=()) -> tuple:
+    """A robot and three logs of 15 s: a small arm of three joints, or the IRB 140."""
+    robot = arm(AXES) if name == "small" else bare_irb140()
+    families = ("fourier", "slow_cyclic", "move_stop_move")
+    plan = tuple(LogPlan(f"fit_{f}", "fit", f, 15.0, 125.0) for f in families)
+    return robot, make(Plant(robot, hidden, seed), plan, seed)
+
+
+def edited(logs, **changes) -> list[Recording]:
+    """The logs with a function applied to some of their signals."""
+    return [
+        replace(
+            r, **{k: change(np.array(getattr(r, k))) for k, change in changes.items()}
+        )
+        for r in logs
+    ]
+
+
+def turned(*joints):
+    """Turn the sign of joints, from 1."""
+
+    def change(x):
+        x[:, [j - 1 for j in joints]] *= -1
+        return x
+
+    return change
+
+
+def swapped(a, b):
+    """Swap two joints, from 1."""
+
+    def change(x):
+        x[:, [a - 1, b - 1]] = x[:, [b - 1, a - 1]]
+        return x
+
+    return change
+
+
+def times(factor):
+    """Multiply all joints."""
+    return lambda x: x * factor
