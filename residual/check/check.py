@@ -2,10 +2,19 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from residual.check.body import body_faults
+from residual.check.clock import time_unit, uneven
+from residual.check.enough import enough
 from residual.check.motion import thin_rows
 from residual.check.physics import misread
+from residual.check.ranges import out_of_range
+from residual.check.repaired import with_time, without_spikes
 from residual.check.result import Fault, LogCheck
 from residual.check.samples import spikes
+from residual.check.standing import standing
+from residual.check.velocity import velocity_faults
 from residual.recording import Recording
 from residual.robot.robot import Robot
 
@@ -17,6 +26,9 @@ def check_logs(
 ) -> LogCheck:
     """Check whether logs are what they say they are.
 
+    A fault that others follow from is reported alone: with a wrong unit of time no
+    speed is too high, and with a wrong robot file nothing fits.
+
     Args:
         robot: The arm.
         recordings: Its logs, all read with one column map.
@@ -25,12 +37,35 @@ def check_logs(
     Returns:
         The faults, certain ones first.
     """
-    faults = [fault for r in recordings for fault in spikes(r)]
-    if not faults:
-        faults += _physics(robot, recordings)
+    with np.errstate(all="ignore"):
+        faults = _faults(robot, recordings)
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
 
 
-def _physics(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
-    motion = thin_rows(recordings)
-    return [] if motion is None else misread(robot, motion)[0]
+def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+    single = [(r, spikes(r)) for r in recordings]
+    faults = [fault for _, found in single for fault in found]
+    logs = [without_spikes(r) if found else r for r, found in single]
+    clock = time_unit(robot, logs)
+    if clock is not None:
+        faults.append(clock)
+        logs = [with_time(r, clock.repairs[0].scale) for r in logs]
+    for log in logs:
+        faults += uneven(log) + standing(log)
+    speeds = velocity_faults(logs)
+    faults += speeds
+    for fault in speeds:
+        if fault.kind == "time_unit":
+            logs = [with_time(r, fault.repairs[0].scale) for r in logs]
+    return faults + _of_the_arm(robot, logs)
+
+
+def _of_the_arm(robot: Robot, logs: Sequence[Recording]) -> list[Fault]:
+    """What the file, the motion and its physics say; the first that is certain wins."""
+    faults = body_faults(robot)
+    motion = thin_rows(logs)
+    faults += enough(logs, motion)
+    if any(fault.certain for fault in faults):
+        return faults
+    columns = misread(robot, motion)[0] if motion is not None else []
+    return faults + (columns or out_of_range(robot, logs))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from residual.check.check import check_logs
+from residual.check.standing import standing
 from tests.residual.arms import arm, plain_logs
 
 
@@ -22,3 +23,46 @@ def test_a_spike_of_any_size_is_found_with_its_joint_and_log(size):
 
 def test_noise_and_friction_that_turns_are_no_spikes():
     assert check_logs(arm(), plain_logs(arm(), [0, 1], 0.0)).verdict == "clean"
+
+
+def changed(signal, change):
+    """What stands in one log of which a signal was changed."""
+    (log,) = plain_logs(arm(), [0, 1], 0.0, count=1)
+    values = np.array(getattr(log, signal))
+    change(values)
+    faults = standing(replace(log, **{signal: values}))
+    return [(fault.kind, fault.joints, fault.certain) for fault in faults]
+
+
+def test_a_torque_that_stands_while_its_joint_moves_is_frozen():
+    def freeze(tau):
+        tau[300:450, 0] = tau[300, 0]
+
+    assert changed("tau", freeze) == [("frozen", (1,), False)]
+
+
+def test_an_angle_that_stands_and_then_jumps_is_frozen():
+    def freeze(q):
+        q[300:450, 1] = q[300, 1]
+
+    assert changed("q", freeze) == [("frozen", (2,), False)]
+
+
+def test_a_torque_that_is_cut_is_saturated():
+    def cut(tau):
+        limit = np.quantile(np.abs(tau[:, 1]), 0.8)
+        tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
+
+    assert changed("tau", cut) == [("saturated", (2,), False)]
+
+
+def test_coarse_steps_of_a_torque_are_said_and_fine_ones_are_not():
+    def rounded(share):
+        def change(tau):
+            step = share * tau[:, 0].std()
+            tau[:, 0] = np.round(tau[:, 0] / step) * step
+
+        return change
+
+    assert changed("tau", rounded(0.3)) == [("quantised", (1,), False)]
+    assert changed("tau", rounded(0.01)) == []

@@ -1,0 +1,58 @@
+"""Whether angles, speeds and torques are within what the robot file allows."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual.check.result import Fault
+from residual.recording import Array, Recording
+from residual.robot.robot import Robot
+
+_ANGLE = 0.2  # rad beyond the range
+_SPEED, _TORQUE = 1.5, 1.5  # of the limit: files are often a little too strict
+_SHARE = 0.99  # of the samples, so that single ones do not count
+_STRIDE = 0.1  # s over which a speed is taken
+
+
+def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+    """Find joints that are beyond the limits of the robot file.
+
+    Args:
+        robot: The arm.
+        recordings: Its logs.
+    """
+    beyond: dict[int, list[str]] = {}
+    low = np.min([np.quantile(r.q, 1 - _SHARE, axis=0) for r in recordings], axis=0)
+    high = np.max([np.quantile(r.q, _SHARE, axis=0) for r in recordings], axis=0)
+    speed = np.max([_speeds(r) for r in recordings], axis=0)
+    sizes = [np.quantile(np.abs(r.tau), _SHARE, axis=0) for r in recordings]
+    torque = np.max(sizes, axis=0)
+    for j in range(robot.dof):
+        said = beyond.setdefault(j + 1, [])
+        if max(robot.lower[j] - low[j], high[j] - robot.upper[j]) > _ANGLE:
+            said.append(
+                f"q{j + 1} runs from {low[j]:.3g} to {high[j]:.3g} rad, its range is "
+                f"{robot.lower[j]:.3g} to {robot.upper[j]:.3g} rad"
+            )
+        if speed[j] > _SPEED * robot.velocity_limit[j]:
+            said.append(
+                f"joint {j + 1} moves at {speed[j]:.3g} rad/s, its limit is "
+                f"{robot.velocity_limit[j]:.3g} rad/s"
+            )
+        if torque[j] > _TORQUE * robot.torque_limit[j]:
+            said.append(
+                f"tau{j + 1} reaches {torque[j]:.3g} N m, its limit is "
+                f"{robot.torque_limit[j]:.3g} N m"
+            )
+    joints = tuple(j for j, said in beyond.items() if said)
+    if not joints:
+        return []
+    words = "; ".join(text for said in beyond.values() for text in said)
+    return [Fault("out_of_range", joints, False, f"{words}.")]
+
+
+def _speeds(recording: Recording) -> Array:
+    step = float(np.median(np.diff(recording.t)))
+    stride = max(1, min(round(_STRIDE / step), len(recording.t) // 4))
+    t, q = recording.t[::stride], recording.q[::stride]
+    return np.quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]), _SHARE, axis=0)
