@@ -19,10 +19,12 @@ help:
 demo: .venv/core.stamp
 	@$(BIN)/modelgap demo $(ARGS)
 
-# One BLAS thread each: two workers with two threads each fight over two cores.
+# One BLAS thread each: two workers with two threads each fight over two cores. Bytecode
+# is kept even where the machine says otherwise: the tests start some forty programs, and
+# without it each of them that loads Prefect compiles that anew, for five seconds.
 test: CHOICE := -m "not long"
 test test-all: .venv/dev.stamp
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
 		$(BIN)/python -m pytest -n 2 --dist loadfile $(CHOICE) $(ARGS)
 
 lint: .venv/dev.stamp

@@ -1,41 +1,70 @@
 """A diagnosis without the numerics: the core and the report replaced by fakes."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from flows.service.server import start_server
 from flows.settings import API, quiet_prefect
 from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis
 from tests.verdict_documents import typed
 
+ROOT = Path(__file__).parents[2]
+# Ends with us, since it then has no input any more, and its server with it.
+OWNER = """
+import sys
+from pathlib import Path
+from flows.service.server import start_server
+from flows.settings import prepare_prefect
+
+home = Path(sys.argv[1])
+prepare_prefect(home)
+own = start_server(home)
+own.wait()
+print(own.url, own.process.pid, flush=True)
+sys.stdin.read()
+"""
 JOINTS = range(1, 7)
 NAMES = ("t", *(f"q{i}" for i in JOINTS), *(f"tau{i}" for i in JOINTS))
 
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    """A Prefect server for one file of tests, its database in a folder of ours."""
+    """A Prefect server for one file of tests, its database in a folder of ours.
+
+    A process of its own has started it, so that a test can kill the owner.
+    """
     home = tmp_path_factory.mktemp("prefect")
+    owner = subprocess.Popen(
+        [sys.executable, "-c", OWNER, str(home)],
+        cwd=ROOT,
+        env={k: v for k, v in os.environ.items() if not k.startswith("PREFECT")},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    url, process = owner.stdout.readline().split()
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(API, raising=False)
-        for name, value in quiet_prefect(home).items():
+        for name, value in {**quiet_prefect(home), API: url}.items():
             patch.setenv(name, value)
-        own = start_server(home)
-        own.wait()
-        patch.setenv(API, own.url)
         from prefect import settings
 
         updates = {
             settings.PREFECT_HOME: home,
-            settings.PREFECT_API_URL: own.url,
+            settings.PREFECT_API_URL: url,
             settings.PREFECT_LOGGING_TO_API_ENABLED: False,  # they may come too late
             # Without a heartbeat a flow ends when it ends, and not a second later.
             settings.PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None,
         }
         with settings.temporary_settings(updates):
-            yield
-        own.stop()
+            yield SimpleNamespace(url=url, process=process, owner=owner)
+    owner.kill()
+    owner.wait()
 
 
 @pytest.fixture

@@ -239,31 +239,17 @@ def test_prefect_is_prepared_to_be_quiet_and_at_home_in_the_store(tmp_path):
     assert done.stdout.split() == [str(tmp_path), "None", "False", "json"]
 
 
-@pytest.mark.slow
-def test_our_server_answers_and_ends_when_its_owner_is_killed(tmp_path):
-    code = (
-        "import time; from pathlib import Path; from flows.settings import "
-        f"prepare_prefect; from flows.service.server import start_server; home = "
-        f"Path({str(tmp_path)!r}); prepare_prefect(home); own = start_server(home); "
-        "own.wait(); print(own.url, own.process.pid, flush=True); time.sleep(600)"
-    )
-    owner = subprocess.Popen(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        env=_bare(),
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    url, process = owner.stdout.readline().split()
-    until(lambda: server_of.answers(url), "the server answers")
-    owner.kill()
-    owner.wait()
-    # An ended process that nobody has taken note of yet has no command line.
-    command = Path(f"/proc/{process}/cmdline")
-    until(lambda: not command.exists() or not command.read_bytes(), "it has ended")
-    assert not server_of.answers(url)
-
-
 def test_an_address_that_is_none_is_no_server():
     assert not server_of.answers(None)
     assert not server_of.answers("nonsense")
+
+
+def test_our_server_answers_and_ends_when_its_owner_is_killed(server):
+    """The last of this file: there is no server after it."""
+    assert server_of.answers(server.url)
+    server.owner.kill()
+    server.owner.wait()
+    # An ended process that nobody has taken note of yet has no command line.
+    command = Path(f"/proc/{server.process}/cmdline")
+    until(lambda: not command.exists() or not command.read_bytes(), "it has ended")
+    assert not server_of.answers(server.url)
