@@ -45,6 +45,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.long
 def test_the_cells_of_the_page_print_what_it_shows(folder):
     page = _sections()
     page.pop("Calibrate")

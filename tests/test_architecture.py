@@ -83,10 +83,17 @@ def _name(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
+@cache
+def _nodes(path: Path) -> tuple[ast.AST, ...]:
+    """Return every node of a file, which is read once for all tests."""
+    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+@cache
 def _imports(path: Path) -> set[str]:
     """Return the dotted names that a file imports, at its top or inside a function."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in _nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -194,7 +201,7 @@ def test_imports_stand_at_the_top_of_a_file():
     late = Counter(
         (_name(path), name.split(".")[0])
         for path in _modules().values()
-        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for function in _nodes(path)
         if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
         for node in ast.walk(function)
         if isinstance(node, ast.Import | ast.ImportFrom)
@@ -238,10 +245,9 @@ def test_who_has_only_logs_loads_neither_engine_nor_scheduler():
 
 def _strings(path: Path) -> set[str]:
     """Return the string constants of a file, docstrings left out."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     docs = {
         id(node.body[0].value)
-        for node in ast.walk(tree)
+        for node in _nodes(path)
         if isinstance(
             node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
         )
@@ -249,7 +255,7 @@ def _strings(path: Path) -> set[str]:
     }
     return {
         node.value
-        for node in ast.walk(tree)
+        for node in _nodes(path)
         if isinstance(node, ast.Constant)
         and isinstance(node.value, str)
         and id(node) not in docs
@@ -299,7 +305,7 @@ def test_no_function_is_longer_than_a_screen():
     long = {
         f"{_name(path)}:{node.lineno} {node.name}": _body_lines(node)
         for path in _sources(*ROOMS, "benchmarks")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in _nodes(path)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and _body_lines(node) > MAX_BODY
     }

@@ -16,6 +16,7 @@ from flows.steps import experiment
 from residual.calibration import calibrate as core
 from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
 from residual.calibration.scores import RANDOM, RUN, Score
+from residual.tables.form import EffectForm
 from residual.tables.nominal.pls import NominalForm
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
@@ -37,6 +38,7 @@ def quick(monkeypatch):
     """Fewer levels and components: the words are the same and the numbers quick."""
     lean = partial(core.Settings, form=NominalForm(6, 4), levels=(2, 5), pairs=False)
     monkeypatch.setattr("flows.steps.calibrate.Settings", lean)
+    monkeypatch.setattr(core, "EffectForm", partial(EffectForm, pyramid=(5, 10)))
 
 
 @pytest.fixture

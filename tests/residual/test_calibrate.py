@@ -1,11 +1,12 @@
 """The paper's chapter on runs: rows, schemes, table and what it must not hide."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 
+from residual.calibration import calibrate as core
 from residual.calibration.calibrate import Settings, calibrate
 from residual.calibration.methods import (
     DEFAULT,
@@ -39,6 +40,13 @@ from tests.residual.identified import logs, truth
 
 SMALL = NominalForm(8, 6)
 QUICK = Settings(form=SMALL, levels=(2, 4, 8), pairs=False)
+LEAN = partial(EffectForm, pyramid=(5, 10))
+
+
+@pytest.fixture(autouse=True)
+def lean(monkeypatch):
+    """Main effects on ten levels instead of forty: a step is a step on either."""
+    monkeypatch.setattr(core, "EffectForm", LEAN)
 
 
 @cache
@@ -216,7 +224,7 @@ def test_a_choice_that_other_nominal_models_do_not_bear_out_is_dropped():
 
 
 def test_a_single_log_is_cut_into_parts_and_effects_of_a_diagnosis_are_judged():
-    (log,) = logs(1, noise=0.3, duration=20.0)
+    (log,) = logs(1, noise=0.3, duration=12.0)
     settings = replace(QUICK, declared=("viscous", "rotor_inertia"), views=False)
     coulomb = registry()["coulomb"]
     terms = [Term(coulomb, (j,), (), np.array([4.0])) for j in range(3)]

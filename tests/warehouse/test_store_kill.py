@@ -14,7 +14,7 @@ from warehouse.layout import list_folders
 from warehouse.runs import read_run
 from warehouse.seal import open_seal
 
-KILLS = 30
+KILLS = 20
 
 
 @pytest.fixture(scope="module")
