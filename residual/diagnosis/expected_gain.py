@@ -154,11 +154,13 @@ def found(bench: Bench, one: Expected, size: float) -> bool:
     paid = one.occam + 0.5 * square * one.held - 0.5 * one.count
     net = lost - paid - one.cost
     named = bench.scores - paid - one.cost - PER_NAME
-    stands = named >= np.max(bench.scores - lost)
+    wins = (net >= rules.threshold) & (named >= np.max(bench.scores - lost))
+    if not wins.any():  # so of most sizes, and what follows takes the longest
+        return False
     by_fit = _lowers(bench, square * one.fall) & _confirmed(bench, one, size)
     big = np.sqrt(square * one.torque).max() >= rules.size
     spares = (net >= rules.plausible) & (spared >= rules.bent * net) & big
-    return bool(np.any((net >= rules.threshold) & stands & (by_fit | spares)))
+    return bool(np.any(wins & (by_fit | spares)))
 
 
 def _lowers(bench: Bench, fall: Array) -> Array:

@@ -17,8 +17,8 @@ from flows.steps import demo as steps
 from tests.verdict_documents import typed
 
 ROOT = Path(__file__).parents[2]
-# Short, and with families of motion that need no search: of eight experiments each would
-# take longer than all the rest. How those go is the matter of benchmarks/demo.py.
+# Short, and with families of motion that need no search: of eight experiments each
+# would take longer than all the rest. How those go is the matter of benchmarks/demo.py.
 RUN = """
 from flows.cli import main
 from flows.steps import demo

@@ -23,7 +23,7 @@ def logs(compiled_plant):
     """Logs of an arm that is as described, but for 2 % scatter."""
     made = []
     for i, kind in enumerate(FAMILIES):
-        spec = TrajectorySpec(kind, 15.0, 1, seed=60 + i)
+        spec = TrajectorySpec(kind, 8.0, 1, seed=60 + i)
         reference = make_reference(ROBOT, spec, 1000.0, optimised=False)
         run = run_experiment(ROBOT, reference, PlantSpec(seed=9), start=25.0 * i)
         made.append(replace(run.log, id=kind))

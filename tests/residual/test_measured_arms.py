@@ -89,7 +89,7 @@ def test_the_balancer_pulls_as_one_that_holds_the_arm_up():
 
 def test_nothing_is_named_where_torque_is_noise():
     rng = np.random.default_rng(30)
-    logs = (log("kr300", f"run_{k}.csv") for k in "AB")
+    logs = (log("kr300", f"run_{k}.csv@:60%") for k in "AB")
     noise = [
         replace(r, tau=r.tau.std(axis=0) * rng.normal(size=r.tau.shape)) for r in logs
     ]

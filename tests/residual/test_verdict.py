@@ -50,7 +50,9 @@ MAKE = {
     "baseline": lambda: diagnose_case(short_case(arm(), GROWN, seed=54)),
     "payload": lambda: diagnose_case(short_case(arm(toml=SURE), LOAD, seed=55)),
     "same run": lambda: diagnose_case(short_case(arm(), OFFSET, seed=51), held_out=()),
-    "seven joints": lambda: diagnose_case(short_case(arm(SEVEN), seed=56)),
+    "seven joints": lambda: diagnose_case(
+        short_case(arm(SEVEN), seed=56, duration=6.0)
+    ),
     DEAD: lambda: half_dead(moving=[0]),
     MUTE: lambda: half_dead(moving=[0, 1], silent=[1]),
 }
