@@ -61,10 +61,15 @@ def finish(figures: Figures) -> int:
     return int(any(entry["ok"] is False for entry in figures.values()))
 
 
-def code_hash() -> str:
-    """Return a hash over the code and the robots that decide results."""
+def code_hash(*own: str) -> str:
+    """Return a hash over the code and the robots that decide results.
+
+    Args:
+        own: Folders of the benchmark; none for those of benchmarks/logs.py.
+    """
     digest = hashlib.sha256()
-    for folder in ("residual", "sim", "warehouse/logs", "benchmarks/logs_parts"):
+    own = own or ("benchmarks/logs_parts",)
+    for folder in ("residual", "sim", "warehouse/logs", *own):
         for path in sorted((ROOT / folder).rglob("*")):
             if path.suffix in (".py", ".urdf", ".toml"):
                 digest.update(str(path.relative_to(ROOT)).encode())

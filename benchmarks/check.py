@@ -1,0 +1,101 @@
+"""Does the check find what is wrong with a log, mend it, and leave sound ones alone?
+
+    python benchmarks/check.py --quick                    under 50 s on two cores
+    python benchmarks/check.py --seeds 1:2                to look at
+    python benchmarks/check.py --full-json benchmarks/results/check.json
+
+Every kind of fault is put into logs of simulated and measured arms, at three sizes.
+Seeds 6001:6010 decide and are used for nothing else; 1 to 99 are for development.
+Finished jobs are kept in store/benchmarks, by a hash of the code. The last line is one
+JSON object; exit code 1 for a missed bar.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.check_parts import bars, cases
+from benchmarks.diagnosis_parts.kept import Kept
+from benchmarks.figures import (
+    ROOT,
+    circumstances,
+    code_hash,
+    finish,
+    one_blas_thread,
+    save,
+)
+from flows.workers.pool import Pool
+
+_SEEDS, _QUICK_SEEDS = "6001:6010", "1:1"
+_GROUPS = ("faults", "clean", "effects", "trusted")
+
+
+def main() -> int:
+    """Run the jobs and return the exit code."""
+    args = _arguments()
+    first, last = (int(word) for word in args.seeds.split(":"))
+    wanted = cases.tasks(range(first, last + 1), args.quick)
+    jobs = {t.name: t for t in wanted if t.group in args.groups and _on(args, t)}
+    one_blas_thread()
+    with _kept(args) as known, Pool(2) as pool:
+        done = known.run(pool, cases.run, jobs)
+    rows = [row for result in done.values() for row in result.get("rows", ())]
+    lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]
+    absent = sorted({r["absent"] for r in done.values() if "absent" in r})
+    deciding = args.seeds == _SEEDS and not args.quick and not args.hosts
+    deciding = deciding and set(args.groups) == set(_GROUPS)
+    figures = bars.figures([*rows, *lost], absent, deciding)
+    _show(rows)
+    if args.full_json:
+        facts = circumstances(seeds=args.seeds, quick=args.quick)
+        save(args.full_json, {**facts, "figures": figures, "cases": rows})
+    return finish(figures)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
+    parser.add_argument("--seeds", default=_SEEDS, metavar="A:B", help="both included")
+    parser.add_argument("--groups", nargs="*", default=list(_GROUPS), choices=_GROUPS)
+    parser.add_argument("--hosts", nargs="*", help="some arms, or effects, only")
+    parser.add_argument("--full-json", type=Path, metavar="FILE")
+    text = "where finished jobs are kept instead"
+    parser.add_argument("--keep", type=Path, metavar="FILE.jsonl", help=text)
+    args = parser.parse_args()
+    if args.quick:
+        args.seeds = _QUICK_SEEDS
+    return args
+
+
+def _on(args: argparse.Namespace, task: cases.Task) -> bool:
+    return not args.hosts or task.host in args.hosts
+
+
+def _kept(args: argparse.Namespace) -> Kept:
+    folder = ROOT / "store" / "benchmarks"
+    version = code_hash("benchmarks/check_parts", "flows/inputs", "flows/steps")
+    return Kept(args.keep or folder / f"check-{version}.jsonl")
+
+
+def _show(rows: list[dict]) -> None:
+    """Print one line per kind of fault, and what was missed."""
+    told: dict[str, Counter] = {}
+    for row in rows:
+        if "hit" in row:
+            told.setdefault(row["kind"], Counter())[row["hit"]] += 1
+    for kind, counts in told.items():
+        print(f"{kind:18} {counts[True]:4} of {counts.total()}")
+    for row in rows:
+        if "error" in row or ("hit" in row and not row["hit"]):
+            where = f"{row['host']} {row['seed']} size {row.get('size')}"
+            what = row.get("error") or row["said"]
+            print(f"  {row.get('kind')} {row.get('joints')} on {where}: {what}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,129 @@
+"""What must be reached, as figures of the rows of all groups."""
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from benchmarks.check_parts.arms import MEASURED
+from benchmarks.figures import Figures, figure, missing
+from flows.blind.sums import wilson
+
+Rows = Sequence[Mapping]
+FOUND, EXACT, FALSE, CERTAIN, UNNAMED = 0.95, 0.90, 0.02, 0, 1.0
+_FEW = "not the deciding draws; the full run decides"
+_ABSENT = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
+
+# What is true of a log is no false fault.
+TRUE_OF = {
+    "ur10": ("filtered",),
+    "lwr4": ("filtered",),
+    "gen3": ("too_short", "no_reversal"),
+}
+# What an arm has by its effect, the check may say too, if not with certainty.
+SHOWS_AS = {
+    "torque_gain": ("torque_scale",),
+    "delay": ("delay",),
+    "saturation": ("saturated",),
+}
+
+
+def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
+    """Return all figures.
+
+    Args:
+        rows: Rows of all groups.
+        absent: Measured arms whose logs are not there.
+        deciding: Whether these are the seeds and counts that the bars are for.
+    """
+    by_group = defaultdict(list)
+    for row in rows:
+        by_group["crashes" if "error" in row else row["group"]].append(row)
+    faults, sound = by_group["faults"], by_group["clean"] + by_group["effects"]
+    drawn = [r for r in faults if r["host"] not in MEASURED]
+    out = {
+        "faults_found": _share(faults, lambda r: r["hit"], FOUND) | _tables(faults),
+        "faults_found_simulated": _share(drawn, lambda r: r["hit"], None),
+        "faults_found_measured": _on_measured(faults, absent),
+        "repairs_exact": _exact(faults),
+        "false_faults": _share(sound, lambda r: bool(false_of(r)), FALSE, most=True)
+        | {"which": _which(sound)},
+        "false_certain": _certain(sound),
+        "certain_unnamed": _share(by_group["trusted"], _nothing_said, UNNAMED),
+        "seconds": _seconds(faults),
+        "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
+    }
+    if not deciding:
+        for name, entry in out.items():
+            if entry["bar"] is not None and name != "crashes":
+                entry |= {"ok": None, "why": entry.get("why") or _FEW}
+    return out
+
+
+def false_of(row: Mapping) -> list:
+    """Return the faults that a check told of clean logs."""
+    true = (*TRUE_OF.get(row["host"], ()), *SHOWS_AS.get(row["effect"], ()))
+    return [said for said in row["said"] if said[2] or said[0] not in true]
+
+
+def _nothing_said(row: Mapping) -> bool:
+    return row["answer"] in ("unknown", "refused") and not row["named"]
+
+
+def _on_measured(faults: Rows, absent: Sequence[str]) -> dict:
+    rows = [r for r in faults if r["host"] in MEASURED]
+    if not rows:
+        return missing(None, _ABSENT if absent else _FEW)
+    return _share(rows, lambda r: r["hit"], None)
+
+
+def _exact(faults: Rows) -> dict:
+    lines = [{"line": exact} for row in faults for exact in row["exact"]]
+    each = defaultdict(list)
+    for row in faults:
+        each[row["kind"]] += row["exact"]
+    entry = _share(lines, lambda line: line["line"], EXACT)
+    return entry | {"per_kind": {k: [sum(v), len(v)] for k, v in each.items() if v}}
+
+
+def _certain(sound: Rows) -> dict:
+    rows = [r for r in sound if any(said[2] for said in r["said"])]
+    entry = figure(len(rows), CERTAIN, len(sound))
+    return entry | {"which": [[r["host"], r["seed"], r["said"]] for r in rows]}
+
+
+def _seconds(faults: Rows) -> dict:
+    own = [row["seconds"] for row in faults]
+    value = float(np.median(own)) if own else None
+    return figure(value, None, len(own), why="for information, no bar of its own")
+
+
+def _tables(faults: Rows) -> dict:
+    out = {}
+    for key in ("kind", "host"):
+        each = defaultdict(list)
+        for row in faults:
+            each[row[key]].append(row["hit"])
+        out[f"per_{key}"] = {k: [sum(v), len(v)] for k, v in each.items()}
+    return out
+
+
+def _which(sound: Rows) -> dict:
+    each: dict[str, int] = defaultdict(int)
+    for row in sound:
+        for kind, _, certain in false_of(row):
+            each[f"{kind}{' (certain)' if certain else ''} on {row['host']}"] += 1
+    return dict(sorted(each.items()))
+
+
+def _share(
+    rows: Rows, hit: Callable[[Mapping], bool], bar: float | None, most: bool = False
+) -> dict:
+    n, hits = len(rows), sum(bool(hit(row)) for row in rows)
+    value = hits / n if n else None
+    entry = figure(value, bar, n, interval=wilson(hits, n))
+    if bar is None:
+        return entry | {"why": "for information, no bar of its own"}
+    if most or value is None:
+        return entry
+    return entry | {"ok": bool(value >= bar), "at_least": True}

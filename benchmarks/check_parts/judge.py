@@ -1,0 +1,116 @@
+"""What a check says of spoiled logs: right kind and joints, and lines that mend."""
+
+import json
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from benchmarks.check_parts.arms import Host
+from benchmarks.check_parts.spoiled import SIGNALS, Spoiled, Table, table_of
+from flows.inputs.logs import LogSets, read_sets
+from flows.steps.check import check
+from residual.check.report import CheckReport, FaultReport
+from residual.robot.robot import Robot, robot_from_texts
+
+# A repair that says what was done is right to rounding; a fitted one is not.
+_EXACT = {"torque_scale": 0.03}
+_ROUNDING = 1e-3
+
+
+def judged(own: Host, spoiled: Spoiled) -> dict:
+    """Check spoiled logs; return what was said, and what that is worth."""
+    with tempfile.TemporaryDirectory() as folder:
+        place, robot = Path(folder), given(own, spoiled)
+        sets = read(place, spoiled.tables, robot)
+        begun = perf_counter()
+        report = check(sets)
+        seconds = round(perf_counter() - begun, 3)
+        lines = dict.fromkeys(f.repair for f in report.faults if f.repair)
+        exact = [_mends(line, spoiled, (own, robot, place)) for line in lines]
+    return {
+        **told(report),
+        "hit": any(is_it(f, spoiled, own.robot.dof) for f in report.faults),
+        "certain": any(f.certain for f in report.faults),
+        "exact": exact,
+        "seconds": seconds,
+    }
+
+
+def given(own: Host, spoiled: Spoiled) -> Robot:
+    """Return the robot as it is given with spoiled logs."""
+    toml = json.loads(own.robot.toml) | tomllib.loads(spoiled.toml)
+    urdf = spoiled.urdf or own.robot.urdf
+    return robot_from_texts(own.robot.name, urdf, json.dumps(toml, sort_keys=True))
+
+
+def read(
+    folder: Path, tables: Sequence[Table], robot: Robot, columns: str | None = None
+) -> LogSets:
+    """Write logs as files and read them as a command does.
+
+    Args:
+        folder: Where to write.
+        tables: The logs.
+        robot: The arm.
+        columns: The COLUMNS.toml, None for none.
+    """
+    words = []
+    for i, table in enumerate(tables):
+        names = {"t": table["t"]}
+        for signal in SIGNALS[1:]:
+            if signal in table:
+                names |= {f"{signal}{j}": c for j, c in enumerate(table[signal].T, 1)}
+        path = folder / f"log_{i}.parquet"
+        pq.write_table(pa.table(names), path)
+        words.append(str(path))
+    return read_sets((words, (), ()), robot, columns, folder, to_check=True)
+
+
+def told(report: CheckReport) -> dict:
+    """Return what a check said, short."""
+    return {
+        "verdict": report.verdict,
+        "said": [[f.kind, list(f.joints), f.certain] for f in report.faults],
+    }
+
+
+def is_it(fault: FaultReport, spoiled: Spoiled, dof: int) -> bool:
+    """Whether a fault is the one that was made: kind and joints."""
+    every = tuple(range(1, dof + 1))
+    where = tuple(sorted(fault.joints)) or every
+    kinds = (spoiled.kind, *spoiled.also)
+    return fault.kind in kinds and where == (spoiled.joints or every)
+
+
+def _mends(line: str, spoiled: Spoiled, about: tuple[Host, Robot, Path]) -> bool:
+    """Whether logs, or the robot, are the right ones once a line is followed."""
+    own, robot, folder = about
+    if line.startswith("gravity"):
+        mended = tomllib.loads(f"[robot]\n{line}")["robot"]["gravity"]
+        return bool(np.allclose(mended, own.robot.model.gravity.linear, _ROUNDING))
+    columns = folder / "COLUMNS.toml"
+    columns.write_text(line, encoding="utf-8")
+    logs = read(folder, spoiled.tables, robot, str(columns)).fit
+    if not spoiled.right:
+        return False
+    most = _EXACT.get(spoiled.kind, _ROUNDING)
+    pairs = zip(map(table_of, logs), spoiled.right, strict=True)
+    return all(_same(mended, right, most) for mended, right in pairs)
+
+
+def _same(mended: Table, right: Table, most: float) -> bool:
+    for name, wanted in right.items():
+        if mended[name].shape != wanted.shape:
+            return False
+        wanted = wanted - wanted[0] if name == "t" else wanted
+        own = mended[name] - mended[name][0] if name == "t" else mended[name]
+        size = np.sqrt(np.mean(wanted**2, axis=0)) + 1e-9
+        if (np.sqrt(np.mean((own - wanted) ** 2, axis=0)) / size).max() > most:
+            return False
+    return True

@@ -1,0 +1,118 @@
+"""Faults of sensors and clocks: what cannot be mended by a line."""
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from benchmarks.check_parts.arms import Host
+from benchmarks.check_parts.spoiled import Spoiled, Table, some, tables_of
+
+Array = np.ndarray
+Rng = np.random.Generator
+
+
+def clock(host: Host, size: int, rng: Rng) -> Spoiled:
+    """Five times repeat, the clock starts again, or leaps three seconds ahead."""
+    tables = tables_of(host)
+    t = tables[0]["t"].copy()
+    at = int(rng.integers(len(t) // 4, len(t) // 2))
+    if size == 0:
+        t[at : at + 5] = t[at]
+    elif size == 1:
+        t[at:] -= t[at] - t[0]
+    else:
+        t[at:] += 3.0
+    return Spoiled("clock", (), [tables[0] | {"t": t}, *tables[1:]])
+
+
+def spike(host: Host, size: int, rng: Rng) -> Spoiled:
+    """One sample of a torque is 30 times too large, of an angle 1 rad off, or 1e308."""
+    name = ("tau", "q", "tau")[size]
+
+    def spoil(x: Array, at: int) -> None:
+        x[at] = (30 * np.abs(x).max(), x[at] + 1.0, 1e308)[size]
+
+    return _of_one(host, rng, "spike", name, spoil)
+
+
+def frozen(host: Host, size: int, rng: Rng) -> Spoiled:
+    """A torque, an angle, or a torque from there on, stands while the arm moves."""
+    name, share = (("tau", 0.3), ("q", 0.2), ("tau", 0.6))[size]
+
+    def spoil(x: Array, at: int) -> None:
+        x[at : at + int(share * len(x))] = x[at]
+
+    return _of_one(host, rng, "frozen", name, spoil)
+
+
+def quantised(host: Host, size: int, rng: Rng) -> Spoiled:
+    """A torque comes in steps of a quarter, a half, or one of its deviation."""
+    share = (0.25, 0.5, 1.0)[size]
+
+    def spoil(x: Array, at: int) -> None:
+        step = share * x.std()
+        x[:] = np.round(x / step) * step
+
+    return _of_one(host, rng, "quantised", "tau", spoil, whole=True)
+
+
+def saturated(host: Host, size: int, rng: Rng) -> Spoiled:
+    """A torque ends at 60, 40 or 25 % of its largest value."""
+    share = (0.6, 0.4, 0.25)[size]
+
+    def spoil(x: Array, at: int) -> None:
+        level = share * np.abs(x).max()
+        np.clip(x, -level, level, out=x)
+
+    return _of_one(host, rng, "saturated", "tau", spoil, whole=True)
+
+
+def delay(host: Host, size: int, rng: Rng) -> Spoiled:
+    """Torque comes 12, 24 or 48 ms late."""
+    late = (0.012, 0.024, 0.048)[size]
+
+    def change(table: Table) -> Table:
+        columns = [np.interp(table["t"] - late, table["t"], c) for c in table["tau"].T]
+        return table | {"tau": np.column_stack(columns)}
+
+    return Spoiled("delay", (), [change(table) for table in tables_of(host)])
+
+
+def filtered(host: Host, size: int, rng: Rng) -> Spoiled | None:
+    """Torque was low-passed at 20, 10 or 5 Hz before it was logged."""
+    if host.name in ("ur10", "lwr4"):
+        return None  # theirs was already
+    corner = (20.0, 10.0, 5.0)[size]
+
+    def change(table: Table) -> Table:
+        rate = 1 / np.median(np.diff(table["t"]))
+        sos = butter(4, corner, fs=rate, output="sos")
+        return table | {"tau": sosfiltfilt(sos, table["tau"], axis=0)}
+
+    return Spoiled("filtered", (), [change(table) for table in tables_of(host)])
+
+
+def out_of_range(host: Host, size: int, rng: Rng) -> Spoiled | None:
+    """An angle lies 0.3, 0.8 or 2 rad beyond the end of its range."""
+    free = [j for j in range(host.robot.dof) if np.isfinite(host.robot.upper[j])]
+    if not free:
+        return None
+    joint, beyond = int(rng.choice(free)), (0.3, 0.8, 2.0)[size]
+    tables = tables_of(host)
+    highest = max(table["q"][:, joint].max() for table in tables)
+    off = np.zeros(host.robot.dof)
+    off[joint] = host.robot.upper[joint] + beyond - highest
+    moved = [table | {"q": table["q"] + off} for table in tables]
+    return Spoiled("out_of_range", (joint + 1,), moved)
+
+
+def _of_one(host: Host, rng: Rng, kind: str, name: str, spoil, whole=False) -> Spoiled:
+    """Spoil a signal of one joint: in one log, or in all where the sensor does it."""
+    (joint,), tables = some(rng, host.robot.dof, 1), tables_of(host)
+    at = int(rng.integers(len(tables[0]["t"]) // 5, len(tables[0]["t"]) // 3))
+    out = []
+    for i, table in enumerate(tables):
+        signal = table[name].copy()
+        if whole or i == 0:
+            spoil(signal[:, joint - 1], at)
+        out.append(table | {name: signal})
+    return Spoiled(kind, (joint,), out)

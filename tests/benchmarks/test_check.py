@@ -1,0 +1,140 @@
+"""The check benchmark: what is spoiled, when a line is exact, what misses a bar."""
+
+import numpy as np
+import pytest
+
+from benchmarks.check_parts import bars, cases, judge
+from benchmarks.check_parts.arms import HIDDEN, SIX, host
+from benchmarks.check_parts.spoiled import Spoiled, table_of
+from flows.steps import check as steps
+from residual.check.result import KINDS, Fault, LogCheck, Repair
+from sim.streams import stream
+
+
+@pytest.fixture(scope="module")
+def six():
+    return host(SIX, 1)
+
+
+def spoil(own, kind, size=0, seed=1):
+    return cases.FAULTS[kind](own, size, stream(seed, f"{kind}/{size}"))
+
+
+def test_every_kind_of_fault_can_be_made():
+    assert set(cases.FAULTS) == set(KINDS)
+    assert set(cases.EXCLUDED) < set(KINDS)
+
+
+@pytest.mark.parametrize("kind", cases.FAULTS)
+@pytest.mark.parametrize("size", range(3))
+def test_a_fault_changes_logs_or_robot_and_leaves_the_host_as_it_was(six, kind, size):
+    before = [table_of(log) for log in six.logs]
+    made = spoil(six, kind, size)
+    assert made.kind == kind
+    assert set(made.joints) <= set(range(1, 7))
+    robot = judge.given(six, made)
+    same = len(made.tables) == len(before) and all(
+        np.array_equal(one[name], other[name])
+        for one, other in zip(made.tables, before, strict=False)
+        for name in other
+    )
+    assert not same or robot.content_hash != six.robot.content_hash
+    for table, log in zip(before, six.logs, strict=True):
+        for name, values in table.items():
+            np.testing.assert_array_equal(values, getattr(log, name))
+
+
+def said(monkeypatch, *faults):
+    monkeypatch.setattr(steps, "check_logs", lambda *_: LogCheck(faults))
+
+
+REPAIRS = {
+    "torque_sign": lambda j: Repair("tau", j, sign=(-1,) * len(j)),
+    "torque_unit": lambda j: Repair("tau", scale=1e-3),
+    "time_unit": lambda j: Repair("t", scale=1e-3),
+}
+
+
+@pytest.mark.parametrize("kind", REPAIRS)
+def test_a_right_line_is_exact_and_half_of_one_is_not(six, monkeypatch, kind):
+    made = spoil(six, kind)
+    repair = REPAIRS[kind](made.joints)
+    said(monkeypatch, Fault(kind, made.joints, True, "", (repair,)))
+    row = judge.judged(six, made)
+    assert (row["hit"], row["exact"]) == (True, [True])
+    other = Repair("tau", (6,), sign=(-1,)) if made.joints != (6,) else Repair("tau")
+    said(monkeypatch, Fault(kind, made.joints, True, "", (other,)))
+    assert judge.judged(six, made)["exact"] == [False]
+
+
+def test_a_line_for_what_no_line_mends_is_not_exact(six, monkeypatch):
+    made = spoil(six, "frozen")
+    line = Repair("tau", made.joints, scale=2.0)
+    said(monkeypatch, Fault("frozen", made.joints, False, "", (line,)))
+    assert judge.judged(six, made)["exact"] == [False]
+
+
+def test_gravity_is_mended_in_the_robot_file(six, monkeypatch):
+    made = spoil(six, "robot_file", 2)
+    said(monkeypatch, Fault("robot_file", (), True, "", (Repair("robot", scale=1e-3),)))
+    row = judge.judged(six, made)
+    assert (row["hit"], row["exact"]) == (True, [True])
+
+
+def test_another_kind_or_another_joint_is_no_hit():
+    made = Spoiled("torque_sign", (2,), (), also=("angle_sign",))
+    every = Spoiled("torque_unit", (), ())
+    hits = {
+        ("torque_sign", (2,)): True,
+        ("angle_sign", (2,)): True,
+        ("torque_sign", (3,)): False,
+        ("torque_sign", ()): False,
+        ("joint_order", (2,)): False,
+    }
+    for (kind, joints), hit in hits.items():
+        assert judge.is_it(Fault(kind, joints, True, ""), made, 6) is hit
+    all_joints = Fault("torque_unit", (1, 2, 3), True, "")
+    assert judge.is_it(all_joints, every, 3)
+    assert not judge.is_it(all_joints, every, 4)
+
+
+def sound(host=SIX, effect="", *faults):
+    return {
+        "group": "clean",
+        "host": host,
+        "seed": 1,
+        "effect": effect,
+        "verdict": "",
+        "said": [list(fault) for fault in faults],
+    }
+
+
+def test_what_is_true_of_a_log_is_no_false_fault_unless_it_is_certain():
+    assert not bars.false_of(sound("ur10", "", ("filtered", [], False)))
+    assert bars.false_of(sound("kr300", "", ("filtered", [], False)))
+    assert not bars.false_of(sound(SIX, "torque_gain", ("torque_scale", [2], False)))
+    assert bars.false_of(sound(SIX, "torque_gain", ("torque_scale", [2], True)))
+
+
+def test_one_certain_fault_of_sound_logs_is_a_miss():
+    rows = [sound()] * 99 + [sound(SIX, "", ("torque_sign", [1], True))]
+    told = bars.figures(rows, (), deciding=True)
+    assert told["false_certain"]["ok"] is False
+    assert told["false_faults"]["ok"] is True  # one in a hundred
+    assert told["faults_found_measured"]["value"] is None
+    assert bars.figures(rows, (), deciding=False)["false_certain"]["ok"] is None
+
+
+def test_a_name_or_a_none_on_an_excluded_log_is_a_miss():
+    row = {"group": "trusted", "host": SIX}
+    good = [{**row, "answer": a, "named": []} for a in ("unknown", "refused")]
+    assert bars.figures(good, (), True)["certain_unnamed"]["ok"] is True
+    bad = [*good, {**row, "answer": "none", "named": []}]
+    assert bars.figures(bad, (), True)["certain_unnamed"]["ok"] is False
+
+
+def test_jobs_have_names_of_their_own_and_reach_every_kind_of_arm():
+    wanted = cases.tasks(range(1, 3), False)
+    assert len({task.name for task in wanted}) == len(wanted)
+    faults = {task.host for task in wanted if task.group == "faults"}
+    assert faults == {"six", "seven", "engine", HIDDEN, *bars.MEASURED}
