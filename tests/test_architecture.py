@@ -221,26 +221,30 @@ def test_no_folder_has_more_files_than_a_reader_takes_in():
     assert {f: n for f, n in folders.items() if n > MOST_FILES} == {}
 
 
-def test_who_wants_no_page_loads_no_plotting_library():
-    modules = ", ".join(f"flows.cli.{c}" for c in ("diagnose", "calibrate", "identify"))
-    code = f"import sys, {modules}\nprint('matplotlib' in sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+@cache
+def _loaded() -> tuple[str, ...]:
+    """Return what a process has loaded after three commands, then after all of logs."""
+    page, logs = (
+        ", ".join(f"flows.cli.{name}" for name in names.split())
+        for names in ("diagnose calibrate identify", "app imports monitor")
     )
-    assert (done.stdout.strip(), done.stderr) == ("False", "")
-
-
-def test_who_has_only_logs_loads_neither_engine_nor_scheduler():
-    commands = ("app", "diagnose", "identify", "calibrate", "imports", "monitor")
-    modules = ["flows.steps.diagnose", *(f"flows.cli.{name}" for name in commands)]
     code = (
-        f"import sys, {', '.join(modules)}\n"
+        f"import sys, {page}\nprint('matplotlib' in sys.modules)\n"
+        f"import flows.steps.diagnose, {logs}\n"
         "print(sorted({'prefect', 'pybullet', 'cvxpy'} & set(sys.modules)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
     )
-    assert (done.stdout.strip(), done.stderr) == ("[]", "")
+    return *done.stdout.splitlines(), done.stderr
+
+
+def test_who_wants_no_page_loads_no_plotting_library():
+    assert _loaded()[0] == "False"
+
+
+def test_who_has_only_logs_loads_neither_engine_nor_scheduler():
+    assert _loaded()[1:] == ("[]", "")
 
 
 def _strings(path: Path) -> set[str]:
