@@ -64,17 +64,18 @@ def checked(
         InputError: With the first certain fault and the line that mends it; in any
             case where nothing can be computed from a log.
     """
-    for _, doubt in logs.doubts:
-        if doubt.fatal:
-            raise InputError(doubt.words)
     report = check(logs, declared)
+    fatal = [doubt.words for _, doubt in logs.doubts if doubt.fatal]
+    if fatal and (trust_log or not any(fault.repair for fault in report.certain)):
+        raise InputError(fatal[0])
     if report.certain and not trust_log:
         raise InputError(_refusal(report))
     return report
 
 
 def _refusal(report: CheckReport) -> str:
-    first, *more = report.certain
+    # What a line can mend first, since the others may come of it.
+    first, *more = sorted(report.certain, key=lambda fault: fault.repair is None)
     rest = f" {len(more)} more: see modelgap check." if more else ""
     evidence = " ".join(first.evidence.split())
     if first.repair:
@@ -117,8 +118,8 @@ def _merged(faults: Sequence[Fault]) -> Fault:
     evidence = first.evidence
     if first.log and not evidence.startswith(first.log):
         evidence = f"{first.log}: {evidence}"
-    also = [f.log for f in others if f.log not in ("", first.log)]
-    if also:
+    also = [f.log for f in others if f.log != first.log]
+    if also and first.log:
         evidence = f"{evidence} The same in {', '.join(dict.fromkeys(also))}."
     return replace(first, evidence=evidence)
 
