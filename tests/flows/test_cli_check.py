@@ -170,8 +170,10 @@ def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
     log(spoil(column, 700, size))
     assert run("check A.csv --robot irb140 --json -") == 0
     told = json.loads(capsys.readouterr().out)
-    joint = int(column[-1])
-    assert ("spike", [joint]) in [(f["kind"], f["joints"]) for f in told["faults"]]
+    (fault,) = told["faults"]
+    assert (fault["kind"], fault["joints"]) == ("spike", [int(column[-1])])
+    assert fault["certain"]
+    assert f"{size:.3g} at sample 700" in fault["evidence"]
 
 
 @pytest.mark.parametrize(

@@ -147,6 +147,7 @@ def scale(columns, factor):
 BAD_SAMPLES = {
     "nan": (change(7, 2, np.nan), "q is NaN or infinite at sample 7"),
     "inf": (change(7, 4, np.inf), "tau is NaN or infinite at sample 7"),
+    "huge": (change(7, 4, -1e300), "tau is -1e[+]300 at sample 7"),
     "time nan": (change(7, 0, np.nan), "time is NaN or infinite at sample 7"),
     "time backwards": (change(7, 0, 0.01), "time runs backwards at sample 7"),
     "time repeats": (change(7, 0, 0.06), "time repeats at sample 7"),

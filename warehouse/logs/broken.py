@@ -1,4 +1,4 @@
-"""Rows that no sensor wrote: without a number, or at a time that was before."""
+"""Rows that no sensor wrote: without a number, beyond all measure, or out of time."""
 
 from collections.abc import Mapping
 
@@ -8,6 +8,8 @@ from residual.errors import RecordingError
 from warehouse.logs.check import Doubt, check_time
 
 Array = np.ndarray
+
+LARGEST = 1e30  # in any SI unit: no sensor measures more, and sums of squares overflow
 
 
 def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
@@ -35,7 +37,7 @@ def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
 def finite_rows(
     signals: Mapping[str, Array], where: str
 ) -> tuple[Array, tuple[Doubt, ...]]:
-    """Return the rows in which every signal is a number.
+    """Return the rows in which every signal is a number that can be measured.
 
     Args:
         signals: Values by name. Shapes (n, dof).
@@ -44,15 +46,18 @@ def finite_rows(
     Returns:
         Which rows to keep, shape (n,); and what is wrong with the others.
     """
-    bad = {name: ~np.isfinite(values) for name, values in signals.items()}
+    # Not a number compares as false.
+    bad = {name: ~(np.abs(values) < LARGEST) for name, values in signals.items()}
     keep = ~np.any([mask.any(axis=1) for mask in bad.values()], axis=0)
     doubts = []
     for name, mask in bad.items():
         joints = tuple(int(j) + 1 for j in np.flatnonzero(mask.any(axis=0)))
         if joints:
             row = int(np.argmax(mask.any(axis=1)))
+            first = signals[name][row][mask[row]][0]
+            what = f"{first:.3g}" if np.isfinite(first) else "NaN or infinite"
             words = (
-                f"{where}: {name} is NaN or infinite at sample {row}. Cut the log "
+                f"{where}: {name} is {what} at sample {row}. Cut the log "
                 f"there with a window (FILE@start:end) or repair it. {_share(keep)}"
             )
             doubts.append(Doubt("spike", joints, words))
