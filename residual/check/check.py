@@ -7,14 +7,17 @@ import numpy as np
 from residual.check.body import body_faults
 from residual.check.clock import time_unit, uneven
 from residual.check.enough import enough
+from residual.check.follow import carried
+from residual.check.late import filtered, late
 from residual.check.motion import thin_rows
 from residual.check.physics import misread
 from residual.check.ranges import out_of_range
-from residual.check.repaired import with_time, without_spikes
+from residual.check.repaired import with_scale, without_spikes
 from residual.check.result import Fault, LogCheck
 from residual.check.samples import spikes
 from residual.check.standing import standing
 from residual.check.velocity import velocity_faults
+from residual.check.world import other_world
 from residual.recording import Recording
 from residual.robot.robot import Robot
 
@@ -49,23 +52,36 @@ def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     clock = time_unit(robot, logs)
     if clock is not None:
         faults.append(clock)
-        logs = [with_time(r, clock.repairs[0].scale) for r in logs]
+        logs = [with_scale(r, "t", clock.repairs[0].scale) for r in logs]
     for log in logs:
         faults += uneven(log) + standing(log)
     speeds = velocity_faults(logs)
-    faults += speeds
+    logs = _in_units(logs, speeds)
+    return faults + _of_the_arm(robot, logs, speeds)
+
+
+def _in_units(
+    logs: Sequence[Recording], speeds: Sequence[Fault]
+) -> Sequence[Recording]:
+    """Mend units of time and angle that the velocities gave away."""
     for fault in speeds:
-        if fault.kind == "time_unit":
-            logs = [with_time(r, fault.repairs[0].scale) for r in logs]
-    return faults + _of_the_arm(robot, logs)
+        for repair in fault.repairs:
+            if repair.signal in ("t", "q") and isinstance(repair.scale, float):
+                logs = [with_scale(r, repair.signal, repair.scale) for r in logs]
+    return logs
 
 
-def _of_the_arm(robot: Robot, logs: Sequence[Recording]) -> list[Fault]:
+def _of_the_arm(
+    robot: Robot, logs: Sequence[Recording], speeds: Sequence[Fault]
+) -> list[Fault]:
     """What the file, the motion and its physics say; the first that is certain wins."""
     faults = body_faults(robot)
     motion = thin_rows(logs)
     faults += enough(logs, motion)
-    if any(fault.certain for fault in faults):
-        return faults
-    columns = misread(robot, motion)[0] if motion is not None else []
-    return faults + (columns or out_of_range(robot, logs))
+    if motion is None or any(fault.certain for fault in faults):
+        return [*faults, *speeds]
+    columns = misread(robot, motion)[0] or other_world(robot, motion)
+    columns += filtered(logs) + ([] if columns else late(robot, logs))
+    mended = any(fault.certain for fault in (*columns, *speeds))
+    faults += carried(columns, speeds, logs)
+    return faults if mended else faults + out_of_range(robot, logs)

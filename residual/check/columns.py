@@ -6,6 +6,7 @@ all of these can.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -60,7 +61,7 @@ def columns(robot: Robot, motion: Motion) -> list[Columns]:
     nominal = y @ inertial_parameters(robot.model)
     size = np.sqrt(np.mean(nominal**2, axis=0))
     size = np.maximum(size, _LEAST_SIZE * max(size.max(), _NOTHING))
-    root = cholesky(_inertial_covariance(robot), lower=True)
+    root = _inertial_root(robot)
     outer = _outer(robot, motion)
     out = []
     for j in range(motion.dof):
@@ -77,15 +78,19 @@ def columns(robot: Robot, motion: Motion) -> list[Columns]:
     return out
 
 
-def _inertial_covariance(robot: Robot) -> Array:
-    """What a rough robot file leaves open, and a load that it may not have at all."""
+@lru_cache(maxsize=4)
+def _inertial_root(robot: Robot) -> Array:
+    """What a rough robot file leaves open, and a load that it may not have at all.
+
+    The lower root of the covariance of its parameters; motions and readings share it.
+    """
     out = _SCALE**2 * np.linalg.inv(inertial_precision(robot))
     reach = sum(np.linalg.norm(p.translation) for p in robot.model.jointPlacements)
     lever = _LEVER * reach
     sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
     out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))
     out[-PER_LINK:, -PER_LINK:] += np.diag((_LOAD * sizes) ** 2)
-    return out
+    return cholesky(out, lower=True)
 
 
 def _mass(robot: Robot) -> float:
@@ -94,10 +99,11 @@ def _mass(robot: Robot) -> float:
 
 def _outer(robot: Robot, motion: Motion) -> Array:
     """Torques of a tilted base and of a force on the flange. Shape (n, dof, 5)."""
-    gravity = np.linalg.norm(robot.model.gravity.linear)
+    down = np.asarray(robot.model.gravity.linear)
+    gravity = np.linalg.norm(down)
+    across = np.delete(np.eye(3), np.argmax(np.abs(down)), axis=0)
     tilts = [
-        gravity_torque(robot.model, motion.q, _TILT * gravity * axis)
-        for axis in np.eye(3)
+        gravity_torque(robot.model, motion.q, _TILT * gravity * axis) for axis in across
     ]
     force = _FORCE * _mass(robot) * max(gravity, 1.0)
     pulls = force * flange_jacobian(robot.model, motion.q)[:, :3]

@@ -9,7 +9,7 @@ from residual.recording import Array, Recording
 from residual.signals.track import Filters, prepare
 
 _FILTERS = Filters(kinematics=5.0, torque=5.0, rate=60.0)
-_MOST_ROWS = 450
+_MOST_ROWS = 360
 _APART = 0.3  # s: rows nearer to each other count as one where evidence is added up
 
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from residual.check.motion import Motion
-from residual.check.reading import Judged, Reading, as_given, best_reading, judge
+from residual.check.reading import GEAR, Judged, Reading, as_given, best_reading, judge
 from residual.check.result import Fault, Repair
 from residual.robot.robot import Robot
 
@@ -38,6 +38,7 @@ class _Court:
 
     def __init__(self, robot: Robot, motion: Motion, best: Judged) -> None:
         self._robot, self._motion, self._best = robot, motion, best
+        self.gears = robot.gear_ratio
         self.reading, self.same = best.reading, as_given(robot.dof)
 
     def fault(
@@ -60,12 +61,30 @@ def _torque_unit(court: _Court) -> Fault | None:
     unit = court.reading.torque_unit
     if unit == 1.0:
         return None
+    if unit in (GEAR, 1 / GEAR):
+        return _gear(court)
     words = (
         f"The torques are about {1 / unit:g} times what this arm takes for this "
         f"motion; times {unit:g} they fit"
     )
     repairs = [Repair("tau", scale=unit)]
     return court.fault("torque_unit", (), words, repairs, torque_unit=1.0)
+
+
+def _gear(court: _Court) -> Fault | None:
+    """Torques of the motors, or taken for such: repaired where the gears are known."""
+    inward = court.reading.torque_unit > 1
+    less = "smaller" if inward else "larger"
+    words = (
+        f"The torques are tens to hundreds of times {less} than what this arm takes "
+        "for this motion: is a gear ratio missing, or counted twice? Such a factor fits"
+    )
+    repairs = []
+    if court.gears is not None:
+        scale = tuple(float(abs(g) if inward else 1 / abs(g)) for g in court.gears)
+        joints = tuple(j + 1 for j in court.same.angle_order)
+        repairs = [Repair("tau", joints, scale=scale)]
+    return court.fault("gear_ratio", (), words, repairs, torque_unit=1.0)
 
 
 def _angle_unit(court: _Court) -> Fault | None:

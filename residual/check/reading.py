@@ -16,7 +16,9 @@ from residual.check.assignment import Scores, torque_scores
 from residual.check.motion import Motion
 from residual.robot.robot import Robot
 
-TORQUE_UNITS = (1.0, 1e-3, 1e3)
+# N m, N mm, kN m; and of the motor's side of a gear, as far as they are known.
+GEAR = 100.0
+TORQUE_UNITS = (1.0, 1e-3, 1e3, GEAR, 1 / GEAR)
 ANGLE_UNITS = (np.pi / 180, 180 / np.pi)
 # Log odds against each thing that is not as the column map says.
 _ODDS = 10.0

@@ -10,14 +10,17 @@ from residual.recording import Recording
 _WINDOW = 7
 
 
-def with_time(recording: Recording, scale: float) -> Recording:
-    """Return a log whose time runs that much faster.
+def with_scale(recording: Recording, signal: str, scale: float) -> Recording:
+    """Return a log with one of its signals times a factor.
 
     Args:
         recording: The log.
-        scale: Factor on its time.
+        signal: "t", "q", "qd", "tau" or "q_ref".
+        scale: The factor.
     """
-    return replace(recording, t=np.asarray(recording.t) * scale)
+    return replace(
+        recording, **{signal: np.asarray(getattr(recording, signal)) * scale}
+    )
 
 
 def without_spikes(recording: Recording) -> Recording:

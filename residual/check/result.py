@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+DELAY = "delay"
 KINDS: tuple[str, ...] = (
     "torque_sign",
     "angle_sign",
@@ -16,7 +17,7 @@ KINDS: tuple[str, ...] = (
     "frozen",
     "quantised",
     "saturated",
-    "delay",
+    DELAY,
     "filtered",
     "velocity_mismatch",
     "out_of_range",

@@ -17,10 +17,12 @@ _WINDOW = 0.2  # s
 _SAME = 0.95  # correlation of a velocity with its own angle's change
 _ALIKE = 0.02  # relative, of slopes that are one number
 _OFF = 0.1  # relative, of a slope that is not one
+# Velocity over change of the angle: which signal is in which unit.
 _UNITS = {
-    180 / np.pi: ("angle_unit", "deg/s"),
-    30 / np.pi: ("angle_unit", "turns per minute"),
-    1 / (2 * np.pi): ("angle_unit", "turns per second"),
+    180 / np.pi: ("qd", "the velocities are in deg/s"),
+    30 / np.pi: ("qd", "the velocities are in turns per minute"),
+    1 / (2 * np.pi): ("qd", "the velocities are in turns per second"),
+    np.pi / 180: ("q", "the angles are in degrees"),
 }
 
 
@@ -109,10 +111,12 @@ def _common(size: float) -> list[Fault]:
     """One factor between all velocities and angles: a unit, else the clock."""
     if abs(size - 1) < _OFF:
         return []
-    for unit, (kind, name) in _UNITS.items():
+    for unit, (signal, name) in _UNITS.items():
         if abs(size / unit - 1) < _ALIKE:
             words = f"All velocities are {size:.4g} times what the angles do: {name}."
-            return [Fault(kind, (), True, words, (Repair("qd", scale=1 / unit),))]
+            scale = 1 / unit if signal == "qd" else unit
+            repair = Repair(signal, scale=scale)
+            return [Fault("angle_unit", (), True, words, (repair,))]
     scale = 1 / size
     near = float(f"{scale:.1g}")
     scale = near if abs(scale / near - 1) < _ALIKE else scale

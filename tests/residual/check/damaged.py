@@ -13,12 +13,14 @@ from tests.residual.arms import arm, bare_irb140
 AXES = ("0 0 1", "0 1 0", "0 1 0")
 
 
+MIXED = ("fourier", "slow_cyclic", "move_stop_move")
+
+
 @cache
-def clean_logs(name: str, seed: int = 3, hidden=()) -> tuple:
-    """A robot and three logs of 15 s: a small arm of three joints, or the IRB 140."""
+def clean_logs(name: str, seed: int = 3, hidden=(), families=MIXED) -> tuple:
+    """A robot and logs of 15 s each: a small arm of three joints, or the IRB 140."""
     robot = arm(AXES) if name == "small" else bare_irb140()
-    families = ("fourier", "slow_cyclic", "move_stop_move")
-    plan = tuple(LogPlan(f"fit_{f}", "fit", f, 15.0, 125.0) for f in families)
+    plan = tuple(LogPlan(f"fit_{f}", "fit", f, 20.0, 125.0) for f in families)
     return robot, make(Plant(robot, hidden, seed), plan, seed)
 
 

@@ -1,0 +1,110 @@
+"""Readings of time, of gravity and of single torques that suit the physics better."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from residual.check.assignment import Scores, torque_scores
+from residual.check.motion import Motion
+from residual.check.result import Fault, Repair
+from residual.robot.robot import Robot
+
+Found = tuple[float, Fault | None]
+
+_TIMES = (0.1, 0.5, 2.0, 10.0)  # true time over the time that is given
+_WORTH = 45.0  # nats
+# A rough file may be wrong in inertia and right in weight, so these are rarely certain.
+_CERTAIN_TIME = 150.0
+_CERTAIN_GRAVITY = 75.0
+_SCALES = np.geomspace(0.05, 20, 14)
+_FAR = 4.0  # factor of a single torque
+_OTHERS = 15.0  # nats that other joints may gain by a scale of their own
+
+
+def other_world(robot: Robot, motion: Motion) -> list[Fault]:
+    """Try other clocks, other directions of gravity, and scales of single torques.
+
+    Args:
+        robot: The arm.
+        motion: Rows of its logs, whose columns are read rightly.
+    """
+    scores = torque_scores(robot, motion)
+    given = _total(scores)
+    found = [
+        _clock(robot, motion, given),
+        _gravity(robot, motion, given),
+        _scale(scores),
+    ]
+    # One of them explains what the others would have to.
+    nats, fault = max(found, key=lambda each: each[0])
+    return [fault] if fault is not None and nats > _WORTH else []
+
+
+def _total(scores: Scores) -> float:
+    one = np.ones(1)
+    return sum(float(scores.evidence(j, j, one)[0]) for j in range(len(scores.rows)))
+
+
+def _clock(robot: Robot, motion: Motion, given: float) -> Found:
+    tried = {}
+    for factor in _TIMES:
+        qd, qdd = motion.qd / factor, motion.qdd / factor**2
+        slower = replace(motion, qd=qd, qdd=qdd)
+        tried[factor] = _total(torque_scores(robot, slower)) - given
+    best = max(tried, key=tried.__getitem__)
+    words = (
+        "Weight and inertia of this arm do not go together in the time that is given; "
+        f"with time times {best:g} they fit better by {tried[best]:.0f} nats."
+    )
+    certain = tried[best] > _CERTAIN_TIME
+    fault = Fault("time_unit", (), certain, words, (Repair("t", scale=best),))
+    return tried[best], fault
+
+
+def _gravity(robot: Robot, motion: Motion, given: float) -> Found:
+    now = robot.model.gravity.linear
+    size = float(np.linalg.norm(now))
+    if size == 0:
+        return 0.0, None
+    tried = {}
+    for axis in range(3):
+        for sign in (1, -1):
+            direction = sign * size * np.eye(3)[axis]
+            if direction @ now > 0.9 * size**2:
+                continue
+            model = pin.Model(robot.model)
+            model.gravity.linear = direction
+            other = replace(robot, model=model)
+            nats = _total(torque_scores(other, motion)) - given
+            tried[tuple(float(x) for x in direction)] = nats
+    best = max(tried, key=tried.__getitem__)
+    words = (
+        f"Gravity points along {_list(now)} in the robot file; along {_list(best)} "
+        f"m/s^2 the torques fit better by {tried[best]:.0f} nats: is the base mounted "
+        "like that?"
+    )
+    return tried[best], Fault("robot_file", (), tried[best] > _CERTAIN_GRAVITY, words)
+
+
+def _scale(scores: Scores) -> Found:
+    """One torque that is out of proportion, while the others are in it."""
+    dof = len(scores.rows)
+    tables = [scores.evidence(j, j, _SCALES) for j in range(dof)]
+    given = [float(scores.evidence(j, j, np.ones(1))[0]) for j in range(dof)]
+    gains = np.array([t.max() - g for t, g in zip(tables, given, strict=True)])
+    worst = int(np.argmax(gains))
+    factor = float(_SCALES[tables[worst].argmax()])
+    others = np.delete(gains, worst)
+    alone = dof == 1 or np.median(others) < _OTHERS
+    if not alone or max(factor, 1 / factor) < _FAR:
+        return 0.0, None
+    words = (
+        f"The torque of joint {worst + 1} is out of proportion: times about "
+        f"{factor:.2g} it fits better by {gains[worst]:.0f} nats."
+    )
+    return float(gains[worst]), Fault("torque_scale", (worst + 1,), False, words)
+
+
+def _list(values) -> str:
+    return ", ".join(f"{v:.3g}" for v in values)

@@ -1,0 +1,83 @@
+"""Clocks, gravity, gears, single torques, filters and delays."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from residual.check.check import check_logs
+from residual.check.result import Repair
+from residual.signals.track import low_pass
+from tests.residual.arms import bare_irb140
+from tests.residual.check.damaged import clean_logs, edited, times, turned
+from warehouse.logs import read_log
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "hidden"
+
+
+def kinds(robot, logs):
+    return [(f.kind, f.joints, f.certain) for f in check_logs(robot, logs).faults]
+
+
+def test_a_time_twice_as_long_is_found_by_weight_against_inertia():
+    robot, logs = clean_logs("small")
+    (fault,) = check_logs(robot, edited(logs, t=times(2))).faults
+    assert (fault.kind, fault.joints) == ("time_unit", ())
+    assert fault.repairs == (Repair("t", scale=0.5),)
+
+
+def test_an_arm_that_hangs_from_the_ceiling_is_found():
+    robot = bare_irb140()
+    logs = [read_log(str(EXAMPLE / f"fit_{k}.csv"), robot)[0] for k in (1, 2, 3)]
+    model = pin.Model(robot.model)
+    model.gravity.linear = np.array([0, 0, 9.81])
+    assert kinds(robot, logs) == []
+    assert kinds(replace(robot, model=model), logs) == [("robot_file", (), True)]
+
+
+def test_torques_of_the_motors_are_found_and_mended_where_the_gears_are_known():
+    robot, logs = clean_logs("small")
+    gears = np.array([120.0, 100.0, 80.0])
+    damaged = edited(logs, tau=lambda tau: tau / gears)
+    (fault,) = check_logs(robot, damaged).faults
+    assert (fault.kind, fault.certain, fault.repairs) == ("gear_ratio", True, ())
+    (fault,) = check_logs(replace(robot, gear_ratio=gears), damaged).faults
+    assert fault.repairs == (Repair("tau", (1, 2, 3), scale=(120.0, 100.0, 80.0)),)
+
+
+def test_one_torque_out_of_proportion_is_never_certain():
+    robot, logs = clean_logs("small")
+    damaged = edited(logs, tau=lambda tau: tau * np.array([1, 10, 1]))
+    assert ("torque_scale", (2,), False) in kinds(robot, damaged)
+    assert check_logs(robot, damaged).verdict == "suspect"
+
+
+@pytest.mark.parametrize("seconds", [0.03, -0.04])
+def test_torque_that_is_late_or_early_is_never_certain(seconds):
+    robot, logs = clean_logs("small")
+
+    def moved(log):
+        shifted = [np.interp(log.t - seconds, log.t, c) for c in log.tau.T]
+        return replace(log, tau=np.column_stack(shifted))
+
+    assert kinds(robot, [moved(log) for log in logs]) == [("delay", (), False)]
+
+
+def test_a_torque_without_noise_was_filtered():
+    robot, logs = clean_logs("small")
+    smooth = [replace(r, tau=low_pass(r.tau, 12.0, 125.0)) for r in logs]
+    assert kinds(robot, smooth) == [("filtered", (1, 2, 3), False)]
+
+
+def test_velocity_and_reference_are_mended_with_their_angle():
+    robot, logs = clean_logs("small")
+    both = [replace(r, qd=np.gradient(r.q, r.t, axis=0), q_ref=r.q) for r in logs]
+    (fault,) = check_logs(robot, edited(both, q=turned(2))).faults
+    assert fault.repairs == (Repair("q", (2,), sign=(-1,)),)
+    every = {"q": turned(2), "qd": turned(2), "q_ref": turned(2)}
+    (fault,) = check_logs(robot, edited(both, **every)).faults
+    assert {r.signal for r in fault.repairs} == {"q", "qd", "q_ref"}
+    (fault,) = check_logs(robot, edited(both, q=times(180 / np.pi))).faults
+    assert fault.repairs == (Repair("q", scale=np.pi / 180),)
