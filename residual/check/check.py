@@ -11,7 +11,7 @@ from residual.check.follow import carried
 from residual.check.late import filtered, late
 from residual.check.motion import thin_rows
 from residual.check.physics import misread
-from residual.check.ranges import out_of_range
+from residual.check.ranges import degrees, out_of_range
 from residual.check.repaired import with_scale, without_spikes
 from residual.check.result import Fault, LogCheck
 from residual.check.samples import spikes
@@ -57,6 +57,9 @@ def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         faults += uneven(log) + standing(log)
     speeds = velocity_faults(logs)
     logs = _in_units(logs, speeds)
+    turned = degrees(robot, logs)
+    if turned:
+        return faults + carried(turned, speeds, logs)
     return faults + _of_the_arm(robot, logs, speeds)
 
 

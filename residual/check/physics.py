@@ -10,6 +10,9 @@ from residual.robot.robot import Robot
 Joints = tuple[int, ...]
 
 CERTAIN = 50.0  # nats that the reading given loses against the repair
+# Other angles are many readings; one of them may suit an odd but healthy arm.
+_CERTAIN_ANGLES = 80.0
+_ANGLES = ("joint_order", "angle_sign")
 _SUFFERS = 5.0  # share of the gain that one channel may lose
 _WORTH = 30.0  # nats below which nothing is said
 
@@ -38,7 +41,7 @@ class _Court:
 
     def __init__(self, robot: Robot, motion: Motion, best: Judged) -> None:
         self._robot, self._motion, self._best = robot, motion, best
-        self.gears = robot.gear_ratio
+        self.gears, self.joints = robot.gear_ratio, tuple(range(1, robot.dof + 1))
         self.reading, self.same = best.reading, as_given(robot.dof)
 
     def fault(
@@ -54,14 +57,15 @@ class _Court:
         if nats < _WORTH or suffers > nats / _SUFFERS:
             return None
         evidence = f"{words} better by {nats:.0f} nats."
-        return Fault(kind, joints, nats > CERTAIN, evidence, tuple(repairs))
+        enough = _CERTAIN_ANGLES if kind in _ANGLES else CERTAIN
+        return Fault(kind, joints, nats > enough, evidence, tuple(repairs))
 
 
 def _torque_unit(court: _Court) -> Fault | None:
     unit = court.reading.torque_unit
     if unit == 1.0:
         return None
-    if unit in (GEAR, 1 / GEAR):
+    if unit == GEAR:
         return _gear(court)
     words = (
         f"The torques are about {1 / unit:g} times what this arm takes for this "
@@ -72,25 +76,30 @@ def _torque_unit(court: _Court) -> Fault | None:
 
 
 def _gear(court: _Court) -> Fault | None:
-    """Torques of the motors, or taken for such: repaired where the gears are known."""
-    inward = court.reading.torque_unit > 1
-    less = "smaller" if inward else "larger"
+    """Torques of the motors: mended where the gears are known."""
     words = (
-        f"The torques are tens to hundreds of times {less} than what this arm takes "
-        "for this motion: is a gear ratio missing, or counted twice? Such a factor fits"
+        "The torques are tens to hundreds of times smaller than what this arm takes "
+        "for this motion: they look like those of the motors; times a gear ratio they "
+        "fit"
     )
-    repairs = []
-    if court.gears is not None:
-        scale = tuple(float(abs(g) if inward else 1 / abs(g)) for g in court.gears)
-        joints = tuple(j + 1 for j in court.same.angle_order)
-        repairs = [Repair("tau", joints, scale=scale)]
+    gears = () if court.gears is None else tuple(float(abs(g)) for g in court.gears)
+    repairs = [Repair("tau", court.joints, scale=gears)] if gears else []
     return court.fault("gear_ratio", (), words, repairs, torque_unit=1.0)
+
+
+def _angle_gear(court: _Court) -> Fault | None:
+    words = "The angles look like those of the motors; over the gear ratios they fit"
+    scale = tuple(float(1 / abs(g)) for g in court.gears)
+    repairs = [Repair("q", court.joints, scale=scale)]
+    return court.fault("gear_ratio", (), words, repairs, angle_unit=1.0)
 
 
 def _angle_unit(court: _Court) -> Fault | None:
     unit = court.reading.angle_unit
     if unit == 1.0:
         return None
+    if unit == 1 / GEAR:
+        return _angle_gear(court)
     what = "degrees" if unit < 1 else "radians that were taken for degrees"
     words = f"The angles look like {what}; times {unit:.6g} they fit"
     repairs = [Repair("q", scale=unit)]

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual.check.result import Fault
+from residual.check.result import Fault, Repair
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 
 _ANGLE = 0.2  # rad beyond the range
 _SPEED, _TORQUE = 1.5, 1.5  # of the limit: files are often a little too strict
+_TOO_FAST, _TOO_FAR = 5.0, 3.0  # of the limit: no arm does
 _SHARE = 0.99  # of the samples, so that single ones do not count
 _STRIDE = 0.1  # s over which a speed is taken
 
@@ -49,6 +50,33 @@ def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         return []
     words = "; ".join(text for said in beyond.values() for text in said)
     return [Fault("out_of_range", joints, False, f"{words}.")]
+
+
+def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+    """Find single joints whose angles can be degrees but no radians.
+
+    Args:
+        robot: The arm.
+        recordings: Its logs.
+    """
+    speed = np.max([_speeds(r) for r in recordings], axis=0) / robot.velocity_limit
+    reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
+    limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
+    beyond = (speed > _TOO_FAST) | (reach > _TOO_FAR * limit)
+    turned = float(np.deg2rad(1.0))
+    inside = (speed * turned < _SPEED) & (reach * turned < limit + _ANGLE)
+    joints = tuple(int(j) + 1 for j in np.flatnonzero(beyond & inside))
+    # Where most are far out the unit is one for all, and physics tells which.
+    if not joints or 2 * len(joints) > robot.dof:
+        return []
+    words = (
+        f"The angles of joints {', '.join(map(str, joints))} reach "
+        f"{', '.join(f'{reach[j - 1]:.3g}' for j in joints)} rad, or "
+        f"{', '.join(f'{speed[j - 1]:.3g}' for j in joints)} times the speed limit: "
+        "they are degrees."
+    )
+    repair = Repair("q", joints, scale=len(joints) * (turned,))
+    return [Fault("angle_unit", joints, True, words, (repair,))]
 
 
 def _speeds(recording: Recording) -> Array:

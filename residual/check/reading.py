@@ -16,9 +16,10 @@ from residual.check.assignment import Scores, torque_scores
 from residual.check.motion import Motion
 from residual.robot.robot import Robot
 
-# N m, N mm, kN m; and of the motor's side of a gear, as far as they are known.
+# A usual gear: torques of motors are so much smaller, their angles so much larger.
 GEAR = 100.0
-TORQUE_UNITS = (1.0, 1e-3, 1e3, GEAR, 1 / GEAR)
+# N m, N mm, kN m, N cm, and torques of the motors.
+TORQUE_UNITS = (1.0, 1e-3, 1e3, 1e-2, GEAR)
 ANGLE_UNITS = (np.pi / 180, 180 / np.pi)
 # Log odds against each thing that is not as the column map says.
 _ODDS = 10.0
@@ -32,7 +33,7 @@ class Reading:
     Attributes:
         angle_order: Channel of each joint's angle, from 0.
         angle_sign: Sign of each joint's angle.
-        angle_unit: Factor on all angles.
+        angle_unit: Factor on all angles; 1 / GEAR for each joint's own gear.
         torque_order: Channel of each joint's torque, from 0.
         torque_sign: Sign of each joint's torque.
         torque_unit: Factor on all torques.
@@ -90,7 +91,7 @@ def best_reading(robot: Robot, motion: Motion) -> Judged:
     best = _with_torques(robot, motion, as_given(robot.dof), TORQUE_UNITS)
     for _ in range(_ROUNDS):
         tried = []
-        for other in _changed(best.reading):
+        for other in _changed(best.reading, robot.gear_ratio is not None):
             same_unit = other.angle_unit == best.reading.angle_unit
             units = (other.torque_unit,) if same_unit else TORQUE_UNITS
             tried.append(_with_torques(robot, motion, other, units))
@@ -123,7 +124,10 @@ def _torques(reading: Reading) -> list[tuple[int, float]]:
 
 
 def _scores(robot: Robot, motion: Motion, reading: Reading) -> Scores:
-    factor = np.array(reading.angle_sign) * reading.angle_unit
+    unit = np.full(robot.dof, reading.angle_unit)
+    if reading.angle_unit == 1 / GEAR and robot.gear_ratio is not None:
+        unit = 1 / np.abs(robot.gear_ratio)
+    factor = np.array(reading.angle_sign) * unit
     return torque_scores(robot, motion.with_angles(reading.angle_order, factor))
 
 
@@ -173,11 +177,11 @@ def _odds(reading: Reading) -> float:
     return _ODDS * (turned + sum(moved) + units)
 
 
-def _changed(reading: Reading) -> Iterator[Reading]:
+def _changed(reading: Reading, geared: bool) -> Iterator[Reading]:
     """Other angles, one change away."""
     order, dof = reading.angle_order, len(reading.angle_order)
     if reading.angle_unit == 1.0:
-        for unit in ANGLE_UNITS:
+        for unit in (*ANGLE_UNITS, *((1 / GEAR,) if geared else ())):
             yield replace(reading, angle_unit=unit)
     for j in range(dof):
         sign = tuple(-s if k == j else s for k, s in enumerate(reading.angle_sign))

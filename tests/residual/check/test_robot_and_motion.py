@@ -10,6 +10,7 @@ from residual.check.body import body_faults
 from residual.check.check import check_logs
 from residual.check.enough import enough
 from residual.check.ranges import out_of_range
+from residual.check.result import Repair
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, arm, plain_logs
 from tests.residual.check.damaged import clean_logs, edited
@@ -77,3 +78,11 @@ def test_angles_beyond_the_range_of_a_joint_are_said():
         robot, edited(logs, q=lambda q: q + np.array([0, 4, 0, 0, 0, 0]))
     )
     assert (fault.kind, fault.joints, fault.certain) == ("out_of_range", (2,), False)
+
+
+def test_single_joints_in_degrees_are_certain():
+    robot, logs = clean_logs("small")
+    factor = np.array([1.0, 180 / np.pi, 1.0])
+    (fault,) = check_logs(robot, edited(logs, q=lambda q: q * factor)).faults
+    assert (fault.kind, fault.joints, fault.certain) == ("angle_unit", (2,), True)
+    assert fault.repairs == (Repair("q", (2,), scale=(np.pi / 180,)),)

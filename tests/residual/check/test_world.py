@@ -47,6 +47,18 @@ def test_torques_of_the_motors_are_found_and_mended_where_the_gears_are_known():
     assert fault.repairs == (Repair("tau", (1, 2, 3), scale=(120.0, 100.0, 80.0)),)
 
 
+def test_angles_of_the_motors_are_mended_by_known_gears():
+    robot, logs = clean_logs("small")
+    gears = np.array([120.0, 100.0, 80.0])
+    geared = replace(robot, gear_ratio=gears)
+    assert kinds(geared, logs) == []
+    (fault,) = check_logs(geared, edited(logs, q=lambda q: q * gears)).faults
+    assert (fault.kind, fault.certain) == ("gear_ratio", True)
+    (repair,) = fault.repairs
+    assert repair.signal == "q"
+    assert repair.scale == pytest.approx(tuple(1 / gears))
+
+
 def test_one_torque_out_of_proportion_is_never_certain():
     robot, logs = clean_logs("small")
     damaged = edited(logs, tau=lambda tau: tau * np.array([1, 10, 1]))
