@@ -31,8 +31,8 @@ def judged(own: Host, spoiled: Spoiled) -> dict:
         begun = perf_counter()
         report = check(sets)
         seconds = round(perf_counter() - begun, 3)
-        lines = dict.fromkeys(f.repair for f in report.faults if f.repair)
-        exact = [_mends(line, spoiled, (own, robot, place)) for line in lines]
+        repairs = list(dict.fromkeys(f.repair for f in report.faults if f.repair))
+        exact = _exact(repairs, spoiled, (own, robot, place))
     return {
         **told(report),
         "hit": any(is_it(f, spoiled, own.robot.dof) for f in report.faults),
@@ -88,29 +88,47 @@ def is_it(fault: FaultReport, spoiled: Spoiled, dof: int) -> bool:
     return fault.kind in kinds and where == (spoiled.joints or every)
 
 
-def _mends(line: str, spoiled: Spoiled, about: tuple[Host, Robot, Path]) -> bool:
-    """Whether logs, or the robot, are the right ones once a line is followed."""
+def _exact(
+    repairs: Sequence[str], spoiled: Spoiled, about: tuple[Host, Robot, Path]
+) -> list[bool]:
+    """Whether logs, or the robot, are the right ones once the lines are followed.
+
+    All are followed together, as a user would. A repair is exact if every signal that
+    it names is what it was before the fault, and every signal that no line names too:
+    one that mends half of a fault is not.
+    """
     own, robot, folder = about
-    if line.startswith("gravity"):
-        mended = tomllib.loads(f"[robot]\n{line}")["robot"]["gravity"]
-        return bool(np.allclose(mended, own.robot.model.gravity.linear, _ROUNDING))
+    lines = {
+        line.partition(" =")[0]: line
+        for repair in reversed(repairs)
+        for line in repair.splitlines()
+    }
+    gravity = lines.pop("gravity", None)
+    right = {"gravity": gravity is not None and _is_gravity(gravity, own.robot)}
     columns = folder / "COLUMNS.toml"
-    columns.write_text(line, encoding="utf-8")
+    columns.write_text("\n".join(lines.values()), encoding="utf-8")
     logs = read(folder, spoiled.tables, robot, str(columns)).fit
-    if not spoiled.right:
+    tables, most = list(map(table_of, logs)), _EXACT.get(spoiled.kind, _ROUNDING)
+    for name in tables[0]:
+        pairs = zip(tables, spoiled.right, strict=False)
+        same = [_same(mended[name], good[name], most) for mended, good in pairs]
+        right["time" if name == "t" else name] = bool(same) and all(same)
+    left = [right[name] for name in right if name not in (*lines, "gravity")]
+    return [
+        all(left) and all(right[line.partition(" =")[0]] for line in r.splitlines())
+        for r in repairs
+    ]
+
+
+def _is_gravity(line: str, robot: Robot) -> bool:
+    mended = tomllib.loads(f"[robot]\n{line}")["robot"]["gravity"]
+    return bool(np.allclose(mended, robot.model.gravity.linear, _ROUNDING))
+
+
+def _same(mended: np.ndarray, right: np.ndarray, most: float) -> bool:
+    if mended.shape != right.shape:
         return False
-    most = _EXACT.get(spoiled.kind, _ROUNDING)
-    pairs = zip(map(table_of, logs), spoiled.right, strict=True)
-    return all(_same(mended, right, most) for mended, right in pairs)
-
-
-def _same(mended: Table, right: Table, most: float) -> bool:
-    for name, wanted in right.items():
-        if mended[name].shape != wanted.shape:
-            return False
-        wanted = wanted - wanted[0] if name == "t" else wanted
-        own = mended[name] - mended[name][0] if name == "t" else mended[name]
-        size = np.sqrt(np.mean(wanted**2, axis=0)) + 1e-9
-        if (np.sqrt(np.mean((own - wanted) ** 2, axis=0)) / size).max() > most:
-            return False
-    return True
+    if mended.ndim == 1:  # where a clock begins is of no account
+        mended, right = mended - mended[0], right - right[0]
+    size = np.sqrt(np.mean(right**2, axis=0)) + 1e-9
+    return bool((np.sqrt(np.mean((mended - right) ** 2, axis=0)) / size).max() <= most)

@@ -17,6 +17,7 @@ from residual.robot.robot import Robot
 from warehouse.logs.columns import LOGGED_UNITS, TIME_UNITS, UNITS, ColumnMap, SignalMap
 from warehouse.logs.select import default_signal
 
+_EARTH = 9.81  # m/s^2
 _SAME = 1e-6  # relative: a factor so near to a unit is that unit
 
 
@@ -40,6 +41,17 @@ def repair_lines(
     return None if not lines or None in lines else "\n".join(lines)
 
 
+def gravity_line(robot: Robot) -> str | None:
+    """Return the line of robot.toml with gravity in m/s^2; None where it is so."""
+    gravity = robot.model.gravity.linear
+    size = float(np.linalg.norm(gravity))
+    off = _EARTH / size if size else 1.0
+    power = round(math.log10(off))
+    if power == 0 or not math.isclose(off, 10.0**power, rel_tol=0.02):
+        return None
+    return f"gravity = [{', '.join(_number(10.0**power * g) for g in gravity)}]"
+
+
 def place_of(lines: str) -> str:
     """Return where repair lines belong, in words."""
     return "robot.toml, [robot]" if lines.startswith("gravity") else "--map"
@@ -51,7 +63,7 @@ def _line(
     if name == "t":
         return _time_line(math.prod(float(r.scale or 1.0) for r in repairs), columns)
     if name == "robot":
-        return _robot_line(repairs, robot)
+        return None  # masses and lengths stand in the URDF
     signal = columns.signals.get(name) or default_signal(name, robot.dof)
     for repair in repairs:
         signal = _mended(name, signal, repair, robot)
@@ -69,15 +81,6 @@ def _time_line(scale: float, columns: ColumnMap) -> str:
     elif unit != "s":
         words.append(f'unit = "{unit}"')
     return f"time = {{{', '.join(words)}}}"
-
-
-def _robot_line(repairs: Sequence[Repair], robot: Robot) -> str | None:
-    """A line for robot.toml: of its gravity. Inertias stand in the URDF."""
-    scales = [r.scale for r in repairs]
-    if len(scales) != 1 or not isinstance(scales[0], float) or repairs[0].joints:
-        return None
-    gravity = [_number(scales[0] * float(g)) for g in robot.model.gravity.linear]
-    return f"gravity = [{', '.join(gravity)}]"
 
 
 def _mended(

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
+from flows.inputs.follow import with_followers
 from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.repair import place_of, repair_lines
+from flows.inputs.repair import gravity_line, place_of, repair_lines
 from flows.inputs.robots import check_declared, load
 from flows.requests import Check
 from residual.check.check import check_logs
@@ -132,19 +133,23 @@ def _told(faults: Sequence[Fault], logs: LogSets) -> CheckReport:
                 joints=tuple(int(joint) for joint in fault.joints),
                 certain=bool(fault.certain),
                 evidence=fault.evidence,
-                repair=repair_lines(_of_same(fault, faults), logs.robot, logs.columns),
+                repair=_repair(fault, faults, logs),
             )
             for fault in faults
         )
     )
 
 
-def _of_same(fault: Fault, faults: Sequence[Fault]) -> list:
-    """Return the repairs of a fault, with those of the signals that others mend too.
+def _repair(fault: Fault, faults: Sequence[Fault], logs: LogSets) -> str | None:
+    """Return the lines for a fault.
 
     A line stands for the whole signal, so it has all that is certain about it.
     """
-    own = list(fault.repairs)
+    every = [r for f in faults if f.certain for r in f.repairs]
+    read = (*logs.fit, *logs.baseline, *logs.held_out)
+    own = with_followers(fault.repairs, every, read)
     signals = {repair.signal for repair in own}
-    others = [r for f in faults if f.certain for r in f.repairs if r.signal in signals]
-    return own + [r for r in dict.fromkeys(others) if r not in own]
+    rest = [repair for repair in every if repair.signal in signals]
+    own += [repair for repair in dict.fromkeys(rest) if repair not in own]
+    line = repair_lines(own, logs.robot, logs.columns)
+    return gravity_line(logs.robot) if fault.kind == "robot_file" else line

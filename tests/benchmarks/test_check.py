@@ -67,6 +67,19 @@ def test_a_right_line_is_exact_and_half_of_one_is_not(six, monkeypatch, kind):
     assert judge.judged(six, made)["exact"] == [False]
 
 
+def test_two_lines_that_mend_a_fault_together_are_exact_and_half_of_it_is_not(
+    six, monkeypatch
+):
+    made = spoil(six, "angle_unit")  # angles and speeds
+    degree = np.pi / 180
+    angles = Fault("angle_unit", (), True, "", (Repair("q", scale=degree),))
+    speeds = Fault("velocity_mismatch", (), True, "", (Repair("qd", scale=degree),))
+    said(monkeypatch, angles, speeds)
+    assert judge.judged(six, made)["exact"] == [True, True]
+    said(monkeypatch, speeds)
+    assert judge.judged(six, made)["exact"] == [False]
+
+
 def test_a_line_for_what_no_line_mends_is_not_exact(six, monkeypatch):
     made = spoil(six, "frozen")
     line = Repair("tau", made.joints, scale=2.0)
@@ -76,7 +89,7 @@ def test_a_line_for_what_no_line_mends_is_not_exact(six, monkeypatch):
 
 def test_gravity_is_mended_in_the_robot_file(six, monkeypatch):
     made = spoil(six, "robot_file", 2)
-    said(monkeypatch, Fault("robot_file", (), True, "", (Repair("robot", scale=1e-3),)))
+    said(monkeypatch, Fault("robot_file", (), True, ""))
     row = judge.judged(six, made)
     assert (row["hit"], row["exact"]) == (True, [True])
 
