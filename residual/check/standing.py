@@ -13,8 +13,8 @@ _JUMP = 0.01  # rad by which a frozen angle comes back
 _CLIPPED_RUN, _CLIPPED_RUNS = 4, 2  # samples at the limit, and how often
 _FULLER = 4.0  # times the samples of the levels below it
 _COARSE_TORQUE = 0.08  # of the torque's rms
-_COARSE_ANGLE = 0.5  # of the acceleration's rms
-_CUTOFF = 5.0  # Hz at which accelerations are judged
+_COARSE_ANGLE = 0.4  # of the acceleration's rms
+_CUTOFF = 12.0  # Hz at which accelerations are judged
 
 
 def standing(recording: Recording) -> list[Fault]:
@@ -31,10 +31,11 @@ def standing(recording: Recording) -> list[Fault]:
         if clipped:
             words = f"tau{j + 1} stands at {clipped} again and again: it is cut there."
             out.append(Fault("saturated", (j + 1,), False, words, (), recording.id))
-        else:
+        coarse = _coarse(recording, j)
+        # Coarse values stand by themselves.
+        if not clipped and not coarse:
             out += _frozen_torque(recording, j)
-        out += _frozen_angle(recording, j)
-        out += _coarse(recording, j)
+        out += coarse or _frozen_angle(recording, j)
     return out
 
 
