@@ -19,7 +19,7 @@ _FALL = 20.0  # dB from one to the other: a filter of second order at least
 _SILENT = 1e-4  # of the rms: below it no sensor's noise is
 _NOTHING = 1e-16
 _FIRST, _MORE = 0.02, (0.005, 0.01, 0.05, 0.1)  # s
-_HINT, _WORTH = 4.0, 12.0  # nats
+_HINT, _WORTH = 4.0, 20.0  # nats
 
 
 def filtered(recordings: Sequence[Recording]) -> list[Fault]:

@@ -34,7 +34,7 @@ def test_an_arm_that_hangs_from_the_ceiling_is_found():
     model = pin.Model(robot.model)
     model.gravity.linear = np.array([0, 0, 9.81])
     assert kinds(robot, logs) == []
-    assert kinds(replace(robot, model=model), logs) == [("robot_file", (), True)]
+    assert kinds(replace(robot, model=model), logs) == [("robot_file", (), False)]
 
 
 def test_torques_of_the_motors_are_found_and_mended_where_the_gears_are_known():
