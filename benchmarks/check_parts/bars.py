@@ -17,7 +17,8 @@ _ABSENT = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
 # What is true of a log is no false fault.
 TRUE_OF = {
     "ur10": ("filtered",),
-    "lwr4": ("filtered",),
+    # In each run speeds 1, 3, 4, 6, 7 are proportional, and 2 and 5 are.
+    "lwr4": ("filtered", "lockstep"),
     "gen3": ("too_short", "no_reversal"),
 }
 # What an arm has by its effect, the check may say too, if not with certainty.

@@ -99,8 +99,11 @@ def _faults(
     # What makes a log unreadable is said in any case, another doubt only if the check
     # has not found what is behind it.
     behind = any(fault.certain for fault in found)
+    reach = [n for n, fault in enumerate(found) if fault.kind == "out_of_range"]
     for label, doubt in doubts:
-        if doubt.fatal or doubt.kind in ("clock", "spike") or not behind:
+        if reach and doubt.kind in ("out_of_range", "angle_unit") and not doubt.fatal:
+            found[reach[0]] = replace(found[reach[0]], certain=True)
+        elif doubt.fatal or doubt.kind in ("clock", "spike") or not behind:
             found.append(Fault(doubt.kind, doubt.joints, True, doubt.words, (), label))
     return sorted(found, key=lambda fault: not fault.certain)
 

@@ -26,6 +26,7 @@ from residual.robot.robot import Robot
 _SIGMAS = np.geomspace(0.05, 1.3, 8)
 # Of the strongest channel's rms: what wrists feel of the other joints' load.
 _COUPLED = 0.01
+_ROUGH = 0.08  # what a rough model may leave of a torque
 _EXACT = 1e-6  # of the nominal torque's mean square: no model is nearer than this
 
 
@@ -63,6 +64,20 @@ class Scores:
         nothing = -0.5 * n * (np.log(power / max(n, 1) + 1e-300) + 1)
         return float(self.evidence(joint, channel, np.array([factor]))[0]) - nothing
 
+    def strain(self, joint: int, channel: int, factor: float) -> float:
+        """Return how far the robot file must bend to that torque, and still misses it.
+
+        Half the square of its coefficients in deviations of their prior, and what is
+        lost by a remainder of more than `_ROUGH` of the torque [nats].
+        """
+        n, power = self.rows[joint], self.power[joint, channel]
+        given = np.array([factor])
+        best = int(np.argmax(self._table(joint, channel, given)[:, 0]))
+        sigma, var = _SIGMAS[best], self._variance(joint, channel, given)[best, 0]
+        c = factor * self.channel[joint][:, channel] - self.model[joint]
+        bent = 0.5 * float(np.sum((c / (self.values[joint] + var)) ** 2))
+        return bent + n * max(0.0, float(np.log(sigma / _ROUGH))) if power else 0.0
+
     def evidence(self, joint: int, channel: int, factor: Array) -> Array:
         """Return log evidence that factor * channel is the torque of that joint.
 
@@ -74,15 +89,23 @@ class Scores:
         Returns:
             Nats, up to a constant of the channel. Shape (k,).
         """
-        factor = np.asarray(factor, dtype=float)
+        return self._table(joint, channel, np.asarray(factor, dtype=float)).max(axis=0)
+
+    def _variance(self, joint: int, channel: int, factor: Array) -> Array:
+        """Square of noise and of all that the model lacks. Shape (sigmas, k)."""
+        n = max(self.rows[joint], 1)
+        var = (_SIGMAS[:, None] * factor) ** 2 * self.power[joint, channel] / n
+        var += (_COUPLED * factor) ** 2 * self.strongest
+        return var + _EXACT * self.own[joint] / n + 1e-300
+
+    def _table(self, joint: int, channel: int, factor: Array) -> Array:
+        """Evidence for each size of what the model lacks. Shape (sigmas, k)."""
         n, d = self.rows[joint], self.values[joint]
         power = self.power[joint, channel]
         square = factor**2 * power - 2 * factor * self.cross[joint, channel]
         square = square + self.own[joint]
         c = factor[:, None] * self.channel[joint][:, channel] - self.model[joint]
-        var = (_SIGMAS[:, None] * factor) ** 2 * power / max(n, 1)
-        var += (_COUPLED * factor) ** 2 * self.strongest
-        var += _EXACT * self.own[joint] / max(n, 1) + 1e-300
+        var = self._variance(joint, channel, factor)
         wide = d + var[:, :, None]
         quad = (square - (c**2 / wide).sum(-1)) / var
         size = n * np.log(var) + np.log1p(d / var[:, :, None]).sum(-1)
@@ -90,7 +113,7 @@ class Scores:
         power, spread = (brake * c / wide).sum(-1), var * (brake**2 / wide).sum(-1)
         brakes = log_ndtr(power / np.sqrt(np.maximum(spread, 1e-300))) + np.log(2)
         nats = brakes - 0.5 * (quad + size)
-        return n * np.log(np.abs(factor)) + nats.max(axis=0)
+        return n * np.log(np.abs(factor)) + nats
 
 
 def torque_scores(robot: Robot, motion: Motion) -> Scores:

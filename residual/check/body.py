@@ -6,7 +6,7 @@ from residual.check.result import Fault, Repair
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-_HEAVIEST = 1e4  # kg/m^3 of the cube of the reach: nothing but lead fills it so
+_HEAVIEST = 1e3  # kg/m^3 of the cube of the reach: arms have 1 to 200
 _LIGHTEST = 1e-2  # kg/m^3: air weighs 1.2
 _LONGEST = 50.0  # m
 _WIDE = 3.0  # radius of gyration in reaches

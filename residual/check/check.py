@@ -10,7 +10,7 @@ from residual.check.enough import enough
 from residual.check.follow import carried
 from residual.check.late import filtered, late
 from residual.check.motion import thin_rows
-from residual.check.physics import misread
+from residual.check.physics import misread, wrong_robot
 from residual.check.ranges import degrees, out_of_range
 from residual.check.repaired import with_scale, without_spikes
 from residual.check.result import Fault, LogCheck
@@ -18,6 +18,7 @@ from residual.check.samples import spikes
 from residual.check.standing import standing
 from residual.check.velocity import velocity_faults
 from residual.check.world import other_world
+from residual.check.zero import zero_explains
 from residual.recording import Recording
 from residual.robot.robot import Robot
 
@@ -83,7 +84,10 @@ def _of_the_arm(
     faults += enough(logs, motion)
     if motion is None or any(fault.certain for fault in faults):
         return [*faults, *speeds]
-    columns = misread(robot, motion)[0] or other_world(robot, motion)
+    columns, reading = misread(robot, motion)
+    columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
+    if columns and zero_explains(robot, motion, logs, reading):
+        return [*faults, *filtered(logs), *speeds, *out_of_range(robot, logs)]
     columns += filtered(logs) + ([] if columns else late(robot, logs))
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += carried(columns, speeds, logs)

@@ -66,8 +66,10 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     turned = float(np.deg2rad(1.0))
     inside = (speed * turned < _SPEED) & (reach * turned < limit + _ANGLE)
     joints = tuple(int(j) + 1 for j in np.flatnonzero(beyond & inside))
-    # Where most are far out the unit is one for all, and physics tells which.
-    if not joints or 2 * len(joints) > robot.dof:
+    # Where most are far out, or the others are too, it is one thing for all, and
+    # physics tells which.
+    others = np.delete(speed, [j - 1 for j in joints])
+    if not joints or 2 * len(joints) > robot.dof or np.any(others > _SPEED):
         return []
     words = (
         f"The angles of joints {', '.join(map(str, joints))} reach "

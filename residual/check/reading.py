@@ -14,6 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from residual.check.assignment import Scores, torque_scores
 from residual.check.motion import Motion
+from residual.recording import Array
 from residual.robot.robot import Robot
 
 # A usual gear: torques of motors are so much smaller, their angles so much larger.
@@ -56,18 +57,25 @@ class Judged:
         nats: Its log evidence.
         odds: Log odds against what is not as given.
         scores: Of its angles, to judge other torques by.
+        gears: Factor of each joint's torque where it is the motor's.
     """
 
     reading: Reading
     nats: float
     odds: float
     scores: Scores
+    gears: Array
 
     def fit(self, channel: int) -> float:
         """Return how well a torque channel (from 0) is explained [nats]."""
         joint = self.reading.torque_order.index(channel)
-        _, factor = _torques(self.reading)[joint]
+        _, factor = _torques(self.reading, self.gears)[joint]
         return self.scores.fit(joint, channel, factor)
+
+    def strains(self) -> Array:
+        """Return how far the robot file must bend, joint by joint [nats]."""
+        read = enumerate(_torques(self.reading, self.gears))
+        return np.array([self.scores.strain(j, i, factor) for j, (i, factor) in read])
 
     @property
     def value(self) -> float:
@@ -110,23 +118,30 @@ def judge(robot: Robot, motion: Motion, reading: Reading) -> Judged:
         motion: Rows of its logs, as given.
         reading: What to judge.
     """
-    scores = _scores(robot, motion, reading)
+    scores, gears = _scores(robot, motion, reading), _gears(robot)
     nats = sum(
         float(scores.evidence(j, channel, np.array([factor]))[0])
-        for j, (channel, factor) in enumerate(_torques(reading))
+        for j, (channel, factor) in enumerate(_torques(reading, gears))
     )
-    return Judged(reading, nats, _odds(reading), scores)
+    return Judged(reading, nats, _odds(reading), scores, gears)
 
 
-def _torques(reading: Reading) -> list[tuple[int, float]]:
-    factors = [sign * reading.torque_unit for sign in reading.torque_sign]
+def _gears(robot: Robot) -> Array:
+    known = robot.gear_ratio is not None
+    return np.abs(robot.gear_ratio) if known else np.full(robot.dof, GEAR)
+
+
+def _torques(reading: Reading, gears: Array) -> list[tuple[int, float]]:
+    unit = reading.torque_unit
+    units = gears if unit == GEAR else np.full(len(gears), unit)
+    factors = [sign * u for sign, u in zip(reading.torque_sign, units, strict=True)]
     return list(zip(reading.torque_order, factors, strict=True))
 
 
 def _scores(robot: Robot, motion: Motion, reading: Reading) -> Scores:
     unit = np.full(robot.dof, reading.angle_unit)
     if reading.angle_unit == 1 / GEAR and robot.gear_ratio is not None:
-        unit = 1 / np.abs(robot.gear_ratio)
+        unit = 1 / _gears(robot)
     factor = np.array(reading.angle_sign) * unit
     return torque_scores(robot, motion.with_angles(reading.angle_order, factor))
 
@@ -137,9 +152,14 @@ def _with_torques(
     """Give a reading of the angles the torques that suit it best."""
     dof = robot.dof
     scores = _scores(robot, motion, reading)
-    factors = np.array([s * u for u in units for s in (1, -1)])
+    gears, factors = _gears(robot), np.array([(u, -u) for u in units])
+    motors = np.array(units)[:, None] == GEAR
     table = np.array(
-        [[scores.evidence(j, i, factors) for i in range(dof)] for j in range(dof)]
+        [
+            [scores.evidence(j, i, own.ravel()) for i in range(dof)]
+            for j, gear in enumerate(gears)
+            for own in [np.where(motors, np.sign(factors) * gear, factors)]
+        ]
     ).reshape(dof, dof, len(units), 2)
     judged = []
     for k, unit in enumerate(units):
@@ -156,17 +176,20 @@ def _with_torques(
                 torque_unit=unit,
             )
             nats = float(table[joints, channels, k, which].sum())
-            judged.append(Judged(changed, nats, _odds(changed), scores))
+            judged.append(Judged(changed, nats, _odds(changed), scores, gears))
     return max(judged, key=lambda each: each.value)
 
 
 def _odds(reading: Reading) -> float:
     """Log odds against a reading: so much for each thing that is not as given."""
-    turned = sum(s < 0 for s in reading.torque_sign)
+    counts = [
+        sum(s < 0 for s in signs) for signs in (reading.torque_sign, reading.angle_sign)
+    ]
     # All of them turned are one mistake.
-    turned = min(turned, 1 + len(reading.torque_sign) - turned)
-    # Where the last joints of an arm cannot tell, it is the torque that is turned.
-    turned += 1.5 * sum(s < 0 for s in reading.angle_sign)
+    turned = sum(min(n, 1 + len(reading.torque_sign) - n) for n in counts)
+    # Where an arm is its own mirror image it is the torque that is turned; joints
+    # turned in one signal are likelier than in two.
+    turned += 0.1 * (counts[1] > 0) + 0.5 * (min(counts) > 0)
     moved = [i != j for i, j in enumerate(reading.torque_order)]
     # Angle and torque of a joint moved together are one mistake, not two.
     moved += [
@@ -183,8 +206,11 @@ def _changed(reading: Reading, geared: bool) -> Iterator[Reading]:
     if reading.angle_unit == 1.0:
         for unit in (*ANGLE_UNITS, *((1 / GEAR,) if geared else ())):
             yield replace(reading, angle_unit=unit)
+    flips = [tuple(-s for s in reading.angle_sign)]
     for j in range(dof):
-        sign = tuple(-s if k == j else s for k, s in enumerate(reading.angle_sign))
+        signs = enumerate(reading.angle_sign)
+        flips.append(tuple(-s if k == j else s for k, s in signs))
+    for sign in flips:
         yield replace(reading, angle_sign=sign)
     orders = {
         reading.torque_order,

@@ -6,6 +6,7 @@ from residual.check.check import check_logs
 from residual.check.result import Repair
 from sim.draw import draw
 from sim.streams import stream
+from tests.residual.arms import arm
 from tests.residual.check.damaged import clean_logs, edited, swapped, times, turned
 
 DAMAGES = {
@@ -17,6 +18,7 @@ DAMAGES = {
     "two angles": ({"q": swapped(2, 3)}, "joint_order", (2, 3)),
     "N mm": ({"tau": times(1e3)}, "torque_unit", ()),
     "kN m": ({"tau": times(1e-3)}, "torque_unit", ()),
+    "all angles": ({"q": times(-1)}, "angle_sign", (1, 2, 3)),
     "degrees": ({"q": times(57.29578)}, "angle_unit", ()),
 }
 
@@ -61,3 +63,10 @@ def test_an_arm_that_hides_something_has_a_clean_log(effect):
     hidden = (draw(robot, effect, stream(1, effect)),)
     robot, logs = clean_logs("irb140", 4, hidden)
     assert check_logs(robot, logs).verdict == "clean"
+
+
+def test_an_arm_of_another_build_is_the_wrong_robot():
+    _, logs = clean_logs("irb140")
+    (fault,) = check_logs(arm(3 * ("0 1 0", "0 0 1")), logs).faults
+    assert (fault.kind, fault.joints, fault.certain) == ("wrong_robot", (), True)
+    assert fault.repairs == ()

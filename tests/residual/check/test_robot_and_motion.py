@@ -86,3 +86,14 @@ def test_single_joints_in_degrees_are_certain():
     (fault,) = check_logs(robot, edited(logs, q=lambda q: q * factor)).faults
     assert (fault.kind, fault.joints, fault.certain) == ("angle_unit", (2,), True)
     assert fault.repairs == (Repair("q", (2,), scale=(np.pi / 180,)),)
+
+
+@pytest.mark.parametrize("off", [0.6, 2.0])
+def test_a_zero_that_is_far_off_is_no_exchange_of_joints(off):
+    robot, logs = clean_logs("small")
+    joint = 1
+    high = max(log.q[:, joint].max() for log in logs)
+    shift = np.zeros(3)
+    shift[joint] = robot.upper[joint] + off - high
+    (fault,) = check_logs(robot, edited(logs, q=lambda q: q + shift)).faults
+    assert (fault.kind, fault.joints) == ("out_of_range", (2,))

@@ -57,6 +57,9 @@ def test_angles_of_the_motors_are_mended_by_known_gears():
     (repair,) = fault.repairs
     assert repair.signal == "q"
     assert repair.scale == pytest.approx(tuple(1 / gears))
+    both = edited(logs, q=lambda q: q * gears, tau=lambda tau: tau / gears)
+    (fault,) = check_logs(geared, both).faults
+    assert [repair.signal for repair in fault.repairs] == ["tau", "q"]
 
 
 def test_one_torque_out_of_proportion_is_never_certain():
