@@ -30,6 +30,7 @@ _TILT = 0.1  # rad
 _FORCE = 0.05  # of the arm's weight, at the flange
 _LEAST_SIZE = 0.05  # of the strongest joint's torque
 _NOTHING = 1e-9
+OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
 _FRICTION = (1, 2, 7, 8)  # of the columns beside the body
 
 

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from residual.check.motion import Motion
 from residual.check.reading import GEAR, Judged, Reading, as_given, best_reading, judge
 from residual.check.result import Fault, Repair
@@ -20,6 +22,7 @@ _WORTH = 30.0  # nats below which nothing is said
 _BENT, _BROKEN = 28.0, 150.0
 _PER_KIND = 15.0  # the same, for each further kind of mistake in one map
 _BENT_AS_GIVEN = 70.0
+_ONE = 40.0  # nats that one joint counts for at most: two may hide an effect
 
 
 def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
@@ -59,9 +62,9 @@ def wrong_robot(robot: Robot, motion: Motion) -> list[Fault]:
 def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:
     """Another arm, where even the best reading bends the file beyond a rough one.
 
-    One joint may be odd, or hide an effect; several are another arm.
+    Two joints may be odd, or hide an effect; more are another arm.
     """
-    strains = best.strains()
+    strains = np.minimum(best.strains(), _ONE)
     bent = float(strains.sum() - strains.max())
     kinds = len({fault.kind for fault in faults})
     if bent + _PER_KIND * max(kinds - 1, 0) < (_BENT if kinds else _BENT_AS_GIVEN):

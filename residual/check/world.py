@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from residual.check.assignment import Scores, torque_scores
 from residual.check.motion import Motion
+from residual.check.proportion import out_of_proportion
 from residual.check.result import Fault, Repair
 from residual.robot.robot import Robot
 
@@ -16,9 +17,6 @@ _TIMES = (0.1, 0.5, 2.0, 10.0)  # true time over the time that is given
 _WORTH = 45.0  # nats
 # A rough file may be wrong in inertia and right in weight, so time is rarely certain.
 _CERTAIN_TIME = 150.0
-_SCALES = np.geomspace(0.05, 20, 14)
-_FAR = 4.0  # factor of a single torque
-_OTHERS = 15.0  # nats that other joints may gain by a scale of their own
 
 
 def other_world(robot: Robot, motion: Motion) -> list[Fault]:
@@ -30,14 +28,12 @@ def other_world(robot: Robot, motion: Motion) -> list[Fault]:
     """
     scores = torque_scores(robot, motion)
     given = _total(scores)
-    found = [
-        _clock(robot, motion, given),
-        _gravity(robot, motion, given),
-        _scale(scores),
-    ]
+    found = [_clock(robot, motion, given), _gravity(robot, motion, given)]
+    found = [each for each in found if each[0] > _WORTH]
+    found.append(out_of_proportion(robot, motion))
     # One of them explains what the others would have to.
-    nats, fault = max(found, key=lambda each: each[0])
-    return [fault] if fault is not None and nats > _WORTH else []
+    _, fault = max(found, key=lambda each: each[0])
+    return [] if fault is None else [fault]
 
 
 def _total(scores: Scores) -> float:
@@ -85,25 +81,6 @@ def _gravity(robot: Robot, motion: Motion, given: float) -> Found:
     )
     # A tilted base or a steady pull on the tool can look like that: never certain.
     return tried[best], Fault("robot_file", (), False, words)
-
-
-def _scale(scores: Scores) -> Found:
-    """One torque that is out of proportion, while the others are in it."""
-    dof = len(scores.rows)
-    tables = [scores.evidence(j, j, _SCALES) for j in range(dof)]
-    given = [float(scores.evidence(j, j, np.ones(1))[0]) for j in range(dof)]
-    gains = np.array([t.max() - g for t, g in zip(tables, given, strict=True)])
-    worst = int(np.argmax(gains))
-    factor = float(_SCALES[tables[worst].argmax()])
-    others = np.delete(gains, worst)
-    alone = dof == 1 or np.median(others) < _OTHERS
-    if not alone or max(factor, 1 / factor) < _FAR:
-        return 0.0, None
-    words = (
-        f"The torque of joint {worst + 1} is out of proportion: times about "
-        f"{factor:.2g} it fits better by {gains[worst]:.0f} nats."
-    )
-    return float(gains[worst]), Fault("torque_scale", (worst + 1,), False, words)
 
 
 def _list(values) -> str:
