@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import welch
 
-from residual.check.assignment import torque_scores
-from residual.check.motion import thin_rows
+from residual.check.columns import Columns, columns
+from residual.check.motion import Motion, thin_rows
 from residual.check.result import DELAY, Fault
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
@@ -18,8 +18,14 @@ _NEAR, _HIGH = (0.12, 0.2), (0.35, 0.47)
 _FALL = 20.0  # dB from one to the other: a filter of second order at least
 _SILENT = 1e-4  # of the rms: below it no sensor's noise is
 _NOTHING = 1e-16
-_FIRST, _MORE = 0.02, (0.005, 0.01, 0.05, 0.1)  # s
-_HINT, _WORTH = 4.0, 20.0  # nats
+_STEP, _USUAL = 0.005, 0.03  # s, of the derivative; deviation of delays
+_LEAST = 0.006  # s
+_CLEAR, _SINGLE = 4.0, 2.0  # deviations, of all joints and of single ones
+_NEAREST, _COUPLED = (
+    0.01,
+    0.003,
+)  # of the torque, of the strongest: models are no nearer
+_ROUGH = 0.05  # of the torque, to begin with
 
 
 def filtered(recordings: Sequence[Recording]) -> list[Fault]:
@@ -69,35 +75,51 @@ def _spectrum(recording: Recording) -> tuple[Array, Array]:
 def late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     """Find torque that belongs to earlier angles, or to later ones.
 
+    A delay adds its size times the derivative of the torque, in every joint alike.
+
     Args:
         robot: The arm.
         recordings: Its logs, whose columns are read rightly.
     """
-    given = _evidence(robot, recordings, 0.0)
-    tried = {s: _evidence(robot, recordings, s) - given for s in (_FIRST, -_FIRST)}
-    sense = max(tried, key=tried.__getitem__)
-    if tried[sense] < _HINT:
+    rows = [
+        thin_rows([_shifted(r, s) for r in recordings]) for s in (0.0, _STEP, -_STEP)
+    ]
+    if any(each is None for each in rows):
         return []
-    for size in _MORE:
-        shift = float(np.copysign(size, sense))
-        tried[shift] = _evidence(robot, recordings, shift) - given
-    best = max(tried, key=tried.__getitem__)
-    if tried[best] < _WORTH:
+    motion, after, before = rows
+    slope = (after.tau - before.tau) / (2 * _STEP)
+    joints = columns(robot, motion)
+    found = [_delay(motion, slope, j, own) for j, own in enumerate(joints)]
+    delays, sds = np.array(found).T
+    weight = 1 / sds**2
+    delay, sd = float(weight @ delays / weight.sum()), float(weight.sum() ** -0.5)
+    agree = np.sum(delays * np.sign(delay) > _SINGLE * sds)
+    if abs(delay) < max(_LEAST, _CLEAR * sd) or agree < min(2, robot.dof):
         return []
     words = (
-        f"The torque comes about {abs(1000 * best):.0f} ms "
-        f"{'later' if best > 0 else 'earlier'} than the angles it belongs to; shifted "
-        f"back it fits better by {tried[best]:.0f} nats."
+        f"The torque comes {abs(1000 * delay):.0f} ms (+- {1000 * sd:.1f} ms) "
+        f"{'later' if delay > 0 else 'earlier'} than the angles it belongs to, on "
+        f"{agree} joints."
     )
     return [Fault(DELAY, (), False, words)]
 
 
-def _evidence(robot: Robot, recordings: Sequence[Recording], shift: float) -> float:
-    motion = thin_rows([_shifted(r, shift) for r in recordings])
-    if motion is None:
-        return 0.0
-    scores, one = torque_scores(robot, motion), np.ones(1)
-    return sum(float(scores.evidence(j, j, one)[0]) for j in range(robot.dof))
+def _delay(
+    motion: Motion, slope: Array, joint: int, own: Columns
+) -> tuple[float, float]:
+    """Delay of one torque and its deviation, beside all else that it may have [s]."""
+    tau, size = motion.tau[own.rows, joint], np.sqrt(np.mean(motion.tau**2, axis=0))
+    wide = np.column_stack([own.values, -_USUAL * slope[own.rows, joint]])
+    floor = max(_NEAREST * size[joint], _COUPLED * size.max(), 1e-12)
+    sigma = max(_ROUGH * size[joint], floor)
+    for _ in range(4):
+        gram = np.eye(wide.shape[1]) + motion.spread * wide.T @ wide / sigma**2
+        spread = np.linalg.inv(gram)
+        left = tau - own.nominal
+        at = spread @ (motion.spread * wide.T @ left) / sigma**2
+        rest = np.mean((left - wide @ at) ** 2) if len(tau) else 0.0
+        sigma = max(float(np.sqrt(rest)), floor)
+    return float(_USUAL * at[-1]), float(_USUAL * np.sqrt(spread[-1, -1]))
 
 
 def _shifted(recording: Recording, shift: float) -> Recording:

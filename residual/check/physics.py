@@ -17,6 +17,7 @@ _CERTAIN_ANGLES = 80.0
 _ANGLES = ("joint_order", "angle_sign")
 _SUFFERS = 5.0  # share of the gain that one channel may lose
 _WORTH = 30.0  # nats below which nothing is said
+_GAIN = 20.0  # the same of all repairs together, the odds against them taken off
 # Nats by which a robot file must bend, its worst joint left out: with rough files and
 # hidden effects it is below 30, with the file of another arm it is above.
 _BENT, _BROKEN = 28.0, 150.0
@@ -38,14 +39,20 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
     best, given = best_reading(robot, motion), as_given(robot.dof)
     if best.reading == given:
         return [], given
+    was = judge(robot, motion, given)
+    if best.value - was.value < _GAIN:
+        return [], given
     court = _Court(robot, motion, best)
     parts = (_gear, _torque_unit, _angle_unit, _order, _angle_sign, _torque_sign)
     faults = [fault for part in parts if (fault := part(court))]
+    if best.value - was.value < CERTAIN:
+        faults = [replace(fault, certain=False) for fault in faults]
     if not faults:
-        best = judge(robot, motion, given)
+        return [], given
     # Motors whose gears are not known are no other arm.
     unknown = robot.gear_ratio is None and {f.kind for f in faults} == {"gear_ratio"}
-    wrong = [] if unknown else _wrong_robot(best, faults)
+    fits = _bent(was) < _BENT
+    wrong = [] if unknown or fits else _wrong_robot(best, faults)
     return wrong or faults, best.reading
 
 
@@ -64,8 +71,7 @@ def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:
 
     Two joints may be odd, or hide an effect; more are another arm.
     """
-    strains = np.minimum(best.strains(), _ONE)
-    bent = float(strains.sum() - strains.max())
+    bent = _bent(best)
     kinds = len({fault.kind for fault in faults})
     if bent + _PER_KIND * max(kinds - 1, 0) < (_BENT if kinds else _BENT_AS_GIVEN):
         return []
@@ -77,6 +83,11 @@ def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:
     )
     certain = bent > _BROKEN or any(fault.certain for fault in faults)
     return [Fault("wrong_robot", (), certain, words)]
+
+
+def _bent(judged: Judged) -> float:
+    strains = np.minimum(judged.strains(), _ONE)
+    return float(strains.sum() - strains.max())
 
 
 class _Court:
