@@ -19,6 +19,7 @@ from residual.check.standing import standing
 from residual.check.velocity import velocity_faults
 from residual.check.world import other_world
 from residual.check.zero import zero_explains
+from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
 
@@ -40,7 +41,12 @@ def check_logs(
 
     Returns:
         The faults, certain ones first.
+
+    Raises:
+        InputError: If there is no log.
     """
+    if not recordings:
+        raise InputError("No log to check: expected at least one recording, got none.")
     with np.errstate(all="ignore"):
         faults = _faults(robot, recordings)
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))

@@ -7,6 +7,7 @@ import pytest
 
 from residual.check.check import check_logs
 from residual.check.standing import standing
+from residual.errors import InputError
 from tests.residual.arms import arm, plain_logs
 
 
@@ -19,6 +20,11 @@ def test_a_spike_of_any_size_is_found_with_its_joint_and_log(size):
     assert [(f.kind, f.joints, f.log) for f in found.faults] == [
         ("spike", (2,), "log1")
     ]
+
+
+def test_no_log_is_an_error_that_says_so():
+    with pytest.raises(InputError, match="at least one recording"):
+        check_logs(arm(), [])
 
 
 def test_noise_and_friction_that_turns_are_no_spikes():
