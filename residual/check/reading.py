@@ -206,11 +206,13 @@ def _changed(reading: Reading, geared: bool) -> Iterator[Reading]:
     if reading.angle_unit == 1.0:
         for unit in (*ANGLE_UNITS, *((1 / GEAR,) if geared else ())):
             yield replace(reading, angle_unit=unit)
-    flips = [tuple(-s for s in reading.angle_sign)]
+    both = zip(reading.angle_sign, reading.torque_sign, strict=True)
+    # Angles that are turned look like torques that are.
+    signs = {tuple(angle * torque for angle, torque in both)} - {reading.angle_sign}
     for j in range(dof):
-        signs = enumerate(reading.angle_sign)
-        flips.append(tuple(-s if k == j else s for k, s in signs))
-    for sign in flips:
+        one = tuple(-s if k == j else s for k, s in enumerate(reading.angle_sign))
+        signs.add(one)
+    for sign in sorted(signs):
         yield replace(reading, angle_sign=sign)
     orders = {
         reading.torque_order,
