@@ -7,17 +7,18 @@ that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PL
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from residual.diagnosis.angle_noise import drop_noise, noise_notes
 from residual.diagnosis.conclude import Case, conclude
+from residual.diagnosis.doubt.angle_noise import noise_notes
+from residual.diagnosis.doubt.held_out import three_models, unproven
+from residual.diagnosis.doubt.impossible import contradictions
+from residual.diagnosis.doubt.standing import stand
 from residual.diagnosis.examine import (
     Examined,
     Progress,
     examine,
     from_baseline,
-    without_refuted,
 )
-from residual.diagnosis.findings import clouds, findings
-from residual.diagnosis.held_out import judge_held_out, three_models, unproven
+from residual.diagnosis.findings import clouds
 from residual.diagnosis.leftover.examine import examine_leftover
 from residual.diagnosis.null_key import key_of
 from residual.diagnosis.null_record import Null, choose_null, null_sentences
@@ -94,19 +95,17 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
     """Let the held-out logs judge the names, and say what stands."""
     asked.tell("proof", 0.0)
     proof = prepare_held_out(asked.held_out, examined.nominal.model)
-    judged = judge_held_out(examined, proof)
-    judged, checks, noise = drop_noise(examined, judged, asked.fit)
-    tested = [t for t, _ in judged.kept]
+    standing = stand(examined, proof, asked.fit, asked.tell)
+    examined, judged = standing.examined, standing.judged
     models = three_models(examined, judged)
-    examined = without_refuted(examined, judged.fit)
     left = examine_leftover(examined, judged.fit, models["augmented"])
     if left.correction is not None:
         models["plsr"] = left.correction
     errors, proofs = compare(models, proof, examined.logs.filters)
-    named = findings(examined, judged.fit, tested, checks)
+    named, checks = standing.named, standing.checks
     by_chance, by_rule = null_sentences(asked.null, Rules().threshold)
     qualified = [
-        *warnings(examined, judged, asked.same_run, noise),
+        *warnings(examined, standing.withdrawn, asked.same_run),
         *by_chance,
         *unproven(examined, errors["augmented"]),
         *left.sentences,
@@ -115,11 +114,13 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         examined=examined,
         named=named,
         judged=judged,
+        splits=standing.splits,
         errors=errors,
         held_out=[r.id for r in asked.held_out],
         same_run=asked.same_run,
         left=left.joints,
         warnings=qualified,
+        contradictions=contradictions(examined, judged.fit, errors),
         p_value=asked.null.p_value if asked.null else None,
     )
     notes = signal_notes(examined, asked.fit, models["augmented"])
@@ -128,7 +129,7 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         models=models,
         proofs=proofs,
         clouds=clouds(examined, judged.fit, named),
-        notes=(*notes, *noise_notes(checks, tested), *by_rule),
+        notes=(*notes, *noise_notes(checks, [t for t, _ in judged.kept]), *by_rule),
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in named),
     )

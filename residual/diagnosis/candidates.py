@@ -37,6 +37,24 @@ class Candidates:
         kept = tuple(g for g in self.groups if g.effect.name not in names)
         return Candidates(kept, self.price)
 
+    def barring(self, fallen: Sequence[Group], kin: Sequence[Group]) -> "Candidates":
+        """The same without some effects on their joints, alone or among others.
+
+        Args:
+            fallen: Effects that go.
+            kin: Those of them with which all of their family on those joints goes: it
+                would say the same, only worse.
+        """
+        keys = {g.key for g in fallen}
+        families = {(g.effect.family, g.joints) for g in kin if g.effect.family}
+
+        def falls(group: Group) -> bool:
+            own = group.effect.family, group.joints
+            return group.key in keys or own in families
+
+        kept = (g for g in self.groups if not any(map(falls, g.parts or (g,))))
+        return Candidates(tuple(kept), self.price)
+
 
 def collect(
     design: Design, effects: Sequence[Effect], span: Span, dof: int

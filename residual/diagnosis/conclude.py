@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.diagnosis.detectable import minimum_detectable
+from residual.diagnosis.doubt.held_out import Verdicts, judgement
+from residual.diagnosis.doubt.splits import Splits
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named
-from residual.diagnosis.held_out import Verdicts, judgement
 from residual.diagnosis.leftover.leftover import Leftover, depends_on
 from residual.diagnosis.result import (
     STAGES,
@@ -41,6 +42,8 @@ class Case:
         same_run: Whether they are a part of a fit log.
         left: What is known of each unexplained joint.
         warnings: Sentences.
+        splits: For the id of each tested member, how often it was found again.
+        contradictions: What of the fit no arm can be, in sentences.
         p_value: Chance of so many nats where nothing is missing; None without a null.
     """
 
@@ -52,6 +55,8 @@ class Case:
     same_run: bool
     left: Sequence[Leftover]
     warnings: Sequence[str]
+    splits: Mapping[int, Splits]
+    contradictions: Sequence[str] = ()
     p_value: Callable[[float], float] | None = None
 
 
@@ -59,7 +64,8 @@ def conclude(case: Case) -> Verdict:
     """Return the verdict, of plain values: what is not finite is None."""
     examined = case.examined
     every = priors(examined.task.design, examined.nominal)
-    nothing = "unknown" if len(examined.adequacy.doubted) else "none"
+    doubtful = len(examined.adequacy.doubted) or case.contradictions
+    nothing = "unknown" if doubtful else "none"
     return Verdict(
         robot=examined.logs.robot.name,
         declared=tuple(examined.nominal.names),
@@ -73,6 +79,7 @@ def conclude(case: Case) -> Verdict:
         nominal_scale=plain(examined.task.prior.scale),
         next_experiment=None,
         warnings=tuple(case.warnings),
+        contradictions=tuple(case.contradictions),
     )
 
 
@@ -82,8 +89,10 @@ def _finding(named: Named, order: int, case: Case) -> Finding:
     gain = float(np.mean([gains[id(t)] for t in named.tested]))
     fits = [t for t in named.tested if t.by == "fit"]
     parameters = {
-        key: Parameter(*(v[0] if single else v for v in (_row(value), _row(std))), unit)
-        for key, (value, std, unit) in named.parameters.items()
+        key: Parameter(
+            *(v[0] if single else v for v in (_row(value), _row(std))), unit, clear
+        )
+        for key, (value, std, unit, clear) in named.parameters.items()
     }
     return Finding(
         name=named.effect.name,
@@ -92,12 +101,19 @@ def _finding(named: Named, order: int, case: Case) -> Finding:
         order=order,
         equivalent=tuple(Place(*other) for other in named.equivalent),
         parameters=parameters,
+        combinations={
+            key: Parameter(plain(value), plain(std), unit)
+            for key, (value, std, unit) in named.combined.items()
+        },
         evidence=Evidence(
             nats=plain(named.nats),
             by="fit" if fits else "plausibility",
             held_out=judgement(gain),
             held_out_gain=plain(gain),
             p_value=case.p_value(named.nats) if case.p_value else None,
+            splits=min(
+                (case.splits[id(t)] for t in named.tested), key=lambda s: s.found
+            ),
         ),
     )
 

@@ -18,6 +18,7 @@ from residual.diagnosis.search import Task
 from residual.effects.base import Effect
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, System
+from residual.evidence.limits import limits_of
 from residual.evidence.screen import beyond, overlap, stacks
 from residual.recording import Array
 
@@ -126,7 +127,7 @@ def minimum_detectable(
         Detectable(
             name=x.group.effect.name,
             joints=tuple(j + 1 for j in x.group.joints),
-            value=float(x.value),
+            value=_there_is(bench, x),
             unit=next(iter(x.group.effect.parameters.values())),
             confusable=near,
         )
@@ -149,6 +150,18 @@ class _Least:
     value: float
     group: Group
     theta: Array
+
+
+def _there_is(bench: Bench, least: _Least) -> float | None:
+    """The size; None where no arm has an effect as large."""
+    design, group = bench.task.design, least.group
+    limits = limits_of(design, bench.fitted, group)
+    shape, either = group.shape, (least.theta, -least.theta)
+    if _of_its_own_shape(group.effect, group):
+        shape = (least.value, *shape[1:])
+    if any(group.effect.possible(theta, shape, limits) for theta in either):
+        return float(least.value)
+    return None
 
 
 def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:

@@ -7,12 +7,12 @@ import numpy as np
 
 from residual.diagnosis.adequacy import Adequacy, adequacy, carried
 from residual.diagnosis.candidates import Candidates, allowed, every_candidate, renewed
-from residual.diagnosis.curves_only import only_curves
+from residual.diagnosis.doubt.curves_only import only_curves
 from residual.diagnosis.gate import Tested, passed, simplest
 from residual.diagnosis.prior_scale import Selection, select
-from residual.diagnosis.search import Rules, Task, refined
+from residual.diagnosis.search import Rules, Task, refined, search
 from residual.effects import registry
-from residual.evidence.design import Design
+from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.priors import posterior_of
 from residual.evidence.states import as_model, first_design, physical, show_torque
@@ -94,7 +94,36 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         selection = _search(design, again, everything, (rules, progress))
         selection = replace(selection, wide=wide)
     progress("gate", 0.0)
-    task = selection.task
+    examined = _tested(logs, nominal, selection)
+    progress("gate", 1.0)
+    return examined
+
+
+def search_again(
+    examined: Examined, fallen: Sequence[Group], kin: Sequence[Group]
+) -> Examined:
+    """Search the same logs again without some names; every other one is tested anew.
+
+    What a name has carried falls with it: a delay that was none must not leave the
+    friction behind that it made room for. And what it hid may be found now.
+
+    Args:
+        examined: The diagnosis so far; its prior is kept.
+        fallen: What may not be named any more.
+        kin: Those of them whose family goes with them.
+    """
+    task = examined.task
+    task = replace(task, candidates=task.candidates.barring(fallen, kin))
+    gone = {(g.effect.name, g.joints) for g in fallen}
+    members = examined.fit.members
+    left = [g for g in members if (g.effect.name, g.joints) not in gone]
+    selection = Selection(task, task.settle(search(task, left)), examined.wide)
+    return _tested(examined.logs, examined.nominal, selection)
+
+
+def _tested(logs: Logs, nominal: Nominal, selection: Selection) -> Examined:
+    """Put what a search found through the gate, and measure what remains."""
+    task, design = selection.task, selection.task.design
     fitted, tested = passed(task, simplest(task, selection.fit))
     curved = only_curves(design, logs.tracks, fitted, tested)
     if curved:
@@ -106,7 +135,6 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
-    progress("gate", 1.0)
     return Examined(
         logs, nominal, task, selection.wide, plain, fitted, tuple(kept), gone, enough
     )

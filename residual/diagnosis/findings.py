@@ -5,15 +5,40 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.angle_noise import Checked
+from residual.diagnosis.doubt.angle_noise import Checked
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested, alternatives
-from residual.diagnosis.uncertainty import standard_deviations
+from residual.diagnosis.uncertainty import Doubt, standard_deviations
 from residual.effects.base import Effect
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit
 from residual.model.compare import Cloud
 from residual.recording import Array
+
+DETERMINED = 0.5  # of the standard deviation before the logs
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sureness:
+    """How sure one member of a finding is.
+
+    Attributes:
+        probability: Of its class against all other names and against none.
+        doubt: What is known of its parameters.
+    """
+
+    probability: float
+    doubt: Doubt
+
+    @property
+    def chance(self) -> float:
+        """Chance of a size so far from nothing, were it nothing."""
+        return self.doubt.chance
+
+    @property
+    def determined(self) -> Array:
+        """Which parameters are known better than before the logs. (parameters,)."""
+        return self.doubt.std < DETERMINED * self.doubt.prior
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -23,21 +48,30 @@ class Named:
     Attributes:
         tested: Its members, one per joint where the effect is local.
         joints: Joints from 1 in the vocabulary's convention.
-        parameters: Per key: values and standard deviations of the members, and unit.
+        parameters: Per key: values and standard deviations of the members, unit, and
+            whether the motion determines them.
         equivalent: (name, joints from 1) of what cannot be told from it.
-        probability: Of its class against all others; the weakest member's.
+        sureness: How sure each member is.
+        combined: What the motion determines where it does not determine all of these:
+            value, standard deviation and unit, by formula.
     """
 
     tested: tuple[Tested, ...]
     joints: tuple[int, ...]
-    parameters: dict[str, tuple[Array, Array, str]]
+    parameters: dict[str, tuple[Array, Array, str, bool]]
     equivalent: tuple[tuple[str, tuple[int, ...]], ...]
-    probability: float
+    sureness: tuple[Sureness, ...]
+    combined: dict[str, tuple[float, float, str]]
 
     @property
     def effect(self) -> Effect:
         """The effect."""
         return self.tested[0].group.effect
+
+    @property
+    def probability(self) -> float:
+        """Of its class against all others; the weakest member's."""
+        return min(s.probability for s in self.sureness)
 
     @property
     def nats(self) -> float:
@@ -68,18 +102,22 @@ def findings(
         id(t.group): checks.estimate(t) if checks else _exactly(fitted.of(t.group))
         for t in tested
     }
-    stds = standard_deviations(examined, fitted, sizes)
+    doubts = standard_deviations(examined, fitted, sizes)
     near = {id(t): alternatives(examined.task, fitted, t.group) for t in tested}
     out = []
     for members in _merged(tested):
         options = [near[id(t)] for t in members]
+        known = [doubts[id(t.group)] for t in members]
+        sure = [Sureness(p, d) for (_, p), d in zip(options, known, strict=True)]
+        values = _parameters(examined, members, sizes, sure)
         out.append(
             Named(
                 tuple(members),
                 tuple(j for t in members for j in public_joints(t.group)),
-                _parameters(examined, members, sizes, stds),
+                values,
                 _equivalents(members, [o[0] for o in options]),
-                min(o[1] for o in options),
+                tuple(sure),
+                _combined(examined, members[0], sizes, sure[0], values),
             )
         )
     return sorted(out, key=lambda f: (-f.fall, -f.nats))
@@ -128,19 +166,43 @@ def _equivalents(members, near) -> tuple:
     return tuple((k, joints) for k in shared)
 
 
-def _parameters(examined: Examined, members, sizes, stds) -> dict:
+def _parameters(examined: Examined, members, sizes, sure) -> dict:
     robot = examined.logs.robot
     effect = members[0].group.effect
     values = np.array(
         [effect.values(sizes[id(t.group)][0], t.group.shape, robot) for t in members]
     )
-    sds = np.array([stds[id(t.group)] for t in members])
+    sds = np.array([s.doubt.std for s in sure])
     keys = list(effect.parameters.items())
+    clear = np.array([s.determined for s in sure]).all(axis=0)
+    if effect.combined is not None and np.any(np.abs(values[:, 0]) < 2 * sds[:, 0]):
+        # The others are ratios to a first that may as well be nothing.
+        clear[:] = False
     return {
-        key: (values[:, i], sds[:, i], unit)
+        key: (values[:, i], sds[:, i], unit, bool(clear[i]))
         for i, (key, unit) in enumerate(keys)
         if effect.reports is None or effect.reports(key, values[0], sds[0])
     }
+
+
+def _combined(examined: Examined, member: Tested, sizes, sure, known) -> dict:
+    """What the motion determines of a member whose parameters it does not. By formula.
+
+    Returns:
+        Value, standard deviation and unit of those known better than before.
+    """
+    effect, robot = member.group.effect, examined.logs.robot
+    theta, _ = sizes[id(member.group)]
+    if effect.combined is None or all(clear for *_, clear in known.values()):
+        return {}
+    units = [effect.combined(one, robot) for one in np.eye(len(theta))]
+    out = {}
+    for key, (value, unit) in effect.combined(theta, robot).items():
+        share = np.array([one[key][0] for one in units])
+        after, before = np.sqrt((share * sure.doubt.theta) ** 2 @ np.ones(len(theta)))
+        if after < DETERMINED * before:
+            out[key] = (value, float(after), unit)
+    return out
 
 
 def clouds(

@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.search import Task, best, least, possible, spares_model
+from residual.diagnosis.search import Task, best, least, spares_model
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, System, gain
+from residual.evidence.limits import possible
 from residual.recording import Array
 
 CLASS = 6.0  # nats within which an alternative cannot be told from the name
@@ -76,7 +77,7 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     acts = [j for j in range(design.dof) if len(design.present(j, group.ids)[0])]
     joint = acts[int(np.argmax(fall[acts]))]
     by = None
-    if nats < least(task, fitted.members, group) or not possible(fitted, group):
+    if nats < least(task, fitted.members, group) or not possible(design, fitted, group):
         pass
     elif np.any(rules.lower(relative, share) & (improved >= MOST_FOLDS)):
         by = "fit"

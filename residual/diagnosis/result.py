@@ -38,11 +38,14 @@ class Parameter:
         value: The value; where the effect means that a known one is wrong, the change.
         std: Its standard deviation.
         unit: SI unit.
+        determined: Whether the motion determines it; else it is what was expected of it
+            beforehand, and only ``combinations`` of it are known.
     """
 
     value: Value
     std: Value
     unit: str
+    determined: bool = True
 
     @property
     def pairs(self) -> tuple[tuple[Number, Number], ...]:
@@ -62,6 +65,19 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
+class Splits:
+    """How often a name came back when the search was done again.
+
+    Attributes:
+        found: Parts left out after which it was found again.
+        of: Parts left out in all that left something of it to find.
+    """
+
+    found: int
+    of: int
+
+
+@dataclass(frozen=True, slots=True)
 class Evidence:
     """Why a finding is believed.
 
@@ -71,6 +87,8 @@ class Evidence:
         held_out: "confirmed" or "neutral".
         held_out_gain: Part of the held-out error that it removes.
         p_value: Chance of such evidence where nothing is missing; None without a null.
+        splits: How often it was found again without a part of the data; None in
+            records of earlier versions.
     """
 
     nats: Number
@@ -78,6 +96,7 @@ class Evidence:
     held_out: str | None
     held_out_gain: Number
     p_value: Number
+    splits: Splits | None = None
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -92,6 +111,8 @@ class Finding:
         equivalent: What these logs cannot tell from it.
         parameters: By key.
         evidence: Why it is believed.
+        combinations: What the motion determines in place of parameters that it does
+            not, by formula.
     """
 
     name: str
@@ -101,6 +122,7 @@ class Finding:
     equivalent: tuple[Place, ...]
     parameters: Mapping[str, Parameter]
     evidence: Evidence
+    combinations: Mapping[str, Parameter] = field(default_factory=dict)
 
     @property
     def where(self) -> str:
@@ -118,13 +140,13 @@ class Detectable:
 
     Attributes:
         name, joints: The effect and where, joints from 1.
-        value, unit: The size.
+        value, unit: The size; None where it is more than any arm has.
         confusable: What these logs would not tell from it at three times that size.
     """
 
     name: str
     joints: tuple[int, ...]
-    value: float
+    value: Number
     unit: str
     confusable: tuple[Place, ...] = ()
 
@@ -169,6 +191,8 @@ class Verdict:
         next_experiment: Motion that would tell equivalents apart, or None.
         warnings: Sentences that qualify the answer.
         log_check: What is wrong with the logs; None where they were not checked.
+        contradictions: What of the fit no arm can be, in sentences: then nothing found
+            is no answer, and the verdict is "unknown".
     """
 
     robot: str
@@ -182,6 +206,7 @@ class Verdict:
     next_experiment: Mapping | None
     warnings: tuple[str, ...]
     log_check: CheckReport | None = None
+    contradictions: tuple[str, ...] = ()
 
     @property
     def trusted(self) -> bool:

@@ -8,7 +8,9 @@ import numpy as np
 from residual.diagnosis.candidates import Candidates
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit, gain, settled, start
+from residual.evidence.limits import possible
 from residual.evidence.screen import screen
+from residual.evidence.wide import widened
 from residual.recording import Array
 
 HARMONIC = 1.5  # ratio of orders from which two ripples are two
@@ -74,14 +76,20 @@ class Task:
         return value - self.candidates.cost(group)
 
 
-def search(task: Task) -> Fit:
+def search(task: Task, members: Sequence[Group] = ()) -> Fit:
     """Add the best effect while one is worth it; then swap and delete.
+
+    Args:
+        task: What is searched.
+        members: Names to start from; those go that do not carry their own weight.
 
     Returns:
         The fit of the chosen set; its members are single-joint groups.
     """
     current, rules = task.start(), task.rules
-    for _ in range(rules.most):
+    if members:
+        current = _delete(task, task.settle(task.fit(members, current)))
+    for _ in range(rules.most - len(current.members)):
         ranked = best(task, current)
         if not ranked or ranked[0][0] < rules.threshold:
             break
@@ -107,8 +115,7 @@ def best(
     """
     found = []
     for group in _shortlist(task, base, instead):
-        members = (*base.members, group)
-        trial = fit(task.design, task.prior, members, task.design.rows / 4)
+        group, trial = _tried(task, base, group)
         value, big, small = gain(
             task.design, task.prior, replace(trial, counted=base.counted), base
         )
@@ -116,6 +123,17 @@ def best(
         if admissible(task, group, value, big, small):
             found.append((value, group, big))
     return sorted(found, key=lambda item: -item[0])
+
+
+def _tried(task: Task, base: Fit, group: Group) -> tuple[Group, Fit]:
+    """A fit with a candidate, on its own scale where it is far beyond the usual."""
+    counted = task.design.rows / 4
+    trial = fit(task.design, task.prior, (*base.members, group), counted)
+    wide = widened(trial, group)
+    if wide is None:
+        return group, trial
+    again = fit(task.design, task.prior, (*base.members, wide), counted)
+    return (wide, again) if again.score > trial.score else (group, trial)
 
 
 def _rows(task: Task, group: Group) -> set[int]:
@@ -166,18 +184,11 @@ def _overlaps(group: Group, taken: set) -> bool:
 
 def admissible(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
     """Does the effect lower the error, or spare the model beyond belief?"""
-    if not possible(big, group):
+    if not possible(task.design, big, group):
         return False
     return lowers_error(task, big, small) or spares_model(
         task, group, value, big, small
     )
-
-
-def possible(fitted: Fit, group: Group) -> bool:
-    """Whether an arm can have an effect as it came out of the fit."""
-    if group.parts:
-        return True
-    return group.effect.possible(fitted.of(group), group.shape)
 
 
 def lowers_error(task: Task, big: Fit, small: Fit) -> bool:
@@ -229,10 +240,11 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
             trial = fit(
                 task.design, task.prior, (*others, group), counted, like.variance
             )
-            if trial.score > top and possible(trial, group):
+            if trial.score > top and possible(task.design, trial, group):
                 top, winner = trial.score, group
         centre = winner.shape[0]
         offsets = np.array([-0.5, -0.2, 0.2, 0.5]) * (offsets[-1] - offsets[0]) / 6
+    winner, _ = _tried(task, replace(like, members=tuple(others)), winner)
     return (*others, winner)
 
 
@@ -279,9 +291,10 @@ def _delete(task: Task, current: Fit) -> Fit:
 def least(task: Task, members: Sequence[Group], group: Group) -> float:
     """Evidence that a member must carry to stay [nats].
 
-    None for one of several joints, as long as half of the arm's joints have the name.
+    None for one of several joints, as long as half of the arm's joints have the name:
+    it may even cost as much, where what that joint still lacks hides it.
     """
     name = group.effect.name
     fellows = [g for g in members if g.fellows > 1 and g.effect.name == name]
     enough = group in fellows and len(fellows) >= max(2, task.design.dof / 2)
-    return 0.0 if enough else task.rules.threshold
+    return -task.rules.threshold if enough else task.rules.threshold

@@ -1,25 +1,45 @@
 """Standard deviations of what is reported: noise, logs that disagree, other forms."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.linalg import block_diag
+from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.search import refined
 from residual.effects.base import Effect
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, fit
+from residual.evidence.fit import Fit, fit, scaled_inverse
 from residual.recording import Array
 
 USUAL = 0.975  # quantile at two standard deviations
+FLAT = 1e-9  # of a correlation: a direction that the data do not know
 STEP = 1e-3  # relative step of the numerical derivatives
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Doubt:
+    """How well a member is known.
+
+    Attributes:
+        std: Standard deviation of each parameter. Shape (parameters,).
+        prior: The same before the logs spoke. Shape (parameters,).
+        theta: Standard deviation of each coefficient, and before. Shape (2, k).
+        chance: Chance of coefficients so far from zero if they were zero.
+    """
+
+    std: Array
+    prior: Array
+    theta: Array
+    chance: float
 
 
 def standard_deviations(
     examined: Examined, fitted: Fit, sizes: Mapping[int, tuple[Array, Array]]
-) -> dict[int, Array]:
+) -> dict[int, Doubt]:
     """Standard deviation of every parameter of every member.
 
     The largest of three: by the noise, by how much logs disagree, and by other forms of
@@ -33,7 +53,7 @@ def standard_deviations(
             beside the noise. Shapes (k,), (k, k).
 
     Returns:
-        Standard deviations for the id of each member. Shapes (parameters,).
+        What is known of the member, for the id of each.
     """
     task = examined.task
     extra = {id(g): _slope(task.design, g, fitted.of(g)) for g in fitted.members}
@@ -60,8 +80,31 @@ def standard_deviations(
             c[: len(theta), : len(theta)] += doubt
         variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in own]
         variance.append(_form_doubt(examined, fitted, g) ** 2)
-        out[id(g)] = np.sqrt(np.maximum.reduce(variance))
+        std = np.sqrt(np.maximum.reduce(variance))
+        k = len(theta)
+        chance = max(_chance(theta, c[:k, :k]) for c in (own[0], sum(own)))
+        before = np.diag(scaled_inverse(g.precision))
+        after = np.maximum.reduce([np.diag(c)[:k] for c in own])
+        deviations = np.sqrt(np.maximum([after, before], 0.0))
+        out[id(g)] = Doubt(std, _prior_std(g, slope, jacobian), deviations, chance)
     return out
+
+
+def _chance(theta: Array, covariance: Array) -> float:
+    """Chance of coefficients at least so far from zero, were they zero."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    along = vectors.T @ (theta / size)
+    square = np.sum(along**2 / np.maximum(values, FLAT))
+    return float(chi2.sf(square, len(theta)))
+
+
+def _prior_std(group: Group, slope: Group | None, jacobian: Array) -> Array:
+    """Standard deviation of the parameters by the prior alone. Shape (parameters,)."""
+    parts = [group, *([] if slope is None else [slope])]
+    blocks = [scaled_inverse(part.precision) for part in parts]
+    covariance = block_diag(*blocks)
+    return np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
 
 
 def _between_logs(design: Design, full: Fit) -> Array:

@@ -4,6 +4,7 @@ Every key is always there; what does not apply is null, and nothing is NaN.
 """
 
 from collections.abc import Mapping
+from dataclasses import asdict
 
 from residual.check.report import CheckReport
 from residual.check.report import from_json as read_report
@@ -15,6 +16,7 @@ from residual.diagnosis.result import (
     Finding,
     Parameter,
     Place,
+    Splits,
     Unexplained,
     Value,
     Verdict,
@@ -43,6 +45,7 @@ def to_json(verdict: Verdict) -> dict:
             "next_experiment": verdict.next_experiment,
             "warnings": verdict.warnings,
             "log_check": verdict.log_check and verdict.log_check.to_json(),
+            "contradictions": verdict.contradictions,
         }
     )
 
@@ -80,6 +83,7 @@ def from_json(document: Mapping) -> Verdict:
             next_experiment=document["next_experiment"],
             warnings=tuple(document["warnings"]),
             log_check=_read_check(document.get("log_check")),
+            contradictions=tuple(document.get("contradictions", ())),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {error!r}.") from error
@@ -99,16 +103,39 @@ def _effect(finding: Finding) -> dict:
         "order": finding.order,
         "equivalent": _places(finding.equivalent),
         "parameters": {
-            key: {"value": p.value, "std": p.std, "unit": p.unit}
+            key: {**_parameter(p), "determined": p.determined}
             for key, p in finding.parameters.items()
         },
+        "combinations": {key: _parameter(p) for key, p in finding.combinations.items()},
         "evidence": {
             "nats": evidence.nats,
             "by": evidence.by,
             "held_out": evidence.held_out,
             "held_out_gain": evidence.held_out_gain,
             "p_value": evidence.p_value,
+            "splits": evidence.splits and asdict(evidence.splits),
         },
+    }
+
+
+def _parameter(parameter: Parameter) -> dict:
+    return {
+        "value": parameter.value,
+        "std": parameter.std,
+        "unit": parameter.unit,
+    }
+
+
+def _read_parameters(entries: Mapping) -> dict[str, Parameter]:
+    # Records of earlier versions say nothing of what is determined.
+    return {
+        key: Parameter(
+            _read_value(p["value"]),
+            _read_value(p["std"]),
+            p["unit"],
+            p.get("determined", True),
+        )
+        for key, p in entries.items()
     }
 
 
@@ -119,12 +146,17 @@ def _read_effect(entry: Mapping) -> Finding:
         probability=entry["probability"],
         order=entry["order"],
         equivalent=_read_places(entry["equivalent"]),
-        parameters={
-            key: Parameter(_read_value(p["value"]), _read_value(p["std"]), p["unit"])
-            for key, p in entry["parameters"].items()
-        },
-        evidence=Evidence(**entry["evidence"]),
+        parameters=_read_parameters(entry["parameters"]),
+        combinations=_read_parameters(entry.get("combinations", {})),
+        evidence=_read_evidence(entry["evidence"]),
     )
+
+
+def _read_evidence(entry: Mapping) -> Evidence:
+    # Records of earlier versions have no splits.
+    splits = entry.get("splits")
+    known = {key: value for key, value in entry.items() if key != "splits"}
+    return Evidence(**known, splits=splits and Splits(**splits))
 
 
 def _read_value(value: float | list | None) -> Value:

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import welch
 
+from residual.diagnosis.doubt.standing import Withdrawn
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested
-from residual.diagnosis.held_out import Verdicts
 from residual.evidence.priors import ROUGH
 from residual.model.model import Model
 from residual.model.nominal import Logs
@@ -94,21 +94,17 @@ def _list(numbers: Sequence[int]) -> str:
     return ", ".join(str(n) for n in numbers)
 
 
-NOISE = "withdrawn: noise of the angles makes all of it, or too much to believe it"
-
-
 def warnings(
-    examined: Examined, judged: Verdicts, same_run: bool, noise: Sequence[Tested]
+    examined: Examined, withdrawn: Sequence[Withdrawn], same_run: bool
 ) -> list[str]:
     """Return what qualifies the answer: a weak proof, a rough model, names withdrawn.
 
     Args:
         examined: What the fit logs say.
-        judged: What the held-out logs say of its names.
-        same_run: Whether these are a part of a fit log.
-        noise: Names that noise of the angles made.
+        withdrawn: Names that did not stand.
+        same_run: Whether the held-out logs are a part of a fit log.
     """
-    out = [complaint(tested, NOISE) for tested in noise]
+    out = []
     if same_run:
         out.append(
             "no --holdout given: the last quarter of the longest log was held out; "
@@ -116,18 +112,12 @@ def warnings(
         )
     scale = examined.task.prior.scale
     if scale is not None and scale > ROUGH:
+        off = "100 % or more" if scale >= 1 else f"about {100 * scale:.0f} %"
         out.append(
-            f"the nominal model is off by about {100 * scale:.0f} %: too rough to "
-            "blame a payload; give --baseline"
+            f"the inertias of the nominal model are off by {off}: too rough to blame a "
+            "single body of the arm; give --baseline"
         )
-    out += [_refuted(tested, gain) for tested, gain in judged.refuted]
-    for tested in judged.dropped:
-        why = "withdrawn: it carries too little alone, now that others are refuted"
-        out.append(complaint(tested, why))
-    for tested in examined.withdrawn:
-        what = f"what joint {tested.joint + 1} shows"
-        why = f"withdrawn: {what} resembles it but is not explained by it"
-        out.append(complaint(tested, why))
+    out += [complaint(w.tested, w.why) for w in withdrawn]
     return list(dict.fromkeys(out))  # two ripples of a joint make one sentence
 
 
@@ -136,15 +126,6 @@ def complaint(tested: Tested, why: str) -> str:
     joints = [j + 1 for j in tested.group.joints]
     place = f" on joint{'s' if len(joints) > 1 else ''} " if joints else ""
     return f"{tested.group.effect.name}{place}{', '.join(map(str, joints))}: {why}"
-
-
-def _refuted(tested: Tested, gain: float) -> str:
-    why = (
-        "refuted by the held-out logs "
-        f"(error there {100 * -gain:.1f} % higher with it), withdrawn"
-    )
-    question = tested.group.effect.if_refuted
-    return complaint(tested, f"{why}; {question}" if question else why)
 
 
 def signal_notes(

@@ -57,7 +57,7 @@ EFFECT = Effect(
     uses_model=True,
     remembers=True,
     prior_sd=lambda robot: np.array([2e-3]),
-    possible=lambda theta, shape: bool(LEAST < theta[0] / shape[0] < MOST),
+    possible=lambda theta, shape, limits: bool(LEAST < theta[0] / shape[0] < MOST),
     # Where the load never changes its side it is an offset of the encoder.
     far_fetched=0.5,
     family="geometry",

@@ -4,10 +4,17 @@ import numpy as np
 
 from residual.effects.base import Effect, against_position, local
 
+MOST = 3.0  # times the joint's torque
+
 
 def _feature(state, j, shape):
     q = state.q[:, j]
     return [np.sin(q), np.cos(q)]
+
+
+def _possible(theta, shape, limits):
+    """It carries what the drive need not, so it may exceed the drive's own torque."""
+    return bool(np.hypot(*theta) < MOST * limits.torque)
 
 
 EFFECT = Effect(
@@ -18,4 +25,5 @@ EFFECT = Effect(
     columns=local(_feature),
     family="static",
     variable=against_position,
+    possible=_possible,
 )

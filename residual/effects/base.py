@@ -73,6 +73,29 @@ class Span:
     torque: Array | None = None
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Limits:
+    """What an arm can do where an effect sits; of the whole arm the largest.
+
+    Attributes:
+        torque: Largest torque of the joint, by its limit or as it was logged [N m].
+        lower, upper: Ends of its range [rad].
+        speed: Speed that it was seen at, a 95 % quantile [rad/s].
+        weight: Mass of the arm [kg].
+        reach: Length of the arm when it is stretched [m].
+        had: Coefficients of the same effect that the model has, as refitted; zero where
+            it has none. Shape (k,).
+    """
+
+    torque: float
+    lower: float
+    upper: float
+    speed: float
+    weight: float
+    reach: float
+    had: Array
+
+
 Columns = Callable[[State, Joints, Shape], Array]
 
 
@@ -124,6 +147,7 @@ class Effect:
             A joint may have several, and many of them can draw any curve.
         needs_known_body: It changes a body of the arm, so it is not blamed where the
             nominal bodies are hardly known.
+        brakes: It is friction: it takes power from the motion of its joint.
         not_negative: Its coefficients cannot be negative in any real arm.
         needs_clock: It needs the order of the logs in time.
         uses_model: Its columns depend on the model's own torque.
@@ -133,10 +157,13 @@ class Effect:
             are made of a torque that is without it.
         prior_sd: (robot,) -> prior of theta where the size is known from physics;
             None for the default, 30 % of torque.
-        possible: (theta, shape) -> whether an arm can have it so; what comes out
-            otherwise (a gear that twists the wrong way) imitates something else.
+        possible: (theta, shape, limits) -> whether an arm can have it so, by sign and
+            size; what comes out otherwise (a gear that twists the wrong way) imitates
+            something else. Every effect of the vocabulary has one of its own.
         reports: (key, values, stds) -> whether a parameter is worth reporting; None
             for always.
+        combined: (theta, robot) -> what motion may determine where it does not tell the
+            single parameters, by formula: value, unit. Linear in theta; None for none.
         usual: (states, joints) -> coefficients of an effect of size one, in the ways
             that it usually comes; None where the first alone or a plain vector says it.
         far_fetched: Where two effects of one size explain the same, the one with the
@@ -167,14 +194,16 @@ class Effect:
     carries: Carried = ""
     repeats: bool = False
     needs_known_body: bool = False
+    brakes: bool = False
     not_negative: bool = False
     needs_clock: bool = False
     uses_model: bool = False
     remembers: bool = False
     of_report: bool = False
     prior_sd: Callable[[Robot], Array] | None = None
-    possible: Callable[[Array, Shape], bool] = lambda theta, shape: True
+    possible: Callable[[Array, Shape, Limits], bool] = lambda theta, shape, limits: True
     reports: Callable[[str, Array, Array], bool] | None = None
+    combined: Callable[[Array, Robot], Mapping[str, tuple[float, str]]] | None = None
     usual: Callable[[Sequence[State], Joints], Sequence[Array]] | None = None
     far_fetched: float = 0.0
     if_refuted: str = ""

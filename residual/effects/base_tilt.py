@@ -9,6 +9,8 @@ from residual.effects._sensitivity import model_of
 from residual.effects.base import Effect, against_position
 from residual.robot.dynamics import gravity_torque
 
+MOST = 1.2  # rad; an arm on a wall is declared as one
+
 
 def _columns(state, joints, shape):
     model = model_of(state)
@@ -28,4 +30,5 @@ EFFECT = Effect(
     # Two degrees: more is seen with the eye.
     prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
     variable=against_position,
+    possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
 )

@@ -1,5 +1,6 @@
 """Coulomb friction: torque of constant size against the direction of motion."""
 
+from residual.effects._limits import dissipates
 from residual.effects.base import Effect, local
 
 
@@ -17,4 +18,6 @@ EFFECT = Effect(
     usual_in_every_drive=2,
     not_negative=True,
     groupable=True,
+    possible=dissipates,
+    brakes=True,
 )

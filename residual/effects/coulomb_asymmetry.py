@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._limits import within_torque
 from residual.effects.base import Effect, local
 
 
@@ -18,4 +19,6 @@ EFFECT = Effect(
     far_fetched=0.5,
     family="static",
     groupable=True,
+    possible=within_torque,
+    brakes=True,
 )

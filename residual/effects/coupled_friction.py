@@ -28,6 +28,12 @@ def _shapes(span, j):
     return ((1.0, width), (-1.0, width))
 
 
+def _possible(theta, shape, limits):
+    """A gear takes power and has inertia; small ones may be lost in the noise."""
+    drag = theta[:2] * (1.0, limits.speed)
+    return bool(drag.sum() > 0 and np.all(np.abs(drag) < limits.torque))
+
+
 WIDTH = 0.02  # rad/s, where values are declared without a log at hand
 
 EFFECT = Effect(
@@ -46,4 +52,5 @@ EFFECT = Effect(
     values=lambda theta, shape, robot: np.array([*theta, shape[0]]),
     from_values=lambda values, robot: (values[:3], (float(values[3]), WIDTH)),
     shapes=_shapes,
+    possible=_possible,
 )

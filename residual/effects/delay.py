@@ -21,7 +21,7 @@ def _columns(state, joints, shape):
     return ((np.column_stack(then) - state.tau_model) / late)[:, :, None]
 
 
-def _possible(theta, shape):
+def _possible(theta, shape, limits):
     """The bend must be that of about such a delay, in its sense."""
     size = abs(theta[0])
     return bool(theta[0] * shape[0] > 0 and size < 4 * max(abs(shape[0]), LEAST))

@@ -34,7 +34,7 @@ EFFECT = Effect(
     remembers=True,
     # In compliance: 1e4 N m/rad is a soft gear of an arm of 100 kg.
     prior_sd=lambda robot: np.array([2e-4]),
-    possible=lambda theta, shape: bool(1 / HARD < theta[0] < 1 / SOFT),
+    possible=lambda theta, shape, limits: bool(1 / HARD < theta[0] < 1 / SOFT),
     family="geometry",
     variable=_over_load,
 )

@@ -5,6 +5,8 @@ import numpy as np
 from residual.effects._sensitivity import turned
 from residual.effects.base import Effect, against_position
 
+MOST = 0.2  # rad
+
 
 def _columns(state, joints, shape):
     (j,) = joints
@@ -28,4 +30,5 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.full(2, np.deg2rad(0.7)),
     family="geometry",
     variable=against_position,
+    possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
 )

@@ -5,6 +5,8 @@ import numpy as np
 from residual.effects._sensitivity import sensitivity
 from residual.effects.base import Effect, against_position
 
+MOST = 0.5  # rad: nobody would overlook more
+
 
 def _columns(state, joints, shape):
     (j,) = joints
@@ -22,4 +24,5 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.full(1, np.deg2rad(1.0)),
     family="geometry",
     variable=against_position,
+    possible=lambda theta, shape, limits: bool(abs(theta[0]) < MOST),
 )

@@ -5,6 +5,8 @@ import numpy as np
 from residual.effects.base import Effect, against_position
 from residual.robot.dynamics import inertial_parameters
 
+MOST = 10.0  # times the body that the model has
+
 
 def _columns(state, joints, shape):
     (link,) = joints
@@ -26,6 +28,6 @@ EFFECT = Effect(
     needs_known_body=True,
     prior_sd=lambda robot: np.array([0.3]),
     # No body weighs less than nothing.
-    possible=lambda theta, shape: bool(theta[0] > -1),
+    possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
     variable=against_position,
 )

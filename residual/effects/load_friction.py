@@ -21,7 +21,8 @@ EFFECT = Effect(
     columns=local(_feature),
     uses_model=True,
     # A load presses teeth and bearings together; none of them runs easier for it.
-    possible=lambda theta, shape: theta[0] > 0,
     not_negative=True,
     variable=_over_load,
+    possible=lambda theta, shape, limits: bool(0 < theta[0] < 1),
+    brakes=True,
 )

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._limits import within_torque
 from residual.effects.base import Effect, local
 
 
@@ -17,4 +18,5 @@ EFFECT = Effect(
     columns=local(_feature),
     family="static",
     groupable=True,
+    possible=within_torque,
 )

@@ -6,6 +6,7 @@ import pinocchio as pin
 from residual.effects.base import Effect, against_position
 from residual.robot.dynamics import flange_placement
 
+LEAST = 0.01  # of the arm's mass: a load whose centre is not known from its mass
 ARM = 0.1  # m from the flange to the centre of a usual load
 
 
@@ -30,6 +31,14 @@ def _values(theta, shape, robot):
     inertia = rotation.T @ (about_origin - mass * shift) @ rotation
     com = rotation.T @ (centre - placement.translation)
     return np.array([theta[0], *com, *inertia[np.triu_indices(3)]])
+
+
+def _combined(theta, robot):
+    """Mass times centre, about the last joint: what gravity on slow motion shows."""
+    return {
+        f"mass * centre_{axis} about the last joint": (float(theta[1 + i]), "kg m")
+        for i, axis in enumerate("xyz")
+    }
 
 
 def _from_values(values, robot):
@@ -66,6 +75,14 @@ def _usual(states, joints):
     return [_from_values(body, states[0].robot)[0] for body in bodies]
 
 
+def _possible(theta, shape, limits):
+    """No heavier than the arm, no lighter than the load the model has, within reach."""
+    mass, turn = theta[0], np.linalg.norm(theta[1:4])
+    lightest = limits.had[0] if len(limits.had) else 0.0
+    near = turn < limits.reach * max(abs(mass), LEAST * limits.weight)
+    return bool(-lightest <= mass < limits.weight and near)
+
+
 EFFECT = Effect(
     name="payload",
     noun="a payload",
@@ -92,7 +109,9 @@ EFFECT = Effect(
     needs_known_body=True,
     if_refuted="was the load mounted otherwise there?",
     prior_sd=_prior_sd,
+    combined=_combined,
     usual=_usual,
     reports=_reports,
     variable=against_position,
+    possible=_possible,
 )

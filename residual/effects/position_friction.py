@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._limits import within_torque
 from residual.effects.base import Effect, against_position, local
 
 
@@ -17,4 +18,6 @@ EFFECT = Effect(
     parameters={"cos": "N m", "sin": "N m"},
     columns=local(_feature),
     variable=against_position,
+    possible=within_torque,
+    brakes=True,
 )

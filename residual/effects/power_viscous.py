@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._limits import dissipates
 from residual.effects.base import Effect, Refinement, local
 
 
@@ -22,4 +23,8 @@ EFFECT = Effect(
     shapes=lambda span, j: ((0.25,), (0.5,), (0.75,)),
     refine=Refinement("ratio", 0.4, lower=0.05, upper=0.95),
     groupable=True,
+    possible=lambda theta, shape, limits: dissipates(
+        theta * limits.speed ** shape[0], shape, limits
+    ),
+    brakes=True,
 )

@@ -6,6 +6,7 @@ Coulomb friction of the model it makes friction that takes some way to turn roun
 
 import numpy as np
 
+from residual.effects._limits import dissipates
 from residual.effects.base import Effect, Refinement, local
 from residual.signals.direction import bristle
 
@@ -22,6 +23,11 @@ def _shapes(span, j):
     return tuple((w,) for w in ways if w < 0.1 * span.travel[j])
 
 
+def _possible(theta, shape, limits):
+    """Bristles hold against motion, no more than the joint's torque."""
+    return dissipates(theta, (), limits)
+
+
 EFFECT = Effect(
     name="presliding",
     noun="pre-sliding friction",
@@ -33,5 +39,6 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values[:1], tuple(values[1:])),
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
-    possible=lambda theta, shape: bool(theta[0] > 0),
+    possible=_possible,
+    brakes=True,
 )

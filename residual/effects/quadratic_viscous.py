@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._limits import dissipates_with_speed
 from residual.effects.base import Effect, local
 
 
@@ -16,4 +17,8 @@ EFFECT = Effect(
     parameters={"coefficient": "N m s^2/rad^2"},
     columns=local(_feature),
     groupable=True,
+    possible=lambda theta, shape, limits: dissipates_with_speed(
+        theta * limits.speed, shape, limits
+    ),
+    brakes=True,
 )

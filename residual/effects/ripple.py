@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._limits import within_torque
 from residual.effects.base import Effect, Refinement, against_position, local
 
 
@@ -46,4 +47,5 @@ EFFECT = Effect(
     refine=Refinement("shift", 0.8),
     repeats=True,
     variable=against_position,
+    possible=within_torque,
 )

@@ -1,5 +1,6 @@
 """Inertia of motor rotor and gear, reflected to the joint."""
 
+from residual.effects._limits import stays_positive
 from residual.effects.base import Effect, local
 
 
@@ -23,4 +24,5 @@ EFFECT = Effect(
     not_negative=True,
     groupable=True,
     variable=_over_acceleration,
+    possible=stays_positive,
 )

@@ -37,6 +37,6 @@ EFFECT = Effect(
     uses_model=True,
     of_report=True,
     prior_sd=lambda robot: np.array([1.0]),
-    possible=lambda theta, shape: bool(LEAST < theta[0] < MOST),
+    possible=lambda theta, shape, limits: bool(LEAST < theta[0] < MOST),
     variable=_over_torque,
 )

@@ -4,6 +4,8 @@ import numpy as np
 
 from residual.effects.base import Effect, against_position, local
 
+MOST = 3.0  # times the joint's torque: what a spring that carries the arm may reach
+
 
 def _feature(state, j, shape):
     return [state.q[:, j], np.ones(len(state.t))]
@@ -21,6 +23,19 @@ def _usual(states, joints):
     return [np.array([1.0, -q.mean()])]
 
 
+def _possible(theta, shape, limits):
+    """It pulls back, and is at rest somewhere near where the joint can be.
+
+    One at rest turns away is no spring but a constant torque.
+    """
+    stiffness, constant = theta
+    width = min(limits.upper - limits.lower, 2 * np.pi)
+    if stiffness <= 0 or stiffness * width > MOST * limits.torque:
+        return False
+    low, high = max(limits.lower, -np.pi), min(limits.upper, np.pi)
+    return bool(low - width < -constant / stiffness < high + width)
+
+
 EFFECT = Effect(
     name="spring",
     noun="a spring",
@@ -32,4 +47,5 @@ EFFECT = Effect(
     usual=_usual,
     family="static",
     variable=against_position,
+    possible=_possible,
 )

@@ -5,6 +5,7 @@ The textbook form level·exp(-|qd/vs|^exponent) (Armstrong-Hélouvry 1994).
 
 import numpy as np
 
+from residual.effects._limits import dissipates
 from residual.effects.base import Effect, Refinement, local
 
 
@@ -30,4 +31,6 @@ EFFECT = Effect(
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
     not_negative=True,
+    possible=dissipates,
+    brakes=True,
 )

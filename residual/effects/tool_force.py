@@ -18,6 +18,11 @@ def _prior_sd(robot):
     return np.full(3, 0.03 * 9.81 * mass)
 
 
+def _possible(theta, shape, limits):
+    """No stronger than the arm is heavy."""
+    return bool(np.linalg.norm(theta) < 9.81 * limits.weight)
+
+
 EFFECT = Effect(
     name="tool_force",
     noun="a constant force at the tool",
@@ -27,4 +32,5 @@ EFFECT = Effect(
     scope="global",
     prior_sd=_prior_sd,
     variable=against_position,
+    possible=_possible,
 )

@@ -4,6 +4,8 @@ import numpy as np
 
 from residual.effects.base import Effect, local
 
+MOST = 10.0  # beyond it the unit is another one
+
 
 def _feature(state, j, shape):
     return [state.tau_model[:, j]]
@@ -25,4 +27,5 @@ EFFECT = Effect(
     # missing model on a joint that the nominal explains badly.
     prior_sd=lambda robot: np.array([0.1]),
     variable=_over_torque,
+    possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
 )

@@ -1,5 +1,6 @@
 """Viscous friction: torque proportional to speed."""
 
+from residual.effects._limits import dissipates_with_speed
 from residual.effects.base import Effect, local
 
 
@@ -18,4 +19,6 @@ EFFECT = Effect(
     carries="speed",
     not_negative=True,
     groupable=True,
+    possible=dissipates_with_speed,
+    brakes=True,
 )

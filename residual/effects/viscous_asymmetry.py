@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._limits import within_torque
 from residual.effects.base import Effect, local
 
 
@@ -15,4 +16,8 @@ EFFECT = Effect(
     sentence="viscous friction that is stronger in one direction than in the other",
     parameters={"coefficient": "N m s/rad"},
     columns=local(_feature),
+    possible=lambda theta, shape, limits: within_torque(
+        theta * limits.speed, shape, limits
+    ),
+    brakes=True,
 )

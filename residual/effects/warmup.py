@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._limits import dissipates
 from residual.effects.base import Effect, Refinement, local
 
 
@@ -28,4 +29,6 @@ EFFECT = Effect(
     refine=Refinement("ratio", 0.6),
     needs_clock=True,
     variable=lambda state, j: (state.t, "session time [s]"),
+    possible=dissipates,
+    brakes=True,
 )

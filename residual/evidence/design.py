@@ -1,8 +1,7 @@
 """Filtered columns of every candidate on the rows that count, and their Gram.
 
-Rows of joint j are the moving samples of joint j, all fit logs stacked. Everything
-the search needs of the data is in the Gram matrices per fold; the columns are kept
-for residuals only. Columns are only ever appended.
+Rows of joint j are its moving samples, all fit logs stacked. The search needs but the
+Gram matrices per fold; columns, kept for residuals, are only ever appended.
 """
 
 from collections.abc import Sequence
@@ -63,6 +62,8 @@ class Design:
 
     Attributes:
         dof: Number of joints.
+        model: The nominal model.
+        speed: 95 % quantile of each joint's |qd| [rad/s]. Shape (dof,).
         nominal: Column numbers of the nominal model's coefficients. Shape (p,).
         rms: Torque rms of each joint on its rows [N m]. Shape (dof,).
         rows: Rows of each joint. Shape (dof,).
@@ -71,7 +72,7 @@ class Design:
     """
 
     def __init__(self, logs: Sequence[tuple[Track, State]], model: Model) -> None:
-        self.dof = model.robot.dof
+        self.dof, self.model = model.robot.dof, model
         self._logs = list(logs)
         self._use = [
             [t.moving[:, j] & (np.ptp(t.tau[:, j]) > 0) for t, _ in self._logs]
@@ -79,13 +80,14 @@ class Design:
         ]
         self._fold = self._assign_folds()
         self.folds = 1 + max(int(f.max(initial=0)) for f in self._fold)
-        tau = self._stack([track.tau for track, _ in self._logs])
-        self.tau = tau
+        qd = np.concatenate([s.qd for _, s in self._logs])
+        self.speed = np.quantile(np.abs(qd), 0.95, axis=0)
+        self.tau = tau = self.stacked([track.tau for track, _ in self._logs])
         self.rows = np.array([max(len(x), 1) for x in tau], dtype=float)
         self.rms = np.array([np.sqrt(np.mean(x**2)) if len(x) else 1.0 for x in tau])
         self.rms = np.maximum(self.rms, 1e-9)
         gaps = [t.tau - t.filter(model.torque_of_state(s)) for t, s in self._logs]
-        self.target = self._stack(gaps)
+        self.target = self.stacked(gaps)
         self._x = [np.zeros((len(y), 0)) for y in self.target]
         self.place = [np.zeros(0, dtype=int) for _ in range(self.dof)]
         self.gram = [np.zeros((self.folds, 0, 0)) for _ in range(self.dof)]
@@ -107,7 +109,8 @@ class Design:
             for use in self._use
         ]
 
-    def _stack(self, per_log: Sequence[Array]) -> list[Array]:
+    def stacked(self, per_log: Sequence[Array]) -> list[Array]:
+        """Signals of every log on the rows of each joint."""
         return [
             np.concatenate([x[u, j] for x, u in zip(per_log, use, strict=True)])
             for j, use in enumerate(self._use)

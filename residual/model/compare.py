@@ -161,6 +161,12 @@ def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
     return np.concatenate(out)
 
 
+def moving_power(held_out: Sequence[HeldOutLog]) -> Array:
+    """Squared filtered torque on the same rows [N^2 m^2]. Shape (dof,)."""
+    torques = (witness.track.tau * witness.track.moving for witness in held_out)
+    return sum((tau**2).sum(axis=0) for tau in torques)
+
+
 def _empty(held_out: Sequence[HeldOutLog]) -> dict:
     dof = held_out[0].recording.dof if held_out else 0
     kinds = ("raw", "filtered", "moving")

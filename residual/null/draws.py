@@ -16,10 +16,11 @@ import numpy as np
 from residual.diagnosis.candidates import Candidates, allowed, every_candidate
 from residual.diagnosis.gate import passed, simplest
 from residual.diagnosis.prior_scale import select
-from residual.diagnosis.search import Rules, Task, _shortlist, possible
+from residual.diagnosis.search import Rules, Task, _shortlist
 from residual.evidence.colour import coloured
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit, gain
+from residual.evidence.limits import possible
 from residual.evidence.states import first_design
 from residual.model.nominal import Logs, Nominal, prepare_logs
 from residual.null.source import Source, null_recordings, redrawn
@@ -55,7 +56,7 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
     for _ in range(count - 1):
         another, fresh = redrawn(source, rng), _hiss(source, logs, rng)
         moved = nominal.model.coefficients() - another.model.coefficients()
-        target = design._stack([b - a for a, b in zip(hiss, fresh, strict=True)])
+        target = design.stacked([b - a for a, b in zip(hiss, fresh, strict=True)])
         for j, change in enumerate(target):
             place, have = design.present(j, design.nominal)
             change += design.target[j] + design.columns(j, place) @ moved[have]
@@ -110,7 +111,7 @@ def loudest(task: Task, base: Fit) -> tuple[float, float]:
         trial = fit(task.design, task.prior, members, task.design.rows / 4)
         trial = replace(trial, counted=base.counted)
         value, big, _ = gain(task.design, task.prior, trial, base)
-        if possible(big, group):
+        if possible(task.design, big, group):
             nats.append(float(value))
             net.append(float(value - task.candidates.cost(group)))
     return max(nats), max(net)

@@ -55,7 +55,7 @@ def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
     (found,) = found_on(believed({name: factors}), logs)
     assert (found.effect.name, found.joints) == (name, (joint,))
     missing = 0.5 * ROBOT.declared[name].values[KEYS[name]][joint - 1]
-    (value,), _, _ = found.parameters[KEYS[name]]
+    (value,), _, *_ = found.parameters[KEYS[name]]
     assert value == pytest.approx(missing, rel=0.2)
 
 

@@ -45,7 +45,7 @@ def deviation(problem, shape):
     theta = fitted.of(group)
     exact = {id(group): (theta, np.zeros((len(theta), len(theta))))}
     (sd,) = standard_deviations(diagnosis, fitted, exact).values()
-    return theta[0], sd, np.sqrt(np.diag(fitted.covariance())[fitted.slots(group)])
+    return theta[0], sd.std, np.sqrt(np.diag(fitted.covariance())[fitted.slots(group)])
 
 
 def disagreeing(seed, scatter):

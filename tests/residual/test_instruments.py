@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from residual.close import close_the_loop
-from residual.diagnosis import angle_noise as instruments
-from residual.diagnosis.angle_noise import (
+from residual.diagnosis.detectable import lookalikes
+from residual.diagnosis.doubt import angle_noise as instruments
+from residual.diagnosis.doubt.angle_noise import (
     EFFECTIVE,
     INSTRUMENTS,
     Checked,
     drop_noise,
     noise_notes,
 )
-from residual.diagnosis.detectable import lookalikes
+from residual.diagnosis.doubt.held_out import Verdicts
 from residual.diagnosis.gate import Tested
-from residual.diagnosis.held_out import Verdicts
 from residual.diagnosis.result import Place
 from residual.evidence.fit import fit
 from residual.recording import Recording

@@ -55,7 +55,7 @@ def test_ur10_without_coulomb_friction_in_its_model_is_told_of_it():
     diagnosis, found = doubts(case, ("viscous", "rotor_inertia"))
     assert (found[0].effect.name, found[0].joints) == ("coulomb", ALL)
     assert {t.by for t in found[0].tested} == {"fit"}
-    levels, sds, _ = found[0].parameters["level"]
+    levels, sds, *_ = found[0].parameters["level"]
     assert (levels > 5 * sds).all()
     assert (diagnosis.fit.sse < 0.25 * diagnosis.plain.sse).all()
 

@@ -63,7 +63,7 @@ def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
         return
     assert finding.effect.name == effect
     for key, share in tolerances.items():
-        (value,), (sd,), _ = finding.parameters[key]
+        (value,), (sd,), *_ = finding.parameters[key]
         truth = case.truth.parameters[key]
         assert value == pytest.approx(truth, rel=share)
         assert 0 <= sd < abs(truth)
@@ -110,7 +110,7 @@ def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
     assert [(f.effect.name, f.joints) for f in found] == [
         ("coulomb", (1, 2, 3, 4, 5, 6))
     ]
-    levels, sds, unit = found[0].parameters["level"]
+    levels, sds, unit, _ = found[0].parameters["level"]
     assert unit == "N m"
     assert levels.shape == sds.shape == (6,)
     np.testing.assert_allclose(levels, [12, 14, 9, 4, 3.5, 2.5], rtol=0.35)
@@ -151,7 +151,7 @@ def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
     if share is not None:
         assert finding.effect.name == effect
         key, truth = next(iter(size.items()))
-        (value,), (sd,), _ = finding.parameters[key]
+        (value,), (sd,), *_ = finding.parameters[key]
         assert value == pytest.approx(truth, rel=share)
         assert sd > 0
 

@@ -151,11 +151,11 @@ def test_a_link_flies_across_its_play_and_is_late():
 
 def test_a_gear_or_a_play_that_goes_the_wrong_way_is_no_such_thing():
     elasticity, backlash = registry()["elasticity"], registry()["backlash"]
-    assert elasticity.possible(np.array([1e-4]), ())
-    assert not elasticity.possible(np.array([-1e-4]), ())
-    assert backlash.possible(np.array([1e-3]), (1.2e-3,))
-    assert not backlash.possible(np.array([-1e-3]), (1.2e-3,))
-    assert not backlash.possible(np.array([1e-4]), (1.2e-3,))
+    assert elasticity.possible(np.array([1e-4]), (), None)
+    assert not elasticity.possible(np.array([-1e-4]), (), None)
+    assert backlash.possible(np.array([1e-3]), (1.2e-3,), None)
+    assert not backlash.possible(np.array([-1e-3]), (1.2e-3,), None)
+    assert not backlash.possible(np.array([1e-4]), (1.2e-3,), None)
 
 
 def test_what_a_shift_does_depends_on_the_load_that_the_model_carries():
@@ -253,10 +253,10 @@ def test_a_late_report_is_the_torque_of_a_while_ago(late):
 
 def test_a_delay_is_one_only_where_it_bends_as_its_size_does():
     possible = registry()["delay"].possible
-    assert possible(np.array([0.011]), (0.01,))
-    assert possible(np.array([-0.011]), (-0.01,))
-    assert not possible(np.array([-0.011]), (0.01,))
-    assert not possible(np.array([0.03]), (0.004,))
+    assert possible(np.array([0.011]), (0.01,), None)
+    assert possible(np.array([-0.011]), (-0.01,), None)
+    assert not possible(np.array([-0.011]), (0.01,), None)
+    assert not possible(np.array([0.03]), (0.004,), None)
 
 
 def test_a_report_that_ends_is_cut_at_both_sides():
@@ -311,5 +311,5 @@ def test_the_search_for_a_delay_starts_where_it_may_go_on(late):
     """What no start allows to be so large would never be looked at."""
     delay = registry()["delay"]
     starts = delay.shapes(None, 0)
-    assert any(delay.possible(np.array([late]), shape) for shape in starts)
-    assert not any(delay.possible(np.array([0.2]), shape) for shape in starts)
+    assert any(delay.possible(np.array([late]), shape, None) for shape in starts)
+    assert not any(delay.possible(np.array([0.2]), shape, None) for shape in starts)

@@ -1,0 +1,1 @@
+"""Every doubt that a name has to survive before it is said."""

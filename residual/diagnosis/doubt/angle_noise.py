@@ -1,0 +1,261 @@
+"""Noise of the angles in the regressor: what it does to a fit, and the remedy.
+
+Least squares takes the regressor for exact. It is made of measured angles, so it holds
+their noise, and where a controller fed that noise back, so does the torque. A reference
+knows nothing of either: columns made of it are instruments (two-stage least squares;
+Janot, Vandanjon, Gautier 2014), and where both estimates differ by more than chance
+least squares was biased (Durbin, Wu, Hausman; Janot et al. 2016). Without a reference
+the noise is redrawn as it was measured and taken out of the normal equations; what that
+moves is counted as doubt (effective variance).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.stats import chi2
+
+from residual.diagnosis.doubt.held_out import Verdicts
+from residual.diagnosis.examine import Examined, refit
+from residual.diagnosis.gate import Tested
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, System, scaled_inverse
+from residual.evidence.states import as_model, first_design, physical
+from residual.recording import Array, Recording
+from residual.signals.encoder_noise import on_rows_of
+from residual.signals.track import prepare
+
+INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
+CHANCE = 1e-3  # under which a difference is no chance
+NOTHING = 0.05  # above which what is left of an effect may be nothing
+QUARTER = 0.25  # of an effect
+MOST = 0.9  # of the information in one direction that is taken for noise at most
+FLAT = 1e-9  # of the largest singular value: a column that moves nothing
+LEAST = 1e-3  # of its variance: what a difference is never known better than
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Checked:
+    """A fit, held against the noise of the angles.
+
+    Attributes:
+        how: "instruments" or "effective variance".
+        fit: The fit that was checked.
+        theta: Coefficients by instruments; without them the fit's own, rid of what
+            the noise took. Shape (m,).
+        covariance: Of ``theta``. Shape (m, m).
+        spread: By how much it exceeds that of the fit. (m, m).
+        share: Part of each joint's residual variance that the angles' noise makes; NaN
+            with instruments. Shape (dof,).
+    """
+
+    how: str
+    fit: Fit
+    theta: Array
+    covariance: Array
+    spread: Array
+    share: Array
+
+    def differs(self, tested: Tested) -> bool:
+        """Whether the fit without the noise is another one, beyond chance."""
+        shift, slots = self._shift(tested)
+        return _chance(shift, self._spread(slots)) < CHANCE
+
+    def is_noise(self, tested: Tested) -> bool:
+        """Whether the effect is made of the noise, or too much of it to believe.
+
+        A reference says what is left of an effect. A redrawn noise is known by its
+        level alone: what it moves by more than a quarter is not believed.
+        """
+        if not self.differs(tested):
+            return False
+        shift, slots = self._shift(tested)
+        own = self.covariance[np.ix_(slots, slots)]
+        nothing = _chance(self.theta[slots], own) > NOTHING
+        sd = np.sqrt(np.diag(self.fit.covariance())[slots])
+        part = np.linalg.norm(shift / sd) / np.linalg.norm(self.fit.theta[slots] / sd)
+        return nothing or (self.how == EFFECTIVE and bool(part > QUARTER))
+
+    def estimate(self, tested: Tested) -> tuple[Array, Array]:
+        """Coefficients of a member, and their doubt beside the fit's. (k,), (k, k).
+
+        Where the noise makes a difference they are those without it. Of what a redrawn
+        noise moves, a half is doubted.
+        """
+        shift, slots = self._shift(tested)
+        theta, square = self.fit.theta[slots], np.outer(shift, shift)
+        redrawn = self.how == EFFECTIVE
+        if self.differs(tested):
+            spread = self.spread[np.ix_(slots, slots)]
+            return theta + shift, spread + redrawn * square / 4
+        return theta, redrawn * square
+
+    def _shift(self, tested: Tested) -> tuple[Array, Array]:
+        slots = self.fit.slots(tested.group)
+        return (self.theta - self.fit.theta)[slots], slots
+
+    def _spread(self, slots: Array) -> Array:
+        own = self.spread[np.ix_(slots, slots)]
+        return own + LEAST * np.diag(np.diag(self.covariance)[slots])
+
+
+def drop_noise(
+    examined: Examined, judged: Verdicts, recordings: Sequence[Recording]
+) -> tuple[Verdicts, Checked | None, tuple[Tested, ...]]:
+    """Drop the names that noise of the angles made.
+
+    Args:
+        examined: The diagnosis of the logs.
+        judged: Its names, after the held-out logs had their say.
+        recordings: The fit logs, in the diagnosis' order.
+
+    Returns:
+        The names that stand, how their fit was checked (None where there are none), and
+        the names that are noise.
+    """
+    gone: list[Tested] = []
+    while judged.kept:
+        checks = checked(examined, judged.fit, recordings)
+        noise = [t for t, _ in judged.kept if checks.is_noise(t)]
+        if not noise:
+            return judged, checks, tuple(gone)
+        gone += noise
+        kept = tuple((t, gain) for t, gain in judged.kept if t not in noise)
+        fit = refit(examined, [t for t, _ in kept])
+        judged = replace(judged, fit=fit, kept=kept)
+    return judged, None, tuple(gone)
+
+
+def noise_notes(checks: Checked | None, tested: Sequence[Tested]) -> tuple[str, ...]:
+    """What noise of the angles did to the named effects: one sentence, or none."""
+    if checks is None:
+        return ()
+    off = ", ".join(sorted({t.group.effect.name for t in tested if checks.differs(t)}))
+    if checks.how == EFFECTIVE:
+        share = 100 * np.nanmax(checks.share)
+        moved = f"parameters of {off} are corrected for it, " if off else ""
+        said = (
+            "no reference (q_ref) in every log: noise of the angles, redrawn as it was "
+            f"measured, makes {share:.1f} % of a joint's residual variance at most; "
+            f"{moved}standard deviations allow for it (effective variance)"
+        )
+    elif off:
+        said = (
+            f"errors in variables: the reference contradicts least squares on {off} "
+            "(Durbin-Wu-Hausman, 0.1 %); parameters there are those by instruments"
+        )
+    else:
+        said = (
+            "errors in variables: instruments made of the reference agree with least "
+            "squares on every named effect (Durbin-Wu-Hausman)"
+        )
+    return (said,)
+
+
+def checked(
+    examined: Examined, fitted: Fit, recordings: Sequence[Recording]
+) -> Checked:
+    """Check a fit by its reference where every log has one, else by redrawn noise.
+
+    Args:
+        examined: The diagnosis of the logs.
+        fitted: Fit of the names that stand.
+        recordings: The fit logs, in the diagnosis' order.
+    """
+    if all(r.q_ref is not None for r in recordings):
+        logs = examined.logs
+        asked = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
+        tracks, _ = prepare(asked, logs.filters, logs.speed_floor)
+        return _by_instruments(examined, fitted, on_rows_of(logs.tracks, tracks))
+    return _by_redrawing(examined, fitted, examined.logs.shaken)
+
+
+def _by_instruments(examined: Examined, fitted: Fit, tracks) -> Checked:
+    """Two-stage least squares under the fit's own prior and noise."""
+    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
+    system = System.of(design, examined.task.prior, fitted.members)
+    weight = fitted.weight(design.rows)
+    precision, pull = system.precision.copy(), np.zeros(len(ids))
+    for j in range(design.dof):
+        place, have = design.present(j, fitted.ids)
+        x = design.columns(j, place)
+        z = other.columns(j, other.present(j, ids)[0])
+        kept = _projected(z, x)
+        precision[np.ix_(have, have)] += weight[j] * kept.T @ kept
+        pull[have] += weight[j] * kept.T @ design.target[j]
+    covariance = scaled_inverse(precision)
+    return Checked(
+        how=INSTRUMENTS,
+        fit=fitted,
+        theta=covariance @ pull,
+        covariance=covariance,
+        spread=covariance - fitted.covariance(),
+        share=np.full(design.dof, np.nan),
+    )
+
+
+def _by_redrawing(examined: Examined, fitted: Fit, tracks) -> Checked:
+    """The normal equations without the noise that one more helping of it shows.
+
+    Least squares solves (S + N) x = S b, with S what exact columns would give and N the
+    noise's own: b is had back where N is known.
+    """
+    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
+    if any(g.effect.uses_model for g in fitted.members):
+        # Seen with the same model, else what it changed would be taken for noise.
+        design, own = _seen(examined, fitted, examined.logs.tracks)
+    else:
+        own = fitted.ids
+    weight = fitted.weight(design.rows)
+    start, size = np.zeros(len(ids)), len(ids)
+    start[: len(design.nominal)] = examined.nominal.model.coefficients()
+    noise, share = np.zeros((size, size)), np.zeros(design.dof)
+    for j in range(design.dof):
+        place, have = design.present(j, own)
+        moved = other.columns(j, other.present(j, ids)[0]) - design.columns(j, place)
+        noise[np.ix_(have, have)] += weight[j] * moved.T @ moved
+        torque = moved @ (start + fitted.theta)[have]
+        share[j] = torque @ torque / max(fitted.sse[j], 1e-300)
+    lower = np.tril(fitted.cholesky)
+    half = solve_triangular(lower, noise, lower=True)
+    values, vectors = np.linalg.eigh(solve_triangular(lower, half.T, lower=True))
+    turned = solve_triangular(lower, vectors, lower=True, trans=1)
+    left = 1 - np.clip(values, 0, MOST)
+    pull = vectors.T @ (lower.T @ fitted.theta) + values * (vectors.T @ lower.T @ start)
+    covariance = (turned / left) @ turned.T
+    return Checked(
+        how=EFFECTIVE,
+        fit=fitted,
+        theta=turned @ (pull / left),
+        covariance=covariance,
+        spread=covariance - fitted.covariance(),
+        share=share,
+    )
+
+
+def _seen(examined: Examined, fitted: Fit, tracks) -> tuple[Design, Array]:
+    """The fit's columns as other angles give them, on the very same rows."""
+    nominal = examined.nominal
+    other = replace(examined.logs, tracks=tracks)
+    design = first_design(other, nominal, physical(as_model(nominal, fitted)))
+    members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
+    return design, np.concatenate([design.nominal, *(g.ids for g in members)])
+
+
+def _projected(z: Array, x: Array) -> Array:
+    """What of the columns ``x`` lies in the span of the instruments ``z``."""
+    size = np.linalg.norm(z, axis=0)
+    z = z[:, size > 0] / size[size > 0]
+    values, vectors = np.linalg.eigh(z.T @ z)
+    real = values > FLAT * values.max(initial=0.0)
+    basis = z @ (vectors[:, real] / np.sqrt(values[real]))
+    return basis @ (basis.T @ x)
+
+
+def _chance(gap: Array, covariance: Array) -> float:
+    """Chance of a gap this large or larger, were there none."""
+    size = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    along = vectors.T @ (gap / size)
+    return float(chi2.sf(np.sum(along**2 / np.maximum(values, LEAST)), len(gap)))

@@ -1,0 +1,195 @@
+"""What the held-out logs say of each name: confirmed, neutral or refuted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.diagnosis.examine import Examined, refit
+from residual.diagnosis.gate import Tested
+from residual.diagnosis.search import least
+from residual.evidence.fit import Fit
+from residual.evidence.states import as_model
+from residual.model.compare import Errors, HeldOutLog, moving_error, moving_power
+from residual.model.model import Model
+from residual.recording import Array
+
+CONFIRMED = 0.01  # gain above which a name counts as confirmed
+STANDING = 0.02  # share of moving rows under which a joint counts as standing
+STRANGE, STRANGE_LEAST = 4.0, 0.03  # held-out error beyond that of the fit logs
+SURE = 2.0  # standard errors
+HARM_SURE = 3.0  # the same of a rise, of which any joint may show one
+RISE = 0.02  # of a joint's error: what no name may add
+SMALL = 1e-3  # of a joint's torque: what may be added all the same
+ROUND = 3  # gains are compared to 0.1 %
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Verdicts:
+    """Names that survive the held-out logs, and those that do not.
+
+    Attributes:
+        fit: Fit with the surviving names.
+        kept, refuted: Members with the gain of each: the part of its joint's error on
+            held-out moving samples that vanishes with it.
+        dropped: Members that carry too little now that their fellows are refuted.
+    """
+
+    fit: Fit
+    kept: tuple[tuple[Tested, float], ...]
+    refuted: tuple[tuple[Tested, float], ...]
+    dropped: tuple[Tested, ...]
+
+
+def judge_held_out(examined: Examined, held_out: Sequence[HeldOutLog]) -> Verdicts:
+    """Drop each name alone, refit the rest on the fit logs, predict the held-out logs.
+
+    The worst refuted name goes first, then all are judged again.
+    """
+    tested, refuted, dropped = list(examined.tested), [], []
+    fitted = examined.fit
+    while True:
+        gains = [_gain(examined, fitted, tested, t, held_out) for t in tested]
+        if not gains or min(gains) >= 0:
+            kept = tuple(zip(tested, gains, strict=True))
+            return Verdicts(fitted, kept, tuple(refuted), tuple(dropped))
+        worst = int(np.argmin(gains))
+        refuted.append((tested.pop(worst), gains[worst]))
+        fitted = refit(examined, tested)
+        alone = [t for t in tested if not _stands(examined, fitted, t)]
+        if alone:
+            tested = [t for t in tested if t not in alone]
+            dropped += alone
+            fitted = refit(examined, tested)
+
+
+def _stands(examined: Examined, fitted: Fit, one: Tested) -> bool:
+    """Does a name still carry what it needs, now that others are gone?"""
+    return one.nats >= least(examined.task, fitted.members, one.group)
+
+
+def harmful(
+    examined: Examined,
+    judged: Verdicts,
+    held_out: Sequence[HeldOutLog],
+    company: Sequence[Tested],
+) -> list[tuple[Tested, str]]:
+    """The name that makes a joint worse than the refit without any name does, if any.
+
+    Each may be harmless alone and all of them harm together: then the one goes without
+    which that joint comes out best. Not of the company, which stands or falls together.
+    """
+    tested = [t for t, _ in judged.kept]
+    alone = [t for t in tested if t not in company]
+    if not alone:
+        return []
+    after = moving_error(as_model(examined.nominal, judged.fit), held_out)
+    before = moving_error(as_model(examined.nominal, examined.plain), held_out)
+    rise = rises(after, before, moving_power(held_out), SURE)
+    if not rise.any():
+        return []
+    j = int(np.argmax(rise))
+
+    def without(one: Tested) -> float:
+        rest = refit(examined, [t for t in tested if t is not one])
+        return moving_error(as_model(examined.nominal, rest), held_out)[:, j].sum()
+
+    worst = min(alone, key=without)
+    why = f"it raises the held-out error of joint {j + 1} by {100 * rise[j]:.0f} %"
+    return [(worst, f"withdrawn: {why}")]
+
+
+def judgement(gain: float) -> str:
+    """The verdict's word for a gain."""
+    if gain < 0:
+        return "refuted"
+    return "confirmed" if gain >= CONFIRMED else "neutral"
+
+
+def three_models(examined: Examined, judged: Verdicts) -> dict[str, Model]:
+    """The three models; identified and augmented differ by nothing but the effects."""
+    augmented = examined.model(judged.fit if judged.kept else examined.plain)
+    identified = augmented
+    if judged.kept:
+        identified = examined.model(examined.plain, like=augmented)
+    nominal = examined.nominal.model
+    return {"nominal": nominal, "identified": identified, "augmented": augmented}
+
+
+def unproven(examined: Examined, augmented: Errors) -> list[str]:
+    """Sentences on joints of which the logs prove nothing, or less than it seems."""
+    out = []
+    design, tracks = examined.task.design, examined.logs.tracks
+    every = sum(int(t.inner.sum()) for t in tracks)
+    fit = np.sqrt(examined.fit.sse / design.rows) / design.rms
+    held = augmented.per_joint("moving") / 100
+    for j in range(design.dof):
+        if design.rows[j] < STANDING * every:
+            out.append(
+                f"joint {j + 1} hardly moves in the fit logs: nothing can be said of it"
+            )
+        elif held[j] > max(STRANGE * fit[j], STRANGE_LEAST):
+            out.append(
+                f"joint {j + 1}: the error on held-out moving samples "
+                f"({100 * held[j]:.1f} %) is {held[j] / max(fit[j], 1e-6):.0f} times "
+                "that of the fit logs; the held-out motion holds something that the "
+                "fit motion does not determine"
+            )
+    return out
+
+
+def rises(after: Array, before: Array, power: Array, sure: float) -> Array:
+    """By how much each joint's error rises, as a share; 0 where by chance. (dof,).
+
+    A rise counts from 2 % of the error, and 0.1 % of the torque: below that it moves
+    within what no model of the arm is good for.
+
+    Args:
+        after: Squared errors per second [N^2 m^2]. Shape (seconds, dof).
+        before: The same without the name. Shape (seconds, dof).
+        power: Squared torque on the same rows [N^2 m^2]. Shape (dof,).
+        sure: Standard errors, over the seconds, that a rise must have.
+    """
+    change = after - before
+    scatter = np.sqrt(((change - change.mean(axis=0)) ** 2).sum(axis=0))
+    now, then = np.sqrt(after.sum(axis=0)), np.sqrt(before.sum(axis=0))
+    rise = now / np.maximum(then, 1e-15) - 1
+    logged = power > 1e-12 * power.max(initial=0.0)  # else the channel is dead
+    clear = logged & (rise > RISE) & (now - then > SMALL * np.sqrt(power))
+    return np.where(clear & (change.sum(axis=0) > sure * scatter), rise, 0.0)
+
+
+def _gain(
+    examined: Examined,
+    fitted: Fit,
+    tested: Sequence[Tested],
+    one: Tested,
+    held_out: Sequence[HeldOutLog],
+) -> float:
+    rest = [t for t in tested if t is not one]
+    with_it = moving_error(as_model(examined.nominal, fitted), held_out)
+    without = moving_error(as_model(examined.nominal, refit(examined, rest)), held_out)
+    power, rms = moving_power(held_out), examined.task.design.rms
+    return round(_fall(one, with_it, without, rms, power), ROUND)
+
+
+def _fall(
+    one: Tested, with_it: Array, without: Array, rms: Array, power: Array
+) -> float:
+    """1 - error with over error without, where the effect acts and where it shows.
+
+    A name that only spares the model's parameters predicts as they do, so there a
+    difference within its own scatter over the seconds of the logs is none. A joint
+    whose error it raises beyond chance counts against it, whichever that is.
+    """
+    harm = rises(with_it, without, power, HARM_SURE)
+    if harm.max(initial=0.0) > 0:
+        return -float(harm.max())
+    effect, dof = one.group.effect, len(rms)
+    joints = sorted({*effect.rows(one.group.joints, dof), one.seen})
+    a, b = ((e / rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
+    change = b - a
+    scatter = np.sqrt(((change - change.mean()) ** 2).sum())
+    if one.by == "plausibility" and abs(change.sum()) < SURE * scatter:
+        return 0.0
+    return 1 - np.sqrt(a.sum() / b.sum()) if b.sum() > 0 else 0.0

@@ -1,0 +1,224 @@
+"""Which names stand: each is doubted in turn; where one falls, the search starts anew.
+
+What a false name explained was taken from others, and what it made room for leans on
+it. So whenever one falls, everything is searched again without it, and every other name
+has to win its place anew.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from residual.diagnosis.doubt.angle_noise import Checked, drop_noise
+from residual.diagnosis.doubt.held_out import (
+    Verdicts,
+    harmful,
+    judge_held_out,
+)
+from residual.diagnosis.doubt.splits import contradict, found_again
+from residual.diagnosis.doubt.substitutes import substitutes
+from residual.diagnosis.examine import (
+    Examined,
+    Progress,
+    refit,
+    search_again,
+    without_refuted,
+)
+from residual.diagnosis.findings import Named, findings
+from residual.diagnosis.gate import Tested
+from residual.diagnosis.result import Splits
+from residual.diagnosis.search import least
+from residual.evidence.design import Group
+from residual.model.compare import HeldOutLog
+from residual.recording import Recording
+
+ROUNDS = 6  # searches at most; after the last, names fall and none takes their place
+HALF = 0.5  # probability under which a name is not the likeliest
+NOTHING = 0.0455  # chance of a size beyond two standard deviations
+
+NOISE = "withdrawn: noise of the angles makes all of it, or too much to believe it"
+ALONE = "withdrawn: it carries too little alone, now that others are refuted"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Withdrawn:
+    """A name that did not stand.
+
+    Attributes:
+        tested: The name.
+        why: In words.
+        explains: Whether it explained much of the fit logs all the same. Then nothing
+            may take its place that would only say the same in other words.
+        with_kin: Whether its family falls with it, which would say the same, only
+            worse; else it was only the wrong one of it.
+    """
+
+    tested: Tested
+    why: str
+    explains: bool = False
+    with_kin: bool = False
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Standing:
+    """What stands after every name was doubted.
+
+    Attributes:
+        examined: The diagnosis of the last search.
+        judged: Its names with their gain on held-out motion.
+        checks: What noise of the angles does to their fit; None where nobody looked.
+        named: The findings, most important first.
+        splits: For the id of each tested name, how often it was found again.
+        withdrawn: Names that fell, of all searches.
+    """
+
+    examined: Examined
+    judged: Verdicts
+    checks: Checked | None
+    named: tuple[Named, ...]
+    splits: dict[int, Splits]
+    withdrawn: tuple[Withdrawn, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _History:
+    """What came before one search: its first names, what fell of them, and the end."""
+
+    first: Collection[tuple]
+    fallen: Sequence[Group]
+    last: bool
+
+
+def stand(
+    examined: Examined,
+    proof: Sequence[HeldOutLog],
+    recordings: Sequence[Recording],
+    tell: Progress,
+) -> Standing:
+    """Doubt every name; search again without those that fall, until none does.
+
+    Args:
+        examined: What the fit logs say.
+        proof: The held-out logs.
+        recordings: The fit logs, in the diagnosis' order.
+        tell: Told the stage and the share done.
+    """
+    gone: list[Withdrawn] = []
+    first = {_place(t) for t in (*examined.tested, *examined.withdrawn)}
+    for turn in range(1, ROUNDS + 1):
+        last = turn == ROUNDS
+        history = _History(first, [w.tested.group for w in gone if w.explains], last)
+        now = _doubted(examined, proof, recordings, history)
+        gone += now.withdrawn
+        tell("proof", turn / (ROUNDS + 1))
+        if not now.withdrawn or last:
+            break
+        kin = [w.tested.group for w in gone if w.with_kin]
+        examined = search_again(examined, [w.tested.group for w in gone], kin)
+    known = {_place(t) for f in now.named for t in f.tested}
+    return replace(
+        now,
+        examined=without_refuted(now.examined, now.judged.fit),
+        withdrawn=tuple(w for w in gone if _place(w.tested) not in known),
+    )
+
+
+def _doubted(
+    examined: Examined,
+    proof: Sequence[HeldOutLog],
+    recordings: Sequence[Recording],
+    history: _History,
+) -> Standing:
+    """Put the names of one search through every doubt.
+
+    The first doubt that one falls by ends the round, since the others lean on it and
+    deserve a search without it; in the last round they are doubted on.
+    """
+    judged = judge_held_out(examined, proof)
+    gone = [Withdrawn(t, _resembles(t), True, True) for t in examined.withdrawn]
+    gone += [Withdrawn(t, _refuted(t, gain), True, True) for t, gain in judged.refuted]
+    if history.last:
+        gone += [Withdrawn(t, ALONE) for t in judged.dropped]
+    checks, named, splits = None, [], {}
+    while history.last or not gone:
+        judged, checks, noise = drop_noise(examined, judged, recordings)
+        tested = [t for t, _ in judged.kept]
+        named, splits = findings(examined, judged.fit, tested, checks), {}
+        company = _company(examined, judged)
+        fallen = [(t, NOISE) for t in noise] or _weak(named, company)
+        harm = [] if fallen else harmful(examined, judged, proof, company)
+        fallen = fallen or harm
+        late = [t for t in tested if _place(t) not in history.first]
+        fallen = fallen or substitutes(examined, judged, proof, (late, history.fallen))
+        if not fallen:
+            splits, fallen = _splits(examined, judged, tested)
+        if not fallen:
+            break
+        gone += [Withdrawn(t, why, explains=bool(harm)) for t, why in fallen]
+        judged = _without(examined, judged, [t for t, _ in fallen])
+    return Standing(examined, judged, checks, tuple(named), splits, tuple(gone))
+
+
+def _company(examined: Examined, judged: Verdicts) -> list[Tested]:
+    """Names that stand on half of the arm's joints or more, and came together.
+
+    What every drive has is not asked joint by joint: where one hardly turned, its
+    friction is no less likely for it.
+    """
+    members, task = judged.fit.members, examined.task
+    usual = task.rules.threshold
+    return [t for t, _ in judged.kept if least(task, members, t.group) < usual]
+
+
+def _weak(
+    named: Sequence[Named], company: Sequence[Tested]
+) -> list[tuple[Tested, str]]:
+    """Names that are less likely than not, or may as well be nothing."""
+    out = []
+    for finding in named:
+        for tested, sure in zip(finding.tested, finding.sureness, strict=True):
+            if tested in company:
+                continue
+            if sure.probability < HALF:
+                out.append((tested, "withdrawn: something else is likelier"))
+            elif sure.chance > NOTHING:
+                why = "withdrawn: its size is within two deviations of nothing"
+                out.append((tested, why))
+    return out
+
+
+def _splits(
+    examined: Examined, judged: Verdicts, tested: Sequence[Tested]
+) -> tuple[dict[int, Splits], list[tuple[Tested, str]]]:
+    """How often each name is found again, and those that should have been."""
+    every = found_again(examined.task, judged.fit, tested)
+    company = _company(examined, judged)
+    fallen = [
+        (t, f"withdrawn: found again in only {s.found} of {s.of} parts of the data")
+        for t, s in zip(tested, every, strict=True)
+        if t not in company and contradict(s, t.nats, examined.task.rules.threshold)
+    ]
+    return {id(t): s for t, s in zip(tested, every, strict=True)}, fallen
+
+
+def _without(examined: Examined, judged: Verdicts, gone: Sequence[Tested]) -> Verdicts:
+    kept = tuple((t, gain) for t, gain in judged.kept if t not in gone)
+    fitted = refit(examined, [t for t, _ in kept])
+    return Verdicts(fitted, kept, judged.refuted, judged.dropped)
+
+
+def _place(tested: Tested) -> tuple:
+    return tested.group.effect.name, tested.group.joints
+
+
+def _resembles(tested: Tested) -> str:
+    what = f"what joint {tested.joint + 1} shows"
+    return f"withdrawn: {what} resembles it but is not explained by it"
+
+
+def _refuted(tested: Tested, gain: float) -> str:
+    why = (
+        "refuted by the held-out logs "
+        f"(error there {100 * -gain:.1f} % higher with it), withdrawn"
+    )
+    question = tested.group.effect.if_refuted
+    return f"{why}; {question}" if question else why

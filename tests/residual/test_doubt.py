@@ -1,0 +1,101 @@
+"""Names that must survive doubt, and refits that no arm can be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from residual.diagnosis.doubt.held_out import rises
+from residual.diagnosis.doubt.splits import contradict
+from residual.diagnosis.result import Splits
+from residual.diagnosis.verdict import from_json, to_json
+from residual.evidence.part import Part
+from sim.records import Hidden
+from tests.residual.arms import arm, diagnose_case, names, short_case
+from tests.residual.linear import Problem
+
+OFFSET = Hidden("offset", (1,), {"torque": 4.0})
+
+
+def seconds(*sizes):
+    """Squared errors of one joint per second."""
+    return np.array(sizes, dtype=float)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "power", "expected"),
+    [
+        pytest.param(10 * [1.0], 10 * [1.21], 100.0, 0.1, id="every second by as much"),
+        pytest.param(10 * [1.0], 10 * [1.02], 100.0, 0.0, id="by 1 %"),
+        pytest.param(10 * [1.0], 10 * [1.21], 1e6, 0.0, id="nothing beside the torque"),
+        pytest.param(
+            10 * [1.0], [3.2, *9 * [1.0]], 100.0, 0.0, id="in one second only"
+        ),
+        pytest.param(10 * [1.0], 10 * [0.5], 100.0, 0.0, id="a fall"),
+        pytest.param(10 * [1.0], 10 * [1.21], 0.0, 0.0, id="a dead channel"),
+    ],
+)
+def test_an_error_rises_where_it_does_beyond_chance(before, after, power, expected):
+    rise = rises(seconds(*after), seconds(*before), np.array([power]), 2.0)
+    assert rise == pytest.approx([expected], abs=1e-3)
+
+
+@given(st.integers(0, 3), st.floats(10, 1e4))
+def test_a_name_that_never_came_back_falls_and_one_that_always_did_stands(n, nats):
+    assert contradict(Splits(0, 3), nats, 10.0)
+    assert not contradict(Splits(n, n), nats, 10.0) or n == 0
+    assert not contradict(Splits(0, 0), nats, 10.0)
+
+
+def test_a_clear_name_must_come_back_twice_in_three_and_a_faint_one_once():
+    assert contradict(Splits(1, 3), 200.0, 10.0)
+    assert not contradict(Splits(2, 3), 200.0, 10.0)
+    assert not contradict(Splits(1, 3), 15.0, 10.0)
+
+
+def test_a_part_has_the_sums_of_its_folds_alone():
+    problem = Problem.draw(np.random.default_rng(3), noise=0.1, logs=6)
+    whole = problem.design
+    part, rest = Part(whole, np.array([0, 2])), Part(whole, np.array([1, 3, 4, 5]))
+    for j in range(whole.dof):
+        for a, b, both in zip(
+            part.total(j), rest.total(j), whole.total(j), strict=True
+        ):
+            np.testing.assert_allclose(a + b, both)
+    np.testing.assert_allclose(part.rows + rest.rows, whole.rows)
+    np.testing.assert_allclose(
+        part.power.sum(axis=0) + rest.power.sum(axis=0), whole.power.sum(axis=0)
+    )
+
+
+def negated(recordings):
+    return [replace(r, tau=-r.tau) for r in recordings]
+
+
+@pytest.fixture(scope="module")
+def upside_down():
+    """An arm whose torques all have the wrong sign, nothing else wrong with it."""
+    case = short_case(arm(), seed=50)
+    held_out = negated(case.held_out)
+    return diagnose_case(case, fit=negated(case.fit), held_out=held_out).verdict
+
+
+def test_finding_nothing_in_what_cannot_be_is_no_answer(upside_down):
+    assert upside_down.effects == ()
+    assert upside_down.verdict == "unknown"
+    said = upside_down.contradictions[0]
+    assert "friction that was fitted on joints 1, 2 drives the arm" in said
+
+
+def test_a_contradiction_goes_through_json(upside_down):
+    assert from_json(to_json(upside_down)).contradictions == upside_down.contradictions
+
+
+def test_a_name_says_how_often_it_was_found_again_and_what_is_determined():
+    verdict = diagnose_case(short_case(arm(), OFFSET, seed=51)).verdict
+    assert names(verdict) == [("offset", (1,))]
+    assert verdict.effects[0].evidence.splits == Splits(3, 3)
+    assert verdict.effects[0].parameters["torque"].determined
+    assert verdict.contradictions == ()
