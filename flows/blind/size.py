@@ -39,10 +39,10 @@ class Hidden:
 def smallest(
     minimum: Sequence[Detectable], name: str, joints: Sequence[int]
 ) -> Detectable | None:
-    """Return an effect's smallest detectable size, None if there is none."""
+    """Return an effect's smallest detectable size, None if no arm has as much."""
     wanted = sorted(joints)
     at = (d for d in minimum if d.name == name and sorted(d.joints) == wanted)
-    return next(at, None)
+    return next((d for d in at if d.value is not None), None)
 
 
 def draw_sized(

@@ -31,6 +31,7 @@ def diagnose(
     null: str | None = None,
     store: str | None = None,
     trust_log: Flag = False,
+    verbose: Flag = False,
 ) -> None:
     """Name what the model of a robot lacks, from its logs.
 
@@ -76,6 +77,7 @@ def diagnose(
             ./store.
         trust_log: Go on although a fault of the logs is certain (modelgap check); the
             answer is then "unknown", and names nothing.
+        verbose: List the effects that these logs could not tell apart.
     """
     request = Diagnose(
         logs=logs,
@@ -101,7 +103,7 @@ def diagnose(
     page = {"--report": _page(found)} if report else {}
     contents = {"--json": text} | page
     write_all({path: contents[option] for option, path in files.items()})
-    print_diagnosis(found, console)
+    print_diagnosis(found, console, verbose)
     say(console, *(f"wrote {path}" for path in files.values()))
     if json == STDOUT:
         print(text, end="")

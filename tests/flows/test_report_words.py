@@ -2,7 +2,11 @@
 
 import pytest
 
-from flows.report.words.outlook import confusable_words, unexplained_words
+from flows.report.words.outlook import (
+    confusable_pairs,
+    confusable_words,
+    unexplained_words,
+)
 from flows.report.words.phrases import joint_words, listing, noun, phrase
 from flows.report.words.verdict import headline, rising
 from residual import quantity
@@ -260,9 +264,13 @@ def test_what_logs_cannot_tell_apart_is_said_once_for_all_joints() -> None:
         *(size("offset", [j], "spring", [j]) for j in (1, 2)),
         size("base_tilt", [], "encoder_offset", [2]),
     ]
-    assert confusable_words(typed({"minimum_detectable": told})) == (
-        "Even three times as large, these logs would not tell apart: a constant torque "
-        "offset and a spring on joints 1 and 2; a tilted base and an encoder offset on "
-        "joint 2."
+    verdict = typed({"minimum_detectable": told})
+    assert confusable_words(verdict) == (
+        "Even at three times these sizes, 2 pairs of effects would look alike in these "
+        "logs."
     )
+    assert confusable_pairs(verdict) == [
+        "a constant torque offset and a spring on joints 1 and 2",
+        "a tilted base and an encoder offset on joint 2",
+    ]
     assert confusable_words(typed({})) is None

@@ -58,6 +58,8 @@ def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:
         "size_heads": heads,
         "sizes": sizes,
         "confusable": outlook.confusable_words(verdict),
+        "confusable_pairs": outlook.confusable_pairs(verdict),
+        "never": any(outlook.NEVER in row for row in sizes) and outlook.NEVER,
         "warnings": verdict.warnings,
         "plan": outlook.next_words(verdict.next_experiment),
         "notes": found.notes,

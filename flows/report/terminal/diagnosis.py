@@ -21,17 +21,21 @@ _NARROW = 26
 _TRUTH = ("", "hidden", "found")
 
 
-def print_diagnosis(found: Diagnosis, console: Console) -> None:
+def print_diagnosis(found: Diagnosis, console: Console, verbose: bool = False) -> None:
     """Print a diagnosis: verdict, findings, errors, what is left, what to do next.
 
     Args:
         found: The diagnosis.
         console: Where to print; 80 columns and no colour are enough.
+        verbose: List the effects that these logs could not tell apart.
     """
     _line(console, "")
     _line(console, headline(found.verdict), "bold")
     for part in (_findings, _errors, _left_over, _detectable, _warnings, _next):
         part(found, console)
+    if verbose and not found.effects:
+        for pair in outlook.confusable_pairs(found.verdict):
+            _line(console, f"  look alike: {pair}")
     _line(console, "")
 
 
@@ -82,8 +86,10 @@ def _evidence_cell(finding: FindingRow) -> Text:
     if finding.by:
         lines.append(f"by {finding.by}")
     if known(finding.probability):
-        lines.append(f"probability {probability(finding.probability)}")
+        lines.append(f"this name: {probability(finding.probability)}")
     lines.append(f"held-out: {finding.verdict}")
+    if finding.splits:
+        lines.append(f"found again: {finding.splits}")
     return Text("\n".join(lines))
 
 
@@ -157,12 +163,17 @@ def _detectable(found: Diagnosis, console: Console) -> None:
     table = _table(title, heads, "right")
     table.padding = (0, 1, 0, 0)
     table.columns[1].justify = "left"
+    # The longest word of a name, so that none is broken.
+    words = [word for line in lines for word in line[0].split()]
+    table.columns[0].min_width = max(map(len, words))
     for line in lines:
         _row(console, table, map(Text, line))
     _print(console, table)
+    if any(outlook.NEVER in line for line in lines):
+        _line(console, f"{outlook.NEVER}: not detectable here; no arm has so much.")
     alike = outlook.confusable_words(found.verdict)
     if alike:
-        _line(console, alike)
+        _line(console, f"{alike} --verbose lists them.")
 
 
 def _warnings(found: Diagnosis, console: Console) -> None:
@@ -192,7 +203,8 @@ def _table(title: str, heads: Sequence[str], justify: JustifyMethod = "left") ->
     for i, head in enumerate(heads):
         # Short cells keep their width, so that no verdict is cut at 80 columns.
         least = len("held-out: confirmed") if head == "evidence" else None
-        table.add_column(head, justify="left" if i == 0 else justify, min_width=least)
+        side = "left" if i == 0 else justify
+        table.add_column(head, justify=side, min_width=least, overflow="fold")
     return table
 
 

@@ -31,6 +31,13 @@ MEANING = dict(
     wrong_robot="the log is of another robot",
 )
 
+# The motion that would help, most wanted first.
+_MORE = {
+    "too_short": "Record 20 s or more in which every joint moves to and fro.",
+    "lockstep": "Move the joints apart from each other: modelgap trajectory fourier.",
+    "no_reversal": "Let each joint move to and fro, several times.",
+}
+
 
 def summary(report: CheckReport) -> str:
     """Return the answer in one sentence."""
@@ -42,6 +49,21 @@ def summary(report: CheckReport) -> str:
     many = "s" if len(report.faults) > 1 else ""
     ends = "unusable as they are" if certain else "usable, with care"
     return f"The logs are {ends}: {' and '.join(counted)} fault{many}."
+
+
+def enough(report: CheckReport | None) -> list[str]:
+    """Return what the motion is too poor for, and the motion that would help."""
+    if report is None:
+        return []
+    out = []
+    for kind, help in _MORE.items():
+        found = [fault for fault in report.faults if fault.kind == kind]
+        joints = sorted({joint for fault in found for joint in fault.joints})
+        if found:
+            where = f" ({joint_words(joints)})" if joints else ""
+            meaning = MEANING[kind]
+            out.append(f"These logs can show little: {meaning}{where}. {help}")
+    return out[:1]
 
 
 def title(fault: FaultReport) -> str:

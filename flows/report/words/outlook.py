@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from flows.report.words.phrases import joint_words, listing, noun, phrase, sentence_case
-from residual.diagnosis.leftover.remainder import Dependence, Unexplained
+from residual.diagnosis.leftover.remainder import Dependence, Number, Unexplained
 from residual.diagnosis.result import Verdict
 from residual.quantity import MISSING, fraction, known, number, unit_text
 
+NEVER = "n.d."  # not detectable here: it would take more than an arm can have
 _ELSEWHERE = 10**6  # column of what does not sit on one joint: after every joint
 
 
@@ -27,12 +28,12 @@ def detectable_rows(
         joints = item.joints
         local = len(joints) == 1
         if short:
-            name = " ".join(map(str, [item.name, *joints[local:]]))
+            name = " ".join([*item.name.split("_"), *map(str, joints[local:])])
         else:
             name = noun(item.name) if local else phrase(item)
         column = joints[0] if local else _ELSEWHERE
         row = sizes.setdefault((name, unit_text(item.unit)), {})
-        row[column] = number(item.value)
+        row[column] = _size(item.value, short)
     columns = sorted({column for found in sizes.values() for column in found})
     joint, other = ("J", "else") if short else ("Joint ", "Pair or arm")
     heads = [other if c == _ELSEWHERE else f"{joint}{c}" for c in columns]
@@ -43,8 +44,26 @@ def detectable_rows(
     return ["Effect", "Unit", *heads], rows
 
 
+def _size(value: Number, short: bool) -> str:
+    if value is None:
+        return NEVER
+    return f"{value:.2g}" if short and value < 100 else number(value)
+
+
 def confusable_words(verdict: Verdict) -> str | None:
-    """Return what these logs could not tell apart, in a sentence; None if nothing."""
+    """Return how many effects these logs could not tell apart; None if none."""
+    pairs = confusable_pairs(verdict)
+    if not pairs:
+        return None
+    one = len(pairs) == 1
+    return (
+        f"Even at three times these sizes, {len(pairs)} pair{'' if one else 's'} of "
+        f"effects would look alike in these logs."
+    )
+
+
+def confusable_pairs(verdict: Verdict) -> list[str]:
+    """Return what these logs could not tell apart at three times these sizes."""
     pairs: dict[tuple[str, str], set[int]] = {}
     for item in verdict.minimum_detectable:
         for other in item.confusable:
@@ -53,16 +72,10 @@ def confusable_words(verdict: Verdict) -> str | None:
                 pairs.setdefault((one, two), set()).update(item.joints)
             else:
                 pairs.setdefault((phrase(item), phrase(other)), set())
-    if not pairs:
-        return None
-    told = [
+    return [
         f"{one} and {two}{f' on {joint_words(sorted(on))}' if on else ''}"
         for (one, two), on in pairs.items()
     ]
-    return (
-        "Even three times as large, these logs would not tell apart: "
-        f"{'; '.join(told)}."
-    )
 
 
 def unexplained_words(verdict: Verdict) -> list[str]:

@@ -5,9 +5,16 @@ from dataclasses import dataclass
 
 from flows.report.words.phrases import alternatives, noun, phrase, place, sentence_case
 from flows.report.words.verdict import held_out_words
-from residual.diagnosis.result import Diagnosis, Finding, Number, PerJoint
+from residual.diagnosis.result import (
+    Diagnosis,
+    Finding,
+    Number,
+    PerJoint,
+    Splits,
+)
 from residual.quantity import MISSING, fraction, known, measured, number
 
+_OPEN = "not determined"
 METRICS = {"filtered": "filtered", "moving": "moving", "held_out": "as logged"}
 
 
@@ -39,6 +46,7 @@ class FindingRow:
     held_out: str
     gain: str
     p_value: str
+    splits: str
     alternatives: tuple[str, ...]
 
     @property
@@ -136,8 +144,14 @@ def _finding(effect: Finding, sentence: str, dof: int) -> FindingRow:
         held_out=held_out_words(evidence.held_out),
         gain=fraction(evidence.held_out_gain),
         p_value=number(evidence.p_value),
+        splits=_splits(evidence.splits),
         alternatives=tuple(alternatives(effect, dof)),
     )
+
+
+def _splits(splits: Splits | None) -> str:
+    """How often a name came back without a part of the data: '3 of 3'."""
+    return f"{splits.found} of {splits.of}" if splits and splits.of else ""
 
 
 def _full_stop(sentence: str) -> str:
@@ -152,7 +166,10 @@ def _parameters(effect: Finding) -> list[ParameterRow]:
         many = isinstance(parameter.value, tuple)
         joints = effect.joints if many else (None,)
         for joint, (value, std) in zip(joints, parameter.pairs, strict=True):
-            rows.append(ParameterRow(name, joint, measured(value, std, unit)))
+            text = measured(value, std, unit) if parameter.determined else _OPEN
+            rows.append(ParameterRow(name, joint, text))
+    for formula, parameter in effect.combinations.items():
+        rows.append(ParameterRow(formula, None, str(parameter)))
     return rows
 
 

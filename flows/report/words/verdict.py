@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from flows.report.words.check import title
+from flows.report.words.check import enough, title
 from flows.report.words.phrases import (
     alternatives,
     count,
@@ -18,6 +18,8 @@ from residual.quantity import known, percent
 
 _NAMED_AT_MOST = 3
 _SURE = 0.9
+_REFIT = ("nominal", "identified")
+_WORSE = 1.02  # times the error before: less is no difference
 _CANNOT_TELL = "These data cannot tell a name in brackets from the one before it."
 
 
@@ -44,7 +46,7 @@ def sentences(verdict: Verdict) -> list[str]:
         parts = [_unknown(verdict), _level(verdict)]
     else:
         parts = ["No effect that the model lacks shows in these data.", _level(verdict)]
-    return [part for part in parts if part]
+    return [part for part in (*enough(verdict.log_check), *parts) if part]
 
 
 def is_wrong_value(effect: Finding, verdict: Verdict) -> bool:
@@ -152,18 +154,39 @@ def _at_fault(verdict: Verdict) -> str:
 
 
 def _unknown(verdict: Verdict) -> str:
+    if verdict.contradictions:
+        return " ".join(sentence_case(f"{said}.") for said in verdict.contradictions)
     where = joint_words(verdict.unexplained.joints, verdict.dof)
     return f"The model lacks something on {where} that no known effect explains."
 
 
 def _level(verdict: Verdict) -> str:
     """Return the error of the refitted model where nothing was added to it."""
+    if _is_worse(verdict) and not verdict.contradictions:
+        before, after = map(verdict.error.overall_filtered.get, _REFIT)
+        return (
+            "The refit predicts held-out motion worse than the model as it was given: "
+            f"{percent(after)} after {percent(before)}, over all joints."
+        )
     for stages in (verdict.error.overall_filtered, verdict.error.overall):
         value = stages.get("identified")
         if known(value):
             run = " in the same run" if verdict.error.same_run else ""
             return f"Its held-out error{run} is {percent(value)} over all joints."
     return ""
+
+
+def _is_worse(verdict: Verdict) -> bool:
+    """Whether the refit predicts worse, over all and on the moving joints alike.
+
+    At standstill friction holds what it likes, which a refit may guess or not.
+    """
+    before, after = map(verdict.error.overall_filtered.get, _REFIT)
+    if not known(before) or not known(after) or after <= _WORSE * before:
+        return False
+    moving = [verdict.error.moving.get(stage) or () for stage in _REFIT]
+    pairs = [(a, b) for a, b in zip(*moving, strict=False) if known(a) and known(b)]
+    return sum(b > _WORSE * a for a, b in pairs) >= len(pairs) / 2
 
 
 def _joint_change(verdict: Verdict, joint: int) -> Change | None:
