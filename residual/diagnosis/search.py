@@ -84,7 +84,7 @@ def search(task: Task, members: Sequence[Group] = ()) -> Fit:
         members: Names to start from; those go that do not carry their own weight.
 
     Returns:
-        The fit of the chosen set; its members are single-joint groups.
+        The fit of the chosen set, its members single-joint groups.
     """
     current, rules = task.start(), task.rules
     if members:
@@ -129,8 +129,7 @@ def _tried(task: Task, base: Fit, group: Group) -> tuple[Group, Fit]:
     """A fit with a candidate, on its own scale where it is far beyond the usual."""
     counted = task.design.rows / 4
     trial = fit(task.design, task.prior, (*base.members, group), counted)
-    wide = widened(trial, group)
-    if wide is None:
+    if (wide := widened(trial, group)) is None:
         return group, trial
     again = fit(task.design, task.prior, (*base.members, wide), counted)
     return (wide, again) if again.score > trial.score else (group, trial)
@@ -291,10 +290,11 @@ def _delete(task: Task, current: Fit) -> Fit:
 def least(task: Task, members: Sequence[Group], group: Group) -> float:
     """Evidence that a member must carry to stay [nats].
 
-    None for one of several joints, as long as half of the arm's joints have the name:
-    it may even cost as much, where what that joint still lacks hides it.
+    None for one of several joints, as long as half of the arm's joints have the name;
+    what every drive has may even cost as much, since what a joint lacks may hide it.
     """
     name = group.effect.name
     fellows = [g for g in members if g.fellows > 1 and g.effect.name == name]
     enough = group in fellows and len(fellows) >= max(2, task.design.dof / 2)
-    return -task.rules.threshold if enough else task.rules.threshold
+    low = -task.rules.threshold if group.effect.usual_in_every_drive else 0.0
+    return low if enough else task.rules.threshold

@@ -79,7 +79,7 @@ def calls(monkeypatch):
         verdict = typed({"robot": robot.name, "warnings": ["core"]})
         return Diagnosis(verdict, notes=("core note",))
 
-    def print_diagnosis(found, console):
+    def print_diagnosis(found, console, verbose=False):
         console.print(f"verdict {found.verdict.verdict}")
 
     def render(outcome, robot_name):

@@ -231,7 +231,7 @@ def test_torque_share_is_the_rms_of_the_members_torque(rng):
 
 @pytest.mark.parametrize(
     ("joints", "fellows", "expected"),
-    [([0], 1, 10.0), ([0, 1], 1, 10.0), ([0], 2, 10.0), ([0, 1], 2, -10.0)],
+    [([0], 1, 10.0), ([0, 1], 1, 10.0), ([0], 2, 10.0), ([0, 1], 2, 0.0)],
 )
 def test_of_joints_that_came_together_each_may_be_weak_while_half_have_the_name(
     rng, joints, fellows, expected

@@ -165,8 +165,7 @@ def _company(examined: Examined, judged: Verdicts) -> list[Tested]:
     friction is no less likely for it.
     """
     members, task = judged.fit.members, examined.task
-    usual = task.rules.threshold
-    return [t for t, _ in judged.kept if least(task, members, t.group) < usual]
+    return [t for t, _ in judged.kept if least(task, members, t.group) < 0]
 
 
 def _weak(
