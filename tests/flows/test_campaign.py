@@ -138,9 +138,11 @@ def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
     assert "OMP_NUM_THREADS" not in os.environ
 
 
+# A suite that a shell started in the background inherits a deaf ear for Ctrl-C.
 _SLEEPERS = """
-import sys, time
+import signal, time
 from flows.workers.pool import Pool
+signal.signal(signal.SIGINT, signal.default_int_handler)
 if __name__ == "__main__":
     with Pool(2) as pool:
         for done in pool.run(time.sleep, [0.0, 0.0, 600.0, 600.0]):
