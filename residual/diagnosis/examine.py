@@ -16,10 +16,11 @@ from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.priors import posterior_of
 from residual.evidence.states import as_model, first_design, physical, show_torque
+from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal, prepare_logs, start_nominal
 from residual.model.standstill import with_standstill
-from residual.recording import Recording
+from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.split import session_clock
 
@@ -54,6 +55,15 @@ class Examined:
     tested: tuple[Tested, ...]
     withdrawn: tuple[Tested, ...]
     adequacy: Adequacy
+
+    def error(self, fitted: Fit, held_out: Sequence[HeldOutLog]) -> Array:
+        """Squared error of a fit on moving rows, per second [N^2 m^2]. (seconds, dof).
+
+        Args:
+            fitted: A fit of these logs.
+            held_out: Logs that no fit has seen.
+        """
+        return moving_error(as_model(self.nominal, fitted), held_out)
 
     def model(self, fitted: Fit, like: Model | None = None) -> Model:
         """A fit as a model, with the standstill that suits the fit logs.

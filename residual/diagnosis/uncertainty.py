@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 from scipy.stats import t as student
 
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.search import refined
 from residual.effects.base import Effect
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, fit, scaled_inverse
+from residual.evidence.fit import Fit, chance_of, fit, scaled_inverse
 from residual.recording import Array
 
 USUAL = 0.975  # quantile at two standard deviations
@@ -82,21 +82,12 @@ def standard_deviations(
         variance.append(_form_doubt(examined, fitted, g) ** 2)
         std = np.sqrt(np.maximum.reduce(variance))
         k = len(theta)
-        chance = max(_chance(theta, c[:k, :k]) for c in (own[0], sum(own)))
+        chance = max(chance_of(theta, c[:k, :k], FLAT) for c in (own[0], sum(own)))
         before = np.diag(scaled_inverse(g.precision))
         after = np.maximum.reduce([np.diag(c)[:k] for c in own])
         deviations = np.sqrt(np.maximum([after, before], 0.0))
         out[id(g)] = Doubt(std, _prior_std(g, slope, jacobian), deviations, chance)
     return out
-
-
-def _chance(theta: Array, covariance: Array) -> float:
-    """Chance of coefficients at least so far from zero, were they zero."""
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    along = vectors.T @ (theta / size)
-    square = np.sum(along**2 / np.maximum(values, FLAT))
-    return float(chi2.sf(square, len(theta)))
 
 
 def _prior_std(group: Group, slope: Group | None, jacobian: Array) -> Array:

@@ -65,7 +65,7 @@ class Design:
         model: The nominal model.
         speed: 95 % quantile of each joint's |qd| [rad/s]. Shape (dof,).
         nominal: Column numbers of the nominal model's coefficients. Shape (p,).
-        rms: Torque rms of each joint on its rows [N m]. Shape (dof,).
+        rms, peak: Torque of each joint on its rows, rms and largest [N m]. (dof,).
         rows: Rows of each joint. Shape (dof,).
         target: Filtered torque minus nominal torque on the rows, one per joint.
         folds: Number of folds.
@@ -84,10 +84,11 @@ class Design:
         self.speed = np.quantile(np.abs(qd), 0.95, axis=0)
         self.tau = tau = self.stacked([track.tau for track, _ in self._logs])
         self.rows = np.array([max(len(x), 1) for x in tau], dtype=float)
-        self.rms = np.array([np.sqrt(np.mean(x**2)) if len(x) else 1.0 for x in tau])
-        self.rms = np.maximum(self.rms, 1e-9)
-        gaps = [t.tau - t.filter(model.torque_of_state(s)) for t, s in self._logs]
-        self.target = self.stacked(gaps)
+        rms = [np.sqrt(np.mean(x**2)) if len(x) else 1.0 for x in tau]
+        self.rms = np.maximum(rms, 1e-9)
+        self.peak = np.array([np.abs(x).max(initial=0.0) for x in tau])
+        gaps = (t.tau - t.filter(model.torque_of_state(s)) for t, s in self._logs)
+        self.target = self.stacked(list(gaps))
         self._x = [np.zeros((len(y), 0)) for y in self.target]
         self.place = [np.zeros(0, dtype=int) for _ in range(self.dof)]
         self.gram = [np.zeros((self.folds, 0, 0)) for _ in range(self.dof)]

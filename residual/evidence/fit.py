@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.stats import chi2
 
 from residual.evidence.design import Design, Group
 from residual.recording import Array
@@ -193,6 +194,20 @@ def scaled_inverse(matrix: Array) -> Array:
     """Inverse of a positive definite matrix whose scales differ widely."""
     size = np.sqrt(np.diag(matrix))
     return np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
+
+
+def chance_of(gap: Array, covariance: Array, floor: float) -> float:
+    """Chance of coefficients at least so far from zero, were they zero.
+
+    Args:
+        gap: The coefficients. Shape (k,).
+        covariance: Of them. Shape (k, k).
+        floor: Least variance, of a correlation matrix, that a direction is given.
+    """
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    along = vectors.T @ (gap / size)
+    return float(chi2.sf(np.sum(along**2 / np.maximum(values, floor)), len(gap)))
 
 
 def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:

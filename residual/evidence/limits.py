@@ -46,8 +46,7 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
 
 def _torque(design: Design) -> Array:
     """Largest torque of each joint [N m]; what was logged shows a limit wrong."""
-    seen = np.array([np.abs(x).max(initial=0.0) for x in design.tau])
-    limit = design.model.robot.torque_limit
+    seen, limit = design.peak, design.model.robot.torque_limit
     known = np.isfinite(limit) & (limit > 0)
     return np.where(known, np.maximum(limit, seen), UNKNOWN * seen)
 

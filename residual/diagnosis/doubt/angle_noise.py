@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.stats import chi2
 
-from residual.diagnosis.doubt.held_out import Verdicts
-from residual.diagnosis.examine import Examined, refit
+from residual.diagnosis.doubt.held_out import Verdicts, without
+from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested
 from residual.evidence.design import Design
-from residual.evidence.fit import Fit, System, scaled_inverse
+from residual.evidence.fit import Fit, System, chance_of, scaled_inverse
 from residual.evidence.states import as_model, first_design, physical
 from residual.recording import Array, Recording
 from residual.signals.encoder_noise import on_rows_of
@@ -60,7 +59,7 @@ class Checked:
     def differs(self, tested: Tested) -> bool:
         """Whether the fit without the noise is another one, beyond chance."""
         shift, slots = self._shift(tested)
-        return _chance(shift, self._spread(slots)) < CHANCE
+        return chance_of(shift, self._spread(slots), LEAST) < CHANCE
 
     def is_noise(self, tested: Tested) -> bool:
         """Whether the effect is made of the noise, or too much of it to believe.
@@ -72,7 +71,7 @@ class Checked:
             return False
         shift, slots = self._shift(tested)
         own = self.covariance[np.ix_(slots, slots)]
-        nothing = _chance(self.theta[slots], own) > NOTHING
+        nothing = chance_of(self.theta[slots], own, LEAST) > NOTHING
         sd = np.sqrt(np.diag(self.fit.covariance())[slots])
         part = np.linalg.norm(shift / sd) / np.linalg.norm(self.fit.theta[slots] / sd)
         return nothing or (self.how == EFFECTIVE and bool(part > QUARTER))
@@ -121,9 +120,7 @@ def drop_noise(
         if not noise:
             return judged, checks, tuple(gone)
         gone += noise
-        kept = tuple((t, gain) for t, gain in judged.kept if t not in noise)
-        fit = refit(examined, [t for t, _ in kept])
-        judged = replace(judged, fit=fit, kept=kept)
+        judged = without(examined, judged, noise)
     return judged, None, tuple(gone)
 
 
@@ -251,11 +248,3 @@ def _projected(z: Array, x: Array) -> Array:
     real = values > FLAT * values.max(initial=0.0)
     basis = z @ (vectors[:, real] / np.sqrt(values[real]))
     return basis @ (basis.T @ x)
-
-
-def _chance(gap: Array, covariance: Array) -> float:
-    """Chance of a gap this large or larger, were there none."""
-    size = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    along = vectors.T @ (gap / size)
-    return float(chi2.sf(np.sum(along**2 / np.maximum(values, LEAST)), len(gap)))

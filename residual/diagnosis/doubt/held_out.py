@@ -1,7 +1,7 @@
 """What the held-out logs say of each name: confirmed, neutral or refuted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,8 +9,7 @@ from residual.diagnosis.examine import Examined, refit
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.search import least
 from residual.evidence.fit import Fit
-from residual.evidence.states import as_model
-from residual.model.compare import Errors, HeldOutLog, moving_error, moving_power
+from residual.model.compare import Errors, HeldOutLog, moving_power
 from residual.model.model import Model
 from residual.recording import Array
 
@@ -49,7 +48,7 @@ def judge_held_out(examined: Examined, held_out: Sequence[HeldOutLog]) -> Verdic
     tested, refuted, dropped = list(examined.tested), [], []
     fitted = examined.fit
     while True:
-        gains = [_gain(examined, fitted, tested, t, held_out) for t in tested]
+        gains = _gains(examined, fitted, tested, held_out)
         if not gains or min(gains) >= 0:
             kept = tuple(zip(tested, gains, strict=True))
             return Verdicts(fitted, kept, tuple(refuted), tuple(dropped))
@@ -68,6 +67,18 @@ def _stands(examined: Examined, fitted: Fit, one: Tested) -> bool:
     return one.nats >= least(examined.task, fitted.members, one.group)
 
 
+def without(examined: Examined, judged: Verdicts, gone: Sequence[Tested]) -> Verdicts:
+    """Return the verdicts without some of the names that were kept, the rest refitted.
+
+    Args:
+        examined: The diagnosis.
+        judged: Its names.
+        gone: Those that fall.
+    """
+    kept = tuple((t, gain) for t, gain in judged.kept if t not in gone)
+    return replace(judged, fit=refit(examined, [t for t, _ in kept]), kept=kept)
+
+
 def harmful(
     examined: Examined,
     judged: Verdicts,
@@ -79,21 +90,20 @@ def harmful(
     Each may be harmless alone and all of them harm together: then the one goes without
     which it comes out best. Not of the company, which stands or falls together.
     """
-    tested = [t for t, _ in judged.kept]
-    alone = [t for t in tested if t not in company]
+    alone = [t for t, _ in judged.kept if t not in company]
     if not alone:
         return []
-    after = moving_error(as_model(examined.nominal, judged.fit), held_out)
-    before = moving_error(as_model(examined.nominal, examined.plain), held_out)
+    after = examined.error(judged.fit, held_out)
+    before = examined.error(examined.plain, held_out)
     rise, on, where = _worst(after, before, moving_power(held_out))
     if not rise:
         return []
 
-    def without(one: Tested) -> float:
-        rest = refit(examined, [t for t in tested if t is not one])
-        return moving_error(as_model(examined.nominal, rest), held_out)[:, on].sum()
+    def left(one: Tested) -> float:
+        rest = without(examined, judged, [one])
+        return examined.error(rest.fit, held_out)[:, on].sum()
 
-    worst = min(alone, key=without)
+    worst = min(alone, key=left)
     why = f"it raises the held-out error {where} by {100 * rise:.0f} %"
     return [(worst, f"withdrawn: {why}")]
 
@@ -171,18 +181,21 @@ def rises(after: Array, before: Array, power: Array, sure: float) -> Array:
     return np.where(clear & (change.sum(axis=0) > sure * scatter), rise, 0.0)
 
 
-def _gain(
+def _gains(
     examined: Examined,
     fitted: Fit,
     tested: Sequence[Tested],
-    one: Tested,
     held_out: Sequence[HeldOutLog],
-) -> float:
-    rest = [t for t in tested if t is not one]
-    with_it = moving_error(as_model(examined.nominal, fitted), held_out)
-    without = moving_error(as_model(examined.nominal, refit(examined, rest)), held_out)
-    power, rms = moving_power(held_out), examined.task.design.rms
-    return round(_fall(one, with_it, without, rms, power), ROUND)
+) -> list[float]:
+    """What of the error vanishes with each name, beside the others."""
+    with_all, power = examined.error(fitted, held_out), moving_power(held_out)
+    out = []
+    for one in tested:
+        rest = refit(examined, [t for t in tested if t is not one])
+        without = examined.error(rest, held_out)
+        fall = _fall(one, with_all, without, examined.task.design.rms, power)
+        out.append(round(fall, ROUND))
+    return out
 
 
 def _fall(

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.diagnosis.gate import CLASS, Tested
 from residual.diagnosis.result import Splits
-from residual.diagnosis.search import Task, admissible, best
+from residual.diagnosis.search import Task, admissible, best, torque_share
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, gain
 from residual.evidence.part import Part
@@ -75,13 +75,8 @@ def _wins(task: Task, fitted: Fit, group: Group) -> bool:
 
 def _shown(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
     """Whether a part of the logs has a fair share of an effect."""
-    return _power(part, fitted, group) > SHOWN * _power(whole, fitted, group)
-
-
-def _power(design: Design, fitted: Fit, group: Group) -> float:
-    theta, power = fitted.of(group), 0.0
-    for j in range(design.dof):
-        place, have = design.present(j, group.ids)
-        gram = design.total(j)[0][np.ix_(place, place)]
-        power += theta[have] @ gram @ theta[have] / design.rms[j] ** 2
-    return float(power)
+    own, every = (
+        np.sum(torque_share(design, fitted, group) ** 2 * design.rows)
+        for design in (part, whole)
+    )
+    return bool(own > SHOWN * every)

@@ -13,13 +13,13 @@ from residual.diagnosis.doubt.held_out import (
     Verdicts,
     harmful,
     judge_held_out,
+    without,
 )
 from residual.diagnosis.doubt.splits import contradict, found_again
 from residual.diagnosis.doubt.substitutes import substitutes
 from residual.diagnosis.examine import (
     Examined,
     Progress,
-    refit,
     search_again,
     without_refuted,
 )
@@ -150,11 +150,11 @@ def _doubted(
         late = [t for t in tested if _place(t) not in history.first]
         fallen = fallen or substitutes(examined, judged, proof, (late, history.fallen))
         if not fallen:
-            splits, fallen = _splits(examined, judged, tested)
+            splits, fallen = _splits(examined, judged, company)
         if not fallen:
             break
         gone += [Withdrawn(t, why, explains=bool(harm)) for t, why in fallen]
-        judged = _without(examined, judged, [t for t, _ in fallen])
+        judged = without(examined, judged, [t for t, _ in fallen])
     return Standing(examined, judged, checks, tuple(named), splits, tuple(gone))
 
 
@@ -186,23 +186,17 @@ def _weak(
 
 
 def _splits(
-    examined: Examined, judged: Verdicts, tested: Sequence[Tested]
+    examined: Examined, judged: Verdicts, company: Sequence[Tested]
 ) -> tuple[dict[int, Splits], list[tuple[Tested, str]]]:
     """How often each name is found again, and those that should have been."""
+    tested = [t for t, _ in judged.kept]
     every = found_again(examined.task, judged.fit, tested)
-    company = _company(examined, judged)
     fallen = [
         (t, f"withdrawn: found again in only {s.found} of {s.of} parts of the data")
         for t, s in zip(tested, every, strict=True)
         if t not in company and contradict(s, t.nats, examined.task.rules.threshold)
     ]
     return {id(t): s for t, s in zip(tested, every, strict=True)}, fallen
-
-
-def _without(examined: Examined, judged: Verdicts, gone: Sequence[Tested]) -> Verdicts:
-    kept = tuple((t, gain) for t, gain in judged.kept if t not in gone)
-    fitted = refit(examined, [t for t, _ in kept])
-    return Verdicts(fitted, kept, judged.refuted, judged.dropped)
 
 
 def _place(tested: Tested) -> tuple:

@@ -12,8 +12,7 @@ from residual.diagnosis.doubt.held_out import Verdicts
 from residual.diagnosis.examine import Examined, refit
 from residual.diagnosis.gate import Tested
 from residual.evidence.design import Group
-from residual.evidence.states import as_model
-from residual.model.compare import HeldOutLog, moving_error
+from residual.model.compare import HeldOutLog
 
 SURE = 3.0  # standard errors, over the seconds of the held-out logs
 
@@ -63,8 +62,8 @@ def _is_proven(
 ) -> bool:
     """Whether a name lowers the held-out error beyond chance where it acts."""
     rest = refit(examined, [t for t, _ in judged.kept if t is not one])
-    after = moving_error(as_model(examined.nominal, judged.fit), held_out)
-    before = moving_error(as_model(examined.nominal, rest), held_out)
+    after = examined.error(judged.fit, held_out)
+    before = examined.error(rest, held_out)
     rms = examined.task.design.rms
     joints = sorted({*one.group.effect.rows(one.group.joints, len(rms)), one.seen})
     fall = ((before - after) / rms**2)[:, joints].sum(axis=1)
