@@ -61,8 +61,7 @@ class Design:
     """Columns and Gram of the nominal model and of every candidate.
 
     Attributes:
-        dof: Number of joints.
-        model: The nominal model.
+        dof, model: Number of joints, and the nominal model.
         speed: 95 % quantile of each joint's |qd| [rad/s]. Shape (dof,).
         nominal: Column numbers of the nominal model's coefficients. Shape (p,).
         rms, peak: Torque of each joint on its rows, rms and largest [N m]. (dof,).
