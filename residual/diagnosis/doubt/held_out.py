@@ -111,12 +111,12 @@ def harmful(
 def _worst(after: Array, before: Array, power: Array) -> tuple[float, slice, str]:
     """The largest rise as a share, on which joints, and where in words; 0 for none.
 
-    Over all joints no chance is allowed for: a rise is no finding, whatever it is by.
+    No chance is allowed for: a rise is no finding, whatever it is by.
     """
     every = np.sqrt(after.sum() / max(before.sum(), 1e-30)) - 1
     if every > RISE:
         return float(every), slice(None), "over all joints"
-    rise = rises(after, before, power, SURE)
+    rise = rises(after, before, power, sure=0.0)
     j = int(np.argmax(rise))
     return float(rise[j]), slice(j, j + 1), f"of joint {j + 1}"
 
