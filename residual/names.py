@@ -1,6 +1,6 @@
-"""Names that users type, checked with a hint at the nearest valid one."""
+"""Names that users type, checked with a hint, and joints as they are listed."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 from residual.errors import UnknownNameError
@@ -39,3 +39,22 @@ def check_keys(table: Iterable[str], known: Iterable[str], where: str) -> None:
     known = tuple(known)
     for key in table:
         check_name(key, known, f"key in {where}")
+
+
+def listed(values: Iterable, form: str = "") -> str:
+    """Return values as a list: '1, 2, 5'.
+
+    Args:
+        values: Numbers of joints, or other values.
+        form: Format of each, as in an f-string.
+    """
+    return ", ".join(format(value, form) for value in values)
+
+
+def joints_listed(numbers: Sequence[int]) -> str:
+    """Return joints as a sentence has them: 'joint 2', 'joints 2, 3'.
+
+    Args:
+        numbers: The joints, from 1.
+    """
+    return f"joint{'s' if len(numbers) > 1 else ''} {listed(numbers)}"

@@ -82,3 +82,19 @@ class Recording:
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return float(self.t[-1] - self.t[0])
+
+
+def usual_speed(recording: Recording, stride: int, share: float) -> Array:
+    """Return the speed that a share of a log's samples stay below.
+
+    Args:
+        recording: The log.
+        stride: Samples over which a speed is taken, so that noise does not count.
+        share: The share, from 0 to 1.
+
+    Returns:
+        Speed of each joint [rad/s]. Shape (dof,).
+    """
+    t, q = recording.t[::stride], recording.q[::stride]
+    speed = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])
+    return np.quantile(speed, share, axis=0)

@@ -3,7 +3,8 @@
 import numpy as np
 
 from residual.check.result import Fault, Repair
-from residual.recording import Array
+from residual.names import listed
+from residual.robot.dynamics import joints_length
 from residual.robot.robot import Robot
 
 _HEAVIEST = 1e3  # kg/m^3 of the cube of the reach: arms have 1 to 200
@@ -27,7 +28,7 @@ def body_faults(robot: Robot) -> list[Fault]:
 
 def _units(robot: Robot) -> Fault | None:
     bodies = list(robot.model.inertias)[1:]
-    mass, reach = sum(b.mass for b in bodies), _reach(robot)
+    mass, reach = sum(b.mass for b in bodies), joints_length(robot.model)
     density = mass / max(reach, 1e-6) ** 3
     what = f"The arm weighs {mass:.4g} kg and reaches {reach:.4g} m"
     if reach > _LONGEST:
@@ -56,7 +57,7 @@ def _gravity(robot: Robot) -> Fault | None:
 
 def _inertias(robot: Robot) -> Fault | None:
     """Bodies whose moments no mass can have; with none at all they are left alone."""
-    reach, impossible, doubtful, words = _reach(robot), [], [], []
+    reach, impossible, doubtful, words = joints_length(robot.model), [], [], []
     for joint, body in enumerate(list(robot.model.inertias)[1:], start=1):
         moments = np.linalg.eigvalsh(body.inertia)
         largest = float(np.abs(moments).max())
@@ -69,19 +70,9 @@ def _inertias(robot: Robot) -> Fault | None:
             words.append(f"the mass of link {joint} is spread over {radius:.3g} m")
         elif moments[2] - moments[0] - moments[1] > _TRIANGLE * largest:
             doubtful.append(joint)
-            words.append(f"link {joint} has moments {_list(moments)} kg m^2")
+            words.append(f"link {joint} has moments {listed(moments, '.3g')} kg m^2")
     if not words:
         return None
     joints = tuple(sorted(impossible + doubtful))
     evidence = f"No body is like that: {'; '.join(words)}."
     return Fault("robot_file", joints, bool(impossible), evidence)
-
-
-def _reach(robot: Robot) -> float:
-    return float(
-        sum(np.linalg.norm(p.translation) for p in robot.model.jointPlacements)
-    )
-
-
-def _list(values: Array) -> str:
-    return ", ".join(f"{v:.3g}" for v in values)

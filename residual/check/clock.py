@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from residual.check.result import Fault, Repair
-from residual.recording import Array, Recording
+from residual.recording import Array, Recording, usual_speed
 from residual.robot.robot import Robot
 
 _SLOWEST, _FASTEST = 4.0, 20_000.0  # samples per second that logs of arms have
@@ -20,6 +20,7 @@ _UNITS = {
 _GAP = 5.0  # steps
 _UNEVEN = 0.3  # of a step
 _TOO_FAST = 20.0  # of a joint's speed limit
+_SHARE = 0.95  # of the samples are slower
 
 
 def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
@@ -82,5 +83,4 @@ def uneven(recording: Recording) -> list[Fault]:
 def _speed(recording: Recording) -> Array:
     """Usual largest speed of each joint, over twenty samples. Shape (dof,)."""
     stride = max(1, min(20, len(recording.t) // 10))
-    t, q = recording.t[::stride], recording.q[::stride]
-    return np.quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]), 0.95, axis=0)
+    return usual_speed(recording, stride, _SHARE)

@@ -19,6 +19,7 @@ from residual.robot.dynamics import (
     flange_jacobian,
     gravity_torque,
     inertial_parameters,
+    joints_length,
     regressor,
 )
 from residual.robot.robot import Robot
@@ -86,8 +87,7 @@ def _inertial_root(robot: Robot) -> Array:
     The lower root of the covariance of its parameters; motions and readings share it.
     """
     out = _SCALE**2 * np.linalg.inv(inertial_precision(robot))
-    reach = sum(np.linalg.norm(p.translation) for p in robot.model.jointPlacements)
-    lever = _LEVER * reach
+    lever = _LEVER * joints_length(robot.model)
     sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
     out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))
     out[-PER_LINK:, -PER_LINK:] += np.diag((_LOAD * sizes) ** 2)

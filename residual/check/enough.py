@@ -6,6 +6,7 @@ import numpy as np
 
 from residual.check.motion import Motion
 from residual.check.result import Fault
+from residual.names import listed
 from residual.recording import Recording
 
 _SHORTEST = 7.5  # s of motion, all logs together
@@ -49,7 +50,7 @@ def _one_way(recordings: Sequence[Recording]) -> list[Fault]:
     if not joints:
         return []
     words = (
-        f"Joints {_list(joints)} never reverse: dry friction and a constant torque "
+        f"Joints {listed(joints)} never reverse: dry friction and a constant torque "
         "cannot be told apart there."
     )
     return [Fault("no_reversal", joints, False, words)]
@@ -67,11 +68,7 @@ def _lockstep(motion: Motion) -> list[Fault]:
         return []
     joints = tuple(int(j) + 1 for j in moves[tied])
     words = (
-        f"The speeds of joints {_list(joints)} are proportional (correlation "
+        f"The speeds of joints {listed(joints)} are proportional (correlation "
         f"{related.max():.4f}): what belongs to which of them cannot be told."
     )
     return [Fault("lockstep", joints, False, words)]
-
-
-def _list(numbers: tuple[int, ...]) -> str:
-    return ", ".join(str(n) for n in numbers)

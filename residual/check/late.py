@@ -9,6 +9,7 @@ from scipy.signal import welch
 from residual.check.columns import Columns, columns
 from residual.check.motion import Motion, thin_rows
 from residual.check.result import DELAY, Fault
+from residual.names import listed
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 
@@ -47,7 +48,7 @@ def filtered(recordings: Sequence[Recording]) -> list[Fault]:
     if not joints:
         return []
     words = (
-        f"The torque of joints {', '.join(map(str, joints))} has next to no noise "
+        f"The torque of joints {listed(joints)} has next to no noise "
         f"towards half the sampling rate ({max(noise[j - 1] for j in joints):.2g} of "
         "its rms), where a sensor's is even: it was smoothed at its source."
     )

@@ -7,6 +7,7 @@ import numpy as np
 from residual.check.motion import Motion
 from residual.check.reading import GEAR, Judged, Reading, as_given, best_reading, judge
 from residual.check.result import Fault, Repair
+from residual.names import joints_listed, listed
 from residual.robot.robot import Robot
 
 Joints = tuple[int, ...]
@@ -172,8 +173,8 @@ def _order(court: _Court) -> Fault | None:
         return None
     joints = tuple(j + 1 for j in same if any(o[j] != j for o in orders.values()))
     words = (
-        f"{' and '.join(r.signal for r in repairs)} of {_joints(joints)} are those of "
-        f"other joints; in the order {_list(repairs[-1].order)} they fit"
+        f"{' and '.join(r.signal for r in repairs)} of {joints_listed(joints)} "
+        f"are those of other joints; in the order {listed(repairs[-1].order)} they fit"
     )
     undone = {"angle_order": same, "torque_order": same}
     return court.fault("joint_order", joints, words, repairs, **undone)
@@ -185,7 +186,7 @@ def _angle_sign(court: _Court) -> Fault | None:
         return None
     both = tuple(j for j in _turned(court.reading.torque_sign) if j in angles)
     repairs = [_turn("q", angles)] + ([_turn("tau", both)] if both else [])
-    words = f"The angle of {_joints(angles)} counts backwards; turned, it fits"
+    words = f"The angle of {joints_listed(angles)} counts backwards; turned, it fits"
     signs = enumerate(court.reading.torque_sign)
     undone = {
         "angle_sign": court.same.angle_sign,
@@ -200,8 +201,8 @@ def _torque_sign(court: _Court) -> Fault | None:
     if not joints:
         return None
     words = (
-        f"The torque of {_joints(joints)} has the wrong sign (friction would give "
-        "power, or weight pull upwards); turned, it fits"
+        f"The torque of {joints_listed(joints)} has the wrong sign (friction would "
+        "give power, or weight pull upwards); turned, it fits"
     )
     signs = enumerate(court.reading.torque_sign)
     undone = tuple(1 if j + 1 in joints else s for j, s in signs)
@@ -215,11 +216,3 @@ def _turned(signs: tuple[int, ...]) -> Joints:
 
 def _turn(signal: str, joints: Joints) -> Repair:
     return Repair(signal, joints, sign=(-1,) * len(joints))
-
-
-def _joints(joints: Joints) -> str:
-    return f"joint{'s' if len(joints) > 1 else ''} {_list(joints)}"
-
-
-def _list(numbers) -> str:
-    return ", ".join(str(n) for n in numbers)

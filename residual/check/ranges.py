@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from residual.check.result import Fault, Repair
-from residual.recording import Array, Recording
+from residual.names import listed
+from residual.recording import Array, Recording, usual_speed
 from residual.robot.robot import Robot
 
 _ANGLE = 0.2  # rad beyond the range
@@ -72,9 +73,9 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     if not joints or 2 * len(joints) > robot.dof or np.any(others > _SPEED):
         return []
     words = (
-        f"The angles of joints {', '.join(map(str, joints))} reach "
-        f"{', '.join(f'{reach[j - 1]:.3g}' for j in joints)} rad, or "
-        f"{', '.join(f'{speed[j - 1]:.3g}' for j in joints)} times the speed limit: "
+        f"The angles of joints {listed(joints)} reach "
+        f"{listed((reach[j - 1] for j in joints), '.3g')} rad, or "
+        f"{listed((speed[j - 1] for j in joints), '.3g')} times the speed limit: "
         "they are degrees."
     )
     repair = Repair("q", joints, scale=len(joints) * (turned,))
@@ -84,5 +85,4 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
 def _speeds(recording: Recording) -> Array:
     step = float(np.median(np.diff(recording.t)))
     stride = max(1, min(round(_STRIDE / step), len(recording.t) // 4))
-    t, q = recording.t[::stride], recording.q[::stride]
-    return np.quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]), _SHARE, axis=0)
+    return usual_speed(recording, stride, _SHARE)

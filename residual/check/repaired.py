@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from residual.recording import Recording
+from residual.recording import Array, Recording
 
 _WINDOW = 7
 
@@ -31,9 +31,15 @@ def without_spikes(recording: Recording) -> Recording:
     """
     names = ("q", "qd", "tau")
     signals = {name: getattr(recording, name) for name in names}
-    smooth = {
-        name: median_filter(signal, (_WINDOW, 1), mode="nearest")
-        for name, signal in signals.items()
-        if signal is not None
-    }
+    smooth = {k: running_median(x) for k, x in signals.items() if x is not None}
     return replace(recording, **smooth)
+
+
+def running_median(x: Array) -> Array:
+    """Return the median over each sample and its neighbours.
+
+    Args:
+        x: Samples along the first axis. Shape (n,) or (n, dof).
+    """
+    window = (_WINDOW,) + (1,) * (x.ndim - 1)
+    return median_filter(x, window, mode="nearest")

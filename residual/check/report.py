@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from residual.errors import InputError
+from residual.names import joints_listed
 
 SCHEMA = 1
 
@@ -29,9 +30,7 @@ class FaultReport:
     @property
     def where(self) -> str:
         """Kind and joints: 'torque sign, joint 2'."""
-        many = "s" if len(self.joints) > 1 else ""
-        listed = ", ".join(map(str, self.joints))
-        joints = f", joint{many} {listed}" if self.joints else ""
+        joints = f", {joints_listed(self.joints)}" if self.joints else ""
         return self.kind.replace("_", " ") + joints
 
     @property

@@ -1,14 +1,13 @@
 """Samples that no arm can have made, log by log: spikes, and values that stand."""
 
 import numpy as np
-from scipy.ndimage import median_filter
 
+from residual.check.repaired import running_median
 from residual.check.result import Fault
 from residual.recording import Array, Recording
 
 # Of what the samples do but for one in a hundred: noise of any shape stays below.
 _SPIKE = 12.0
-_WINDOW = 7
 _MOST = 0.002  # share of samples: more are not single ones
 
 
@@ -34,7 +33,7 @@ def _single(x: Array) -> tuple[Array, float, float]:
     """Return the samples that stand out, by how much at most, and what is usual."""
     # Quarters: the difference of two huge values must not overflow.
     x = x / 4
-    away = np.abs(x - median_filter(x, _WINDOW, mode="nearest"))
+    away = np.abs(x - running_median(x))
     steps = np.sort(np.abs(np.diff(x)))
     usual = max(np.sort(away)[int(0.99 * len(away))], steps[int(0.99 * len(steps))])
     high = away > _SPIKE * max(usual, 1e-12)

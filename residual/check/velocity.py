@@ -11,6 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import linear_sum_assignment
 
 from residual.check.result import Fault, Repair
+from residual.names import listed
 from residual.recording import Array, Recording
 
 _WINDOW = 0.2  # s
@@ -70,10 +71,10 @@ def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
     if not joints or any(best[j - 1] < _SAME for j in joints if moved[j - 1]):
         return np.arange(len(own)), []
     words = (
-        f"The velocities of joints {_list(joints)} follow the angles of other joints "
+        f"The velocities of joints {listed(joints)} follow the angles of other joints "
         f"(correlation with their own at most "
         f"{max(abs(own[j - 1]) for j in joints):.2f}, in the order "
-        f"{_list(order + 1)} at least {min(best[j - 1] for j in joints):.2f})."
+        f"{listed(order + 1)} at least {min(best[j - 1] for j in joints):.2f})."
     )
     repair = Repair("qd", order=tuple(int(i) + 1 for i in order))
     return order, [Fault("velocity_mismatch", joints, True, words, (repair,))]
@@ -99,9 +100,9 @@ def _slopes(
     loose = tuple(int(j) + 1 for j in np.flatnonzero(moved & ~good))
     if loose:
         words = (
-            f"The velocity of joints {_list(loose)} is not the derivative of the angle "
-            f"(correlation {min(abs(own[j - 1]) for j in loose):.2f}): filtered, late, "
-            "or of something else."
+            f"The velocity of joints {listed(loose)} is not the derivative of the "
+            f"angle (correlation {min(abs(own[j - 1]) for j in loose):.2f}): filtered, "
+            "late, or of something else."
         )
         out.append(Fault("velocity_mismatch", loose, False, words))
     return out
@@ -131,20 +132,16 @@ def _single(slope: Array, off: Array) -> list[Fault]:
     out = []
     negated = tuple(int(j) + 1 for j in np.flatnonzero(off & (abs(slope + 1) < _OFF)))
     if negated:
-        words = f"The velocity of joints {_list(negated)} runs against the angle."
+        words = f"The velocity of joints {listed(negated)} runs against the angle."
         repair = Repair("qd", negated, sign=(-1,) * len(negated))
         out.append(Fault("velocity_mismatch", negated, True, words, (repair,)))
     scaled = tuple(int(j) + 1 for j in np.flatnonzero(off) if int(j) + 1 not in negated)
     if scaled:
         sizes = [float(slope[j - 1]) for j in scaled]
         words = (
-            f"The velocity of joints {_list(scaled)} is "
-            f"{_list([f'{s:.4g}' for s in sizes])} times what the angle does."
+            f"The velocity of joints {listed(scaled)} is "
+            f"{listed([f'{s:.4g}' for s in sizes])} times what the angle does."
         )
         repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
         out.append(Fault("velocity_mismatch", scaled, True, words, (repair,)))
     return out
-
-
-def _list(values) -> str:
-    return ", ".join(str(v) for v in values)

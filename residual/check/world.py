@@ -9,6 +9,7 @@ from residual.check.assignment import Scores, torque_scores
 from residual.check.motion import Motion
 from residual.check.proportion import out_of_proportion
 from residual.check.result import Fault, Repair
+from residual.names import listed
 from residual.robot.robot import Robot
 
 Found = tuple[float, Fault | None]
@@ -75,13 +76,9 @@ def _gravity(robot: Robot, motion: Motion, given: float) -> Found:
             tried[tuple(float(x) for x in direction)] = nats
     best = max(tried, key=tried.__getitem__)
     words = (
-        f"Gravity points along {_list(now)} in the robot file; along {_list(best)} "
-        f"m/s^2 the torques fit better by {tried[best]:.0f} nats: is the base mounted "
-        "like that?"
+        f"Gravity points along {listed(now, '.3g')} in the robot file; along "
+        f"{listed(best, '.3g')} m/s^2 the torques fit better by {tried[best]:.0f} "
+        "nats: is the base mounted like that?"
     )
     # A tilted base or a steady pull on the tool can look like that: never certain.
     return tried[best], Fault("robot_file", (), False, words)
-
-
-def _list(values) -> str:
-    return ", ".join(f"{v:.3g}" for v in values)

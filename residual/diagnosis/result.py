@@ -9,6 +9,7 @@ from residual.diagnosis.leftover.remainder import Number, Unexplained
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
 from residual.model.model import Model
+from residual.names import joints_listed
 from residual.quantity import measured, percent
 
 STAGES = ("nominal", "identified", "augmented", "plsr")
@@ -283,8 +284,7 @@ class Diagnosis:
 
 
 def _on(joints: tuple[int, ...]) -> str:
-    many = "s" if len(joints) > 1 else ""
-    return f" on joint{many} {', '.join(map(str, joints))}" if joints else ""
+    return f" on {joints_listed(joints)}" if joints else ""
 
 
 def _odds(value: float) -> str:

@@ -11,6 +11,7 @@ from residual.diagnosis.gate import Tested
 from residual.evidence.priors import ROUGH
 from residual.model.model import Model
 from residual.model.nominal import Logs
+from residual.names import joints_listed, listed
 from residual.recording import Recording
 from residual.signals.track import low_pass, sample_rate
 
@@ -45,7 +46,7 @@ def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
     if len(quiet) <= len(share) / 2:
         return None
     return (
-        f"torque looks low-pass filtered at the source on joints {_list(quiet)}: its "
+        f"torque looks low-pass filtered at the source on joints {listed(quiet)}: its "
         f"noise density near {0.45 * min(rates):.0f} Hz is under {100 * QUIET:.0f} % "
         "of that in mid band, so noise and detectable sizes are understated"
     )
@@ -90,10 +91,6 @@ def _vertex(x: np.ndarray, y: np.ndarray) -> float:
     return float(x[i] + np.clip(shift, -1, 1) * (x[1] - x[0]))
 
 
-def _list(numbers: Sequence[int]) -> str:
-    return ", ".join(str(n) for n in numbers)
-
-
 def warnings(
     examined: Examined, withdrawn: Sequence[Withdrawn], same_run: bool
 ) -> list[str]:
@@ -124,8 +121,8 @@ def warnings(
 def complaint(tested: Tested, why: str) -> str:
     """A warning about a name that did not stand: 'ripple on joint 3: why'."""
     joints = [j + 1 for j in tested.group.joints]
-    place = f" on joint{'s' if len(joints) > 1 else ''} " if joints else ""
-    return f"{tested.group.effect.name}{place}{', '.join(map(str, joints))}: {why}"
+    place = f" on {joints_listed(joints)}" if joints else ""
+    return f"{tested.group.effect.name}{place}: {why}"
 
 
 def signal_notes(

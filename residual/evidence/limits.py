@@ -6,7 +6,7 @@ from residual.effects.base import Limits
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit
 from residual.recording import Array
-from residual.robot.dynamics import flange_placement
+from residual.robot.dynamics import reach
 
 UNKNOWN = 2.0  # times the largest logged torque, where no limit is given
 BODY = 10  # inertial parameters of a link
@@ -39,7 +39,7 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
         upper=float(robot.upper[on].max()),
         speed=float(design.speed[on].max()),
         weight=float(sum(body.mass for body in robot.model.inertias)),
-        reach=_reach(robot.model),
+        reach=reach(robot.model),
         had=_had(design, fitted, group),
     )
 
@@ -49,11 +49,6 @@ def _torque(design: Design) -> Array:
     seen, limit = design.peak, design.model.robot.torque_limit
     known = np.isfinite(limit) & (limit > 0)
     return np.where(known, np.maximum(limit, seen), UNKNOWN * seen)
-
-
-def _reach(model) -> float:
-    lengths = [np.linalg.norm(p.translation) for p in model.jointPlacements]
-    return float(sum(lengths) + np.linalg.norm(flange_placement(model).translation))
 
 
 def _had(design: Design, fitted: Fit, group: Group) -> Array:

@@ -122,6 +122,18 @@ def flange_placement(model: pin.Model) -> pin.SE3:
     return model.frames[flange_frame(model)].placement
 
 
+def joints_length(model: pin.Model) -> float:
+    """Return the way from the base over all joints to the last one [m]."""
+    return float(sum(np.linalg.norm(p.translation) for p in model.jointPlacements))
+
+
+def reach(model: pin.Model) -> float:
+    """Return the way from the base over all joints to the flange [m]."""
+    return joints_length(model) + float(
+        np.linalg.norm(flange_placement(model).translation)
+    )
+
+
 def inertial_parameters(model: pin.Model) -> Array:
     """Return the ten parameters of every moving body, in SI units. (10 * dof,)."""
     bodies = list(model.inertias)[1:]

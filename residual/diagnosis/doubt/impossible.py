@@ -4,13 +4,14 @@ Both are sums over the motion that are linear in the coefficients, so their stan
 deviation follows from the fit's covariance: nothing is called impossible by chance.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from residual.diagnosis.examine import Examined
 from residual.evidence.fit import Fit
 from residual.model.compare import Errors
+from residual.names import joints_listed
 from residual.recording import Array
 from residual.robot.dynamics import regressor
 
@@ -35,14 +36,14 @@ def contradictions(
     if friction:
         one = len(friction) == 1
         out.append(
-            f"the friction that was fitted on {_joints(friction)} drives the arm "
+            f"the friction that was fitted on {joints_listed(friction)} drives the arm "
             f"instead of braking it, which no friction does: is the sign of "
             f"{'this torque' if one else 'these torques'} right?"
         )
     if inertia:
         out.append(
-            f"the inertia that was fitted on {_joints(inertia)} is negative, which no "
-            "body has: are signs, units and the order of the joints right?"
+            f"the inertia that was fitted on {joints_listed(inertia)} is negative, "
+            "which no body has: are signs, units and the order of the joints right?"
         )
     before, after = (errors[k].overall("moving") for k in ("nominal", "identified"))
     if after > FAR_WORSE * before:
@@ -113,8 +114,3 @@ def _marked(examined: Examined, fitted: Fit, wanted: Callable) -> Array:
         count = len(part.theta) if hasattr(part, "theta") else len(part.ids)
         marks.append(np.full(count, bool(wanted(part.effect, part.joints))))
     return np.concatenate(marks)
-
-
-def _joints(numbers: Sequence[int]) -> str:
-    many = "s" if len(numbers) > 1 else ""
-    return f"joint{many} {', '.join(map(str, numbers))}"
