@@ -5,6 +5,10 @@
     python benchmarks/check.py --full-json benchmarks/results/check.json
 
 Every kind of fault is put into logs of simulated and measured arms, at three sizes.
+A factor on a torque, or a delay, that leaves no trace in a log is not applicable there:
+any body and friction that are fitted to the clean log could carry the change within 5
+nats, and it is less than half of what the robot file misses of the clean torque beside
+friction (check_parts/traces.py). Found or not, they are counted as `not_applicable`.
 Seeds 6001:6010 decide and are used for nothing else; 1 to 99 are for development.
 Finished jobs are kept in store/benchmarks, by a hash of the code. The last line is one
 JSON object; exit code 1 for a missed bar.
@@ -86,13 +90,14 @@ def _show(rows: list[dict]) -> None:
     """Print one line per kind of fault, and what was missed."""
     told: dict[str, Counter] = {}
     for row in rows:
-        if "hit" in row:
+        if "hit" in row and not row.get("void"):
             told.setdefault(row["kind"], Counter())[row["hit"]] += 1
     for kind, counts in told.items():
         print(f"{kind:18} {counts[True]:4} of {counts.total()}")
     for row in rows:
         if "error" in row or ("hit" in row and not row["hit"]):
-            where = f"{row['host']} {row['seed']} size {row.get('size')}"
+            void = " (not applicable)" if row.get("void") else ""
+            where = f"{row['host']} {row['seed']} size {row.get('size')}{void}"
             what = row.get("error") or row["said"]
             print(f"  {row.get('kind')} {row.get('joints')} on {where}: {what}")
 

@@ -40,10 +40,12 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
     by_group = defaultdict(list)
     for row in rows:
         by_group["crashes" if "error" in row else row["group"]].append(row)
-    faults, sound = by_group["faults"], by_group["clean"] + by_group["effects"]
+    every, sound = by_group["faults"], by_group["clean"] + by_group["effects"]
+    faults = [row for row in every if not row.get("void")]
     drawn = [r for r in faults if r["host"] not in MEASURED]
     out = {
         "faults_found": _share(faults, lambda r: r["hit"], FOUND) | _tables(faults),
+        "not_applicable": _void(every),
         "faults_found_simulated": _share(drawn, lambda r: r["hit"], None),
         "faults_found_measured": _on_measured(faults, absent),
         "repairs_exact": _exact(faults),
@@ -69,6 +71,15 @@ def false_of(row: Mapping) -> list:
 
 def _nothing_said(row: Mapping) -> bool:
     return row["answer"] in ("unknown", "refused") and not row["named"]
+
+
+def _void(every: Rows) -> dict:
+    """Count faults that leave no trace in their log (`check_parts.traces`)."""
+    rows = [row for row in every if row.get("void")]
+    entry = figure(len(rows), None, len(every), why="for information, no bar")
+    which = [[r["host"], r["seed"], r["kind"], r["size"], r["joints"]] for r in rows]
+    found = sum(bool(row["hit"]) for row in rows)
+    return entry | {"found_all_the_same": found, "which": which}
 
 
 def _on_measured(faults: Rows, absent: Sequence[str]) -> dict:

@@ -10,6 +10,7 @@ from benchmarks.check_parts import motions, readings, sensors
 from benchmarks.check_parts.arms import DRAWN, ENGINE, HOSTS, SIX, Host, host
 from benchmarks.check_parts.judge import given, judged, read, told
 from benchmarks.check_parts.spoiled import Fault, Spoiled
+from benchmarks.check_parts.traces import trace
 from benchmarks.diagnosis_parts.arms import SYNTHETIC, as_form, make, the_arm
 from flows.blind.draw import vocabulary
 from flows.blind.size import draw_sized
@@ -136,8 +137,17 @@ def _faults(task: Task) -> list[dict]:
             own = host(task.host, task.seed)
             spoiled = _spoil(own, kind, size, task.seed)
             if spoiled is not None:
-                rows.append(_guarded(judged, own, spoiled, task, size))
+                rows.append(_guarded(_judged, own, spoiled, task, size))
     return rows
+
+
+def _judged(own: Host, spoiled: Spoiled) -> dict:
+    """Judge a case, and say whether there is anything to find."""
+    seen = trace(own, spoiled)
+    found = judged(own, spoiled)
+    if seen is None:
+        return found
+    return found | {"void": seen.void, "trace": [seen.others, seen.file]}
 
 
 def _spoil(own: Host, kind: str, size: int, seed: int) -> Spoiled | None:

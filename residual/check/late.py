@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator
 from scipy.signal import welch
 
 from residual.check.columns import Columns, columns
@@ -19,9 +20,10 @@ _NEAR, _HIGH = (0.12, 0.2), (0.35, 0.47)
 _FALL = 20.0  # dB from one to the other: a filter of second order at least
 _SILENT = 1e-4  # of the rms: below it no sensor's noise is
 _NOTHING = 1e-16
-_STEP, _USUAL = 0.005, 0.03  # s, of the derivative; deviation of delays
+_SHIFTS = (-0.08, -0.04, 0.0, 0.04, 0.08)  # s by which the torque is moved
+_DELAYS = np.linspace(-0.08, 0.08, 41)  # s that are tried
 _LEAST = 0.006  # s
-_CLEAR, _SINGLE = 4.0, 2.0  # deviations, of all joints and of single ones
+_CLEAR, _AGREES = 4.0, 2.0  # deviations of all joints; nats of each that counts
 _NEAREST, _COUPLED = (
     0.01,
     0.003,
@@ -76,25 +78,25 @@ def _spectrum(recording: Recording) -> tuple[Array, Array]:
 def late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     """Find torque that belongs to earlier angles, or to later ones.
 
-    A delay adds its size times the derivative of the torque, in every joint alike.
+    The torque is moved back and forth in time: where it fits the motion best, all
+    joints together, it belongs. No slope of a noisy torque is taken.
 
     Args:
         robot: The arm.
         recordings: Its logs, whose columns are read rightly.
     """
-    rows = [
-        thin_rows([_shifted(r, s) for r in recordings]) for s in (0.0, _STEP, -_STEP)
-    ]
+    rows = [thin_rows([_shifted(r, s) for r in recordings]) for s in _SHIFTS]
     if any(each is None for each in rows):
         return []
-    motion, after, before = rows
-    slope = (after.tau - before.tau) / (2 * _STEP)
+    motion = rows[len(rows) // 2]
+    # In between the filtered torque is smooth enough for a polynomial.
+    between = BarycentricInterpolator(_SHIFTS, np.eye(len(_SHIFTS)))(_DELAYS)
+    torques = np.einsum("ks,snj->jkn", between, np.stack([m.tau for m in rows]))
     joints = columns(robot, motion)
-    found = [_delay(motion, slope, j, own) for j, own in enumerate(joints)]
-    delays, sds = np.array(found).T
-    weight = 1 / sds**2
-    delay, sd = float(weight @ delays / weight.sum()), float(weight.sum() ** -0.5)
-    agree = np.sum(delays * np.sign(delay) > _SINGLE * sds)
+    nats = np.array([_nats(motion, torques[j], j, own) for j, own in enumerate(joints)])
+    delay, sd = _peak(nats.sum(axis=0))
+    there = int(np.argmin(np.abs(_DELAYS - delay)))
+    agree = int(np.sum(nats[:, there] - nats[:, len(_DELAYS) // 2] > _AGREES))
     if abs(delay) < max(_LEAST, _CLEAR * sd) or agree < min(2, robot.dof):
         return []
     words = (
@@ -105,22 +107,34 @@ def late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     return [Fault(DELAY, (), False, words)]
 
 
-def _delay(
-    motion: Motion, slope: Array, joint: int, own: Columns
-) -> tuple[float, float]:
-    """Delay of one torque and its deviation, beside all else that it may have [s]."""
-    tau, size = motion.tau[own.rows, joint], np.sqrt(np.mean(motion.tau**2, axis=0))
-    wide = np.column_stack([own.values, -_USUAL * slope[own.rows, joint]])
+def _nats(motion: Motion, torques: Array, joint: int, own: Columns) -> Array:
+    """Log evidence of one torque at each delay, beside all that it may have. (k,)."""
+    left, size = torques[:, own.rows] - own.nominal, _rms(motion.tau)
+    if not left.size:
+        return np.zeros(len(left))
     floor = max(_NEAREST * size[joint], _COUPLED * size.max(), 1e-12)
     sigma = max(_ROUGH * size[joint], floor)
     for _ in range(4):
-        gram = np.eye(wide.shape[1]) + motion.spread * wide.T @ wide / sigma**2
-        spread = np.linalg.inv(gram)
-        left = tau - own.nominal
-        at = spread @ (motion.spread * wide.T @ left) / sigma**2
-        rest = np.mean((left - wide @ at) ** 2) if len(tau) else 0.0
+        a = own.values * (np.sqrt(motion.spread) / sigma)
+        y = left.T * (np.sqrt(motion.spread) / sigma)
+        at = np.linalg.solve(np.eye(a.shape[1]) + a.T @ a, a.T @ y)
+        rest = np.mean((left.T - own.values @ at) ** 2, axis=0).min()
+        nats = -0.5 * (np.sum(y**2, axis=0) - np.sum(y * (a @ at), axis=0))
         sigma = max(float(np.sqrt(rest)), floor)
-    return float(_USUAL * at[-1]), float(_USUAL * np.sqrt(spread[-1, -1]))
+    return nats
+
+
+def _peak(nats: Array) -> tuple[float, float]:
+    """The best delay and its deviation, by a parabola through the top [s]."""
+    i = int(np.clip(np.argmax(nats), 1, len(nats) - 2))
+    step = _DELAYS[1] - _DELAYS[0]
+    bend = max(float(2 * nats[i] - nats[i - 1] - nats[i + 1]), 1e-12)
+    move = 0.5 * float(nats[i + 1] - nats[i - 1]) / bend
+    return float(_DELAYS[i] + np.clip(move, -1, 1) * step), float(step / np.sqrt(bend))
+
+
+def _rms(x: Array) -> Array:
+    return np.sqrt(np.mean(x**2, axis=0))
 
 
 def _shifted(recording: Recording, shift: float) -> Recording:

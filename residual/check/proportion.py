@@ -18,9 +18,11 @@ from residual.robot.dynamics import PER_LINK
 from residual.robot.robot import Robot
 
 _SCALES = np.geomspace(1 / 30, 30, 35)
-_WORTH = 20.0  # nats
+_WORTH = 12.0  # nats: the odds against what is not as given, times the joints
 _CLEARER = 6.0  # nats more than a factor on any other joint
-_NOISE, _COUPLED = 0.05, 0.01  # of the torque, of the strongest: as for assignments
+# What the fit leaves says how rough a model is; none is nearer than this to the torque,
+# or to the strongest joint's.
+_NOISE, _COUPLED = 0.01, 0.001
 _ROUNDS = 3
 
 
@@ -34,6 +36,7 @@ class _Part:
     squares: tuple[float, float, float]  # torque^2, torque * model, model^2
     rows: float
     floor: float
+    own: slice  # coefficients that are this joint's alone: its friction, its rotor
 
 
 def out_of_proportion(robot: Robot, motion: Motion) -> tuple[float, Fault | None]:
@@ -84,7 +87,8 @@ def _parts(motion: Motion, joints: list[Columns]) -> list[_Part]:
         size = np.sqrt(squares[0] / max(rows, 1e-9))
         floor = max(_NOISE * size, _COUPLED * strongest, 1e-12)
         sums = (weight * values.T @ x for x in (values, model, tau))
-        out.append(_Part(*sums, squares, rows, floor))
+        own_columns = slice(int(starts[j]), int(starts[j + 1]))
+        out.append(_Part(*sums, squares, rows, floor, own_columns))
     return out
 
 
@@ -102,8 +106,15 @@ def _sigma(parts: list[_Part]) -> Array:
 
 
 def _fit(parts: list[_Part], sigma: Array, scale: Array) -> tuple[float, Array, float]:
-    """Quadratic form of the rest, coefficients, and log determinant."""
-    gram, sums, square = np.eye(len(parts[0].gram)), 0.0, 0.0
+    """Quadratic form of the rest, coefficients, and log determinant.
+
+    The friction of a joint grows with the factor on its torque, so it speaks neither
+    for a factor nor against one: only what the joint shares with the others does.
+    """
+    prior, sums, square = np.ones(len(parts[0].gram)), 0.0, 0.0
+    for part, s in zip(parts, scale, strict=True):
+        prior[part.own] = s**-2.0
+    gram = np.diag(prior)
     for part, sd, s in zip(parts, sigma * scale, scale, strict=True):
         power, cross, model = part.squares
         gram += part.gram / sd**2
@@ -111,7 +122,8 @@ def _fit(parts: list[_Part], sigma: Array, scale: Array) -> tuple[float, Array, 
         square += (s**2 * power - 2 * s * cross + model) / sd**2
     factor = cho_factor(gram)
     at = cho_solve(factor, sums)
-    return square - float(sums @ at), at, 2 * float(np.log(np.diag(factor[0])).sum())
+    size = 2 * float(np.log(np.diag(factor[0])).sum()) - float(np.log(prior).sum())
+    return square - float(sums @ at), at, size
 
 
 def _evidence(parts: list[_Part], sigma: Array, joint: int, factor: float) -> float:

@@ -5,7 +5,8 @@ import pytest
 
 from benchmarks.check_parts import bars, cases, judge
 from benchmarks.check_parts.arms import HIDDEN, SIX, host
-from benchmarks.check_parts.spoiled import Spoiled, table_of
+from benchmarks.check_parts.spoiled import Spoiled, table_of, tables_of
+from benchmarks.check_parts.traces import trace
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair
 from sim.streams import stream
@@ -151,3 +152,30 @@ def test_jobs_have_names_of_their_own_and_reach_every_kind_of_arm():
     assert len({task.name for task in wanted}) == len(wanted)
     faults = {task.host for task in wanted if task.group == "faults"}
     assert faults == {"six", "seven", "engine", HIDDEN, *bars.MEASURED}
+
+
+@pytest.mark.parametrize(("joint", "void"), [(2, False), (3, False), (6, True)])
+def test_a_factor_on_a_torque_that_is_all_friction_leaves_no_trace(six, joint, void):
+    each = np.where(np.arange(1, 7) == joint, 0.5, 1.0)
+    right = tables_of(six)
+    tables = [table | {"tau": table["tau"] * each} for table in right]
+    seen = trace(six, Spoiled("torque_scale", (joint,), tables, right))
+    assert seen.void is void
+
+
+def test_of_a_delay_its_size_decides_whether_it_leaves_a_trace(six):
+    assert not trace(six, spoil(six, "delay", 0)).void
+    right = tables_of(six)
+    same = [table | {"tau": table["tau"] * (1 + 1e-6)} for table in right]
+    assert trace(six, Spoiled("delay", (), same)).void
+    assert trace(six, Spoiled("torque_sign", (1,), right, right)) is None
+
+
+def test_what_leaves_no_trace_is_counted_apart_found_or_not():
+    row = {"group": "faults", "host": SIX, "seed": 1, "kind": "delay", "size": 0}
+    row |= {"joints": [], "exact": [], "seconds": 1.0}
+    rows = [row | {"hit": True}, row | {"hit": False, "void": True}]
+    found = bars.figures([*rows, row | {"hit": True, "void": True}], (), True)
+    assert (found["faults_found"]["value"], found["faults_found"]["n"]) == (1.0, 1)
+    assert found["not_applicable"]["value"] == 2
+    assert found["not_applicable"]["found_all_the_same"] == 1

@@ -1,5 +1,6 @@
 """Clocks, gravity, gears, single torques, filters and delays."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +9,9 @@ import pinocchio as pin
 import pytest
 
 from residual.check.check import check_logs
+from residual.check.late import late
+from residual.check.motion import thin_rows
+from residual.check.proportion import out_of_proportion
 from residual.check.result import Repair
 from residual.signals.track import low_pass
 from tests.residual.arms import bare_irb140
@@ -97,3 +101,37 @@ def test_velocity_and_reference_are_mended_with_their_angle():
     assert {r.signal for r in fault.repairs} == {"q", "qd", "q_ref"}
     (fault,) = check_logs(robot, edited(both, q=times(180 / np.pi))).faults
     assert fault.repairs == (Repair("q", scale=np.pi / 180),)
+
+
+def test_what_the_model_misses_of_a_torque_makes_no_delay_smaller():
+    robot, logs = clean_logs("small")
+    rng = np.random.default_rng(5)
+
+    def spoiled(log):
+        rate = 1 / float(np.median(np.diff(log.t)))
+        strange = low_pass(rng.normal(size=log.tau.shape), 4.0, rate)
+        strange *= 0.05 * log.tau.std(axis=0) / strange.std(axis=0)
+        columns = [np.interp(log.t - 0.03, log.t, x) for x in (log.tau + strange).T]
+        return replace(log, tau=np.column_stack(columns))
+
+    (fault,) = late(robot, [spoiled(log) for log in logs])
+    delay, sd = map(
+        float, re.search(r"(\d+) ms \(\+- ([\d.]+)", fault.evidence).groups()
+    )
+    assert sd < 4
+    assert abs(delay - 30) < 3 * sd
+
+
+@pytest.mark.parametrize("factor", [0.3, 0.5, 2.5])
+def test_a_factor_is_found_by_the_body_that_joints_share_not_by_their_friction(factor):
+    robot, logs = clean_logs("irb140")
+    motion = thin_rows(logs)
+    assert out_of_proportion(robot, motion) == (0.0, None)
+    for joint in (2, 3):
+        each = np.where(np.arange(1, 7) == joint, factor, 1.0)
+        _, fault = out_of_proportion(robot, replace(motion, tau=motion.tau * each))
+        assert fault.joints == (joint,)
+    # Of a wrist all is friction: any factor on it is another friction.
+    wrist = np.where(np.arange(1, 7) == 6, factor, 1.0)
+    found = out_of_proportion(robot, replace(motion, tau=motion.tau * wrist))
+    assert found == (0.0, None)
