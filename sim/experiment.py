@@ -7,9 +7,10 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.robot.robot import Robot
+from sim.background.torque import logged
 from sim.draw import draw_hidden
 from sim.plant import tables as at
-from sim.plant.arm import build_arm
+from sim.plant.arm import Arm, build_arm
 from sim.plant.controller import ComputedTorque
 from sim.plant.stepping import Trace, simulate
 from sim.records import PlantRun, PlantSpec, Rates, Reference
@@ -57,8 +58,10 @@ def run_experiment(
     reference = _as_far(reference, len(trace.t))
     noise = (plant.noise, plant.seed, label, start)
     log = log_of(robot, trace, reference, plant.effects, noise, rates)
+    log = replace(log, tau=logged(arm.own, log.tau, rates.log))
     errors = twin_errors(log, trace, twin_of(robot, reference), every)
-    return PlantRun(log, truth_of(trace, every), errors)
+    truth = {**truth_of(trace, every), **_drawn(arm, len(log.t))}
+    return PlantRun(log, truth, errors)
 
 
 def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:
@@ -89,6 +92,19 @@ def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:
     for i, channel in enumerate(trace.channels):
         truth[f"tau_{channel}"] = rows[:, at.CHANNELS + i].copy()
     return truth
+
+
+def _drawn(arm: Arm, samples: int) -> Mapping[str, Array]:
+    """Return every number of the background, at each sample: it is sealed with those.
+
+    The same at all of them, which takes a few bytes in a column.
+    """
+    if arm.own is None:
+        return {}
+    return {
+        f"background_{name}": np.tile(value, (samples, 1))
+        for name, value in arm.own.drawn.items()
+    }
 
 
 def _as_far(reference: Reference, steps: int) -> Reference:

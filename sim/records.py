@@ -2,13 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from residual.recording import Recording
 
 Array = np.ndarray
+BackgroundWord = Literal["clean", "workshop", "worn"]
+CLEAN: BackgroundWord = "clean"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -115,6 +117,10 @@ class PlantSpec:
         noise: Sensor noise.
         seed: Seed of every named stream of the plant.
         salt: Any text: keeps the hash of this half from being guessed.
+        background: What all joints have undeclared: nothing, that of an arm in use, or
+            twice as much. Drawn from the seed, so it is the arm's own in all its runs.
+        worked_before: Usual work of the arm before its session began, which left it
+            warm; only a background feels it [s].
     """
 
     effects: tuple[PlantEffect, ...] = ()
@@ -122,6 +128,8 @@ class PlantSpec:
     noise: Noise = Noise()
     seed: int = 0
     salt: str = ""
+    background: BackgroundWord = CLEAN
+    worked_before: float = 0.0
 
 
 class Drives(NamedTuple):

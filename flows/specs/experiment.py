@@ -12,7 +12,15 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from residual.errors import InputError
-from sim.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
+from sim.records import (
+    CLEAN,
+    BackgroundWord,
+    Noise,
+    PlantEffect,
+    PlantSpec,
+    Rates,
+    TrajectorySpec,
+)
 from warehouse.toml import checked, read_toml
 
 # Strict: TOML has types, so "7" for 7 or true for 1 is a slip and not a wish. Lists
@@ -62,13 +70,19 @@ class EffectTable(Table):
 
 
 class PlantTable(Table):
-    """[plant]: the hidden half; without a seed one is derived."""
+    """[plant]: the hidden half; without a seed one is derived.
+
+    `background` is what all joints have beside the effects, and `worked_before` how
+    long the arm worked before its session, which leaves it warm [s].
+    """
 
     effect: Annotated[tuple[EffectTable, ...], _List] = ()
     scatter: Annotated[float, Field(ge=0, le=0.5)] = 0.02
     noise: NoiseTable = NoiseTable()
     seed: Seed | None = None
     salt: str = ""
+    background: BackgroundWord = CLEAN
+    worked_before: Annotated[float, Field(ge=0, le=1e6)] = 0.0
 
 
 class RatesTable(Table):
@@ -125,6 +139,8 @@ class ExperimentSpec(Table):
             noise=Noise(table.noise.torque, table.noise.encoder),
             seed=seed,
             salt=table.salt,
+            background=table.background,
+            worked_before=table.worked_before,
         )
 
 

@@ -27,6 +27,8 @@ from warehouse.origin.provenance import plant_code_hash
 from warehouse.origin.robots import keep_robot
 from warehouse.seal import Sealed, sealed_hash
 
+_LATER = ("background", "worked_before")
+
 
 @dataclass(frozen=True, slots=True)
 class Planned:
@@ -174,7 +176,18 @@ def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
 
 def sealed_half(spec: ExperimentSpec) -> dict:
     """Return what the diagnosis must find out by itself."""
-    return asdict(spec.plant_spec())
+    return _sealed(spec.plant_spec())
+
+
+def _sealed(plant: PlantSpec) -> dict:
+    """Return the hidden half as it is sealed.
+
+    What came in later versions is left out where it says nothing, so that a seal of
+    an earlier one is still the same.
+    """
+    later = {name: getattr(PlantSpec(), name) for name in _LATER}
+    half = asdict(plant)
+    return {k: v for k, v in half.items() if k not in later or v != later[k]}
 
 
 def plant_of(sealed: Mapping) -> PlantSpec:
@@ -202,10 +215,10 @@ def plant_of(sealed: Mapping) -> PlantSpec:
         plant = None
     # A key too many or too few would be another arm, and nobody would see it. What is
     # hidden stays hidden: the message has no values, and no error that has some.
-    if plant is None or plain(plant) != plain(sealed):
+    if plant is None or plain(_sealed(plant)) != plain(sealed):
         raise InputError(
             "The sealed half of the run has another form than expected: effects, "
-            "scatter, noise, seed and salt. Run its experiment again."
+            "scatter, noise, seed, salt and background. Run its experiment again."
         )
     return plant
 

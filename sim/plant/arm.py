@@ -9,9 +9,19 @@ import pinocchio as pin
 from residual.errors import InputError
 from residual.robot.robot import Robot
 from sim import kinds
+from sim.background.draw import Background, draw_background
+from sim.background.heat import warmth_after
+from sim.background.torque import USUAL_SPEED, usual_power
 from sim.catalogue import Acting, acting, changed, check_effect
 from sim.plant.controller import maker_of
-from sim.plant.rows import contacts_of, friction_rows, shared, torque_rows
+from sim.plant.rows import (
+    channels_of,
+    contacts_of,
+    friction_rows,
+    shared,
+    torque_rows,
+    used_rows,
+)
 from sim.plant.signal_faults import (
     EncoderFaults,
     encoder_errors,
@@ -28,8 +38,6 @@ from sim.synthetic.room import room
 
 Array = np.ndarray
 
-_USUAL_SPEED = 0.35  # of the speed of the robot's room
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Arm:
@@ -40,12 +48,21 @@ class Arm:
         effects: What it hides.
         model: True rigid body without the effects.
         base: True friction and rotors without the effects.
+        own: What all its joints have undeclared, None if it is clean.
+        worked: Usual work before its session began [s].
     """
 
     robot: Robot
     effects: tuple[PlantEffect, ...]
     model: pin.Model
     base: Drives
+    own: Background | None = None
+    worked: float = 0.0
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of its explicit torques."""
+        return channels_of(self.effects, self.own)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -86,7 +103,8 @@ def build_arm(robot: Robot, plant: PlantSpec) -> Arm:
         *(f * value for f, value in zip(factors, maker_of(robot), strict=True))
     )
     model = scatter(robot.model, plant.scatter, stream(plant.seed, "scatter"))
-    return Arm(robot, plant.effects, model, base)
+    own = draw_background(robot, plant.background, plant.seed, base.coulomb)
+    return Arm(robot, plant.effects, model, base, own, plant.worked_before)
 
 
 def new_state(arm: Arm, start: float) -> State:
@@ -101,6 +119,10 @@ def new_state(arm: Arm, start: float) -> State:
     rows = friction_rows(arm.base, arm.effects, range(count))
     for _, _, slot, _, constant, *_ in rows[rows[:, 0] == kinds.WARMUP]:
         memory[int(slot)] = warmth_at(start, constant)
+    if arm.own is not None:
+        # Oil and housing side by side, joint by joint, as `used_rows` finds them.
+        warmth = warmth_after(arm.own, arm.worked + start)
+        memory = np.concatenate([memory, warmth.T.ravel()])
     gears = len(shared(arm.effects))
     return State(np.zeros((3, dof)), np.zeros(dof + gears), memory)
 
@@ -142,10 +164,10 @@ def _phase(
             f"The effects leave the rotor of joint {int(rotor.argmin()) + 1} with "
             f"{rotor.min():g} kg m^2, expected more than 0. Take a smaller change."
         )
-    springs = _springs(effects, rotor)
+    springs = _springs(effects, rotor, arm.own)
     elastic = (springs[0] > 0).astype(float)
     errors = encoder_errors(effects, dof)
-    usual = _USUAL_SPEED * room(robot).velocity
+    usual = USUAL_SPEED * room(robot).velocity
     constants = Constants(
         dt=dt,
         rotor=rotor,
@@ -153,16 +175,17 @@ def _phase(
         stiffness=springs[0],
         damping=springs[1],
         gap=springs[2],
-        ratio=torque_constants(effects, dof),
+        ratio=torque_constants(effects, dof) / (1.0 + _gain(arm.own)),
         limit=np.array(robot.torque_limit, dtype=float),
-        power=arm.base.coulomb * usual + arm.base.viscous * usual**2 + 1e-9,
+        power=usual_power(arm.base.coulomb, arm.base.viscous, usual),
         shift=errors[0],
         cos=errors[1],
         sin=errors[2],
         contacts=contacts_of(arm.effects, active, elastic),
-        friction=friction_rows(arm.base, arm.effects, active),
-        torque=torque_rows(arm.effects, active),
+        friction=friction_rows(arm.base, arm.effects, active, arm.own),
+        torque=torque_rows(arm.effects, active, arm.own),
         series=series,
+        used=used_rows(arm.own, (len(arm.effects) + 1) * dof),
     )
     faults = encoder_faults(effects, dt)
     pushes = tuple(effect for effect in effects if effect.what.push)
@@ -179,13 +202,19 @@ def _added(effects: Sequence[Acting], dof: int) -> Array:
     return total
 
 
-def _springs(effects: Sequence[Acting], rotor: Array) -> Array:
+def _gain(own: Background | None) -> Array | float:
+    return 0.0 if own is None else own.gain
+
+
+def _springs(effects: Sequence[Acting], rotor: Array, own: Background | None) -> Array:
     """Return stiffness, damping and half gap of each joint; rigid ones 0. (3, dof)."""
     springs = np.zeros((3, len(rotor)))
     for j in range(len(rotor)):
         here = [(e.what, e.p) for e in effects if j in e.joints]
         compliances = [what.compliance(p) for what, p in here if what.compliance]
         gaps = [what.gap(p) for what, p in here if what.gap]
+        if own is not None:
+            compliances.append(own.twist[j] / own.span[j])
         if compliances or gaps:
             springs[:, j] = series_spring(compliances, gaps, rotor[j])
     return springs

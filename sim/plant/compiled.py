@@ -11,7 +11,9 @@ from pathlib import Path
 import numba
 
 _PLANT = Path(__file__).parent
-_BESIDE = (_PLANT.parent / "laws.py", _PLANT.parent / "kinds.py")
+_BESIDE = tuple(
+    _PLANT.parent / f for f in ("laws.py", "kinds.py", "background/laws.py")
+)
 _SOURCES = (*sorted(_PLANT.glob("*.py")), *_BESIDE)
 _CODE = hashlib.sha256(b"".join(path.read_bytes() for path in _SOURCES)).hexdigest()
 _FOLDER = _PLANT / "__pycache__" / f"compiled-{_CODE[:12]}"

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from sim import kinds, laws
+from sim.background import laws as used
 from sim.plant.compiled import compiled
 
 _direction = njit(laws.direction)
@@ -19,6 +20,8 @@ _power = njit(laws.power_viscosity)
 _stribeck = njit(laws.stribeck)
 _carried = njit(laws.carried)
 _eccentric = njit(laws.eccentric)
+_fading = njit(used.fading)
+_pressed = njit(used.pressed)
 
 _SWEEPS, _DONE = 200, 1e-13
 # Damping of the bristles, as a share of critical on the rotor alone.
@@ -61,6 +64,10 @@ def _level(row, u, angle, load, memory):
         return size * _eccentric(angle - number)
     if kind == kinds.WARMUP:
         return size * max(0.0, 1.0 - memory)
+    if kind == kinds.FADING:
+        return size * _fading(u, number)
+    if kind == kinds.PRESSED:
+        return size * _pressed(load, number)
     return -size  # bristles bear this part of the dry friction
 
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim import kinds
+from sim.background.draw import Background
 from sim.catalogue import Acting, acting
 from sim.plant import tables as at
 from sim.plant.thermal import SLOW
@@ -13,11 +14,13 @@ from sim.streams import stream
 
 Array = np.ndarray
 Effects = Sequence[PlantEffect]
+COGGING = "background"  # channel of what the background adds beside friction
 
 
-def channels_of(effects: Effects) -> tuple[str, ...]:
-    """Return the names of the effects that have a torque channel of their own."""
-    return tuple(sorted({e.what.name for e in acting(effects) if e.what.has_channel}))
+def channels_of(effects: Effects, own: Background | None = None) -> tuple[str, ...]:
+    """Return what has a torque channel: effects by name, then that of a background."""
+    names = sorted({e.what.name for e in acting(effects) if e.what.has_channel})
+    return (*names, COGGING) if own is not None else tuple(names)
 
 
 def contacts_of(effects: Effects, active: Sequence[int], elastic: Array) -> Array:
@@ -41,7 +44,12 @@ def shared(effects: Effects) -> list[tuple[int, Acting]]:
     return [(i, e) for i, e in enumerate(acting(effects)) if e.what.gear]
 
 
-def friction_rows(base: Drives, effects: Effects, active: Sequence[int]) -> Array:
+def friction_rows(
+    base: Drives,
+    effects: Effects,
+    active: Sequence[int],
+    own: Background | None = None,
+) -> Array:
     """Return the rows of friction that act. Shape (f, WIDTH)."""
     dof, hidden = len(base.coulomb), acting(effects)
     rows = []
@@ -60,13 +68,18 @@ def friction_rows(base: Drives, effects: Effects, active: Sequence[int]) -> Arra
             rows += [
                 _row(j, i * dof + j, what.friction(p, base.coulomb[j])) for j in joints
             ]
+    for j in range(dof if own is not None else 0):
+        rows.append(_row(j, 0, (kinds.FADING, own.level[j], own.speed[j])))
+        rows.append(_row(j, 0, (kinds.PRESSED, own.press[j], own.span[j])))
     return np.array(rows)
 
 
-def torque_rows(effects: Effects, active: Sequence[int]) -> Array:
+def torque_rows(
+    effects: Effects, active: Sequence[int], own: Background | None = None
+) -> Array:
     """Return the rows of explicit torque that act. Shape (e, WIDTH)."""
-    channels, columns, hidden = channels_of(effects), _columns(effects), acting(effects)
-    rows = []
+    channels, columns = channels_of(effects, own), _columns(effects)
+    hidden, rows = acting(effects), []
     for i in active:
         what, p, joints, _ = hidden[i]
         if what.series:
@@ -76,7 +89,23 @@ def torque_rows(effects: Effects, active: Sequence[int]) -> Array:
             channel, numbers = channels.index(what.name), what.torque(p, joints)
             on = joints[:1] if what.scope == "pair" else joints
             rows += [_row(j, channel, numbers) for j in on]
+    for wave in own.waves if own is not None else ():
+        channel = channels.index(COGGING)
+        rows += [_row(j, channel, (kinds.WAVE, *row)) for j, row in enumerate(wave)]
     return np.array(rows, dtype=float).reshape(-1, at.WIDTH)
+
+
+def used_rows(own: Background | None, first: int) -> Array:
+    """Return what friction of each joint is by direction and warmth (`Constants`).
+
+    Args:
+        own: The background, None for a clean arm, which has no row.
+        first: Place of the first warmth in the memory.
+    """
+    if own is None:
+        return np.zeros((0, 5))
+    slots = first + 2 * np.arange(len(own.span))
+    return np.column_stack([own.lean, own.growth, own.oil, own.housing, slots])
 
 
 def series_of(effects: Effects, t: Array, seed: int, label: str) -> Array:

@@ -16,7 +16,7 @@ from sim.plant import tables as at
 from sim.plant.compiled import compiled
 from sim.plant.friction import bristle, friction_of, slide
 from sim.plant.tables import unpack
-from sim.plant.thermal import AMBIENT, RISE, warmed
+from sim.plant.thermal import AMBIENT, RISE, heat, lean_and_thin, warmed
 from sim.plant.torques import resist
 from sim.plant.transmission import spring
 
@@ -167,6 +167,8 @@ def _rub(arm, state, now, x, mass, momentum):
     for c in range(len(arm.contacts)):
         rubbing[0, c] = max(rubbing[0, c], 0.0)
         rubbing[1, c] = max(rubbing[1, c], 0.0)
+    lean_and_thin(arm.used, state.memory, rubbing)
+    for c in range(len(arm.contacts)):
         _add(mass, arm.contacts[c], dt * rubbing[2, c])
     return rubbing
 
@@ -248,4 +250,5 @@ def _record_friction(arm, state, rubbing, now, x, x_new):
             warmth = state.memory[slot]
             now[at.TEMPERATURE, c] = AMBIENT + RISE * warmth
             state.memory[slot] = warmed(warmth, power[c], arm.power[c], row[4], dt)
+    heat(arm.used, state.memory, power, arm.power, now[at.TEMPERATURE], dt)
     return friction

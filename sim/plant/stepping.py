@@ -13,7 +13,7 @@ from sim.engine.bullet import World
 from sim.plant import tables as at
 from sim.plant.arm import Arm, Phase, new_state, phases
 from sim.plant.controller import Controller
-from sim.plant.rows import channels_of, series_of
+from sim.plant.rows import series_of
 from sim.plant.signal_faults import read, true_angle
 from sim.plant.step import advance
 from sim.plant.tables import State, pack
@@ -102,7 +102,7 @@ def simulate(
         DivergedError: If it runs away, with time and state.
     """
     t, dt = reference.t, float(reference.t[1] - reference.t[0])
-    channels = channels_of(arm.effects)
+    channels = arm.channels
     rows = np.zeros((len(t), at.CHANNELS + len(channels), arm.robot.dof))
     series = series_of(arm.effects, start + t, seed, label)
     parts, state = phases(arm, len(t), dt, series), new_state(arm, start)

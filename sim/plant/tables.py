@@ -50,6 +50,9 @@ class Constants(NamedTuple):
         friction: Rows of friction. Shape (f, WIDTH).
         torque: Rows of explicit torque. Shape (e, WIDTH).
         series: Torques given over time [N m]. Shape (n, s).
+        used: Of each joint of an arm with a background, which part its dry friction is
+            more forwards; how much larger cold friction is; time constants of oil and
+            housing [s]; place of their warmth in the memory. Shape (dof or 0, 5).
     """
 
     dt: float
@@ -68,6 +71,7 @@ class Constants(NamedTuple):
     friction: Array
     torque: Array
     series: Array
+    used: Array
 
 
 class Packed(NamedTuple):
@@ -82,6 +86,7 @@ class Packed(NamedTuple):
     friction: Array
     torque: Array
     series: Array
+    used: Array
 
 
 class State(NamedTuple):
@@ -129,4 +134,5 @@ def unpack(packed):
         packed.friction,
         packed.torque,
         packed.series,
+        packed.used,
     )

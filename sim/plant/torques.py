@@ -9,6 +9,7 @@ from sim.plant.compiled import compiled
 _hose = njit(laws.hose)
 _gas_spring = njit(laws.gas_spring)
 _magnet = njit(laws.magnet)
+_PERIODIC = (kinds.RIPPLE, kinds.COGGING_SUM, kinds.WAVE)
 
 
 @compiled
@@ -29,15 +30,23 @@ def torque_of(row, angle, q, motor, now):
         return a * _hose(angle - b)
     if kind == kinds.GAS_SPRING:
         return a * _gas_spring(angle - b)
-    if kind == kinds.RIPPLE:
-        return a * _magnet(b * angle + c)
-    if kind == kinds.COGGING_SUM:
-        return a * np.cos(b * (angle + q[int(c)]))
+    if kind in _PERIODIC:
+        return _periodic(row, angle, q)
     if kind == kinds.WALL:
         return a * c * max(0.0, c * (angle - b))
     if kind == kinds.SERIES:
         return now[int(a)]
     return min(max(motor, -a), a)  # dead zone: what is lost of a small torque
+
+
+@compiled
+def _periodic(row, angle, q):
+    kind, a, b, c = row[0], row[3], row[4], row[5]
+    if kind == kinds.RIPPLE:
+        return a * _magnet(b * angle + c)
+    if kind == kinds.COGGING_SUM:
+        return a * np.cos(b * (angle + q[int(c)]))
+    return a * np.sin(b * angle + c)
 
 
 @compiled

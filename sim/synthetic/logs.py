@@ -4,12 +4,18 @@ from dataclasses import dataclass, replace
 
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
+from sim.background.torque import logged
 from sim.catalogue import kinds, of_drives
 from sim.draw import draw
 from sim.records import Hidden
 from sim.streams import stream
 from sim.synthetic.motion import make_motion
-from sim.synthetic.plant import Plant, true_friction, true_torque
+from sim.synthetic.plant import (
+    Plant,
+    background_of,
+    true_friction,
+    true_torque,
+)
 from sim.synthetic.room import room
 from sim.synthetic.sensors import encoder, torque_noise
 from sim.synthetic.sizes import sizes
@@ -187,13 +193,16 @@ def _record(
     )
     active = session is not None
     start = now - session if active else 0.0
-    torque = true_torque(plant, motion, entry.name, start, active)
+    worked = start if active else now
+    torque = true_torque(plant, motion, entry.name, start, active, worked)
     span = sizes(plant.robot).torque
-    rng = stream(seed, f"torque/{entry.name}")
+    noise = torque_noise(
+        len(motion.t), span, entry.rate, stream(seed, f"torque/{entry.name}")
+    )
     return Recording(
         id=entry.name,
         robot=plant.robot.name,
         t=now + motion.t,
         q=encoder(torque.reading, stream(seed, f"encoder/{entry.name}")),
-        tau=torque.tau + torque_noise(len(motion.t), span, entry.rate, rng),
+        tau=logged(background_of(plant), torque.tau + noise, entry.rate),
     )

@@ -9,13 +9,17 @@ import pinocchio as pin
 from residual.errors import InputError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
+from sim.background import laws
+from sim.background.draw import Background, draw_background
+from sim.background.torque import USUAL_SPEED, Added, Rubbing, added
 from sim.catalogue import Acting, acting, changed
 from sim.effects._bristle import deflection
 from sim.effects.base import State
-from sim.records import Hidden
+from sim.records import CLEAN, BackgroundWord, Hidden
 from sim.streams import stream
 from sim.synthetic.body import scatter
 from sim.synthetic.motion import Motion
+from sim.synthetic.room import room
 from sim.synthetic.sensors import reported
 from sim.synthetic.sizes import sizes
 
@@ -35,11 +39,13 @@ class Plant:
         robot: Its nominal description, which is not quite true of it.
         hidden: The effects that its description lacks.
         seed: Seed of what makes this arm differ from its description.
+        background: What all joints have undeclared, at all times.
     """
 
     robot: Robot
     hidden: tuple[Hidden, ...]
     seed: int
+    background: BackgroundWord = CLEAN
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -69,6 +75,7 @@ class Torque:
         hidden: Additive hidden effects, one array each, in the order of the plant's.
         tau: What is reported: the sum, times a hidden torque gain, late or cut.
         reading: What the encoders read, noise apart [rad]. Shape (n, dof).
+        background: What the background adds, None on a clean arm.
     """
 
     rigid: Array
@@ -76,6 +83,7 @@ class Torque:
     hidden: tuple[Array, ...]
     tau: Array
     reading: Array
+    background: Added | None = None
 
 
 def true_model(plant: Plant) -> pin.Model:
@@ -96,12 +104,26 @@ def true_friction(plant: Plant) -> Friction:
     )
 
 
+def background_of(plant: Plant) -> Background | None:
+    """Return what all joints of this arm have undeclared, None if it is clean."""
+    if plant.background == CLEAN:
+        return None
+    coulomb = true_friction(plant).coulomb
+    return draw_background(plant.robot, plant.background, plant.seed, coulomb)
+
+
 def true_torque(
-    plant: Plant, motion: Motion, log: str, start: float = 0.0, active: bool = True
+    plant: Plant,
+    motion: Motion,
+    log: str,
+    start: float = 0.0,
+    active: bool = True,
+    worked: float | None = None,
 ) -> Torque:
     """Return the torque that the motion takes.
 
-    tau = gain * (RNEA(q, qd, qdd) + Fc z + Fv qd + Jr qdd + sum of hidden effects)
+    tau = gain * (RNEA(q, qd, qdd) + Fc z + Fv qd + Jr qdd + sum of hidden effects
+    + background)
 
     Args:
         plant: The arm.
@@ -109,6 +131,8 @@ def true_torque(
         log: Name of the log, which names the random streams of its effects.
         start: Session time of the first sample [s].
         active: Whether the hidden effects are there; not so when it was commissioned.
+        worked: Usual work of the arm before the first sample [s], which left it warm;
+            None for all of the session. Only a background feels it.
 
     Returns:
         The parts and the sum.
@@ -124,21 +148,28 @@ def true_torque(
     rigid = inverse_dynamics(model, motion.q, motion.qd, motion.qdd)
     loads = [e.what.load(model, motion.q, e.p) for e in hidden if e.what.load]
     rigid += np.sum(loads, axis=0)
-    friction = true_friction(plant)
-    drives, qd, qdd = _drives(hidden, motion, rigid)
+    friction, own = true_friction(plant), background_of(plant)
+    drives, qd, qdd = _drives(hidden, motion, rigid, own)
     z = deflection(drives, friction.displacement)
     base = friction.coulomb * z + friction.viscous * qd + friction.rotor * qdd
     parts = []
     for i, effect in enumerate(hidden):
         rng = stream(plant.seed, f"effect/{i}/{effect.what.name}/{log}")
         parts.append(_part(effect, motion, start, (rigid, z, friction), rng))
-    tau = (rigid + base + sum(parts)) * _gain(hidden, plant.robot.dof)
-    tau = reported(tau, motion.t, hidden)
-    return Torque(rigid, base, tuple(parts), tau, _reading(hidden, drives))
+    total, more, gain = rigid + base + sum(parts), None, _gain(hidden, plant.robot.dof)
+    if own is not None:
+        moving = (motion.t, drives, qd, z, rigid)
+        usual = USUAL_SPEED * room(plant.robot).velocity
+        since = start if worked is None else worked
+        levels = (friction.coulomb, friction.viscous, usual, since)
+        more = added(own, Rubbing(*moving, *levels))
+        total, gain = total + more.torque, gain * (1.0 + own.gain)
+    tau = reported(total * gain, motion.t, hidden)
+    return Torque(rigid, base, tuple(parts), tau, _reading(hidden, drives), more)
 
 
 def _drives(
-    hidden: Sequence[Acting], motion: Motion, load: Array
+    hidden: Sequence[Acting], motion: Motion, load: Array, own: Background | None
 ) -> tuple[Array, Array, Array]:
     """Return position, speed and acceleration of the motors, which may lead.
 
@@ -149,6 +180,8 @@ def _drives(
     for what, p, joints, _ in hidden:
         for j in joints if what.lead else ():
             q[:, j] += what.lead(load[:, j], rate, p)
+    if own is not None:
+        q += laws.twisted(load, own.twist, own.span)
     lead = q - motion.q
     first = np.gradient(lead, 1 / rate, axis=0)
     second = np.gradient(first, 1 / rate, axis=0)

@@ -63,6 +63,7 @@ def spec_of(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
     ]
     noise = {"torque": plant.noise.torque, "encoder": plant.noise.encoder}
     seeds = {"seed": plant.seed, "salt": plant.salt}
+    used = {"background": plant.background, "worked_before": plant.worked_before}
     try:
         half = manifest["spec"]
         return ExperimentSpec.model_validate(
@@ -72,6 +73,7 @@ def spec_of(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
                 "robot": manifest["robot"],
                 "plant": {
                     **seeds,
+                    **used,
                     "scatter": plant.scatter,
                     "noise": noise,
                     "effect": effects,

@@ -1,0 +1,205 @@
+"""The background of an arm in use: each part measured from the torque that it makes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.errors import InputError
+from residual.robot.robot import load_robot
+from sim.background.draw import draw_background
+from sim.background.torque import Rubbing, added, cogging, logged
+from sim.records import Hidden
+from sim.streams import stream
+from sim.synthetic.logs import LogPlan, make
+from sim.synthetic.motion import make_motion
+from sim.synthetic.plant import Plant, background_of, true_friction, true_torque
+from sim.synthetic.room import room
+from sim.synthetic.sizes import sizes
+
+ROBOT = load_robot("irb140")
+SEEDS = range(1, 13)
+SCALE = {"workshop": 1.0, "worn": 2.0}
+PLAN = (LogPlan("fit_1", "fit", "cyclic", 6.0),)
+
+
+def arm(seed, word):
+    """Background and base friction of one arm."""
+    plant = Plant(ROBOT, (), seed, word)
+    return background_of(plant), true_friction(plant)
+
+
+def torque(background, friction, qd, load=0.0, worked=0.0):
+    """Return cold-or-warm friction beside the plain one, cogging taken out. (n, dof).
+
+    Sliding steadily, at one speed per sample and all joints, too briefly to warm.
+    """
+    qd = np.asarray(qd, dtype=float)[:, None] * np.ones(ROBOT.dof)
+    still = np.zeros_like(qd)
+    t = 1e-6 * np.arange(len(qd))
+    levels = (friction.coulomb, friction.viscous, np.ones(ROBOT.dof), worked)
+    rubbing = Rubbing(t, still, qd, np.sign(qd), still + load, *levels)
+    return added(background, rubbing).torque - cogging(background, still)
+
+
+def between(value, low, high, scale):
+    assert np.all(value >= scale * low * (1 - 1e-6)), value
+    assert np.all(value <= scale * high * (1 + 1e-6)), value
+    assert np.ptp(value) > 0  # drawn joint by joint
+
+
+@pytest.mark.parametrize("word", SCALE)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_extra_friction_at_low_speed_is_a_part_of_coulomb(seed, word):
+    background, friction = arm(seed, word)
+    even = replace(background, lean=np.zeros(ROBOT.dof))
+    slow, fast = (torque(even, friction, [s, s])[0] for s in (1e-6, 1e4))
+    between((slow - fast) / friction.coulomb, 0.15, 0.5, SCALE[word])
+
+
+@pytest.mark.parametrize("word", SCALE)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_friction_grows_with_load_by_a_part_of_it_and_not_in_proportion(seed, word):
+    background, friction = arm(seed, word)
+    even, span = replace(background, lean=np.zeros(ROBOT.dof)), background.span
+    none, half, full = (
+        torque(even, friction, [1.0, 1.0], load * span)[0] for load in (0, 0.5, 1)
+    )
+    slope = (full - none) / span
+    # What presses without load is a part of the law; the rest lies a little below it.
+    assert np.all(slope > SCALE[word] * 0.01 * 0.8)
+    assert np.all(slope < SCALE[word] * 0.05)
+    assert np.all((half - none) / (full - none) > 0.52)  # a line would give one half
+
+
+@pytest.mark.parametrize("word", SCALE)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_dry_friction_leans_to_one_side(seed, word):
+    background, friction = arm(seed, word)
+    fast = 1e4
+    plain = friction.coulomb + friction.viscous * fast
+    forward, backward = (
+        np.abs(s * plain + torque(background, friction, [s * fast] * 2)[0])
+        - friction.viscous * fast
+        for s in (1, -1)
+    )
+    lean = (forward - backward) / (forward + backward)
+    assert np.all(np.abs(lean) <= SCALE[word] * 0.08 + 1e-6)
+    assert np.abs(lean).max() > 0.005 * SCALE[word]
+
+
+@pytest.mark.parametrize("word", SCALE)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_friction_is_less_when_warm_and_takes_its_time(seed, word):
+    background, friction = arm(seed, word)
+
+    def whole(worked):
+        rubbed = torque(background, friction, [1.0, 1.0], worked=worked)[0]
+        return rubbed + friction.coulomb + friction.viscous
+
+    cold, warm = whole(0.0), whole(1e5)
+    loss = 1 - warm / cold
+    between(loss, 0.05, 0.2, SCALE[word])
+    # Two thirds of it come within the time constants of oil and housing.
+    assert np.all(1 - whole(400.0) / cold > 0.6 * loss)
+    assert np.all(1 - whole(25.0) / cold < 0.6 * loss)
+
+
+@pytest.mark.parametrize("word", SCALE)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_ripple_is_a_part_of_the_torque_range_and_no_single_wave(seed, word):
+    background, _ = arm(seed, word)
+    turn = np.linspace(-np.pi, np.pi, 20001)[:, None] * np.ones(ROBOT.dof)
+    wave = cogging(background, turn)
+    between(np.abs(wave).max(axis=0) / sizes(ROBOT).torque, 0.003, 0.012, SCALE[word])
+    power = np.abs(np.fft.rfft(wave - wave.mean(axis=0), axis=0)) ** 2
+    for j in range(ROBOT.dof):
+        largest = power[:, j].argmax()
+        near = slice(max(largest - 3, 0), largest + 4)
+        assert power[near, j].sum() < 0.9 * power[:, j].sum()
+
+
+@pytest.mark.parametrize("word", SCALE)
+def test_drives_report_more_or_less_than_they_give(word):
+    motion = make_motion("fourier", room(ROBOT), 6.0, 250.0, stream(1, "motion"))
+    for seed in SEEDS:
+        plant = Plant(ROBOT, (), seed, word)
+        told = true_torque(plant, motion, "log")
+        given = told.rigid + told.base + told.background.torque
+        gain = (told.tau / given).mean(axis=0) - 1
+        assert np.all(np.abs(gain) <= SCALE[word] * 0.04 + 1e-9)
+        assert np.abs(gain).max() > 0.01
+
+
+def test_gears_twist_with_their_load_and_harden():
+    motion = make_motion("fourier", room(ROBOT), 6.0, 250.0, stream(1, "motion"))
+    for seed in SEEDS:
+        told = true_torque(Plant(ROBOT, (), seed, "workshop"), motion, "log")
+        load = told.rigid / sizes(ROBOT).torque
+        lead = told.reading - motion.q
+        for j in range(5):  # the last one carries next to nothing
+            felt = np.abs(load[:, j]) > 1e-4
+            twist = lead[felt, j] / load[felt, j]
+            # A gear that hardens gives less than that under the most.
+            assert 0.5 * 3e-4 <= twist.min() <= twist.max() <= 1.5e-3 * (1 + 1e-6)
+        heavy = np.abs(load[:, 1]).argmax()
+        soft = np.abs(np.abs(load[:, 1]) - 0.05).argmin()
+        give = lead[:, 1] / load[:, 1]
+        assert give[heavy] < 0.95 * give[soft]  # a linear spring: equal
+
+
+@pytest.mark.parametrize(("word", "corner"), [("workshop", 40.0), ("worn", 20.0)])
+def test_torque_is_logged_late_and_in_steps(word, corner):
+    background, _ = arm(1, word)
+    t = np.arange(20000) / 5000.0
+    wave = np.sin(2 * np.pi * corner * t)[:, None] * background.span
+    told = logged(background, wave, 5000.0)
+    ratio = told[10000:].std(axis=0) / wave[10000:].std(axis=0)
+    np.testing.assert_allclose(ratio, 2**-0.5, rtol=0.03)  # 3 dB at the corner
+    steps = told / (SCALE[word] * 1e-3 * background.span)
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+
+
+def test_an_arm_keeps_its_background_and_another_has_another():
+    one, again = (arm(3, "workshop")[0].drawn for _ in range(2))
+    other = arm(4, "workshop")[0].drawn
+    assert all(np.array_equal(one[key], again[key]) for key in one)
+    assert not np.array_equal(one["level"], other["level"])
+    hidden = Hidden("offset", (2,), {"level": 3.0})
+    changed = background_of(Plant(ROBOT, (hidden,), 3, "workshop")).drawn
+    assert all(np.array_equal(one[key], changed[key]) for key in one)
+
+
+def test_the_same_seed_makes_the_same_log():
+    logs = [make(Plant(ROBOT, (), 2, "workshop"), PLAN, 2)[0] for _ in range(2)]
+    assert np.array_equal(logs[0].tau, logs[1].tau)
+    assert np.array_equal(logs[0].q, logs[1].q)
+
+
+def test_a_clean_arm_is_what_it_was():
+    """Figures of the version before there was a background."""
+    log = make(Plant(ROBOT, (), 2, "clean"), PLAN, 2)[0]
+    plain = make(Plant(ROBOT, (), 2), PLAN, 2)[0]
+    assert np.array_equal(log.tau, plain.tau)
+    before = (44.976943418502714, 59.734060523380585, 58.5828019034465, 97.565831253829)
+    np.testing.assert_allclose(log.tau[100::400, 1], before, rtol=1e-12)
+
+
+def test_friction_of_a_used_arm_takes_power():
+    motion = make_motion("move_stop_move", room(ROBOT), 8.0, 250.0, stream(1, "m"))
+    for seed in SEEDS:
+        plant = Plant(ROBOT, (), seed, "worn")
+        told, own = true_torque(plant, motion, "log"), background_of(plant)
+        rotor = true_friction(plant).rotor
+        lead = told.reading - motion.q
+        rate = np.gradient(lead, motion.t, axis=0)
+        qdd = motion.qdd + np.gradient(rate, motion.t, axis=0)
+        rubbing = told.base + told.background.torque - rotor * qdd
+        rubbing -= cogging(own, told.reading)
+        power = (rubbing * (motion.qd + rate)).sum(axis=0)
+        assert np.all(power > 0)
+
+
+def test_an_unknown_word_is_refused_with_what_was_expected():
+    with pytest.raises(InputError, match=r"'dusty'.*clean, workshop, worn"):
+        draw_background(ROBOT, "dusty", 1, np.ones(6))
