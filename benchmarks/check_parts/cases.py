@@ -11,7 +11,7 @@ from benchmarks.check_parts.arms import DRAWN, ENGINE, HOSTS, SIX, Host, host
 from benchmarks.check_parts.judge import given, judged, read, told
 from benchmarks.check_parts.spoiled import Fault, Spoiled
 from benchmarks.check_parts.traces import trace
-from benchmarks.diagnosis_parts.arms import SYNTHETIC, as_form, make, the_arm
+from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from flows.blind.draw import vocabulary
 from flows.blind.size import draw_sized
 from flows.inputs.logs import LogSets
@@ -21,7 +21,7 @@ from flows.steps.diagnose import diagnose
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.catalogue import forms
+from sim.catalogue import forms, kinds
 from sim.streams import stream
 
 FAULTS: Mapping[str, Fault] = {
@@ -175,8 +175,13 @@ def _effects(task: Task) -> list[dict]:
     name = forms()[task.host][0] if form else task.host
     effect = draw_sized(robot, rng, name, None, ())
     hidden = as_form(effect, task.host) if form else effect
-    made = make(SYNTHETIC, [hidden], task.seed, task.seed)
+    made = make(_arm_for(name), [hidden], task.seed, task.seed)
     return [_sound(made.robot, made.fit, task, name)]
+
+
+def _arm_for(name: str) -> str:
+    """The kind of arm that can have an effect: some only the one in the engine."""
+    return SYNTHETIC if kinds()[name].on_synthetic else PYBULLET
 
 
 def _sound(robot: Robot, logs: Sequence[Recording], task: Task, effect: str) -> dict:

@@ -7,6 +7,7 @@ from benchmarks.check_parts import bars, cases, judge
 from benchmarks.check_parts.arms import HIDDEN, SIX, host
 from benchmarks.check_parts.spoiled import Spoiled, table_of, tables_of
 from benchmarks.check_parts.traces import trace
+from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair
 from sim.streams import stream
@@ -179,3 +180,18 @@ def test_what_leaves_no_trace_is_counted_apart_found_or_not():
     assert (found["faults_found"]["value"], found["faults_found"]["n"]) == (1.0, 1)
     assert found["not_applicable"]["value"] == 2
     assert found["not_applicable"]["found_all_the_same"] == 1
+
+
+@pytest.mark.parametrize(
+    ("effect", "wanted"), [("x_dead_zone", PYBULLET), ("viscous", SYNTHETIC)]
+)
+def test_an_effect_is_hidden_in_an_arm_that_can_have_it(effect, wanted, monkeypatch):
+    class MadeError(Exception):
+        pass
+
+    def make(data, *_):
+        raise MadeError(data)
+
+    monkeypatch.setattr(cases, "make", make)
+    with pytest.raises(MadeError, match=wanted):
+        cases.run(cases.Task("effects", effect, 1))
