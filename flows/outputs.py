@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from residual.errors import InputError
+from warehouse.layout import FOLDERS
 
 
 def json_text(document: Mapping) -> str:
@@ -42,6 +43,26 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
         if place in seen:
             raise InputError(f"{seen[place]} and {option} both name {path}.")
         seen[place] = option
+
+
+def check_outside(option: str, file: str | None, store: Path) -> None:
+    """Refuse to write among the records of a store, which nothing may change.
+
+    Args:
+        option: The option that names the file.
+        file: The file, as it was typed.
+        store: The store.
+
+    Raises:
+        InputError: If it lies in one of its folders.
+    """
+    place, store = Path(file or store).resolve(), store.resolve()
+    # A store may be a folder with other things beside its own.
+    inside = place.relative_to(store).parts[:1] if place.is_relative_to(store) else ()
+    if set(inside) & FOLDERS:
+        raise InputError(
+            f"{option} {file} is among the records of the store. Name a file elsewhere."
+        )
 
 
 def check_new_folder(option: str, place: Path) -> None:

@@ -2,8 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from typing import TypeVar
 
-from residual.errors import UnknownNameError
+from residual.errors import InputError, UnknownNameError
+
+Content = TypeVar("Content")
+
+# Levels of tables and lists in a file; none of ours has a third of it, and what walks
+# through them by calling itself ends at some hundreds.
+DEEPEST = 64
 
 
 def check_name(name: str, known: Iterable[str], what: str) -> str:
@@ -58,3 +65,27 @@ def joints_listed(numbers: Sequence[int]) -> str:
         numbers: The joints, from 1.
     """
     return f"joint{'s' if len(numbers) > 1 else ''} {listed(numbers)}"
+
+
+def check_nesting(content: Content, where: str) -> Content:
+    """Return the content of a file if its tables and lists are not nested too deep.
+
+    Args:
+        content: What a reader of TOML or JSON made of it.
+        where: Name of the file, for the message.
+
+    Raises:
+        InputError: If they are.
+    """
+    level: list = [content]
+    for _ in range(DEEPEST + 1):
+        inside = (part for part in level if isinstance(part, dict | list))
+        level = [
+            item
+            for part in inside
+            for item in (part.values() if isinstance(part, dict) else part)
+            if isinstance(item, dict | list)
+        ]
+        if not level:
+            return content
+    raise InputError(f"{where} is nested too deep, expected up to {DEEPEST} levels.")

@@ -1,5 +1,6 @@
 """Parquet files as the store writes them, and files that survive a kill."""
 
+import errno
 import json
 import os
 import shutil
@@ -15,10 +16,13 @@ import pyarrow.parquet as pq
 
 from residual.errors import InputError
 from warehouse.ids import data_hash, digest
-from warehouse.layout import STAGING
+from warehouse.layout import SEALED, STAGING
+from warehouse.sums import check_file, damaged, write_sums
 
 Array = np.ndarray
 
+PRIVATE, _PRIVATE_FILE = 0o700, 0o600
+_READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 _WIDTHS = b"modelgap.widths"
 
 
@@ -51,22 +55,17 @@ def parquet_options(schema: pa.Schema) -> dict:
 
 
 def read_parquet(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """Read a file of the store, checksums and all.
+    """Read a file of the store, checked against its sums.
 
     Raises:
         InputError: If it is not there or damaged; the message names it.
     """
+    check_file(path)
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             return file.read(columns=columns)
     except (pa.ArrowException, OSError) as error:
         raise InputError(damaged(path, error)) from error
-
-
-def damaged(path: Path, error: Exception) -> str:
-    """Return one line that names a damaged file."""
-    what = " ".join(str(error).split())
-    return f"{path} is damaged ({what[:120]}). Take its folder out of the store."
 
 
 def to_table(arrays: Mapping[str, Array], units: Mapping[str, str]) -> pa.Table:
@@ -127,17 +126,34 @@ def table_hash(table: pa.Table) -> str:
     return digest(parts)
 
 
+class ReadOnlyStoreError(InputError, PermissionError):
+    """A store in which nothing may be written; nothing was, and nothing is lost."""
+
+
 @contextmanager
 def staged(store: Path, label: str) -> Iterator[Path]:
     """Give a folder of one's own in ``_staging``; nothing of it stays.
 
     Args:
-        store: The store; made where there is none.
+        store: The store; made where there is none, for its owner alone.
         label: Begins its name, for people who look.
+
+    Raises:
+        ReadOnlyStoreError: If nothing may be written there.
     """
     name = f"{label}.{os.getpid()}.{uuid.uuid4().hex[:8]}"
     folder = store / STAGING / name
-    folder.mkdir(parents=True)
+    try:
+        if not store.exists():
+            store.mkdir(PRIVATE, parents=True, exist_ok=True)
+        folder.mkdir(parents=True)
+    except OSError as error:
+        if error.errno not in _READ_ONLY:
+            raise
+        raise ReadOnlyStoreError(
+            f"The store {store} is read-only here ({error.strerror}). Nothing was "
+            "written and nothing was lost. Name another one with --store FOLDER."
+        ) from error
     try:
         yield folder
     finally:
@@ -145,7 +161,7 @@ def staged(store: Path, label: str) -> Iterator[Path]:
 
 
 def publish(folder: Path, target: Path) -> bool:
-    """Make a staged folder visible at its place, whole or not at all.
+    """Make a staged folder visible at its place with its sums, whole or not at all.
 
     Args:
         folder: The folder in ``_staging``, all files written.
@@ -154,6 +170,9 @@ def publish(folder: Path, target: Path) -> bool:
     Returns:
         Whether it is this one; False if another writer was faster.
     """
+    write_sums(folder)
+    if target.parent.name == SEALED:
+        _keep_private(folder, target.parent)
     for path in folder.iterdir():
         sync(path)
     sync(folder)
@@ -205,6 +224,17 @@ def sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def _keep_private(folder: Path, around: Path) -> None:
+    """Let nobody but the owner look at what is hidden, nor list it."""
+    for path in folder.iterdir():
+        path.chmod(_PRIVATE_FILE)
+    folder.chmod(PRIVATE)
+    _make_folders(around)
+    # Not ours in a store that several write: then it is as its owner made it.
+    with suppress(PermissionError):
+        around.chmod(PRIVATE)
 
 
 def _make_folders(folder: Path) -> None:

@@ -77,6 +77,12 @@ KINDS = {
     )
 }
 
+# All that a store has, by the names of its folders; nobody else writes there.
+FOLDERS = frozenset(
+    {STAGING, INDEX, SEALED, QUARANTINE, "made_with", "robots", "_prefect"}
+    | {kind.folder for kind in KINDS.values()}
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Found:

@@ -15,7 +15,7 @@ from residual.errors import InputError
 from residual.recording import Recording
 from warehouse.files import read_parquet, replace_file, to_arrays
 from warehouse.ids import ID_DIGITS, check_id, data_hash
-from warehouse.layout import QUARANTINE, SAMPLES_FILE, find_run
+from warehouse.layout import KINDS, QUARANTINE, SAMPLES_FILE, find_run
 
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
 
@@ -30,7 +30,11 @@ def read_manifest(store: Path, run_id: str) -> dict:
     Raises:
         InputError: If there is no such run, or it is damaged.
     """
-    row = read_parquet(find_run(store, run_id).row, ["manifest"])
+    return _manifest(find_run(store, run_id).folder)
+
+
+def _manifest(folder: Path) -> dict:
+    row = read_parquet(folder / KINDS["runs"].row, ["manifest"])
     return json.loads(row.column("manifest")[0].as_py())
 
 
@@ -97,10 +101,18 @@ def read_channels(store: Path, run_id: str) -> dict:
     Raises:
         InputError: If there is no such run, or its samples are damaged.
     """
-    run = find_run(store, run_id)
-    path = run.folder / SAMPLES_FILE
+    return check_samples(find_run(store, run_id).folder)
+
+
+def check_samples(folder: Path) -> dict:
+    """Return the channels in the folder of a run, held against the hash of its record.
+
+    Raises:
+        InputError: If they are damaged.
+    """
+    path = folder / SAMPLES_FILE
     arrays = to_arrays(read_parquet(path))
-    if data_hash(arrays) != read_manifest(store, run.id)["data_hash"]:
+    if data_hash(arrays) != _manifest(folder)["data_hash"]:
         raise InputError(
             f"{path} is damaged: its values are not those that were committed. "
             "Take its folder out of the store."

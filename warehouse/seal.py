@@ -18,6 +18,7 @@ from warehouse.ids import canonical, check_id, data_hash, digest
 from warehouse.layout import SEALED, find_run
 from warehouse.runs import read_manifest
 from warehouse.schema import SIGNALS
+from warehouse.sums import check_file
 
 Array = np.ndarray
 
@@ -70,6 +71,7 @@ def open_seal(store: Path, run_id: str) -> Sealed:
     """
     run = find_run(store, run_id)
     folder = _folder(store, run.id)
+    check_file(folder / SPEC)
     try:
         spec = json.loads((folder / SPEC).read_bytes())
     except FileNotFoundError as error:

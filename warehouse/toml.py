@@ -7,10 +7,11 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from residual.errors import InputError
-from residual.names import check_name
+from residual.names import check_name, check_nesting
 
 Record = TypeVar("Record")
 
+LARGEST = 16 << 20  # bytes; no file that anybody writes has as many
 _EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -27,10 +28,16 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     """Read a TOML file.
 
     Raises:
-        InputError: If it is not there, not text or not TOML.
+        InputError: If it is not there, too large, not text, not TOML or nested deep.
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        with Path(path).open("rb") as file:
+            data = file.read(LARGEST + 1)
+        if len(data) > LARGEST:
+            raise InputError(f"{path} is larger than {LARGEST} bytes.")
+        return check_nesting(tomllib.loads(data.decode()), str(path))
+    except RecursionError as error:
+        raise InputError(f"{path} is nested too deep.") from error
     except OSError as error:
         raise InputError(f"Cannot read {path}: {error.strerror}.") from error
     except UnicodeDecodeError as error:

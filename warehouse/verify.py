@@ -13,6 +13,7 @@ from warehouse import ids
 from warehouse.files import read_parquet, table_hash, to_arrays
 from warehouse.layout import KINDS, SAMPLES_FILE, Found
 from warehouse.schema import SIGNALS, VIEWS, arrow_schema
+from warehouse.sums import SUMS, file_faults
 
 _OTHER_FORM = (
     KeyError,
@@ -30,6 +31,9 @@ def faults(found: Found) -> tuple[str, ...]:
     Args:
         found: The record.
     """
+    wrong = file_faults(found.folder)
+    if wrong:
+        return wrong
     try:
         row = read_row(found)
         key = KINDS[found.kind].key
@@ -71,7 +75,8 @@ def list_tables(found: Found) -> dict[str, pa.Table]:
 def other_files(found: Found) -> dict[str, Path]:
     """Return the files of a record beside its row, by their names."""
     paths = sorted(p for p in found.folder.iterdir() if p.is_file())
-    return {p.name: p for p in paths if p.name != KINDS[found.kind].row}
+    own = {KINDS[found.kind].row, SUMS}
+    return {p.name: p for p in paths if p.name not in own}
 
 
 def _check_form(found: Found) -> None:

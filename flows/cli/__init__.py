@@ -4,6 +4,7 @@ Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or input
 interrupted.
 """
 
+import errno
 import os
 import sys
 import traceback
@@ -15,6 +16,9 @@ from flows.cli.app import run
 from flows.errors import RunError
 from residual.errors import ModelgapError
 
+# Also a file that may not grow, by a quota or by ulimit -f.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NO_SPACE = "No space left"  # where a library gives no number
 TRACEBACK = "MODELGAP_TRACEBACK"
 
 
@@ -52,15 +56,23 @@ def _explain(error: Exception) -> int:
     if isinstance(error, CycloptsError):
         return _say(f"{' '.join(str(error).split())} See modelgap --help.", 2)
     what = " ".join(f"{type(error).__name__}: {error}".split())
-    if isinstance(error, OSError) and "No space left" in what:
+    if (isinstance(error, OSError) and error.errno in _FULL) or _NO_SPACE in what:
         return _say(
-            "the disk is full; what was not finished is not stored, all else is as it "
-            "was.\nMake room and give the same command again.",
+            "the disk is full; nothing was lost: what was not finished is not stored, "
+            "all else is as it was.\nMake room and give the same command again.",
+            1,
+        )
+    if isinstance(error, OSError) and error.errno == errno.EROFS:
+        return _say(
+            f"{error.filename or 'the disk'} is on a read-only disk; nothing was "
+            "written and nothing was lost.",
             1,
         )
     return _say(f"unexpected failure: {what}\nSet {TRACEBACK}=1 to see where.", 1)
 
 
 def _say(text: str, code: int) -> int:
-    print(f"modelgap: {text}", file=sys.stderr)
+    # What came out of a stranger's file must do nothing to the terminal.
+    plain = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+    print(f"modelgap: {plain}", file=sys.stderr)
     return code

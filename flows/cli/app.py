@@ -61,6 +61,7 @@ _COMMANDS = {
         "bundle": ("bundle:bundle", None),
         "unbundle": ("bundle:unbundle", None),
         "compact": ("store:compact", None),
+        "verify": ("store:verify", None),
     },
     "Schedule": {
         "up": ("service:up", None),

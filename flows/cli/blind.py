@@ -7,7 +7,7 @@ from rich.console import Console
 
 from flows.blind.draw import Asked
 from flows.blind.run import run_study
-from flows.cli.options import named_files
+from flows.cli.options import LONGEST, SEEDS, check_between, named_files
 from flows.errors import RunError
 from flows.outputs import check_writable, write_all
 from flows.progress import progress_bar
@@ -47,6 +47,8 @@ def blind(
         duration: Length of every experiment [s].
     """
     place, console = store_folder(store), Console()
+    check_between("--seed", seed, 0, SEEDS)
+    check_between("--duration", duration, 0.1, LONGEST)
     asked = Asked(n, seed, duration=duration)
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}, expected 1 or more.")

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from flows.cli.options import Flag
+from flows.outputs import check_outside
 from flows.settings import store_folder
 from warehouse.exchange.bundle import write_bundle
 from warehouse.exchange.unbundle import read_bundle
@@ -39,6 +40,7 @@ def bundle(
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     place = store_folder(store)
+    check_outside("--out", out, place)
     made = write_bundle(place, id, Path(out), not without_seal)
     for kind, each in made.records:
         print(f"{kind:12} {each}")

@@ -3,7 +3,7 @@
 from rich.console import Console
 
 from flows.cli.demo_run import run_flow, run_plain
-from flows.cli.options import Flag
+from flows.cli.options import SEEDS, Flag, check_between
 from flows.keep.diagnosis import read_outcome
 from flows.progress import progress_bar
 from flows.report.stored import as_hidden
@@ -41,6 +41,7 @@ def demo(
         plain: The same steps without Prefect.
     """
     place, console = store_folder(store), Console()
+    check_between("--seed", seed, 0, SEEDS)
     asked = Demo(seed, effect, place)
     # Before anything is started, so that a wrong word is answered at once.
     count = len(steps.specs(asked))

@@ -2,7 +2,14 @@
 
 from rich.console import Console
 
-from flows.cli.options import Log, Words, named_files, parse_declared
+from flows.cli.options import (
+    SEEDS,
+    Log,
+    Words,
+    check_between,
+    named_files,
+    parse_declared,
+)
 from flows.keep.null import null_json
 from flows.outputs import check_writable, read_files, write_all
 from flows.progress import progress_bar
@@ -54,6 +61,8 @@ def calibrate_null(
         out: JSON file to write as well.
         workers: Number of processes; one per core without it.
     """
+    check_between("--seed", seed, 0, SEEDS)
+    check_between("--draws", draws, 1, 1_000_000)
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}, expected 1 or more.")
     files = named_files({"--out": out})

@@ -7,6 +7,8 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from residual.errors import InputError
+
 # A switch without a value; there is no --no-switch.
 Flag = Annotated[bool, Parameter(negative="")]
 # Takes all following words up to the next option; at least one.
@@ -14,6 +16,24 @@ Words = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negativ
 Log = Annotated[str, Parameter(name="LOG")]
 
 STDOUT = "-"
+# As in the files of experiments (flows/specs/experiment.py).
+LONGEST, MOST_PERIODS, FASTEST, SEEDS = 600.0, 100, 20_000.0, 2**63 - 1
+
+
+def check_between(option: str, value: float, low: float, high: float) -> None:
+    """Refuse a number that no run ends with.
+
+    Args:
+        option: The option, as messages begin.
+        value: What was given.
+        low: The least that is taken.
+        high: The most that is taken.
+
+    Raises:
+        InputError: If it is none of them, or no number.
+    """
+    if not low <= value <= high:
+        raise InputError(f"{option} {value:g}: expected {low:g} to {high:g}.")
 
 
 def parse_declared(text: str | None) -> tuple[str, ...] | None:

@@ -1,6 +1,7 @@
 """modelgap sql: ask the store."""
 
 import sys
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -11,7 +12,7 @@ from cyclopts import Parameter
 
 from flows.cli.options import Flag
 from flows.cli.store import Format
-from flows.outputs import check_writable, write_all
+from flows.outputs import check_outside, check_writable, write_all
 from flows.report.terminal.answers import (
     as_bytes,
     check_shown,
@@ -22,6 +23,7 @@ from flows.report.terminal.schema import named_table, schema_table, values_of
 from flows.settings import store_folder
 from residual.errors import InputError
 from residual.names import check_name
+from warehouse.query.guard import LONGEST
 from warehouse.query.named import NAMED
 from warehouse.query.store import Store, open_store
 
@@ -46,6 +48,8 @@ def sql(
     schema: Flag = False,
     format: Format = "table",
     out: str | None = None,
+    timeout: float = 60.0,
+    without_damaged: Flag = False,
     store: Annotated[str | None, Parameter(name="--store")] = None,
 ) -> None:
     """Ask the store in SQL; it can only be read.
@@ -62,6 +66,11 @@ def sql(
     Without a query on a terminal: one query after the other, each ended by ;.
     Without a terminal one query is read from standard input.
 
+    A query may take half of this machine's memory, its answer a quarter. What it reads
+    is checked: damaged samples are an error that names the run. JSON has numbers that
+    are not finite as the texts NaN, Infinity and -Infinity, since it knows no such
+    numbers.
+
     Args:
         query: One SELECT over the views, in the SQL of DuckDB.
         named: A query that comes with the program, by its name; without one they are
@@ -69,7 +78,9 @@ def sql(
         with_: A value for a named query, as name=value.
         schema: Show the views with every column and its unit, and the named queries.
         format: How to print the answer; parquet needs --out on a terminal.
-        out: File for the answer.
+        out: File for the answer, not among the records of the store.
+        timeout: Seconds that a query may take; inf for no end.
+        without_damaged: Answer from what is whole, and say what was left out.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     asked = [query is not None, named is not None, schema]
@@ -79,6 +90,13 @@ def sql(
         raise InputError("--with gives a value to a query of --named NAME.")
     check_shown(format, out)
     check_writable({"--out": Path(out)} if out else {}, ())
+    check_outside("--out", out, store_folder(store))
+    if not timeout > 0:
+        raise InputError(f"--timeout {timeout}: expected seconds above 0, or inf.")
+    how = {
+        "without_damaged": without_damaged,
+        "timeout": timeout if timeout <= threading.TIMEOUT_MAX else None,
+    }
     if schema:
         _give(schema_table(), format, out)
         if out is None and format == "table":
@@ -88,25 +106,26 @@ def sql(
         _give(named_table(), format, out)
     elif not any(asked) and sys.stdin.isatty():
         with open_store(store_folder(store)) as opened:
-            prompt(opened, format)
+            prompt(opened, format, **how)
     else:
         text, values = _asked(query, named, with_)
         with open_store(store_folder(store)) as opened:
-            _give(opened.sql(text, values), format, out)
+            _give(opened.sql(text, values, **how), format, out)
             tell_damage(opened)
 
 
-def prompt(store: Store, format: str) -> None:
+def prompt(store: Store, format: str, **how: object) -> None:
     """Read queries and print answers until the end; an error ends only its query.
 
     Args:
         store: The opened store.
         format: How to print answers.
+        how: Options of every query (`Store.sql`).
     """
     print(HELP)
     for query in _typed():
         try:
-            print_table(store.sql(query), format)
+            print_table(store.sql(query, **how), format)
             tell_damage(store)
         except InputError as error:
             print(error)
@@ -139,7 +158,7 @@ def _asked(
 ) -> tuple[str, Mapping[str, str]]:
     """Return the SQL, and the values of what stands for something in it."""
     if named is None:
-        query = query if query is not None else sys.stdin.read()
+        query = query if query is not None else sys.stdin.read(LONGEST + 1)
         if not query.strip():
             raise InputError(_ONE_OF)
         return query, {}

@@ -1,10 +1,14 @@
-"""modelgap runs, show and compact: what the store remembers."""
+"""modelgap runs, show, compact and verify: what the store remembers."""
 
 import json
+import sys
+from collections import Counter
+from collections.abc import Iterable
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from flows.errors import RunError
 from flows.report.terminal.answers import check_shown, print_table, tell_damage
 from flows.report.terminal.records import record_lines
 from flows.settings import store_folder
@@ -13,7 +17,8 @@ from warehouse.commit import read_record
 from warehouse.layout import find
 from warehouse.query.store import Store, open_store
 from warehouse.query.views import text as quoted
-from warehouse.runs import tombstone
+from warehouse.runs import read_manifest, tombstone
+from warehouse.verify_all import open_to_others, verify_all
 
 Format = Literal["table", "csv", "json", "parquet"]
 _Store = Annotated[str | None, Parameter(name="--store")]
@@ -46,8 +51,10 @@ def runs(
     with open_store(store_folder(store)) as opened:
         latest = f"FROM runs ORDER BY created DESC, run_id LIMIT {limit}"
         query = f"SELECT {_COLUMNS} FROM ({latest}) ORDER BY created, run_id"
-        print_table(opened.sql(query), format)
+        rows = opened.sql(query, without_damaged=True)
+        print_table(rows, format)
         tell_damage(opened)
+        _tell_rows(opened, rows.column("run_id").to_pylist())
 
 
 def compact(*, largest: float = 1.0, store: _Store = None) -> None:
@@ -74,6 +81,49 @@ def compact(*, largest: float = 1.0, store: _Store = None) -> None:
         f"{done.runs} runs copied into {done.files} files of {done.size / 1e6:.1f} MB; "
         f"{done.left} larger or damaged ones are read as they are"
     )
+
+
+def verify(*, store: _Store = None) -> None:
+    """Read the whole store and say what is not as it was written.
+
+    ```
+    modelgap verify
+    ```
+
+    Every byte of every record, seal and robot is held against its SHA-256, every id
+    against what it is the hash of. Exit code 1 where something is damaged or missing,
+    so that it can run by itself, from cron for example. Nothing is changed. It takes
+    about as long as reading the store from the disk.
+
+    Args:
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    place = store_folder(store)
+    if not place.is_dir():
+        raise InputError(f"There is no store at {place}. Say where: --store FOLDER.")
+    counts: Counter = Counter()
+    damaged = unsummed = 0
+    for each in verify_all(place):
+        counts[each.kind] += 1
+        unsummed += not each.summed
+        damaged += bool(each.faults)
+        for line in each.faults:
+            print(f"DAMAGED  {each.kind} {each.id}: {line}")
+    told = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    print(f"verified {told or 'an empty store'}")
+    if unsummed:
+        print(
+            f"{unsummed} of them have no sums of their files, being of an earlier "
+            "version: their values were verified, and not what lies around them."
+        )
+    if open_to_others(place):
+        print(f"note: other users of this machine may look into it: chmod 700 {place}")
+    sys.stdout.flush()
+    if damaged:
+        raise RunError(
+            f"{damaged} of {counts.total()} are damaged. Take their folders out of the "
+            "store; what can be made again is, by the same command as before."
+        )
 
 
 def show(
@@ -111,7 +161,21 @@ def show(
         print("\n".join(record_lines(record)))
 
 
+def _tell_rows(store: Store, ids: Iterable[str]) -> None:
+    """Say whose record has gone or is damaged: the list has them from a copy."""
+    for id in ids:
+        try:
+            read_manifest(store.path, id)
+        except InputError as error:
+            print(f"modelgap: listed from a copy: {error}", file=sys.stderr)
+
+
 def _relatives(store: Store, id: str) -> dict:
-    parents = store.sql(f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}")
-    children = store.sql(f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}")
-    return {"parents": parents.to_pylist(), "children": children.to_pylist()}
+    asked = {
+        "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
+        "children": f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}",
+    }
+    return {
+        name: store.sql(query, without_damaged=True).to_pylist()
+        for name, query in asked.items()
+    }

@@ -4,7 +4,14 @@ from pathlib import Path
 
 from rich.console import Console
 
-from flows.cli.options import named_files
+from flows.cli.options import (
+    FASTEST,
+    LONGEST,
+    MOST_PERIODS,
+    SEEDS,
+    check_between,
+    named_files,
+)
 from flows.inputs.robots import load
 from flows.outputs import check_writable, write_all
 from flows.report.page.motion import motion_png
@@ -45,7 +52,7 @@ def trajectory(
             with air moves) or move_stop_move (pick and place with dwells).
         robot: Built-in name (irb140), URDF file, or folder with one *.urdf and an
             optional robot.toml.
-        duration: Length in seconds.
+        duration: Length in seconds, up to 600.
         periods: How often the motion is repeated within it.
         seed: Seed of what is drawn: starts of the search, work piece, places.
         rate: Samples per second of the CSV.
@@ -56,6 +63,10 @@ def trajectory(
     """
     files = named_files({"--csv": csv, "--plot": plot, "--gif": gif})
     check_writable(files, [Path(robot)])
+    check_between("--duration", duration, 0.1, LONGEST)
+    check_between("--periods", periods, 1, MOST_PERIODS)
+    check_between("--rate", rate, 1, FASTEST)
+    check_between("--seed", seed, 0, SEEDS)
     spec, arm = TrajectorySpec(kind, duration, periods, seed), load(robot)
     motion = make_reference(arm, spec, rate)
     make = {

@@ -24,6 +24,8 @@ def read_null(path: str) -> Null:
         record = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"--null {path}: cannot be read, {error.strerror}.") from error
+    except RecursionError as error:
+        raise InputError(f"--null {path} is nested too deep.") from error
     except ValueError as error:
         raise InputError(
             f"--null {path} is no JSON, expected what modelgap calibrate-null --out "

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from warehouse.commit import commit_run, imported_run_id
 from warehouse.layout import record_folder
 from warehouse.logs import ColumnMap, Understood, load_columns, read_any, unique_ids
 from warehouse.origin.robots import keep_robot
+from warehouse.runs import read_manifest
 
 LONGEST = 60
 
@@ -116,8 +118,17 @@ def store_log(log: Log, request: Import, robot: Robot) -> str:
 
     Returns:
         The id of the run.
+
+    Raises:
+        InputError: If one that is there is damaged, or nothing may be written.
     """
     store = store_folder(request.store)
+    if log.stored:
+        # Nothing is to be written, so it may be a store that one can only read.
+        read_manifest(store, log.run_id)
+        with suppress(PermissionError):
+            keep_robot(store, request.robot, robot)
+        return log.run_id
     keep_robot(store, request.robot, robot)
     return commit_run(store, log.recording, log.manifest)
 

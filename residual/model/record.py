@@ -7,6 +7,7 @@ from pathlib import Path
 from residual.errors import InputError
 from residual.model.corrected import Corrected
 from residual.model.model import Model
+from residual.names import check_nesting
 
 
 def to_record(model: Model | Corrected) -> dict:
@@ -38,8 +39,11 @@ def load_model(path: str | Path) -> Model | Corrected:
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except RecursionError as error:
+        raise InputError(f"{path} is no model: it is nested too deep.") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path} is not the file of a model: {error}.") from error
     if not isinstance(content, dict):
         raise InputError(f"{path} is not the file of a model. Save one first.")
+    check_nesting(content, str(path))
     return from_record(content)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from residual.errors import RobotError
-from residual.names import check_keys, check_name
+from residual.errors import InputError, RobotError
+from residual.names import check_keys, check_name, check_nesting
 
 Array = np.ndarray
 Effects = Mapping[str, Collection[str]]
@@ -69,10 +69,12 @@ def parse_toml(text: str, where: str) -> dict:
     """Parse the text of a robot.toml.
 
     Raises:
-        RobotError: On text that is not TOML.
+        RobotError: On text that is not TOML, or nested too deep.
     """
     try:
-        return tomllib.loads(text)
+        return check_nesting(tomllib.loads(text), where)
+    except (RecursionError, InputError) as error:
+        raise RobotError(f"{where} is nested too deep.") from error
     except tomllib.TOMLDecodeError as error:
         raise RobotError(f"{where} is not valid TOML: {error}.") from error
 

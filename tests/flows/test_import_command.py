@@ -1,6 +1,8 @@
 """modelgap import: measured logs become runs like any other."""
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -184,3 +186,24 @@ def test_bad_words_end_with_two_and_store_nothing(run, words):
     assert (code, out) == (2, "")
     assert 1 <= err.count("\n") <= 2
     assert not Path("store").exists()
+
+
+def test_a_stored_log_is_imported_again_where_nothing_may_be_written(
+    run, place, monkeypatch
+):
+    words = "import A.csv --robot arm.urdf"
+    assert run(words)[0] == 0
+    real = Path.mkdir
+
+    def refused(path, *args, **kwargs):
+        if "_staging" in path.parts:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+        return real(path, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "mkdir", refused)
+    code, out, _ = run(words)
+    assert (code, "was in" in out) == (0, True)
+    code, _, err = run(f"{words} --store elsewhere")
+    assert code == 2
+    assert "is read-only here" in err
+    assert "nothing was lost" in err

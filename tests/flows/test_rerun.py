@@ -32,6 +32,7 @@ from warehouse.origin.lineage import RERUN_OF
 from warehouse.query.store import open_store
 from warehouse.runs import read_manifest
 from warehouse.seal import open_seal
+from warehouse.sums import write_sums
 
 EFFECTS = [
     {"name": "payload", "joints": [6], "mass": 4, "com_x": 1 / 3, "onset": 0.5},
@@ -94,6 +95,7 @@ def change_value(store, id, by=1e-9):
     values[30] += by
     at = table.column_names.index("tau3")
     write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
+    write_sums(path.parent)
 
 
 def test_a_spec_comes_back_from_its_two_halves(tmp_path, plant):
@@ -205,6 +207,7 @@ def test_a_spec_that_was_changed_is_the_cause(tmp_path, plant):
     manifest["spec"]["seed"] = manifest["spec"]["trajectory"]["seed"] = 1
     at = table.column_names.index("manifest")
     write_parquet(row, table.set_column(at, "manifest", [[json.dumps(manifest)]]))
+    write_sums(row.parent)
     told = rerun.rerun(id, tmp_path, verify=True)
     assert told.cause.kind == "seed or spec"
 

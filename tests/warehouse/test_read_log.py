@@ -155,6 +155,12 @@ BAD_SAMPLES = {
     "one sample": (lambda t: t[:1], "has 1 samples"),
     "no samples": (lambda t: t[:0], "has 0 samples|no samples"),
     "slow": (scale(0, 1000), "Time in ms"),
+    "microseconds": (scale(0, 1e6), "Time in us.*unit = 'us'"),
+    "nanoseconds": (scale(0, 1e9), "Time in ns.*unit = 'us', scale = 1e-3"),
+    "an hour": (
+        lambda t: t + np.outer(t[:, 0] > 1, [3600, 0, 0, 0, 0]),
+        "stops for 36",
+    ),
     "fast": (scale(0, 0.001), "is the unit of time right"),
     "still": (scale([1, 2], 0), "q is constant on all joints"),
     "no torque": (scale([3, 4], 0), "tau is constant on all joints"),
@@ -180,6 +186,27 @@ def test_degrees_of_a_continuous_joint_show_by_their_speed(
     samples[:, 1:3] *= 57.3
     with pytest.raises(InputError, match=r"limit is 3 rad/s.\nDegrees"):
         read_log(write(samples), load_robot(file))
+
+
+def test_a_broken_line_is_told_by_its_number(robot, samples, write, tmp_path):
+    lines = Path(write(samples)).read_text().splitlines()
+    path = tmp_path / "broken.csv"
+    for broken, said in (
+        (lines[41].replace(",", ",x", 1), "line 42: column 'q1' has 'x"),
+        (lines[41] + ",7", "line 42 has 6 values for 5 names"),
+    ):
+        path.write_text("\n".join([*lines[:41], broken, *lines[42:]]))
+        with pytest.raises(InputError, match=said):
+            read_log(str(path), robot)
+
+
+def test_a_line_of_names_that_was_cut_is_refused(robot, samples, write, tmp_path):
+    text = Path(write(samples)).read_text()
+    more = ",".join(f"signal_{i:010d}" for i in range(5000))
+    path = tmp_path / "wide.csv"
+    path.write_text(text.replace("\n", f",{more}\n", 1))
+    with pytest.raises(InputError, match="line of names does not end in the first"):
+        read_log(str(path), robot)
 
 
 BAD_NAMES = {
@@ -227,7 +254,7 @@ BAD_FILES = {
     "pickle": (lambda s: b"\x80\x04\x95\x00", "is binary"),
     "names only": (lambda s: b"t,q1,q2,tau1,tau2", "no samples|has 0 samples"),
     "text": (lambda s: b"t,q1,q2,tau1,tau2\n0,a,2,3,4\n", "'q1' has 'a', expected a"),
-    "ragged": (lambda s: b"t,q1,q2,tau1,tau2\n0,1,2\n", "a line has 3 values for 5"),
+    "ragged": (lambda s: b"t,q1,q2,tau1,tau2\n0,1,2\n", "line 2 has 3 values for 5"),
     "parquet cut": (broken_parquet, "not a readable Parquet"),
     "parquet fake": (lambda s: b"PAR1 is text", "not a readable Parquet"),
     "prose": (lambda s: b"Dear reader,\nthis is a letter.\n", "missing column"),

@@ -236,7 +236,7 @@ def test_a_list_of_another_form_is_refused(tmp_path, text):
 def test_sizes_that_would_fill_a_disk_are_refused_unread(tmp_path):
     name = "models/model_id=00000000000000000000/_model.parquet"
     for size in (10**15, -1, 1.5, "9", None):
-        contents = {"schema": 1, "about": "a", "records": []}
+        contents = {"schema": 1, "about": "0" * 20, "records": []}
         contents["files"] = {name: {"sha256": "0", "bytes": size}}
         text = json.dumps(contents).encode()
         path = packed(tmp_path / "bad.tar", [(CONTENTS, text), (name, b"x")])

@@ -19,6 +19,7 @@ from warehouse.layout import find, find_run
 from warehouse.origin.provenance import plant_code_hash
 from warehouse.runs import read_channels, read_manifest, read_run
 from warehouse.seal import Sealed, open_seal, sealed_hash
+from warehouse.sums import write_sums
 
 
 def tree(store):
@@ -31,7 +32,9 @@ def test_a_run_lies_where_the_layout_says(tmp_path):
     id = made.commit(tmp_path)
     assert tree(tmp_path) == [
         f"samples/robot=two_link/run_id={id}/_run.parquet",
+        f"samples/robot=two_link/run_id={id}/_sums.json",
         f"samples/robot=two_link/run_id={id}/part-0.parquet",
+        f"sealed/run_id={id}/_sums.json",
         f"sealed/run_id={id}/spec.json",
         f"sealed/run_id={id}/truth.parquet",
     ]
@@ -148,9 +151,14 @@ def test_a_broken_seal_is_told(tmp_path):
     id = made.commit(tmp_path)
     path = tmp_path / "sealed" / f"run_id={id}" / "spec.json"
     path.write_text('{"effects":[]}')
+    with pytest.raises(InputError, match=r"spec\.json is damaged \(it had"):
+        open_seal(tmp_path, id)
+    # Also where the sums were made to fit.
+    write_sums(path.parent)
     with pytest.raises(InputError, match=f"The seal of run {id} is broken"):
         open_seal(tmp_path, id)
     path.write_text("{")
+    write_sums(path.parent)
     with pytest.raises(InputError, match=r"spec\.json is damaged"):
         open_seal(tmp_path, id)
 
@@ -167,6 +175,7 @@ def test_samples_that_were_changed_are_not_given_out(tmp_path):
     path = find_run(tmp_path, id).folder / "part-0.parquet"
     whole = pq.read_table(path)
     pq.write_table(whole.set_column(1, whole.field(1), pa.array(np.zeros(50))), path)
+    write_sums(path.parent)
     with pytest.raises(InputError, match="not those that were committed"):
         read_run(tmp_path, id)
     path.write_bytes(path.read_bytes()[:200])
@@ -229,7 +238,7 @@ def test_a_record_is_kept_once_with_its_tables_and_files(tmp_path):
     id = commit_record(*words, {"run": [run]}, page)
     assert id == commit_record(*words, {"run": [run]}, page)
     folder = tmp_path / "reports" / f"report_id={id}"
-    names = ["_report.parquet", "curve.parquet", "report.html"]
+    names = ["_report.parquet", "_sums.json", "curve.parquet", "report.html"]
     assert sorted(os.listdir(folder)) == names
     assert read_record(tmp_path, id) == {"robot": "r", "kind": "demo"}
     others = [

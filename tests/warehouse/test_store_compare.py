@@ -12,6 +12,7 @@ from warehouse.files import read_parquet, write_parquet
 from warehouse.layout import find
 from warehouse.origin.lineage import needed, tree
 from warehouse.query.store import open_store
+from warehouse.sums import write_sums
 from warehouse.verify import faults
 
 T = np.arange(100) / 50
@@ -117,6 +118,8 @@ def test_a_changed_record_is_found(store):
     text = table.column("record")[0].as_py().replace('"mass"', '"Mass"')
     at = table.column_names.index("record")
     write_parquet(found.row, table.set_column(at, "record", [[text]]))
+    assert "its bytes are not those" in faults(found)[0]
+    write_sums(found.folder)
     assert "not the one that its id is the hash of" in faults(found)[0]
 
 
@@ -128,4 +131,5 @@ def test_a_changed_sample_is_found(store):
     values[7] = np.nextafter(values[7], 1)
     at = table.column_names.index("tau1")
     write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
+    write_sums(path.parent)
     assert "not those that were committed" in faults(find(folder, runs[0]))[0]

@@ -146,9 +146,8 @@ def test_a_damaged_run_is_not_packed(tmp_path):
     path.write_bytes(path.read_bytes()[:500])
     with open_store(tmp_path) as store:
         assert store.compact().runs == 2
-        assert sorted(r["run_id"] for r in store.sql(ASKED).to_pylist()) == sorted(
-            ids[1:]
-        )
+        rows = store.sql(ASKED, without_damaged=True).to_pylist()
+        assert sorted(r["run_id"] for r in rows) == sorted(ids[1:])
 
 
 @contextmanager
@@ -179,9 +178,11 @@ def test_a_full_disk_does_not_stop_questions(tmp_path):
 
 
 def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("warehouse.query.store._memory", lambda: 400_000_000)
+    monkeypatch.setattr("warehouse.query.connection.memory", lambda: 400_000_000)
     with warehouse.open(tmp_path) as store:
-        with pytest.raises(InputError, match=r"larger than 0\.093 GB\. Ask"):
+        with pytest.raises(
+            InputError, match=r"larger than 0\.093 GB, a quarter of .* Ask"
+        ):
             store.sql("FROM range(1000000000000)")
         with pytest.raises(InputError, match="Out of Memory"):
             store.sql("SELECT list(i) FROM range(1000000000) t(i)")

@@ -15,6 +15,7 @@ from warehouse.commit import commit_record, commit_run
 from warehouse.layout import find_run
 from warehouse.query.named import NAMED, TAKES
 from warehouse.runs import quarantine, tombstone
+from warehouse.sums import write_sums
 
 
 def ask(store, query, values=None):
@@ -128,6 +129,7 @@ def test_an_id_of_digits_alone_stays_a_text(store):
         row = pq.read_table(path)
         changed = row.set_column(0, row.field(0), [[digits]])
         pq.write_table(changed, path)
+        write_sums(path.parent)
     ids = [r["run_id"] for r in ask(store, "SELECT DISTINCT run_id FROM samples")]
     assert {"00000000000000000012", "1" * 20, "1e10".zfill(20)} < set(ids)
 
@@ -355,12 +357,14 @@ def damage(path, how):
     elif how == "gone":
         path.unlink()
     elif how == "bits":
-        # Where the first page begins. In the middle of one DuckDB would not see it,
-        # since it checks no sums; read_run does.
         path.write_bytes(data[:4] + bytes(200) + data[204:])
+    elif how == "one bit":
+        # In the middle of a page, where DuckDB sees nothing by itself.
+        at = len(data) // 2
+        path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
 
 
-@pytest.mark.parametrize("how", ["torn", "empty", "gone", "bits"])
+@pytest.mark.parametrize("how", ["torn", "empty", "gone", "bits", "one bit"])
 @pytest.mark.parametrize("which", [0, 2])
 def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path, how, which):
     for seed in range(3):
@@ -368,11 +372,16 @@ def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path, how, which):
     ids = [r["run_id"] for r in ask(tmp_path, "FROM runs")]
     path = find_run(tmp_path, sorted(ids)[which]).folder / "part-0.parquet"
     damage(path, how)
+    asked = (
+        "SELECT run_id, sum(COLUMNS(* EXCLUDE (robot, run_id))) FROM samples "
+        "GROUP BY run_id"
+    )
     with warehouse.open(tmp_path) as opened:
-        rows = opened.sql(
-            "SELECT run_id, sum(COLUMNS(* EXCLUDE (robot, run_id))) FROM samples "
-            "GROUP BY run_id"
-        )
+        with pytest.raises(InputError, match=f"{ids_of(path)}.* is damaged"):
+            opened.sql(asked)
+        with pytest.raises(InputError, match=f"{ids_of(path)}.* is damaged"):
+            opened.sql(asked)
+        rows = opened.sql(asked, without_damaged=True)
         assert sorted(rows["run_id"].to_pylist()) == sorted(set(ids) - {ids_of(path)})
         assert opened.sql("FROM runs").num_rows == 3
         (line,) = opened.damaged
@@ -390,8 +399,13 @@ def test_a_damaged_row_is_named_and_the_others_are_listed(store):
     path = find_run(store, ids[1]).row
     damage(path, "torn")
     with warehouse.open(store) as opened:
-        assert opened.sql("FROM runs")["run_id"].to_pylist() == [ids[0], ids[2]]
-        assert opened.sql("FROM samples").num_rows == 100
+        for view in ("runs", "samples", "lineage"):
+            with pytest.raises(InputError, match=rf"{ids[1]}.* is damaged"):
+                opened.sql(f"FROM {view}")
+        assert opened.sql("FROM models").num_rows == 0
+        rows = opened.sql("FROM runs", without_damaged=True)
+        assert rows["run_id"].to_pylist() == [ids[0], ids[2]]
+        assert opened.sql("FROM samples", without_damaged=True).num_rows == 100
         assert [str(path) in line for line in opened.damaged] == [True]
 
 

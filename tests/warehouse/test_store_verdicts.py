@@ -98,6 +98,7 @@ def test_errors_on_single_runs_and_curves_are_kept_too(tmp_path, runs):
     folder = tmp_path / "diagnoses" / f"diagnosis_id={id}"
     assert sorted(p.name for p in folder.iterdir()) == [
         "_diagnosis.parquet",
+        "_sums.json",
         "curves.parquet",
     ]
 

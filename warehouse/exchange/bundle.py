@@ -20,6 +20,7 @@ from warehouse.origin.made_with import MADE_WITH, files_of
 from warehouse.origin.robots import ROBOTS, robot_folder
 from warehouse.runs import read_manifest
 from warehouse.seal import SPEC, TRUTH
+from warehouse.sums import SUMS
 from warehouse.verify import faults, read_row
 
 SCHEMA = 1
@@ -154,7 +155,7 @@ def _check_name(out: Path) -> None:
 
 
 def _files(store: Path, found: Found) -> Iterator[Path]:
-    yield from (p for p in found.folder.iterdir() if p.is_file())
+    yield from _plain_files(found.folder)
     if found.kind == "runs":
         told = read_manifest(store, found.id)
         yield from files_of(store, told["provenance"])
@@ -164,13 +165,18 @@ def _files(store: Path, found: Found) -> Iterator[Path]:
         hash = (read_record(store, found.id).get("request") or {}).get("robot_hash")
     # A robot that is built in, or was not kept, has no folder.
     with suppress(InputError, FileNotFoundError):
-        yield from sorted(robot_folder(store, hash or "").iterdir())
+        yield from _plain_files(robot_folder(store, hash or ""))
 
 
 def _seal(store: Path, found: Found) -> Iterator[Path]:
     if found.kind == "runs":
         folder = store / SEALED / f"run_id={found.id}"
-        yield from (folder.iterdir() if folder.is_dir() else ())
+        yield from (_plain_files(folder) if folder.is_dir() else ())
+
+
+def _plain_files(folder: Path) -> list[Path]:
+    """Files of a folder but for their sums: a bundle has its own."""
+    return sorted(p for p in folder.iterdir() if p.is_file() and p.name != SUMS)
 
 
 def _write(store: Path, out: Path, contents: dict) -> None:

@@ -1,5 +1,6 @@
 """The records of a bundle into a store: everything checked first, nothing believed."""
 
+import errno
 import tarfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -28,6 +29,8 @@ from warehouse.seal import open_seal
 from warehouse.verify import faults
 
 _READERS = (ValueError, KeyError, TypeError, OSError, RecursionError)
+# Of the disk and not of the bundle.
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _UNFOLDED = 8 << 30  # bytes that a Parquet file may unfold to
 
 
@@ -49,7 +52,7 @@ class _Contents(_Form):
     """The list of contents that a bundle begins with."""
 
     form: Literal[1] = Field(alias="schema")
-    about: str
+    about: str = Field(pattern=r"^[0-9a-f]{20}$")
     records: list[_Record]
     files: dict[str, _Sum] = Field(max_length=MOST)
 
@@ -109,6 +112,8 @@ def _unpack(file: Path, folder: Path) -> _Contents:
             tar.extraction_filter = getattr(tarfile, "data_filter", None)
             tar.extractall(folder, _listed(members, contents.files, file))
     except (tarfile.TarError, OSError, EOFError) as error:
+        if getattr(error, "errno", None) in _NO_ROOM:
+            raise
         raise InputError(
             f"{file} is no bundle: {error}. Expected what modelgap bundle writes."
         ) from error

@@ -17,6 +17,8 @@ LIMIT_SLACK = 0.2
 # No arm goes so much faster than its rating; degrees read as radians do.
 SPEED_SLACK = 5.0
 _SHARE = 0.95  # of the samples are slower
+# What clocks count in besides seconds [s].
+_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +93,26 @@ def _short(recording: Recording) -> Doubt | None:
     if rows / duration < MIN_RATE:
         words = (
             f"{recording.id} has {rows / duration:.3g} samples per second, expected at "
-            f"least {MIN_RATE:g}.\nTime in ms? Say so in --map: time = {{unit = 'ms'}}."
+            f"least {MIN_RATE:g}.\n{_why_slow(recording.t)}"
         )
         return Doubt("time_unit", (), words, fatal=True)
     return None
+
+
+def _why_slow(t: Array) -> str:
+    """Return what may be wrong with times that are too far apart."""
+    steps = np.diff(t)
+    usual, row = float(np.median(steps)), int(np.argmax(steps))
+    if usual * MIN_RATE <= 1:
+        return (
+            f"It stops for {steps[row]:.6g} s after sample {row}. Give the parts "
+            "before and after by themselves: FILE@start:end."
+        )
+    for unit, factor in _UNITS.items():
+        if usual * factor * MIN_RATE <= 1:
+            how = f"unit = '{unit}'" if unit != "ns" else "unit = 'us', scale = 1e-3"
+            return f"Time in {unit}? Say so in --map: time = {{{how}}}."
+    return "Record faster, or say in --map what time is in: time = {unit = ...}."
 
 
 def _constant(recording: Recording) -> Doubt | None:

@@ -15,7 +15,7 @@ from warehouse.logs.columns import TIME_UNITS, ColumnMap
 from warehouse.logs.convert import Understood, channels_of, describe, to_link_side
 from warehouse.logs.file import LogFile
 from warehouse.logs.formats.bag import open_bag
-from warehouse.logs.formats.csv import CsvLog, find_layout
+from warehouse.logs.formats.csv import HEAD, CsvLog, find_layout
 from warehouse.logs.formats.mcap import open_mcap
 from warehouse.logs.formats.parquet import ParquetLog
 from warehouse.logs.select import Selection, check_units, select
@@ -57,7 +57,7 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
 def _head(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            head = file.read(1 << 16)
+            head = file.read(HEAD)
     except OSError as error:
         raise InputError(f"Cannot read {path}: {error.strerror}.") from error
     if not head.strip():

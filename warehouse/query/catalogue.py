@@ -116,12 +116,13 @@ class Catalogue:
     Attributes:
         folders: Folder of every record, by kind and id.
         rows: Catalogue rows by kind, oldest first.
-        damaged: Messages about records whose row cannot be read; these are left out.
+        damaged: Messages about records whose row cannot be read, by kind; these are
+            left out.
     """
 
     folders: Mapping[str, Mapping[str, str]]
     rows: Mapping[str, pa.Table]
-    damaged: tuple[str, ...]
+    damaged: Mapping[str, Sequence[str]]
 
 
 def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
@@ -137,11 +138,11 @@ def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
     folders = {kind: list_folders(store, kind) for kind in KINDS}
     if before is not None and before.folders == folders:
         return before
-    rows, damaged = {}, []
+    rows, damaged = {}, {}
     for kind in KINDS.values():
         rows[kind.name], bad = _rows(store, kind, folders[kind.name], before)
-        damaged += bad
-    return Catalogue(folders, rows, tuple(damaged))
+        damaged[kind.name] = tuple(bad)
+    return Catalogue(folders, rows, damaged)
 
 
 def _rows(

@@ -48,6 +48,8 @@ _FUNCTIONS = {
     "summary",
     "unnest",
 }
+LONGEST = 100_000  # characters of a query
+_DEEP = "The query is nested too deep. Ask with fewer subqueries and brackets."
 _ONLY = "Only one SELECT, or EXPLAIN of one, runs here"
 
 
@@ -61,6 +63,10 @@ def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> str:
     Raises:
         InputError: If it is anything else, or no SQL.
     """
+    if len(query) > LONGEST:
+        raise InputError(
+            f"The query has {len(query)} characters, at most {LONGEST} are taken."
+        )
     kind, text = _one_statement(connection, query)
     if kind == "EXPLAIN":
         inner = _explained(text)
@@ -73,6 +79,19 @@ def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> str:
         hint = " (a PIVOT needs its values: ON x IN (...))" if kind == "MULTI" else ""
         raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
     return text
+
+
+def table_names(connection: duckdb.DuckDBPyConnection, query: str) -> frozenset[str]:
+    """Return the names of tables and views that a query has in it, in small letters.
+
+    Args:
+        connection: Any connection; nothing is executed but the parser.
+        query: What `check_reads_only` gave back.
+    """
+    kind, text = _one_statement(connection, query)
+    nodes = _nodes(_tree(connection, _explained(text) if kind == "EXPLAIN" else text))
+    named = (node for node in nodes if node.get("type") == "BASE_TABLE")
+    return frozenset(str(node.get("table_name")).lower() for node in named)
 
 
 def _one_statement(
@@ -106,12 +125,7 @@ def _explained(text: str) -> str:
 
 
 def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> None:
-    # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
-    asked = connection.execute("SELECT json_serialize_sql(?)", [text])
-    tree = json.loads(asked.fetchall()[0][0])
-    if tree.get("error"):
-        raise InputError(f"{_ONLY}, got something that is neither.")
-    for node in _nodes(tree["statements"]):
+    for node in _nodes(_tree(connection, text)):
         kind = str(node.get("type", ""))
         if kind.endswith("_NODE") and kind not in _QUERIES:
             what = kind.removesuffix("_NODE").removesuffix("_QUERY")
@@ -123,6 +137,18 @@ def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> None:
                     f"SQL reads the views of the store, not '{name}()'. "
                     "See modelgap sql --schema."
                 )
+
+
+def _tree(connection: duckdb.DuckDBPyConnection, text: str) -> list:
+    # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
+    asked = connection.execute("SELECT json_serialize_sql(?)", [text])
+    try:
+        tree = json.loads(asked.fetchall()[0][0])
+    except RecursionError as error:
+        raise InputError(_DEEP) from error
+    if tree.get("error"):
+        raise InputError(f"{_ONLY}, got something that is neither.")
+    return tree["statements"]
 
 
 def _nodes(tree: object) -> Iterator[dict]:

@@ -15,9 +15,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from residual.errors import InputError
-from warehouse.files import parquet_options, read_parquet, replace_file, sync
+from warehouse.files import parquet_options, read_parquet, replace_file, staged, sync
 from warehouse.layout import INDEX
+from warehouse.runs import check_samples
 from warehouse.schema import SIGNALS
+from warehouse.sums import check_file, sums_of
 
 LIST = "packed.json"
 # Samples in one row group: the part of a file that is read for one run.
@@ -36,11 +38,13 @@ class Pack:
         file: Its path.
         held: Signals and number of joints of its runs.
         runs: Ids of its runs.
+        sums: Sums of the file (``sums.sums_of``).
     """
 
     file: str
     held: Held
     runs: frozenset[str]
+    sums: Mapping
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +94,8 @@ def write_packs(
         largest: Size of a file that still counts as small [bytes].
     """
     folder = store / INDEX
-    folder.mkdir(parents=True, exist_ok=True)
+    with staged(store, "compact"):  # told at once where nothing may be written
+        folder.mkdir(parents=True, exist_ok=True)
     before = {path.name for path in folder.glob("packed-*.parquet")}
     listed: dict[str, dict] = {}
     total = 0
@@ -140,13 +145,16 @@ def _write_one(folder: Path, held: Held, tables: Iterator[pa.Table]) -> dict | N
         draft.rename(folder / name)
     finally:
         draft.unlink(missing_ok=True)
-    return {name: {"signals": list(held[0]), "dof": held[1], "runs": runs}}
+    told = {"signals": list(held[0]), "dof": held[1], "runs": runs}
+    return {name: {**told, "sums": sums_of(folder / name)}}
 
 
 def _readable(files: Sequence[str]) -> Iterator[pa.Table]:
     """Give the samples of each run with its robot and id; damaged ones are left out."""
     for file in files:
         with suppress(InputError):
+            if not check_file(Path(file)):
+                check_samples(Path(file).parent)
             table = read_parquet(Path(file)).replace_schema_metadata(None)
             if not len(table):
                 continue
@@ -173,4 +181,5 @@ def _pack(store: Path, name: str, told: Mapping) -> Pack:
     if Path(name).name != name or not set(told["signals"]) <= set(SIGNALS):
         raise ValueError(name)
     held = (tuple(told["signals"]), int(told["dof"]))
-    return Pack(str(store / INDEX / name), held, frozenset(told["runs"]))
+    sums = {key: told["sums"][key] for key in ("bytes", "blocks")}
+    return Pack(str(store / INDEX / name), held, frozenset(told["runs"]), sums)

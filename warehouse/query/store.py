@@ -1,7 +1,6 @@
 """The store as a database: open it and ask in SQL."""
 
-import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -10,21 +9,26 @@ import pyarrow as pa
 
 from residual.errors import InputError
 from warehouse.files import read_parquet
-from warehouse.layout import INDEX, KINDS, SAMPLES_FILE
+from warehouse.layout import KINDS, SAMPLES_FILE
 from warehouse.query.catalogue import read_catalogue
-from warehouse.query.guard import check_reads_only, first_line
+from warehouse.query.connection import (
+    collected,
+    explain,
+    is_of_files,
+    limited,
+    lock,
+    reads_only,
+)
+from warehouse.query.guard import check_reads_only, table_names
 from warehouse.query.packs import Held, Pack, Packed, read_packs, write_packs
-from warehouse.query.views import catalogue_views, samples_view, text
+from warehouse.query.views import catalogue_views, samples_view
+from warehouse.query.watched import Watched
 from warehouse.runs import quarantined
-from warehouse.schema import SIGNALS, TEXT
-
-# Outside of these no query reads anything: not the sealed halves, not the machine.
-READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
+from warehouse.schema import SIGNALS, TEXT, VIEWS
 
 # A run of up to this size is read faster from a copy beside others [bytes].
 SMALL = 1_000_000
-# Share of the memory that one answer may take, and samples that are fetched at once.
-LARGEST, _BATCH = 0.25, 100_000
+_BATCH = 100_000  # samples that are fetched at once
 
 
 def open_store(path: Path | str) -> "Store":
@@ -56,7 +60,9 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._connection = _hardened(path)
+        self._connection = reads_only(path)
+        self._watched = Watched(self._connection)
+        lock(self._connection)
         self._left_out: dict[str, str] = {}
         self._quarantined = quarantined(path)
         self._catalogue = read_catalogue(path)
@@ -70,28 +76,42 @@ class Store:
     @property
     def damaged(self) -> tuple[str, ...]:
         """One line for each file that cannot be read and is left out."""
-        return (*self._catalogue.damaged, *self._left_out.values())
+        listed = self._catalogue.damaged.values()
+        return (*(line for lines in listed for line in lines), *self._left_out.values())
 
-    def sql(self, query: str, values: Mapping[str, object] | None = None) -> pa.Table:
+    def sql(
+        self,
+        query: str,
+        values: Mapping[str, object] | None = None,
+        *,
+        without_damaged: bool = False,
+        timeout: float | None = None,
+    ) -> pa.Table:
         """Return the answer to one SELECT, or EXPLAIN of one, over the views.
 
         Args:
             query: SQL of DuckDB; views and columns are those of ``schema``.
             values: What stands for the $words in it; never a part of the text.
+            without_damaged: Answer from what is whole; what was left out is in
+                ``damaged``.
+            timeout: How long it may take [s]; None for ever.
 
         Raises:
-            InputError: If the query is refused or fails; one line says why.
+            InputError: If the query is refused or fails, takes too long, or needs what
+                is damaged; it says why.
         """
         reading = check_reads_only(self._connection, query)
         self.refresh()
-        while True:
-            try:
-                return self._read(reading, values)
-            except duckdb.Error as error:
-                # Ask again without the files that cannot be read, if that was it.
-                if not self._leave_out(error):
-                    raise InputError(_explain(error)) from error
+        if not without_damaged:
+            self._need_whole(reading)
+        with limited(self._connection, timeout):
+            while True:
+                answer = self._tried(reading, values)
+                if answer is not None:
+                    return answer
                 self._make_samples()
+                if self._left_out and not without_damaged:
+                    raise InputError(_needs_damaged(self._left_out.values()))
 
     def refresh(self) -> None:
         """See what was committed or quarantined since."""
@@ -128,15 +148,49 @@ class Store:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _read(self, query: str, values: Mapping[str, object] | None) -> pa.Table:
+    def _tried(self, query: str, values: Mapping | None) -> pa.Table | None:
+        """Return an answer; None where something it needs was damaged, now left out."""
+        self._watched.forget()
+        try:
+            answer = self._read(query, values)
+        except duckdb.InterruptException:
+            raise
+        except duckdb.Error as error:
+            # Ask again without the files that cannot be read, if that was it.
+            if self._drop(self._watched.broken()) or self._leave_out(error):
+                return None
+            raise InputError(explain(error)) from error
+        return None if self._drop(self._watched.broken()) else answer
+
+    def _read(self, query: str, values: Mapping | None) -> pa.Table:
         # The second lock: what slips past the guard cannot write tables either.
         self._connection.execute("BEGIN TRANSACTION READ ONLY")
         try:
             asked = self._connection.sql(query, params=dict(values) if values else None)
-            return _collected(asked.to_arrow_reader(_BATCH))
+            return collected(asked.to_arrow_reader(_BATCH))
         finally:
             with suppress(duckdb.Error):
                 self._connection.execute("ROLLBACK")
+
+    def _need_whole(self, query: str) -> None:
+        """Refuse a query over a view from which something damaged is missing."""
+        if not self.damaged:
+            return
+        names = table_names(self._connection, query)
+        kinds = {kind for name in names for kind in _FED_BY.get(name, ())}
+        told = [line for k in sorted(kinds) for line in self._catalogue.damaged[k]]
+        told += self._left_out.values() if "samples" in names else ()
+        if told:
+            raise InputError(_needs_damaged(told))
+
+    def _drop(self, broken: Mapping[str, str]) -> bool:
+        """Read no more of some files; whether there are any."""
+        copies = {pack.file for pack in self._packs}
+        if copies & broken.keys():
+            # Copies, so nothing is lost: the runs themselves are read instead.
+            self._packs = ()
+        self._left_out |= {f: why for f, why in broken.items() if f not in copies}
+        return bool(broken)
 
     def _table(self, name: str, rows: pa.Table) -> None:
         self._connection.register("_rows", rows)
@@ -153,6 +207,7 @@ class Store:
         for kind, rows in self._catalogue.rows.items():
             self._table(kind, rows)
         self._packs = read_packs(self.path, self._catalogue.folders["runs"])
+        self._watched.copies = {pack.file: pack.sums for pack in self._packs}
         self._make_samples()
 
     def _make_samples(self) -> None:
@@ -185,7 +240,7 @@ class Store:
     def _leave_out(self, error: duckdb.Error) -> bool:
         """Leave out the damaged files that an error is about; whether there are any."""
         copies = any(pack.file in str(error) for pack in self._packs)
-        if self._packs and (copies or _is_of_files(error)):
+        if self._packs and (copies or is_of_files(error)):
             # Copies, so nothing is lost: the runs themselves are read instead.
             self._packs = ()
             return True
@@ -193,7 +248,7 @@ class Store:
         files = {f"{folder}/{SAMPLES_FILE}" for folder in folders} - set(self._left_out)
         named = {file for file in files if file in str(error)}
         # A page that makes no sense is told without the name of its file.
-        nameless = _is_of_files(error)
+        nameless = is_of_files(error)
         before = len(self._left_out)
         for file in sorted(named or (files if nameless else ())):
             # Read, not believed: a query may have an error and a path in its text.
@@ -202,53 +257,6 @@ class Store:
             except InputError as told:
                 self._left_out[file] = str(told)
         return len(self._left_out) > before
-
-
-def _collected(reader: pa.RecordBatchReader) -> pa.Table:
-    """Return an answer as a whole if that can be held."""
-    batches, size, most = [], 0, LARGEST * _memory()
-    # Closed also where it is too large: what is not read would hold the transaction.
-    with reader:
-        for batch in reader:
-            batches.append(batch)
-            size += batch.nbytes
-            if size > most:
-                raise InputError(
-                    f"The answer is larger than {most / 2**30:.2g} GB. Ask for less: "
-                    "aggregate, or add LIMIT or a WHERE."
-                )
-    return pa.Table.from_batches(batches, reader.schema)
-
-
-def _memory() -> int:
-    """Memory of this machine [bytes]."""
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-def _hardened(path: Path) -> duckdb.DuckDBPyConnection:
-    """Return a connection that reaches nothing but what may be read of a store."""
-    connection = duckdb.connect(":memory:")
-    connection.execute("CREATE SCHEMA catalogue")
-    allowed = ", ".join(text(f"{path}/{folder}") for folder in READABLE)
-    for setting in (
-        "autoinstall_known_extensions = false",
-        "autoload_known_extensions = false",
-        # A query must not see the variables of the program that asks it.
-        "python_enable_replacements = false",
-        "temp_directory = ''",
-        # What a query may take: the answer comes on top of it.
-        f"memory_limit = '{int(0.5 * _memory())}B'",
-        f"allowed_directories = [{allowed}]",
-        "enable_external_access = false",
-        "lock_configuration = true",
-    ):
-        connection.execute(f"SET {setting}")
-    return connection
-
-
-def _is_of_files(error: duckdb.Error) -> bool:
-    """Whether an error may be about a file, though it need not name it."""
-    return type(error) in (duckdb.Error, duckdb.IOException)
 
 
 def _signals() -> pa.Table:
@@ -261,8 +269,20 @@ def _signals() -> pa.Table:
     )
 
 
-def _explain(error: duckdb.Error) -> str:
-    if isinstance(error, duckdb.PermissionException):
-        what = first_line(error).removeprefix("Permission Error: ")
-        return f"SQL reads {', '.join(KINDS)} of this store, nothing else. {what}"
-    return first_line(error)
+def _feeding(view: str) -> tuple[str, ...]:
+    """Return the kinds of record that a view is made of."""
+    if view in ("samples", "channels"):
+        return ("runs",)
+    return tuple(k.name for k in KINDS.values() if view in (k.name, *k.lists))
+
+
+_FED_BY = {view: _feeding(view) for view in (*VIEWS, "samples", "channels")}
+
+
+def _needs_damaged(lines: Iterable[str]) -> str:
+    told = list(lines)
+    more = f" And {len(told) - 3} more." if len(told) > 3 else ""
+    return (
+        f"The answer needs what is damaged. {' '.join(told[:3])}{more} Or ask without "
+        "it: --without-damaged."
+    )

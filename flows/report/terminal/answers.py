@@ -5,6 +5,7 @@ import io
 import json
 import math
 import sys
+from collections import Counter
 from contextlib import redirect_stdout
 from datetime import datetime
 from decimal import Decimal
@@ -28,7 +29,11 @@ def print_table(rows: pa.Table, format: str) -> None:
     Args:
         rows: The answer.
         format: "table", "csv", "json" or "parquet".
+
+    Raises:
+        InputError: If JSON or Parquet would lose a column, two having one name.
     """
+    _check_names(rows, format)
     if format == "parquet":
         sys.stdout.buffer.write(as_bytes(rows, format))
     elif format == "json":
@@ -45,7 +50,11 @@ def as_bytes(rows: pa.Table, format: str) -> bytes:
     Args:
         rows: The answer.
         format: "table", "csv", "json" or "parquet".
+
+    Raises:
+        InputError: If JSON or Parquet would lose a column, two having one name.
     """
+    _check_names(rows, format)
     if format == "parquet":
         sink = pa.BufferOutputStream()
         pq.write_table(rows, sink, compression="zstd")
@@ -73,6 +82,17 @@ def tell_damage(store: Store) -> None:
     """Say on standard error which files cannot be read."""
     for line in store.damaged:
         print(f"modelgap: left out: {line}", file=sys.stderr)
+
+
+def _check_names(rows: pa.Table, format: str) -> None:
+    """Refuse names that are there twice where columns are found by their names."""
+    counts = Counter(rows.column_names)
+    twice = [name for name, count in counts.items() if count > 1]
+    if twice and format in ("json", "parquet"):
+        raise InputError(
+            f"Two columns have the name '{twice[0]}': {format} would keep one of them. "
+            f"Name them apart: SELECT ... AS {twice[0]}_2."
+        )
 
 
 def _print_people(rows: pa.Table) -> None:
@@ -132,15 +152,26 @@ def _cell(value: object) -> object:
 
 
 def _plain(value: object) -> object:
-    """A value that JSON has; what is not finite becomes null."""
+    """A value that JSON has; what is not finite is the text NaN, Infinity, -Infinity.
+
+    JSON has no such numbers, and null says that there is no value.
+    """
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        return value if math.isfinite(value) else _not_finite(value)
     if isinstance(value, Decimal):  # a sum of whole numbers is one
-        return int(value) if value == int(value) else float(value)
+        if value == int(value):
+            return int(value)
+        return float(value) if Decimal(repr(float(value))) == value else str(value)
     if value is None or isinstance(value, str | int):
         return value
     return value.isoformat() if isinstance(value, datetime) else str(value)
+
+
+def _not_finite(value: float) -> str:
+    if math.isnan(value):
+        return "NaN"
+    return "Infinity" if value > 0 else "-Infinity"

@@ -22,6 +22,7 @@ from warehouse.logs.file import LogFile
 
 Array = np.ndarray
 
+HEAD = 1 << 16  # bytes in which the names of a file's columns must end
 _SEPARATORS = ";\t,|"
 
 
@@ -75,6 +76,11 @@ class CsvLog(LogFile):
             separator = form.separator or sniff(lines[rows[0]])
             found = Layout(rows[0], rows[0] + 1, separator)
         self._skip, self._separator = found.samples, found.separator
+        if found.names == len(lines) - 1 and len(head) >= HEAD:
+            raise InputError(
+                f"{self.name}: its line of names does not end in the first {HEAD} "
+                "bytes. Give a file with names that somebody can read."
+            )
         header = split(lines[found.names], found.separator)
         self.columns = tuple(name.strip() for name in header)
         self.units = found.units
@@ -91,28 +97,47 @@ class CsvLog(LogFile):
         places = [str(i) for i in range(len(self.columns))]
         wanted = [places[self.columns.index(column)] for column in columns]
         try:
-            table = arrow_csv.read_csv(
-                self._path,
-                read_options=arrow_csv.ReadOptions(
-                    skip_rows=self._skip, column_names=places, encoding=self._encoding
-                ),
-                parse_options=arrow_csv.ParseOptions(delimiter=self._separator),
-                convert_options=arrow_csv.ConvertOptions(
-                    include_columns=wanted,
-                    column_types=dict.fromkeys(wanted, pa.float64()),
-                    decimal_point=self._form.decimal,
-                ),
-            )
+            table = self._table(places, wanted, threads=True)
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-            raise InputError(self._explain(str(error))) from error
+            raise InputError(
+                self._explain(self._line(places, wanted, error))
+            ) from error
         values = (table.column(place).to_numpy() for place in wanted)
         return dict(zip(columns, values, strict=True))
 
+    def _table(self, places: list[str], wanted: list[str], threads: bool) -> pa.Table:
+        return arrow_csv.read_csv(
+            self._path,
+            read_options=arrow_csv.ReadOptions(
+                skip_rows=self._skip,
+                column_names=places,
+                encoding=self._encoding,
+                use_threads=threads,
+            ),
+            parse_options=arrow_csv.ParseOptions(delimiter=self._separator),
+            convert_options=arrow_csv.ConvertOptions(
+                include_columns=wanted,
+                column_types=dict.fromkeys(wanted, pa.float64()),
+                decimal_point=self._form.decimal,
+            ),
+        )
+
+    def _line(self, places: list[str], wanted: list[str], error: Exception) -> str:
+        """Return what the parser says where it counts lines, which it does alone."""
+        try:
+            self._table(places, wanted, threads=False)
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as told:
+            return str(told)
+        return str(error)
+
     def _explain(self, error: str) -> str:
         """Turn what the parser says into what the user can do."""
-        if found := re.search(r"#(\d+).*invalid value '(.*)'", error):
+        row = re.search(r"Row #(\d+)", error)
+        line = f"line {row[1]}" if row else "a line"
+        if found := re.search(r"column #(\d+).*invalid value '(.*)'", error):
             place, value = int(found[1]), found[2][:30]
-            what = f"{self.name}: column '{self.columns[place]}' has '{value}'"
+            at = f"{line}: " if row else ""
+            what = f"{self.name}: {at}column '{self.columns[place]}' has '{value}'"
             if re.fullmatch(r"\s*[-+]?\d+,\d+(e[-+]?\d+)?\s*", value, re.IGNORECASE):
                 return (
                     f"{what}.\nDecimal comma? Say so in --map: csv = {{decimal = ','}}."
@@ -120,7 +145,7 @@ class CsvLog(LogFile):
             return f"{what}, expected a number."
         if found := re.search(r"Expected (\d+) columns, got (\d+)", error):
             return (
-                f"{self.name}: a line has {found[2]} values for {found[1]} names. "
+                f"{self.name}: {line} has {found[2]} values for {found[1]} names. "
                 "Repair it, or give the separator in --map: csv = {separator = ';'}."
             )
         if "too short" in error or "Empty CSV" in error:

@@ -1,0 +1,236 @@
+"""What an attack on the store and its SQL found, item by item."""
+
+import errno
+import json
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from flows.cli import main
+from residual.errors import InputError
+from residual.model.record import load_model
+from residual.names import DEEPEST, check_nesting
+from residual.robot.toml import parse_toml
+from tests.warehouse import store_samples as made
+from warehouse.exchange.bundle import write_bundle
+from warehouse.layout import find_run, list_folders
+from warehouse.query.guard import LONGEST
+from warehouse.toml import LARGEST, read_toml
+
+LONG = "SELECT count(*) FROM range(10000000) a, range(100000000) b WHERE a.range <> 7"
+
+
+@pytest.fixture
+def store(tmp_path):
+    folder = tmp_path / "store"
+    return folder, [made.commit(folder, seed) for seed in range(2)]
+
+
+@pytest.fixture
+def run(store, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MODELGAP_STORE", str(store[0]))
+
+    def run(*words):
+        code = main(words)
+        shown = capsys.readouterr()
+        return code, shown.out, shown.err
+
+    return run
+
+
+def test_a_query_is_stopped_after_its_time(run):
+    start = time.monotonic()
+    code, out, err = run("sql", LONG, "--timeout", "0.5")
+    assert (code, out) == (2, "")
+    assert "stopped after 0.5 s" in err
+    assert time.monotonic() - start < 20
+    assert run("sql", "SELECT 1", "--timeout", "0")[0] == 2
+    assert run("sql", "SELECT 1", "--timeout", "nan")[0] == 2
+    assert run("sql", "SELECT 1", "--timeout", "inf")[0] == 0
+
+
+def nested(depth):
+    return "SELECT * FROM (" * depth + "SELECT 1 AS x" + ")" * depth
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        nested(500),
+        nested(3000),
+        "SELECT " + "(" * 5000 + "1" + ")" * 5000,
+        "SELECT " + "+".join(["1"] * 20_000),
+        "SELECT " + "CASE WHEN true THEN " * 2000 + "1" + " END" * 2000,
+        "EXPLAIN " + nested(500),
+        "SELECT '" + "x" * LONGEST + "'",
+    ],
+    ids=["500", "3000", "brackets", "sum", "case", "explain", "long"],
+)
+def test_a_query_nested_too_deep_or_too_long_is_bad_input(run, query):
+    code, _, err = run("sql", query)
+    assert code == 2, err
+    assert "Recursion" not in err
+    assert len(err) < 1000
+
+
+def test_a_query_nested_as_people_do_runs(run):
+    assert run("sql", nested(20))[0] == 0
+
+
+@pytest.mark.parametrize("format", ["json", "parquet"])
+def test_two_columns_of_one_name_are_refused_where_one_would_be_lost(run, format):
+    query = "SELECT 1 AS x, 2 AS x"
+    code, _, err = run("sql", query, "--format", format, "--out", "x")
+    assert code == 2
+    assert "Two columns have the name 'x'" in err
+    assert not Path("x").exists()
+    assert run("sql", query, "--format", "csv")[1].split() == ["x,x", "1,2"]
+
+
+def test_a_number_with_more_digits_than_json_keeps_is_a_text(run):
+    digits = "0.12345678901234567890123456789"
+    code, out, _ = run("sql", f"SELECT {digits} AS x, 0.5 AS y", "--format", "json")
+    assert code == 0
+    assert json.loads(out) == [{"x": digits, "y": 0.5}]
+
+
+def test_nothing_is_written_among_the_records(run, store):
+    folder, (id, _) = store
+    (folder / "_index").mkdir(exist_ok=True)
+    before = sorted(folder.rglob("*"))
+    for place in ("samples", "sealed", "_index"):
+        out = str(folder / place / "x.tar")
+        for words in (("sql", "SELECT 1"), ("bundle", id)):
+            code, _, err = run(*words, "--out", out)
+            assert (code, "among the records of the store" in err) == (2, True)
+    assert sorted(folder.rglob("*")) == before
+    assert run("sql", "SELECT 1", "--format", "csv", "--out", "x.csv")[0] == 0
+
+
+def test_a_record_that_is_gone_is_told_by_runs_and_verify(run, store):
+    folder, (id, other) = store
+    assert run("runs")[2] == ""
+    code, out, _ = run("verify")
+    assert (code, "verified 2 runs" in out) == (0, True)
+    find_run(folder, id).row.unlink()
+    code, out, err = run("runs")
+    assert code == 0
+    assert id in err
+    assert other not in err
+    code, out, err = run("verify")
+    assert code == 1
+    assert f"DAMAGED  runs {id}: _run.parquet is missing" in out
+    assert "modelgap: 1 of " in err
+
+
+def test_damaged_samples_are_exit_2_or_left_out_on_demand(run, store):
+    folder, (id, other) = store
+    path = find_run(folder, id).folder / "part-0.parquet"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    query = "SELECT run_id, sum(COLUMNS('[a-z]+[0-9]')) FROM samples GROUP BY run_id"
+    code, out, err = run("sql", query)
+    assert (code, out) == (2, "")
+    assert f"run_id={id}" in err
+    code, out, err = run("sql", query, "--without-damaged", "--format", "csv")
+    assert code == 0
+    assert other in out
+    assert id not in out
+    assert id in err
+
+
+def test_files_nested_too_deep_are_bad_input(tmp_path):
+    deep = tmp_path / "deep.toml"
+    for depth in (DEEPEST + 2, 3000, 100_000):
+        deep.write_text("a = " + "[" * depth + "]" * depth)
+        with pytest.raises(InputError, match="nested too deep"):
+            read_toml(deep)
+        with pytest.raises(InputError, match="nested too deep"):
+            parse_toml(deep.read_text(), "robot.toml")
+        deep.write_text('{"a": ' + "[" * depth + "]" * depth + "}")
+        with pytest.raises(InputError, match="nested too deep"):
+            load_model(deep)
+    deep.write_text("a = " + "[" * 20 + "]" * 20)
+    assert check_nesting(read_toml(deep), "x")
+    deep.write_text("#" * (LARGEST + 1))
+    with pytest.raises(InputError, match="larger than"):
+        read_toml(deep)
+
+
+@pytest.fixture
+def read_only(monkeypatch, store):
+    """The store as on a read-only disk; root may write wherever bits forbid it."""
+    real = Path.mkdir
+
+    def refused(path, *args, **kwargs):
+        if path.is_relative_to(store[0]) and not path.exists():
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+        return real(path, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "mkdir", refused)
+
+
+def test_a_read_only_store_says_so_and_that_nothing_was_lost(run, store, read_only):
+    code, _, err = run("compact")
+    assert code == 2
+    assert "is read-only here" in err
+    assert "nothing was lost" in err
+    assert run("runs")[0] == 0
+    assert run("verify")[0] == 0
+    with pytest.raises(InputError, match="read-only"):
+        made.commit(store[0], 5)
+
+
+def test_a_full_disk_is_no_fault_of_the_bundle(run, store, tmp_path, monkeypatch):
+    folder, (id, _) = store
+    write_bundle(folder, id, tmp_path / "b.tar")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("shutil.copyfileobj", full)
+        patch.setattr("tarfile.copyfileobj", full)
+        code, _, err = run("unbundle", "b.tar", "--store", "there")
+    assert code == 1
+    assert "the disk is full; nothing was lost" in err
+    assert list_folders(Path("there"), "runs") == {}
+    assert run("unbundle", "b.tar", "--store", "there")[0] == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("trajectory", "cyclic", "--duration", "1e9"),
+        ("trajectory", "cyclic", "--duration", "nan"),
+        ("trajectory", "cyclic", "--rate", "1e12"),
+        ("trajectory", "cyclic", "--periods", "0"),
+        ("trajectory", "cyclic", "--seed", "-1"),
+        ("calibrate-null", "A.csv", "--robot", "irb140", "--seed", "-1"),
+        ("calibrate-null", "A.csv", "--robot", "irb140", "--draws", "0"),
+        ("blind", "--seed", "-1"),
+        ("blind", "--duration", "1e9"),
+        ("demo", "--seed", "-1"),
+    ],
+    ids=" ".join,
+)
+def test_a_number_that_no_run_ends_with_is_refused(run, words):
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    assert f"{words[-2]} {float(words[-1]):g}: expected" in err
+
+
+def test_a_strangers_text_does_nothing_to_the_terminal(run, tmp_path):
+    (tmp_path / "A.csv").write_text("t,\x1b[31mq1\x1b]0;x\x07\n1,2\n")
+    code, _, err = run("unbundle", "\x1b[31mA.tar")
+    assert code == 2
+    assert "\x1b" not in err
+    assert "\\x1b[31mA.tar" in err
+    code, _, err = run("check", "A.csv", "--robot", "irb140")
+    assert code == 2
+    assert "\x1b" not in err
+    assert "\x07" not in err

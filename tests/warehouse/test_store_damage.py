@@ -1,0 +1,198 @@
+"""Damage is found by who reads: one flipped bit, in Python, in SQL and by verify."""
+
+import numpy as np
+import pytest
+
+import warehouse
+from residual.errors import InputError
+from tests.warehouse import store_samples as made
+from warehouse.exchange.bundle import write_bundle
+from warehouse.exchange.unbundle import read_bundle
+from warehouse.layout import find, find_run
+from warehouse.query.watched import Watched
+from warehouse.runs import quarantine, read_run
+from warehouse.seal import open_seal
+from warehouse.sums import BLOCK, SUMS, sums_of, write_sums
+from warehouse.verify import faults
+from warehouse.verify_all import verify_all
+
+SUM = "SELECT sum(q1) AS s FROM samples WHERE run_id = $id"
+
+
+@pytest.fixture
+def store(tmp_path):
+    folder = tmp_path / "store"
+    runs = [made.commit(folder, seed) for seed in range(3)]
+    last = made.store_verdict(folder, made.verdict([runs[1]]), {"theta": [1]}, runs[:2])
+    return folder, runs, last
+
+
+def flip(path, at=None, bit=0):
+    data = bytearray(path.read_bytes())
+    at = len(data) // 2 if at is None else at
+    data[at] ^= 1 << bit
+    path.write_bytes(data)
+
+
+def committed(folder):
+    kinds = ("samples", "models", "diagnoses", "sealed")
+    return sorted(p for k in kinds for p in (folder / k).rglob("*") if p.is_file())
+
+
+def damaged(folder):
+    return [each for each in verify_all(folder) if each.faults]
+
+
+def test_verify_finds_every_flipped_bit_and_nothing_in_a_whole_store(store):
+    folder, runs, _ = store
+    quarantine(folder, runs[0], "gripper was loose")
+    assert damaged(folder) == []
+    rng = np.random.default_rng(4)
+    paths = committed(folder)
+    assert {p.name for p in paths} >= {SUMS, "_run.parquet", "spec.json"}
+    for path in paths:
+        good = path.read_bytes()
+        # The ends too: the magic word, and the length of the footer before the last.
+        for at in {0, len(good) - 1, len(good) - 5, *rng.integers(0, len(good), 2)}:
+            flip(path, int(at), int(rng.integers(8)))
+            assert damaged(folder), f"{path.name} byte {at}"
+            path.write_bytes(good)
+    assert damaged(folder) == []
+
+
+@pytest.mark.parametrize("name", ["_run.parquet", "part-0.parquet", SUMS])
+def test_verify_names_a_file_that_is_gone(store, name):
+    folder, runs, _ = store
+    (find_run(folder, runs[1]).folder / name).unlink()
+    told = {(e.kind, e.id): (e.faults, e.summed) for e in verify_all(folder)}
+    told = told["runs", runs[1]]
+    if name == SUMS:
+        assert told == ((), False)
+    else:
+        assert told == ((f"{name} is missing",), True)
+
+
+@pytest.mark.parametrize("share", [0.001, 0.3, 0.6, 0.999])
+def test_one_flipped_bit_is_an_error_in_sql_that_names_the_run(store, share):
+    folder, runs, _ = store
+    path = find_run(folder, runs[1]).folder / "part-0.parquet"
+    flip(path, int(share * path.stat().st_size))
+    with warehouse.open(folder) as opened:
+        for _ in range(2):
+            with pytest.raises(InputError, match=rf"run_id={runs[1]}.* is damaged"):
+                opened.sql(
+                    "SELECT sum(COLUMNS(* EXCLUDE (robot, run_id))) FROM samples"
+                )
+    with pytest.raises(InputError, match="is damaged"):
+        read_run(folder, runs[1])
+
+
+def test_a_file_that_changes_while_a_store_is_open_is_checked_again(store):
+    folder, runs, _ = store
+    with warehouse.open(folder) as opened:
+        opened.sql(SUM, {"id": runs[1]})
+        flip(find_run(folder, runs[1]).folder / "part-0.parquet")
+        with pytest.raises(InputError, match="is damaged"):
+            opened.sql("SELECT sum(COLUMNS('[a-z]+[0-9]')) FROM samples")
+
+
+def test_damage_elsewhere_does_not_stop_a_query_over_one_run(store):
+    folder, runs, _ = store
+    with warehouse.open(folder) as opened:
+        before = opened.sql(SUM, {"id": runs[1]})
+    # Not the first: every query reads in that one which columns all of them have.
+    flip(find_run(folder, runs[2]).folder / "part-0.parquet")
+    with warehouse.open(folder) as opened:
+        assert opened.sql(SUM, {"id": runs[1]}) == before
+
+
+def test_only_what_was_read_is_checked(tmp_path, monkeypatch):
+    id = made.commit(tmp_path, rows=200_000)
+    path = find_run(tmp_path, id).folder / "part-0.parquet"
+    assert path.stat().st_size > 20 * BLOCK
+    seen = []
+    real = Watched._check
+    monkeypatch.setattr(
+        Watched, "_check", lambda s, f, b: seen.append((f, len(b))) or real(s, f, b)
+    )
+    with warehouse.open(tmp_path) as opened:
+        opened.sql("SELECT sum(t) FROM samples")
+        ((file, blocks),) = seen
+        assert file == str(path)
+        assert 0 < blocks < 0.3 * path.stat().st_size / BLOCK
+
+
+def test_a_record_of_before_is_checked_by_the_hash_of_its_values(store):
+    folder, runs, _ = store
+    for path in folder.rglob(SUMS):
+        path.unlink()
+    assert damaged(folder) == []
+    with warehouse.open(folder) as opened:
+        assert opened.sql(SUM, {"id": runs[1]}).num_rows == 1
+    flip(find_run(folder, runs[1]).folder / "part-0.parquet")
+    assert [each.id for each in damaged(folder)] == [runs[1]]
+    with (
+        warehouse.open(folder) as opened,
+        pytest.raises(InputError, match=f"{runs[1]}.* is damaged"),
+    ):
+        opened.sql(SUM, {"id": runs[1]})
+
+
+def test_a_damaged_copy_changes_no_answer(store):
+    folder, _, _ = store
+    with warehouse.open(folder) as opened:
+        assert opened.compact().runs == 3
+        before = opened.sql("SELECT sum(q1) FROM samples")
+    (pack,) = (folder / "_index").glob("packed-*.parquet")
+    good = pack.read_bytes()
+    for at in np.random.default_rng(1).integers(0, len(good), 20):
+        flip(pack, int(at))
+        with warehouse.open(folder) as opened:
+            total = opened.sql("SELECT sum(q1) FROM samples")
+            assert total.column(0)[0].as_py() == pytest.approx(
+                before.column(0)[0].as_py(), rel=1e-12
+            )
+            assert opened.damaged == ()
+        pack.write_bytes(good)
+
+
+def test_a_seal_and_a_row_are_checked_in_python(store):
+    folder, runs, last = store
+    flip(folder / "sealed" / f"run_id={runs[0]}" / "truth.parquet")
+    with pytest.raises(InputError, match=r"truth\.parquet is damaged"):
+        open_seal(folder, runs[0])
+    found = find(folder, last)
+    assert faults(found) == ()
+    flip(found.row, 10)
+    assert faults(found)
+
+
+def test_a_seal_is_for_its_owner_alone(store):
+    folder, runs, _ = store
+    assert folder.stat().st_mode & 0o777 == 0o700
+    place = folder / "sealed" / f"run_id={runs[0]}"
+    assert place.stat().st_mode & 0o777 == place.parent.stat().st_mode & 0o777 == 0o700
+    assert {p.stat().st_mode & 0o777 for p in place.iterdir()} == {0o600}
+
+
+def test_sums_say_which_block(tmp_path):
+    path = tmp_path / "part"
+    path.write_bytes(bytes(3 * BLOCK + 5))
+    told = sums_of(path)
+    assert (told["bytes"], len(told["blocks"])) == (3 * BLOCK + 5, 4 * 8)
+    write_sums(tmp_path)
+    flip(path, 2 * BLOCK)
+    from_block = [told["blocks"][i : i + 8] for i in range(0, 32, 8)]
+    new = sums_of(path)["blocks"]
+    differ = [i for i in range(4) if new[8 * i : 8 * i + 8] != from_block[i]]
+    assert differ == [2]
+
+
+def test_a_bundle_brings_no_sums_and_gets_its_own(store, tmp_path):
+    folder, _, last = store
+    write_bundle(folder, last, tmp_path / "b.tar")
+    there = tmp_path / "there"
+    read_bundle(tmp_path / "b.tar", there)
+    assert damaged(there) == []
+    assert all(each.summed for each in verify_all(there))
+    assert (there / "sealed").stat().st_mode & 0o777 == 0o700
