@@ -1,0 +1,246 @@
+"""The table of hostile inputs: valid files, and what is done to them."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.hardening_parts.made import records, run
+from residual.robot.robot import load_robot
+from sim.records import TrajectorySpec
+from sim.trajectories import make_reference
+from warehouse.exchange.bundle import write_bundle
+
+SEEDS = 40  # random edits of each file
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One hostile input.
+
+    Attributes:
+        kind: What it claims to be.
+        name: What is wrong with it.
+        words: The command that reads it.
+        file: Name of its file in the working folder.
+        content: Content of the file; None for no file.
+        judge: How an answer is judged: "refuse" for none is right, "answer" for only
+            one is, "samples", "bundle", or None where nobody can say.
+        answer: What a right answer has in it.
+    """
+
+    kind: str
+    name: str
+    words: tuple[str, ...]
+    file: str = ""
+    content: bytes | None = None
+    judge: str | None = None
+    answer: str | None = None
+
+
+def prepare(place: Path) -> dict[str, Path]:
+    """Write the valid files that hostile ones are made of."""
+    robot = load_robot("irb140")
+    motion = make_reference(robot, TrajectorySpec("cyclic", 4.0, 1, 0), 100.0)
+    rng = np.random.default_rng(3)
+    tau = 10 * motion.q + rng.normal(size=motion.q.shape)
+    names = ["t", *(f"{c}{j}" for c in ("q", "tau") for j in range(1, 7))]
+    log = place / "log.csv"
+    table = np.column_stack([motion.t, motion.q, tau])
+    np.savetxt(log, table, "%.9g", ",", header=",".join(names), comments="")
+    origin = place / "origin"
+    found = records(origin, [run(origin, seed) for seed in range(2)])
+    write_bundle(origin, found[1], place / "good.tar")
+    (place / "map.toml").write_text(_MAP)
+    (place / "spec.toml").write_text(_SPEC)
+    (place / "arm.urdf").write_text(robot.urdf)
+    return {path.stem: path for path in place.iterdir()}
+
+
+_MAP = """time = {column = "t", unit = "s"}
+q = {columns = ["q1", "q2", "q3", "q4", "q5", "q6"], unit = "rad", side = "link"}
+tau = {columns = ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6"], unit = "N m"}
+csv = {separator = ",", decimal = "."}
+"""
+_SPEC = """schema = 1
+robot = "irb140"
+seed = 7
+[trajectory]
+kind = "cyclic"
+duration = 4.0
+"""
+
+
+def _edits(good: bytes) -> Iterator[tuple[str, bytes, bool]]:
+    """Give what is done to any text: its name, the text, whether none may take it."""
+    yield "empty", b"", True
+    yield "blank", b" \n\t\n" * 50, True
+    yield "zeros", bytes(4096), True
+    yield "noise", np.random.default_rng(0).bytes(20_000), True
+    yield "UTF-16", good.decode().encode("utf-16"), True
+    yield "not UTF-8", good.replace(b"q", b"\xff\xfe", 1), False
+    yield "zero inside", good[: len(good) // 2] + b"\0" + good[len(good) // 2 :], False
+    yield "half", good[: len(good) // 2], False
+    yield "twice", good + good, False
+    yield "escape", good.replace(b"t", b"\x1b[31m", 1), False
+    yield "lines of CR", good.replace(b"\n", b"\r"), False
+    yield "long line", b"x" * 200_000 + b"\n" + good, False
+    yield "brackets", b"[" * 100_000, True
+    yield "deep", b"a = " + b"[" * 3000 + b"]" * 3000, True
+    rng = np.random.default_rng(len(good))
+    words = (
+        b"nan",
+        b"1e999",
+        b"-1",
+        b"",
+        b"'",
+        b'"',
+        b"\xe2\x88\x9e",
+        b"9" * 400,
+        b"{",
+    )
+    for seed in range(SEEDS):
+        data = bytearray(good)
+        at = int(rng.integers(len(data)))
+        if seed % 2:
+            data[at] ^= 1 << int(rng.integers(8))
+            yield f"bit {seed}", bytes(data), False
+        else:
+            data[at : at + int(rng.integers(1, 9))] = words[seed // 2 % len(words)]
+            yield f"word {seed}", bytes(data), False
+
+
+def _of_text(kind: str, file: str, words: tuple[str, ...]) -> Callable:
+    """Return what makes the inputs of one kind from its valid file."""
+
+    def made(base: Mapping[str, Path]) -> list[Input]:
+        good = base[Path(file).stem].read_bytes()
+        paths = {"LOG": str(base["log"])}
+        given = tuple(paths.get(word, word) for word in words)
+        judge = "samples" if kind == "log" else None
+        return [
+            Input(kind, name, given, file, data, "refuse" if none else judge)
+            for name, data, none in _edits(good)
+        ]
+
+    return made
+
+
+def _of_bundle(base: Mapping[str, Path]) -> list[Input]:
+    good = base["good"].read_bytes()
+    words = ("unbundle", "good.tar", "--store", "store")
+    rng = np.random.default_rng(2)
+    made = []
+    for seed in range(2 * SEEDS):
+        data = bytearray(good)
+        data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
+        made.append(
+            Input("bundle", f"bit {seed}", words, "good.tar", bytes(data), "bundle")
+        )
+    for share in (0.0, 0.1, 0.5, 0.9):
+        cut = good[: int(share * len(good))]
+        made.append(Input("bundle", f"cut {share}", words, "good.tar", cut, "refuse"))
+    noise = rng.bytes(50_000)
+    return [*made, Input("bundle", "noise", words, "good.tar", noise, "refuse")]
+
+
+def _of_sql(base: Mapping[str, Path]) -> list[Input]:
+    made = []
+    for name, query, judge, answer in _queries():
+        words = ("sql", query, "--format", "json", "--timeout", "5")
+        words = (*words, "--store", str(base["origin"]))
+        made.append(Input("sql", name, words, judge=judge, answer=answer))
+    return made
+
+
+def _queries() -> Iterator[tuple[str, str, str, str | None]]:
+    for depth in (300, 500, 2000, 5000):
+        yield f"subqueries {depth}", _nested(depth), "refuse", None
+    for word in _FORBIDDEN:
+        yield word[:30], word, "refuse", None
+    for query, answer in _ANSWERED.items():
+        yield query[:30], query, "answer", answer
+
+
+def _nested(depth: int) -> str:
+    return "SELECT * FROM (" * depth + "SELECT 1 AS x" + ")" * depth
+
+
+_FORBIDDEN = (
+    "",
+    ";",
+    "SELECT 1; SELECT 2",
+    "SELECT",
+    "SELECT '",
+    "SELECT \0",
+    "DROP TABLE runs",
+    "DELETE FROM runs",
+    "INSERT INTO runs VALUES (1)",
+    "CREATE TABLE x AS SELECT 1",
+    "COPY runs TO 'x.csv'",
+    "WITH x AS (COPY (SELECT 1) TO 'x.csv') FROM x",
+    "EXPLAIN ANALYZE COPY (SELECT 1) TO 'x.csv'",
+    "ATTACH 'x.db'",
+    "INSTALL httpfs",
+    "LOAD httpfs",
+    "SET memory_limit = '1TB'",
+    "SET lock_configuration = false",
+    "PRAGMA database_list",
+    "CALL enable_logging()",
+    "CALL truncate_duckdb_logs()",
+    "EXPORT DATABASE 'x'",
+    "CHECKPOINT",
+    "VACUUM",
+    "FROM read_csv('/etc/passwd')",
+    "FROM read_text('/etc/passwd')",
+    "FROM '/etc/passwd'",
+    "FROM read_blob('sealed/*')",
+    "FROM glob('/*')",
+    "FROM read_parquet('http://127.0.0.1:1/x.parquet')",
+    "FROM query('SELECT 1')",
+    "FROM query_table('runs')",
+    "FROM json_execute_serialized_sql('{}')",
+    "FROM sqlite_scan('x', 'y')",
+    "FROM duckdb_secrets()",
+    "SELECT getenv('HOME') FROM nothing",
+    "SELECT count(*) FROM range(100000000) a, range(100000000) b WHERE a <> b",
+    "SELECT list(i) FROM range(100000000000) t(i)",
+    "FROM range(1000000000000)",
+    "WITH RECURSIVE t(i) AS (SELECT 1 UNION ALL SELECT i FROM t) SELECT sum(i) FROM t",
+    "SELECT repeat('x', 100000000000)",
+    "SELECT 1 AS x, 2 AS x",
+    "SELECT '" + "x" * 200_000 + "'",
+    "SELECT " + "(" * 4000 + "1" + ")" * 4000,
+    "SELECT " + "+".join(["1"] * 20_000),
+    "SELECT " + "-" * 5000 + "1",
+    "SELECT " + "NOT " * 5000 + "true",
+    "SELECT 'x'::INTEGER",
+    "SELECT made_up FROM runs",
+    "SELECT regexp_matches(repeat('a', 100), '(') AS x",
+)
+_ANSWERED = {
+    "SELECT 'inf'::DOUBLE AS x": '"Infinity"',
+    "SELECT 'nan'::DOUBLE AS x": '"NaN"',
+    "SELECT 170141183460469231731687303715884105727 AS x": (
+        "170141183460469231731687303715884105727"
+    ),
+    "SELECT 0.12345678901234567890123456789 AS x": "0.12345678901234567890123456789",
+    "SELECT NULL AS x": "null",
+    "SELECT count(*) AS x FROM runs": '"x": 2',
+    "SELECT count(*) AS x FROM samples": '"x": 100',
+    "SELECT chr(27) AS x": "\\u001b",
+}
+
+TABLE = {
+    "log": _of_text(
+        "log", "log.csv", ("import", "log.csv", "--robot", "irb140", "--trust-log")
+    ),
+    "robot": _of_text("robot", "arm.urdf", ("check", "LOG", "--robot", "arm.urdf")),
+    "map": _of_text(
+        "map", "map.toml", ("check", "LOG", "--robot", "irb140", "--map", "map.toml")
+    ),
+    "spec": _of_text("spec", "spec.toml", ("experiment", "spec.toml", "--dry-run")),
+    "sql": _of_sql,
+    "bundle": _of_bundle,
+}

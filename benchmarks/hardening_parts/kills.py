@@ -1,0 +1,125 @@
+"""kill -9 at random moments of what writes into a store."""
+
+import multiprocessing
+import random
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter, sleep
+
+import pyarrow as pa
+
+from benchmarks.figures import Figures, figure, partial
+from benchmarks.hardening_parts.made import answers, damaged, filled, records, run
+from benchmarks.store_parts.kills import kill_figures as campaign_figures
+from benchmarks.store_parts.made import DOF, folder, small
+from residual.recording import Recording
+from warehouse.commit import commit_run
+from warehouse.exchange.bundle import write_bundle
+from warehouse.exchange.unbundle import read_bundle
+from warehouse.origin.provenance import provenance
+from warehouse.query.store import open_store
+
+FULL = 200
+
+provenance()  # slow the first time, and the same in every process forked from here
+
+
+def kill_figures(kills: int) -> Figures:
+    """Kill each of several operations; look at the store, and do the work again.
+
+    Args:
+        kills: How many: half of them campaigns, the others in turn.
+    """
+    rng = random.Random(16)
+    bad: list[str] = []
+    others = kills - kills // 2
+    with folder() as place:
+        (place / "shared").mkdir()
+        _bundle(place / "shared")
+        for number in range(others):
+            name = list(_WORK)[number % len(_WORK)]
+            wrong = _killed(place / f"store-{number}", _WORK[name], rng)
+            bad += [f"{name}: {line}" for line in wrong]
+    entry = figure(len(bad), 0, others, told=bad[:5], operations=list(_WORK))
+    if kills < FULL:
+        entry = partial(entry, f"{kills} kills instead of {FULL}")
+    campaigns = campaign_figures(kills // 2)
+    # The bars of that benchmark are for its own number of kills.
+    return {"kills_not_whole": entry} | campaigns
+
+
+def _killed(store: Path, work: Callable, rng: random.Random) -> list[str]:
+    filled(store)
+    calm = store.with_name(f"{store.name}-calm")
+    filled(calm)
+    start = perf_counter()
+    work(calm)
+    whole = perf_counter() - start
+    before = answers(store)["runs"].column("run_id").to_pylist()
+    context = multiprocessing.get_context("fork")
+    process = context.Process(target=work, args=(store,))
+    process.start()
+    sleep(rng.uniform(0, 1.2 * whole))
+    process.kill()
+    process.join()
+    wrong = damaged(store)
+    if set(before) - set(answers(store)["runs"].column("run_id").to_pylist()):
+        wrong.append("a run is lost")
+    work(store)
+    wrong += damaged(store)
+    if _content(store) != _content(calm):
+        wrong.append("done again it is not the same")
+    return wrong
+
+
+def _content(store: Path) -> dict[str, list[str]]:
+    """Return every row of every view but for when and from which code it was made."""
+    out = ("created", "dirty", "code_hash")
+    return {
+        view: sorted(map(repr, rows.select(_without(rows, out)).to_pylist()))
+        for view, rows in answers(store).items()
+    }
+
+
+def _without(rows: pa.Table, names: tuple[str, ...]) -> list[str]:
+    return [name for name in rows.column_names if name not in names]
+
+
+def _commits(store: Path) -> None:
+    for seed in range(10, 18):
+        run(store, seed)
+
+
+def _imports(store: Path) -> None:
+    for seed in range(20, 28):
+        log, _, _ = small(seed)
+        made = Recording("", "irb140", log.t, log.q, log.tau)
+        commit_run(store, made, {"robot_hash": f"{DOF:064x}"})
+
+
+def _records(store: Path) -> None:
+    ids = answers(store)["runs"].column("run_id").to_pylist()
+    records(store, sorted(ids)[:2])
+
+
+def _compact(store: Path) -> None:
+    with open_store(store) as opened:
+        opened.compact()
+
+
+def _unbundle(store: Path) -> None:
+    read_bundle(store.parent / "shared" / "b.tar", store)
+
+
+def _bundle(place: Path) -> None:
+    ids = [run(place / "from", seed) for seed in (30, 31)]
+    write_bundle(place / "from", records(place / "from", ids)[1], place / "b.tar")
+
+
+_WORK = {
+    "commit": _commits,
+    "import": _imports,
+    "record": _records,
+    "compact": _compact,
+    "unbundle": _unbundle,
+}
