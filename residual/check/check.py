@@ -14,7 +14,7 @@ from residual.check.physics import misread, wrong_robot
 from residual.check.ranges import degrees, out_of_range
 from residual.check.repaired import with_scale, without_spikes
 from residual.check.result import Fault, LogCheck
-from residual.check.samples import spikes
+from residual.check.samples import spikes, wraps
 from residual.check.standing import standing
 from residual.check.velocity import velocity_faults
 from residual.check.world import other_world
@@ -60,6 +60,9 @@ def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     if clock is not None:
         faults.append(clock)
         logs = [with_scale(r, "t", clock.repairs[0].scale) for r in logs]
+    wrapped = [fault for log in logs for fault in wraps(log, robot)]
+    if wrapped:
+        return faults + wrapped
     for log in logs:
         faults += uneven(log) + standing(log)
     speeds = velocity_faults(logs)

@@ -107,9 +107,11 @@ class _Court:
         nats = self._best.nats - other.nats
         # A mistake of the map made all of its joints worse: mended, none may suffer.
         suffers = max(
-            (other.fit(j - 1) - self._best.fit(j - 1) for j in joints), default=0
+            other.fit(j - 1) - self._best.fit(j - 1) for j in joints or self.joints
         )
-        if nats < _WORTH or suffers > nats / _SUFFERS:
+        # What is said of all joints must be true of each.
+        most = nats / _SUFFERS if joints else min(nats / _SUFFERS, _WORTH)
+        if nats < _WORTH or suffers > most:
             return None
         evidence = f"{words} better by {nats:.0f} nats."
         enough = _CERTAIN_ANGLES if kind in _ANGLES else CERTAIN

@@ -4,11 +4,15 @@ import numpy as np
 
 from residual.check.repaired import running_median
 from residual.check.result import Fault
+from residual.names import joints_listed
 from residual.recording import Array, Recording
+from residual.robot.robot import Robot
 
 # Of what the samples do but for one in a hundred: noise of any shape stays below.
 _SPIKE = 12.0
 _MOST = 0.002  # share of samples: more are not single ones
+_WHOLE = 0.3  # rad that a leap may be off a whole turn: what the joint moved meanwhile
+_TOO_FAR = 10.0  # times the way that a joint can go in a step
 
 
 def spikes(recording: Recording) -> list[Fault]:
@@ -27,6 +31,31 @@ def spikes(recording: Recording) -> list[Fault]:
             if len(at):
                 out.append(_spike(recording, f"{name}{j + 1}", (at, size, usual)))
     return out
+
+
+def wraps(recording: Recording, robot: Robot) -> list[Fault]:
+    """Find angles that leap by a whole turn between two samples: an encoder that wraps.
+
+    Args:
+        recording: The log.
+        robot: The arm, for what its joints can do in a step.
+    """
+    leap = np.diff(recording.q, axis=0)
+    whole = np.abs(np.abs(leap) - 2 * np.pi) < _WHOLE
+    far = 2 * np.pi - _WHOLE > _TOO_FAR * np.outer(
+        np.diff(recording.t), robot.velocity_limit
+    )
+    # Of an angle in other units many steps are large, and of any size.
+    large = np.abs(leap) > np.pi
+    found = (whole & far).any(axis=0) & (whole == large).all(axis=0)
+    joints = tuple(int(j) + 1 for j in np.flatnonzero(found))
+    if not joints:
+        return []
+    words = (
+        f"The angle of {joints_listed(joints)} leaps by a whole turn between two "
+        "samples: the encoder begins again there. Unwrap it before it is logged."
+    )
+    return [Fault("out_of_range", joints, True, words, (), recording.id)]
 
 
 def _single(x: Array) -> tuple[Array, float, float]:

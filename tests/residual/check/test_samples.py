@@ -9,6 +9,7 @@ from residual.check.check import check_logs
 from residual.check.standing import standing
 from residual.errors import InputError
 from tests.residual.arms import arm, plain_logs
+from tests.residual.check.damaged import clean_logs, edited
 
 
 @pytest.mark.parametrize("size", [300.0, 1e30, 1e308])
@@ -72,3 +73,23 @@ def test_coarse_steps_of_a_torque_are_said_and_fine_ones_are_not():
 
     assert changed("tau", rounded(0.3)) == [("quantised", (1,), False)]
     assert changed("tau", rounded(0.01)) == []
+
+
+def test_an_encoder_that_wraps_is_not_taken_for_degrees():
+    robot, logs = clean_logs("small")
+    damaged = edited(
+        logs, q=lambda q: np.column_stack([q[:, 0], q[:, 1:] % (2 * np.pi)])
+    )
+    faults = check_logs(robot, damaged).faults
+    assert {(f.kind, f.certain, f.repairs) for f in faults} == {
+        ("out_of_range", True, ())
+    }
+    assert set(faults[0].joints) <= {2, 3}
+    degrees = edited(logs, q=np.rad2deg)
+    assert "out_of_range" not in [f.kind for f in check_logs(robot, degrees).faults]
+
+
+def test_a_unit_of_two_torques_is_not_said_of_all():
+    robot, logs = clean_logs("irb140")
+    damaged = edited(logs, tau=lambda tau: tau * [1, 1e3, 1, 1e3, 1, 1])
+    assert not [f for f in check_logs(robot, damaged).faults if f.certain]
