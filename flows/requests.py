@@ -250,8 +250,10 @@ class Demo(Request):
         seed: Seed of everything: arm, effect, motions, noise.
         effect: Effect to hide; None to draw it, "none" to hide nothing.
         store: Folder of the store, None for the usual one.
+        background: What all joints have beside it: clean, workshop or worn.
     """
 
     seed: int
     effect: str | None = None
     store: str | Path | None = None
+    background: str = "clean"

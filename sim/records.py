@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from residual.recording import Recording
 Array = np.ndarray
 BackgroundWord = Literal["clean", "workshop", "worn"]
 CLEAN: BackgroundWord = "clean"
+BACKGROUNDS: tuple[BackgroundWord, ...] = get_args(BackgroundWord)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

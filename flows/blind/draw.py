@@ -13,8 +13,10 @@ from flows.inputs.robots import load
 from flows.specs.experiment import derived_seed
 from residual.effects import registry
 from residual.errors import InputError
+from residual.names import check_name
 from residual.robot.robot import Robot
 from sim.catalogue import kinds, unnamed
+from sim.records import BACKGROUNDS, CLEAN, BackgroundWord
 from sim.streams import stream
 
 SHARED = 10  # cases per excitation
@@ -38,18 +40,21 @@ class Asked:
         seed: Seed of everything.
         robot: Name of the arm.
         duration: Length of each experiment [s].
+        background: What all joints have beside what is hidden.
     """
 
     n: int
     seed: int
     robot: str = "irb140"
     duration: float = 20.0
+    background: BackgroundWord = CLEAN
 
     def __post_init__(self) -> None:
         if self.n < 1:
             raise InputError(f"--n is {self.n}, expected 1 or more.")
         if not 0 <= self.seed < 2**63:
             raise InputError(f"--seed is {self.seed}, expected 0 or more.")
+        check_name(self.background, BACKGROUNDS, "background")
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +169,7 @@ def arm_of(asked: Asked, label: str, excitation: Excitation) -> dict:
     """
     noise = {"torque": excitation.torque, "encoder": excitation.encoder}
     return {
+        "background": asked.background,
         "noise": noise,
         "seed": derived_seed(asked.seed, f"plant/{label}"),
         "salt": f"{derived_seed(asked.seed, f'salt/{label}'):08x}",

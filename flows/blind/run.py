@@ -18,6 +18,7 @@ from flows.settings import cores
 from flows.workers.pool import Here, Pool
 from residual.diagnosis.result import Detectable
 from residual.errors import InputError, ModelgapError
+from sim.records import CLEAN, BackgroundWord
 from warehouse.commit import commit_record, read_record
 
 
@@ -153,16 +154,22 @@ def conclude(
     record = {
         "robot": asked.robot,
         "kind": steps.STUDY,
-        "key": f"{asked.seed}/{asked.n}",
+        "key": f"{asked.seed}/{asked.n}{_of(asked.background)}",
         "seed": asked.seed,
         "n": asked.n,
         "duration": asked.duration,
+        "background": asked.background,
         "summary": figures,
         "failed": list(failed),
     }
     parents = {"case": list(done)}
     id = commit_record(store, "validations", record, None, parents)
     return Study(id, tuple(rows), figures, known, tuple(failed))
+
+
+def _of(background: BackgroundWord) -> str:
+    """Return what tells a study from one of clean arms, as they all were once."""
+    return "" if background == CLEAN else f"/{background}"
 
 
 def _excitations(asked: Asked) -> list[Excitation]:

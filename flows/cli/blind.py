@@ -15,6 +15,7 @@ from flows.report.study import store_page, tell_study
 from flows.say import say
 from flows.settings import store_folder
 from residual.errors import InputError
+from sim.records import CLEAN, BackgroundWord
 
 
 def blind(
@@ -25,6 +26,7 @@ def blind(
     report: str | None = None,
     workers: int | None = None,
     duration: float = 20.0,
+    background: BackgroundWord = CLEAN,
 ) -> None:
     """Hide effects from the diagnosis and count how often it is right.
 
@@ -45,11 +47,13 @@ def blind(
         report: HTML page to write; it is in the store in any case.
         workers: Number of processes; one per core without it.
         duration: Length of every experiment [s].
+        background: What all joints have beside what is hidden: nothing, that of an arm
+            in use, or twice as much.
     """
     place, console = store_folder(store), Console()
     check_between("--seed", seed, 0, SEEDS)
     check_between("--duration", duration, 0.1, LONGEST)
-    asked = Asked(n, seed, duration=duration)
+    asked = Asked(n, seed, duration=duration, background=background)
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}, expected 1 or more.")
     files = named_files({"--report": report})

@@ -13,6 +13,7 @@ from flows.requests import Demo
 from flows.say import say
 from flows.settings import store_folder
 from flows.steps import demo as steps
+from sim.records import CLEAN, BackgroundWord
 
 
 def demo(
@@ -21,6 +22,7 @@ def demo(
     effect: str | None = None,
     store: str | None = None,
     plain: Flag = False,
+    background: BackgroundWord = CLEAN,
 ) -> None:
     """Find the effect that a simulated arm hides from its model.
 
@@ -39,13 +41,16 @@ def demo(
         effect: Effect to hide; drawn from the seed without it. "none" hides nothing.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         plain: The same steps without Prefect.
+        background: What all joints have beside it: nothing, that of an arm in use, or
+            twice as much.
     """
     place, console = store_folder(store), Console()
     check_between("--seed", seed, 0, SEEDS)
-    asked = Demo(seed, effect, place)
+    asked = Demo(seed, effect, place, background)
     # Before anything is started, so that a wrong word is answered at once.
     count = len(steps.specs(asked))
-    say(console, f"{count} experiments on the simulated {steps.ROBOT}, into {place}")
+    arm = f"the simulated {steps.ROBOT}, background {background}"
+    say(console, f"{count} experiments on {arm}, into {place}")
     with progress_bar() as progress:
         made = (run_plain if plain else run_flow)(asked, progress)
     outcome = read_outcome(place, made.proof)

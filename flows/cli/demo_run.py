@@ -73,6 +73,6 @@ def run_flow(asked: Demo, progress: Progress | None = None) -> Made:
         if own:
             own.wait()
         with surrounded(Surroundings(progress, pool)):
-            done = demo(asked.seed, asked.effect, str(store))
+            done = demo(asked.seed, asked.effect, str(store), asked.background)
     page = Path(done["page"])
     return Made(done["diagnosis"], done["proof"], done["hidden"], page)

@@ -13,6 +13,7 @@ from flows.scheduled import events, tasks
 from flows.settings import cores, one_thread_each, store_folder
 from flows.steps.campaign import by_role, planned
 from flows.workers.runner import PROCESSES, chosen_runner
+from sim.records import CLEAN, BackgroundWord
 
 _LIMIT = 12 * tasks.HOUR
 _NIGHT = 24 * tasks.HOUR
@@ -242,18 +243,21 @@ def rerun(id: str, verify: bool = True, store: str | None = None) -> bool:
 
 
 @flow(name="demo", timeout_seconds=_LIMIT)
-def demo(seed: int, effect: str | None, store: str) -> dict:
+def demo(
+    seed: int, effect: str | None, store: str, background: BackgroundWord = CLEAN
+) -> dict:
     """An arm hides an effect; it is found, added, proved, and only then revealed.
 
     Args:
         seed: Seed of everything: arm, effect, motions, noise.
         effect: Effect to hide; None to draw it, "none" to hide nothing.
         store: Folder of the store.
+        background: What all joints have beside it: clean, workshop, worn.
 
     Returns:
         Ids of diagnosis and proof, what was hidden, and the page.
     """
-    runs = tasks.demo_experiments(Demo(seed, effect, store))
+    runs = tasks.demo_experiments(Demo(seed, effect, store, background))
     ids = tasks.diagnose(runs, store)
     hidden = tasks.open_seal(runs, store)
     page = tasks.demo_report(ids, runs, hidden, store)
@@ -261,7 +265,12 @@ def demo(seed: int, effect: str | None, store: str) -> dict:
 
 
 @flow(name="blind", timeout_seconds=_NIGHT)
-def blind(n: int = 40, seed: int | None = None, store: str | None = None) -> str:
+def blind(
+    n: int = 40,
+    seed: int | None = None,
+    store: str | None = None,
+    background: BackgroundWord = CLEAN,
+) -> str:
     """Hide effects from the diagnosis and count how often it is right.
 
     Args:
@@ -269,12 +278,13 @@ def blind(n: int = 40, seed: int | None = None, store: str | None = None) -> str
         seed: Seed of the study; without it the date of the schedule, so that every
             week has cases of its own and the same week the same.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        background: What all joints have beside what is hidden: clean, workshop, worn.
 
     Returns:
         The page.
     """
     place = str(store_folder(store))
-    return tasks.study(n, _date() if seed is None else seed, place)
+    return tasks.study(n, _date() if seed is None else seed, place, background)
 
 
 def _date() -> int:

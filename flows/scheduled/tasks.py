@@ -35,6 +35,7 @@ from flows.steps.monitor_model import source_of
 from flows.steps.rerun import rerun as reruns
 from flows.workers.cluster import ClusterLostError
 from residual.monitoring.monitor import LEAST_RUNS
+from sim.records import CLEAN, BackgroundWord
 
 HOUR = 3600.0  # s
 
@@ -188,9 +189,10 @@ def demo_report(ids: list[str], runs: dict, hidden: list[dict], store: str) -> s
 
 
 @task(name="study", task_run_name="study", tags=["analysis"], timeout_seconds=None)
-def study(n: int, seed: int, store: str) -> str:
+def study(n: int, seed: int, store: str, background: BackgroundWord = CLEAN) -> str:
     """Run what is not in the store, in a pool of processes; write the page."""
-    log, asked, place = get_run_logger(), Asked(n, seed), Path(store)
+    asked = Asked(n, seed, background=background)
+    log, place = get_run_logger(), Path(store)
     made = blind_run.run_study(asked, place, lambda what, _: log.info(what))
     for why in made.failed:
         log.warning(why)

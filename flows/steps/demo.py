@@ -18,7 +18,9 @@ from flows.steps.experiment import plan
 from flows.workers.pool import Here, Pool
 from residual.effects import reported_joints
 from residual.errors import InputError
+from residual.names import check_name
 from sim.experiment import draw_hidden
+from sim.records import BACKGROUNDS
 from sim.streams import HIDDEN, stream
 from warehouse import seal
 
@@ -41,8 +43,10 @@ def specs(asked: Demo) -> list[tuple[str, ExperimentSpec]]:
     """
     if not 0 <= asked.seed < 2**63:
         raise InputError(f"--seed is {asked.seed}, expected 0 or more.")
+    check_name(asked.background, BACKGROUNDS, "background")
     plant = {
         "effect": _hidden_effect(asked),
+        "background": asked.background,
         "seed": derived_seed(asked.seed, "plant"),
         "salt": f"{derived_seed(asked.seed, 'salt'):08x}",
     }
