@@ -63,9 +63,12 @@ def one_thread_each() -> Iterator[None]:
 
 
 def prefect_home(store: Path) -> Path:
-    """Return Prefect's home, made if it is not there."""
+    """Return Prefect's home, made if it is not there: for the owner's eyes only."""
     home = store / PREFECT
-    home.mkdir(parents=True, exist_ok=True)
+    store.mkdir(mode=0o700, parents=True, exist_ok=True)
+    home.mkdir(mode=0o700, exist_ok=True)
+    if home.stat().st_mode & 0o077:  # made by an earlier version
+        home.chmod(0o700)
     return home
 
 

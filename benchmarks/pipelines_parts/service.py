@@ -21,6 +21,8 @@ def service_figures(folder: Path, quick: bool) -> Figures:
         folder: Where the store goes.
         quick: Whether to take few experiments.
     """
+    from flows.service.api import Api
+    from flows.service.key import store_key
     from flows.service.processes import flow_processes, stop
     from flows.service.state import read_running
 
@@ -34,11 +36,12 @@ def service_figures(folder: Path, quick: bool) -> Figures:
         _modelgap("up", "--every", "10", "--port", port, "--store", str(store))
         up = monotonic() - begun
         running = read_running(store / "_prefect")
-        fired = None if quick else _fired(running.url, begun)
+        api = Api(running.url, store_key(store / "_prefect"))
+        fired = None if quick else _fired(api, begun)
         # What the schedule has started must not disturb what follows.
         stop(running.workers)
         stop([p for ps in flow_processes().values() for p in ps if _ours(p, store)])
-        slower = _overhead(running.url, folder, 8 if quick else 100)
+        slower = _overhead(api, folder, 8 if quick else 100)
     finally:
         _modelgap("down", "--wait", "0", "--store", str(store))
     if quick:
@@ -59,13 +62,14 @@ def _schedule(quick: bool, fired: float | None, up: float) -> Figures:
     return {"schedule_fired_seconds": seconds, "schedule_fired_commands": commands}
 
 
-def _overhead(url: str, folder: Path, count: int) -> dict:
+def _overhead(api: Any, folder: Path, count: int) -> dict:
     """Time a campaign bare and as a flow, in a process that has the server's address.
 
     It sends the rest of its logs at its end, for which the server must still be there.
     """
     command = [sys.executable, "-m", "benchmarks.pipelines_parts.overhead"]
-    env = {**os.environ, "PYTHONPATH": str(ROOT), "PREFECT_API_URL": url}
+    to = {"PREFECT_API_URL": api.url, "PREFECT_API_AUTH_STRING": api.key}
+    env = {**os.environ, "PYTHONPATH": str(ROOT), **to}
     words = [*command, str(folder), str(count)]
     done = subprocess.run(
         words, env=env, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True
@@ -89,12 +93,12 @@ def _modelgap(*words: str) -> None:
     subprocess.run([sys.executable, "-c", code, *words], env=env, check=True)
 
 
-def _fired(url: str, begun: float) -> float | None:
+def _fired(to: Any, begun: float) -> float | None:
     """Return the time until a flow run of the schedule runs [s], None for never."""
     from flows.service import api
 
     while monotonic() - begun < _PATIENCE:
-        if any(run["start_time"] for run in api.last_runs(url)):
+        if any(run["start_time"] for run in api.last_runs(to)):
             return monotonic() - begun
         sleep(0.2)
     return None

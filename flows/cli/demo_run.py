@@ -8,7 +8,9 @@ from flows.progress import Progress
 from flows.report.stored import demo_page
 from flows.requests import Demo
 from flows.scheduled.surroundings import Surroundings, surrounded
+from flows.service.key import CLIENT, store_key
 from flows.service.server import answers, start_server
+from flows.service.state import read_running
 from flows.settings import API, cores, prefect_home, prepare_prefect, store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of
@@ -60,13 +62,16 @@ def run_flow(asked: Demo, progress: Progress | None = None) -> Made:
     home = prefect_home(store)
     prepare_prefect(home)
     own = None if answers(os.environ.get(API)) else start_server(home)
+    running = read_running(home)
+    if running and running.url == os.environ.get(API):
+        os.environ.setdefault(CLIENT, store_key(home))
     with Pool(cores()) as pool:
         # A server takes as long to start as the processes take to load the engine.
         pool.warm(load_engine)
         if progress:
             progress("starting", 0.0)
         if own:
-            os.environ[API] = own.url
+            own.use()
         # Only now, since Prefect takes its settings when it is loaded.
         from flows.scheduled.flows import demo
 

@@ -14,8 +14,10 @@ from flows.cli.options import Flag
 from flows.errors import RunError
 from flows.outputs import json_text
 from flows.say import say
+from flows.service.api import opening_address
 from flows.service.down import down as stop
 from flows.service.foreground import stay
+from flows.service.key import store_key
 from flows.service.status import Status
 from flows.service.status import status as state_of
 from flows.service.up import up as bring_up
@@ -46,7 +48,9 @@ def up(
 
     Doing it again is no error: what runs is left alone and its address is printed,
     what was killed is started again. Nothing is sent anywhere; the server listens on
-    this machine only.
+    this machine only, and takes orders from its own page and programs of the store. The
+    address that is printed opens the page once, within ten minutes; afterwards this
+    browser may come back without it. Another one: modelgap up again.
 
     Args:
         port: Port of the server and its page; 4200 unless given.
@@ -56,8 +60,8 @@ def up(
         database: postgresql://USER:PASSWORD@HOST/NAME for the history of flow runs;
             better given as $MODELGAP_DATABASE_URL, since others see command lines.
             Without it a file in the store.
-        trust_network: Let others in the network reach the server. It has no password,
-            and whoever reaches it can run programs as you.
+        trust_network: Let others in the network reach the server. What they send is
+            not encrypted: who listens there learns the key, and runs programs as you.
         foreground: Stay until Ctrl-C, then stop everything; for service managers.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
@@ -67,9 +71,10 @@ def up(
     checked(wanted)
     running, was_up = bring_up(wanted, _say)
     if trust_network:
-        _say("warning: the server has no password; whoever reaches it runs programs.")
+        _say("warning: not encrypted; who listens in the network may run programs.")
     word = "already runs" if was_up else "is up"
-    print(f"{place} {word}: {running.ui}")
+    address = opening_address(running.ui, store_key(place / PREFECT))
+    print(f"{place} {word}: {address}")
     if foreground:
         stay(place, _say)
     else:

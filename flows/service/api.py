@@ -1,7 +1,9 @@
 """What is asked of a running Prefect server, as plain HTTP: no slow import."""
 
 import json
+from base64 import b64encode
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 from time import sleep
 from typing import Any
@@ -15,13 +17,32 @@ _TRIES = 8
 ACTIVE = ("PENDING", "RUNNING", "CANCELLING")
 
 
+@dataclass(frozen=True, slots=True)
+class Api:
+    """The API of a server, and what opens it.
+
+    Attributes:
+        url: Its address.
+        key: What the server wants to see (`key.store_key`).
+    """
+
+    url: str
+    key: str = field(repr=False)
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """What every request has to carry."""
+        shown = b64encode(self.key.encode()).decode()
+        return {"Content-Type": "application/json", "Authorization": f"Basic {shown}"}
+
+
 def ask(
-    url: str, path: str, body: Any = None, method: str | None = None, wait: float = 60
+    api: Api, path: str, body: Any = None, method: str | None = None, wait: float = 60
 ) -> Any:
     """Send one request to the API and return its answer.
 
     Args:
-        url: Address of the API.
+        api: The API.
         path: Below it, such as "/flows/filter".
         body: What to send as JSON; None for nothing.
         method: GET without a body, POST with one, unless given.
@@ -31,8 +52,8 @@ def ask(
         RunError: If the server does not answer or refuses.
     """
     data = None if body is None else json.dumps(body).encode()
-    headers = {"Content-Type": "application/json"}
-    request = Request(url.rstrip("/") + path, data, headers, method=method)
+    place = api.url.rstrip("/") + path
+    request = Request(place, data, api.headers, method=method)
     for left in range(_TRIES, 0, -1):
         try:
             with urlopen(request, timeout=wait) as reply:
@@ -47,18 +68,33 @@ def ask(
             words = f"The server refused {path} ({error.code}): {said}"
             raise RunError(words) from error
         except (OSError, ValueError) as error:
-            raise RunError(f"The server at {url} does not answer: {error}") from error
+            words = f"The server at {api.url} does not answer: {error}"
+            raise RunError(words) from error
     return None
 
 
-def is_there(url: str, path: str) -> bool:
+def opening_address(ui: str, key: str) -> str:
+    """Return the address at which a browser gets the key: once, and not for long.
+
+    Args:
+        ui: Address of the pages.
+        key: What the server wants to see.
+
+    Raises:
+        RunError: If the server does not answer.
+    """
+    ticket = ask(Api(ui, key), "/open/ticket", {})["ticket"]
+    return f"{ui}/open#{ticket}"
+
+
+def is_there(api: Api, path: str) -> bool:
     """Return whether the server knows what a path names.
 
     Raises:
         RunError: If the server does not answer.
     """
     try:
-        ask(url, path)
+        ask(api, path)
     except RunError as error:
         if isinstance(error.__cause__, HTTPError) and error.__cause__.code == 404:
             return False
@@ -66,51 +102,51 @@ def is_there(url: str, path: str) -> bool:
     return True
 
 
-def open_pool(url: str, paused: bool = False) -> None:
+def open_pool(api: Api, paused: bool = False) -> None:
     """Make the work pool if it is not there, and let it give out work or not.
 
     Args:
-        url: Address of the API.
+        api: The API.
         paused: Whether it shall give out nothing for now.
     """
-    if not is_there(url, f"/work_pools/{POOL}"):
-        ask(url, "/work_pools/", {"name": POOL, "type": "process"})
-    ask(url, f"/work_pools/{POOL}", {"is_paused": paused}, "PATCH")
+    if not is_there(api, f"/work_pools/{POOL}"):
+        ask(api, "/work_pools/", {"name": POOL, "type": "process"})
+    ask(api, f"/work_pools/{POOL}", {"is_paused": paused}, "PATCH")
 
 
-def active_runs(url: str) -> list[dict]:
+def active_runs(api: Api) -> list[dict]:
     """Return the flow runs of our pool that are said to run."""
     wanted = {
         "flow_runs": {"state": {"type": {"any_": list(ACTIVE)}}},
         "work_pools": {"name": {"any_": [POOL]}},
     }
-    return ask(url, "/flow_runs/filter", wanted)
+    return ask(api, "/flow_runs/filter", wanted)
 
 
-def end_run(url: str, id: str, why: str) -> None:
+def end_run(api: Api, id: str, why: str) -> None:
     """Mark a flow run as crashed, which also frees the place that it held.
 
     Args:
-        url: Address of the API.
+        api: The API.
         id: Of the flow run.
         why: For whoever reads its history.
     """
     state = {"type": "CRASHED", "name": "Crashed", "message": why}
-    ask(url, f"/flow_runs/{id}/set_state", {"state": state, "force": True})
+    ask(api, f"/flow_runs/{id}/set_state", {"state": state, "force": True})
 
 
-def workers_online(url: str) -> set[str]:
+def workers_online(api: Api) -> set[str]:
     """Return the names of the workers that have reported lately."""
     path = f"/work_pools/{POOL}/workers/filter"
-    if not is_there(url, f"/work_pools/{POOL}"):
+    if not is_there(api, f"/work_pools/{POOL}"):
         return set()
-    return {w["name"] for w in ask(url, path, {}) if w.get("status") == "ONLINE"}
+    return {w["name"] for w in ask(api, path, {}) if w.get("status") == "ONLINE"}
 
 
-def deployments(url: str) -> list[Mapping]:
+def deployments(api: Api) -> list[Mapping]:
     """Return all deployments as "flow/name", each with when it is due next."""
-    flows = {f["id"]: f["name"] for f in ask(url, "/flows/filter", {})}
-    due = _due(url)
+    flows = {f["id"]: f["name"] for f in ask(api, "/flows/filter", {})}
+    due = _due(api)
     found = [
         {
             "name": f"{flows.get(each['flow_id'], '?')}/{each['name']}",
@@ -119,12 +155,12 @@ def deployments(url: str) -> list[Mapping]:
             "schedules": [s for s in each["schedules"] if s["active"]],
             "due": due.get(each["id"]),
         }
-        for each in ask(url, "/deployments/filter", {})
+        for each in ask(api, "/deployments/filter", {})
     ]
     return sorted(found, key=lambda d: d["name"])
 
 
-def last_runs(url: str, most: int = 10) -> list[Mapping]:
+def last_runs(api: Api, most: int = 10) -> list[Mapping]:
     """Return the latest flow runs that have begun or ended, latest first."""
     wanted = {
         "flow_runs": {"state": {"type": {"not_any_": ["SCHEDULED"]}}},
@@ -135,18 +171,18 @@ def last_runs(url: str, most: int = 10) -> list[Mapping]:
     return [
         {k: run[k] for k in keys}
         | {"state": run["state_name"], "message": (run["state"] or {}).get("message")}
-        for run in ask(url, "/flow_runs/filter", wanted)
+        for run in ask(api, "/flow_runs/filter", wanted)
     ]
 
 
-def _due(url: str) -> dict[str, datetime]:
+def _due(api: Api) -> dict[str, datetime]:
     wanted = {
         "flow_runs": {"state": {"type": {"any_": ["SCHEDULED"]}}},
         "sort": "EXPECTED_START_TIME_ASC",
         "limit": 200,
     }
     due: dict[str, datetime] = {}
-    for run in ask(url, "/flow_runs/filter", wanted):
+    for run in ask(api, "/flow_runs/filter", wanted):
         if run["deployment_id"] and run["expected_start_time"]:
             when = datetime.fromisoformat(run["expected_start_time"])
             due.setdefault(run["deployment_id"], when)

@@ -7,6 +7,7 @@ from time import monotonic, sleep
 
 from flows.errors import RunError
 from flows.service import api
+from flows.service.key import store_key
 from flows.service.processes import Process, flow_processes, stop
 from flows.service.server import answers
 from flows.service.state import (
@@ -36,7 +37,8 @@ def down(home: Path, wait: float, say: Say) -> Running | None:
         if running is None or not running.alive:
             return None
         if answers(running.url) and running.server:
-            _finish_runs(running, wait, say)
+            to = api.Api(running.url, store_key(home))
+            _finish_runs(running, to, wait, say)
         stop(running.workers)
         if running.server:
             stop([running.server])
@@ -45,11 +47,11 @@ def down(home: Path, wait: float, say: Say) -> Running | None:
         return running
 
 
-def _finish_runs(running: Running, wait: float, say: Say) -> None:
+def _finish_runs(running: Running, to: api.Api, wait: float, say: Say) -> None:
     """Give out no new work, wait for what runs, end and mark what is left."""
-    api.open_pool(running.url, paused=True)
+    api.open_pool(to, paused=True)
     until, told = monotonic() + wait, False
-    while (active := _active(running.url)) and monotonic() < until:
+    while (active := _active(to)) and monotonic() < until:
         if not told:
             say(f"waiting up to {wait:g} s for {len(active)} flow run(s) to end")
             told = True
@@ -58,16 +60,16 @@ def _finish_runs(running: Running, wait: float, say: Say) -> None:
     stop(running.workers)
     left = [p for processes in active.values() for p in processes]
     stop(left)
-    for run in api.active_runs(running.url):
+    for run in api.active_runs(to):
         if run["id"] in active:
-            api.end_run(running.url, run["id"], ENDED)
+            api.end_run(to, run["id"], ENDED)
             say(f"ended: {run['name']}")
 
 
-def _active(url: str) -> dict[str, list[Process]]:
+def _active(to: api.Api) -> dict[str, list[Process]]:
     """Return the processes on this machine of flow runs of our pool, by id."""
     try:
-        ids = {run["id"] for run in api.active_runs(url)}
+        ids = {run["id"] for run in api.active_runs(to)}
     except RunError:
         return {}
     return {id: ps for id, ps in flow_processes().items() if id in ids}

@@ -35,7 +35,11 @@ class Process:
 
 
 def start(
-    name: str, command: Sequence[str], env: Mapping[str, str], log: Path
+    name: str,
+    command: Sequence[str],
+    env: Mapping[str, str],
+    log: Path,
+    umask: int = -1,
 ) -> Process:
     """Start a process in a session of its own.
 
@@ -44,6 +48,7 @@ def start(
         command: Its command line.
         env: Its whole environment.
         log: Where it writes what it has to say, after what is there.
+        umask: Rights that its files do not get; -1 for those of ours.
     """
     with log.open("ab") as said:
         process = subprocess.Popen(
@@ -54,6 +59,7 @@ def start(
             env=dict(env),
             cwd=log.parent,
             start_new_session=True,
+            umask=umask,
         )
     return Process(name, process.pid, started_at(process.pid) or "ended")
 

@@ -9,6 +9,10 @@ import threading
 import uvicorn
 from prefect.server.api.server import create_app
 
+from flows.service.app import guarded
+
+_HOST = "127.0.0.1"
+
 
 def serve(port: int) -> None:
     """Serve until standard input ends.
@@ -16,8 +20,8 @@ def serve(port: int) -> None:
     Args:
         port: Where to listen, on this machine only.
     """
-    app = create_app(ephemeral=True, final=True)
-    settings = uvicorn.Config(app, "127.0.0.1", port, log_level="error")
+    app = guarded(create_app(ephemeral=True, final=True), _HOST, port)
+    settings = uvicorn.Config(app, _HOST, port, log_level="error", proxy_headers=False)
     server = uvicorn.Server(settings)
 
     def end_with_input() -> None:

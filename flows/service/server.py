@@ -10,14 +10,18 @@ import os
 import socket
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic, sleep
 from urllib.request import urlopen
 
+from flows.service.key import CLIENT, SERVER, store_key
+from flows.service.wanted import code_path
+from flows.settings import API
+
 _PATIENCE = 600.0  # s; the first start makes the database, on a busy machine slowly
 _GRACE = 10.0  # s
-_PROGRAM = Path(__file__).with_name("serve.py")
+_PROGRAM = "flows.service.serve"
 # None of our flows uses blocks, and registering them takes seconds.
 _LEAN = {"PREFECT_API_BLOCKS_REGISTER_ON_START": "false", "PREFECT_UI_ENABLED": "false"}
 
@@ -28,11 +32,13 @@ class Server:
 
     Attributes:
         url: Address of its API.
+        key: What it wants to see from its clients.
         process: Its process.
         log: Where it writes what it has to say.
     """
 
     url: str
+    key: str = field(repr=False)
     process: subprocess.Popen
     log: Path
 
@@ -47,6 +53,10 @@ class Server:
             if self.process.poll() is not None or monotonic() - begun > _PATIENCE:
                 raise RuntimeError(f"Prefect's server did not start; see {self.log}.")
             sleep(0.1)
+
+    def use(self) -> None:
+        """Let Prefect in this process be a client of it; before Prefect is imported."""
+        os.environ.update({API: self.url, CLIENT: self.key})
 
     def stop(self) -> None:
         """End it."""
@@ -67,19 +77,20 @@ def start_server(home: Path) -> Server:
     Args:
         home: Prefect's home.
     """
-    log, port = home / "server.log", _free_port()
-    # -P: the folder of this file must not be a place to import from.
-    command = [sys.executable, "-P", str(_PROGRAM), str(port)]
+    log, port, key = home / "server.log", _free_port(), store_key(home)
+    # -P: the folder that we are called from must not be a place to import from.
+    command = [sys.executable, "-P", "-m", _PROGRAM, str(port)]
     with log.open("ab") as said:
         process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
             stdout=said,
             stderr=said,
-            env={**os.environ, **_LEAN},
+            env={**os.environ, **_LEAN, SERVER: key, "PYTHONPATH": code_path()},
             start_new_session=True,
+            umask=0o077,
         )
-    server = Server(f"http://127.0.0.1:{port}/api", process, log)
+    server = Server(f"http://127.0.0.1:{port}/api", key, process, log)
     atexit.register(server.stop)
     return server
 

@@ -8,36 +8,36 @@ GONE = "Its process is gone; closed when modelgap up found it."
 _WATCH = "close flow runs without a sign of life"
 
 
-def close_stale(url: str) -> list[str]:
+def close_stale(to: api.Api) -> list[str]:
     """Close flow runs of our pool that no process of this machine runs.
 
     Those of workers on other machines are left to `watch_for_stale`, which needs no
     look at processes.
 
     Args:
-        url: Address of the API.
+        to: The API.
 
     Returns:
         The names of what was closed.
     """
     alive, closed = flow_processes(), []
-    if _elsewhere(url):
+    if _elsewhere(to):
         return closed
-    for run in api.active_runs(url):
+    for run in api.active_runs(to):
         if run["id"] not in alive:
-            api.end_run(url, run["id"], GONE)
+            api.end_run(to, run["id"], GONE)
             closed.append(run["name"])
     return closed
 
 
-def watch_for_stale(url: str) -> None:
+def watch_for_stale(to: api.Api) -> None:
     """Let the server itself close a flow run that gives no sign of life any more.
 
     Args:
-        url: Address of the API.
+        to: The API.
     """
     wanted = {"automations": {"name": {"any_": [_WATCH]}}}
-    if api.ask(url, "/automations/filter", wanted):
+    if api.ask(to, "/automations/filter", wanted):
         return
     ends = ("Completed", "Failed", "Cancelled", "Crashed")
     beat = "prefect.flow-run.heartbeat"
@@ -60,9 +60,9 @@ def watch_for_stale(url: str) -> None:
     }
     rule = {"name": _WATCH, "enabled": True, "trigger": trigger, "actions": [action]}
     about = "A killed process cannot say that it has ended."
-    api.ask(url, "/automations/", {**rule, "description": about})
+    api.ask(to, "/automations/", {**rule, "description": about})
 
 
-def _elsewhere(url: str) -> bool:
+def _elsewhere(to: api.Api) -> bool:
     here = worker_name("")
-    return any(not name.endswith(here) for name in api.workers_online(url))
+    return any(not name.endswith(here) for name in api.workers_online(to))

@@ -24,6 +24,7 @@ class Running:
         database: Where the history is, without a password.
         deployed: Hash of the prefect.yaml and its options that were put on it.
         processes: The server, then the workers.
+        guarded: Whether the server asks for a key; those of earlier versions did not.
     """
 
     host: str
@@ -31,6 +32,7 @@ class Running:
     database: str
     deployed: str = ""
     processes: tuple[Process, ...] = ()
+    guarded: bool = False
 
     @property
     def ui(self) -> str:

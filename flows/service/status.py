@@ -6,6 +6,7 @@ from pathlib import Path
 
 from flows.errors import RunError
 from flows.service import api
+from flows.service.key import store_key
 from flows.service.processes import worker_name
 from flows.service.server import answers
 from flows.service.state import Running, read_running
@@ -74,10 +75,11 @@ def status(home: Path, most: int = 10) -> Status:
     gone = {p.name: "starting" if p.lives else "gone" for p in processes}
     if running.server is None or not answers(running.url):
         return Status(running, workers=gone)
+    to = api.Api(running.url, store_key(home))
     try:
-        online = api.workers_online(running.url)
-        deployments = tuple(api.deployments(running.url))
-        runs = tuple(api.last_runs(running.url, most))
+        online = api.workers_online(to)
+        deployments = tuple(api.deployments(to))
+        runs = tuple(api.last_runs(to, most))
     except RunError:
         return Status(running, workers=gone)
     workers = {

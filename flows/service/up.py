@@ -10,6 +10,7 @@ from time import monotonic, sleep
 
 from flows.errors import RunError
 from flows.service import api
+from flows.service.key import store_key
 from flows.service.processes import Process, start, stop, worker_name
 from flows.service.server import answers
 from flows.service.stale import close_stale, watch_for_stale
@@ -55,14 +56,18 @@ def up(wanted: Wanted, say: Say) -> tuple[Running, bool]:
         if _complete(running, count) and wanted.every is None:
             return running, True
         running = _with_server(running, home, wanted, say)
-        for closed in close_stale(running.url):
+        to = api.Api(running.url, store_key(home))
+        api.open_pool(to)
+        for closed in close_stale(to):
             say(f"closed, since nobody runs it any more: {closed}")
         running = _with_workers(running, home, wanted, count)
         running = _deployed(running, home, wanted, say)
         if wanted.every is not None:
-            start_every(running.url, "nightly/nightly", wanted.every)
-        watch_for_stale(running.url)
-        _wait(lambda: _online(running), f"No worker reports; see {home}/worker-1.log.")
+            start_every(to, "nightly/nightly", wanted.every)
+        watch_for_stale(to)
+        _wait(
+            lambda: _online(running, to), f"No worker reports; see {home}/worker-1.log."
+        )
         return running, False
 
 
@@ -118,6 +123,7 @@ def _count(wanted: Wanted, before: Running | None) -> int:
 def _complete(running: Running, count: int) -> bool:
     return (
         running.server is not None
+        and running.guarded
         and len(running.workers) == count
         and running.deployed == deployed_as()
         and answers(running.url)
@@ -126,21 +132,29 @@ def _complete(running: Running, count: int) -> bool:
 
 def _with_server(running: Running, home: Path, wanted: Wanted, say: Say) -> Running:
     server = running.server
+    if server and not running.guarded:
+        say("starting the server anew: that of an earlier version asks for no key")
+        stop([server])
+        server = None
     if server is None:
         # Workers of a server that was killed may have turned to another address.
         stop(running.workers)
         _check_port(running)
         say(f"starting the server on port {running.port}")
         env = server_environment(running, home, wanted.database)
-        command = [sys.executable, "-m", "uvicorn", "--factory", "--log-level"]
-        command += ["warning", "prefect.server.api.server:create_app"]
-        command += ["--host", running.host, "--port", str(running.port)]
-        server = start("server", command, env, home / "server.log")
-        running = replace(running, processes=(server,))
+        log = home / "server.log"
+        server = start("server", server_command(running), env, log, umask=0o077)
+        running = replace(running, processes=(server,), guarded=True)
         write_running(home, running)
     _wait_for_server(running, server, home)
-    api.open_pool(running.url)
     return running
+
+
+def server_command(running: Running) -> list[str]:
+    """Return the command line of the server; it has no key and no password."""
+    command = [sys.executable, "-P", "-m", "uvicorn", "--factory", "--log-level"]
+    command += ["warning", "--no-proxy-headers", "flows.service.app:app"]
+    return [*command, "--host", running.host, "--port", str(running.port)]
 
 
 def _check_port(running: Running) -> None:
@@ -201,33 +215,33 @@ def _deployed(running: Running, home: Path, wanted: Wanted, say: Say) -> Running
 
 
 def start_every(
-    url: str, deployment: str, seconds: int, parameters: dict | None = None
+    to: api.Api, deployment: str, seconds: int, parameters: dict | None = None
 ) -> None:
     """Give a deployment a further schedule from now on, instead of the one before.
 
     Args:
-        url: Address of the API.
+        to: The API.
         deployment: As "flow/name".
         seconds: Time between two starts [s]; 0 for no such schedule any more.
         parameters: Of the flow, instead of those of the deployment.
     """
-    known = api.ask(url, f"/deployments/name/{deployment}")
+    known = api.ask(to, f"/deployments/name/{deployment}")
     place = f"/deployments/{known['id']}/schedules"
     for old in known["schedules"]:
         if old.get("slug") == _EVERY:
-            api.ask(url, f"{place}/{old['id']}", method="DELETE")
+            api.ask(to, f"{place}/{old['id']}", method="DELETE")
     if seconds:
         when = {"interval": float(seconds)}
         new = {"schedule": when, "active": True, "slug": _EVERY}
-        api.ask(url, place, [{**new, "parameters": parameters or {}}])
+        api.ask(to, place, [{**new, "parameters": parameters or {}}])
 
 
-def _online(running: Running) -> bool:
+def _online(running: Running, to: api.Api) -> bool:
     for worker in running.processes:
         if not worker.lives:
             raise RunError(f"{worker.name} ended at once; see {worker.name}.log.")
     names = {worker_name(p.name) for p in running.workers}
-    return names <= api.workers_online(running.url)
+    return names <= api.workers_online(to)
 
 
 def _wait(ready: Callable[[], bool], otherwise: str) -> None:

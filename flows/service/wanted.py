@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from flows.service.key import CLIENT, SERVER, store_key
 from flows.service.state import Running
 from flows.settings import API, STORE, is_loopback, quiet_prefect
 from residual.errors import InputError
@@ -75,8 +76,9 @@ def check_host(host: str, trust_network: bool) -> None:
     """
     if not is_loopback(host) and not trust_network:
         raise InputError(
-            f"--host {host} lets others in the network reach the server, which has no "
-            "password and starts programs. If they may: --trust-network."
+            f"--host {host} lets others in the network reach the server, and what is "
+            "sent is not encrypted: who listens learns the key, and starts programs as "
+            "you. If all of them are trusted: --trust-network."
         )
 
 
@@ -132,7 +134,7 @@ def port_is_free(host: str, port: int) -> bool:
 
 
 def server_environment(running: Running, home: Path, database: str | None) -> dict:
-    """Return the environment of the server.
+    """Return the environment of the server, with the key that it asks for.
 
     Args:
         running: Where it listens.
@@ -142,11 +144,14 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
     own = {
         "PREFECT_SERVER_API_HOST": running.host,
         "PREFECT_SERVER_API_PORT": str(running.port),
-        # Without it the page looks for the server at Prefect's usual port.
-        "PREFECT_SERVER_UI_API_URL": _shown_url(running),
+        SERVER: store_key(home),
+        # Below the page's own address, by whatever name it was opened.
+        "PREFECT_SERVER_UI_API_URL": "/api",
         "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
-        # Any page in a browser could otherwise give orders to a server of ours.
-        "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": _origins(running),
+        # No page of another address may read an answer; what may ask is in `rules`.
+        "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": running.ui,
+        # It protects pages that are let in by a cookie; here every request has the key.
+        "PREFECT_SERVER_CSRF_PROTECTION_ENABLED": "false",
         # In memory, the places that flows hold would be lost with a killed server.
         "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (
             "prefect.server.concurrency.lease_storage.filesystem"
@@ -162,17 +167,24 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
 
 
 def worker_environment(running: Running, store: Path, home: Path) -> dict:
-    """Return the environment of a worker, which flows inherit; no password in it."""
+    """Return the environment of a worker, which flows inherit.
+
+    It has the key, without which the server takes nothing from them, and no password.
+    """
     # Its own python first: the shell may have none, or another one.
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    place = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return _base(home) | {
         API: running.url,
+        CLIENT: store_key(home),
         STORE: str(store),
         "PATH": path,
-        "PYTHONPATH": place,
         "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": str(BEAT),
     }
+
+
+def code_path() -> str:
+    """Return where Python finds our code, whatever folder a program is started in."""
+    return os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
 
 
 def _base(home: Path) -> dict[str, str]:
@@ -184,18 +196,4 @@ def _base(home: Path) -> dict[str, str]:
     }
     # Its log is a file that somebody reads when something is wrong.
     level = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "WARNING"}
-    return kept | quiet_prefect(home) | level
-
-
-def _shown_url(running: Running) -> str:
-    """The API as the browser of somebody else finds it."""
-    if running.host in ("0.0.0.0", "::"):
-        return f"http://{socket.gethostname()}:{running.port}/api"
-    return running.url
-
-
-def _origins(running: Running) -> str:
-    names = {running.ui, _shown_url(running).removesuffix("/api")}
-    if is_loopback(running.host):
-        names.add(f"http://localhost:{running.port}")
-    return ",".join(sorted(names))
+    return kept | quiet_prefect(home) | level | {"PYTHONPATH": code_path()}

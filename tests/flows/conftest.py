@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from flows.service.key import CLIENT
 from flows.settings import API, quiet_prefect
 from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis
@@ -26,7 +27,7 @@ home = Path(sys.argv[1])
 prepare_prefect(home)
 own = start_server(home)
 own.wait()
-print(own.url, own.process.pid, flush=True)
+print(own.url, own.process.pid, own.key, flush=True)
 sys.stdin.read()
 """
 JOINTS = range(1, 7)
@@ -48,15 +49,16 @@ def server(tmp_path_factory):
         stdout=subprocess.PIPE,
         text=True,
     )
-    url, process = owner.stdout.readline().split()
+    url, process, key = owner.stdout.readline().split()
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in {**quiet_prefect(home), API: url}.items():
+        for name, value in {**quiet_prefect(home), API: url, CLIENT: key}.items():
             patch.setenv(name, value)
         from prefect import settings
 
         updates = {
             settings.PREFECT_HOME: home,
             settings.PREFECT_API_URL: url,
+            settings.PREFECT_API_AUTH_STRING: key,
             settings.PREFECT_LOGGING_TO_API_ENABLED: False,  # they may come too late
             # Without a heartbeat a flow ends when it ends, and not a second later.
             settings.PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None,

@@ -1,5 +1,6 @@
 """What `up`, `status` and `down` decide, without starting a server."""
 
+import json
 import os
 import socket
 import subprocess
@@ -10,7 +11,8 @@ import pytest
 
 from flows.cli import main
 from flows.errors import RunError
-from flows.service import up
+from flows.service import api, up
+from flows.service.key import CLIENT, SERVER, store_key
 from flows.service.processes import Process, flow_processes, start, started_at, stop
 from flows.service.state import Running, one_at_a_time, read_running, write_running
 from flows.service.wanted import (
@@ -136,9 +138,25 @@ def test_the_server_calls_nobody_and_obeys_only_its_own_page(tmp_path, monkeypat
     env = server_environment(Running("127.0.0.1", 4300, "sqlite"), tmp_path, None)
     assert env["PREFECT_SERVER_ANALYTICS_ENABLED"] == "false"
     assert env["DO_NOT_TRACK"] == "1"
-    assert env["PREFECT_SERVER_UI_API_URL"] == "http://127.0.0.1:4300/api"
-    origins = env["PREFECT_SERVER_CORS_ALLOWED_ORIGINS"].split(",")
-    assert set(origins) == {"http://127.0.0.1:4300", "http://localhost:4300"}
+    assert env["PREFECT_SERVER_UI_API_URL"] == "/api"
+    assert env["PREFECT_SERVER_CORS_ALLOWED_ORIGINS"] == "http://127.0.0.1:4300"
+
+
+def test_the_key_goes_to_server_and_worker_and_is_written_nowhere(tmp_path):
+    running, key = Running("127.0.0.1", 4300, "sqlite"), store_key(tmp_path)
+    server = server_environment(running, tmp_path, None)
+    worker = worker_environment(running, tmp_path, tmp_path)
+    assert [k for k, v in server.items() if key in v] == [SERVER]
+    assert [k for k, v in worker.items() if key in v] == [CLIENT]
+    write_running(tmp_path, running)
+    assert key not in (tmp_path / "up.json").read_text()
+    assert key not in repr(api.Api(running.url, key))
+
+
+def test_a_server_of_an_earlier_version_that_asks_for_no_key_is_not_kept(tmp_path):
+    told = {"host": "127.0.0.1", "port": 4300, "database": "sqlite", "processes": []}
+    (tmp_path / "up.json").write_text(json.dumps(told))
+    assert not read_running(tmp_path).guarded
 
 
 def test_a_taken_port_is_said_with_another_to_try(tmp_path, capsys):

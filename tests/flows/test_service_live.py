@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from flows.service import api
+from flows.service.key import store_key
 from flows.service.state import read_running
 from flows.service.up import start_every
 from tests.waiting import PATIENCE, until
@@ -54,13 +55,14 @@ def service(tmp_path_factory):
         done = modelgap("up", "--port", port, *words, cwd=folder)
         assert done.returncode == 0, done.stderr
         (folder / "c.toml").write_text(CAMPAIGN)
+        home = folder / "store" / "_prefect"
         yield SimpleNamespace(
             words=words,
             folder=folder,
-            home=folder / "store" / "_prefect",
+            home=home,
             said=done.stdout,
             ui=f"http://127.0.0.1:{port}",
-            url=f"http://127.0.0.1:{port}/api",
+            api=api.Api(f"http://127.0.0.1:{port}/api", store_key(home)),
         )
     finally:
         modelgap("down", "--wait", "0", *words)
@@ -68,7 +70,7 @@ def service(tmp_path_factory):
 
 def runs_of(service, deployment: str) -> list[dict]:
     wanted = {"deployments": {"name": {"any_": [deployment]}}}
-    return api.ask(service.url, "/flow_runs/filter", wanted)
+    return api.ask(service.api, "/flow_runs/filter", wanted)
 
 
 def completed(service, deployment: str) -> list[dict]:
@@ -85,15 +87,14 @@ def test_up_gives_the_address_and_a_second_one_changes_nothing(service):
     assert again.returncode == 0
     assert f"already runs: {service.ui}" in again.stdout
     assert read_running(service.home) == before
-    page = api.ask(service.ui, "/ui-settings")
-    assert page["api_url"] == service.url
+    assert service.api.key not in service.said + again.stdout + again.stderr
 
 
 def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
     given = {"campaign_file": str(service.folder / "c.toml")}
-    start_every(service.url, "campaign/campaign", 15, given)
+    start_every(service.api, "campaign/campaign", 15, given)
     until(lambda: completed(service, "campaign"), "the campaign has ended", 0.5)
-    start_every(service.url, "campaign/campaign", 0)
+    start_every(service.api, "campaign/campaign", 0)
     asked = modelgap(
         "sql", "SELECT run_id FROM runs", "--format", "json", *service.words
     )
@@ -107,14 +108,14 @@ def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
 
 def test_after_a_kill_up_starts_anew_and_closes_what_was_left(service):
     given = {"deployments": {"name": {"any_": ["campaign"]}}}
-    (deployment,) = api.ask(service.url, "/deployments/filter", given)
+    (deployment,) = api.ask(service.api, "/deployments/filter", given)
     left = {"type": "RUNNING", "name": "Running"}
     place = f"/deployments/{deployment['id']}/create_flow_run"
     pool = {"state": {"type": "SCHEDULED"}, "name": "left"}
-    api.ask(service.url, f"/work_pools/{api.POOL}", {"is_paused": True}, "PATCH")
-    run = api.ask(service.url, place, pool)
+    api.ask(service.api, f"/work_pools/{api.POOL}", {"is_paused": True}, "PATCH")
+    run = api.ask(service.api, place, pool)
     path = f"/flow_runs/{run['id']}/set_state"
-    api.ask(service.url, path, {"state": left, "force": True})
+    api.ask(service.api, path, {"state": left, "force": True})
     known = len(runs_of(service, "campaign"))
     for process in read_running(service.home).processes:
         os.kill(process.pid, signal.SIGKILL)

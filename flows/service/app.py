@@ -1,0 +1,35 @@
+"""What a server of ours serves: Prefect, with a guard before it."""
+
+from prefect.server.api.server import create_app
+from prefect.settings import get_current_settings
+from starlette.types import ASGIApp
+
+from flows.errors import RunError
+from flows.service.database import patient
+from flows.service.entry import Tickets, with_entry
+from flows.service.guard import Guard
+from flows.service.rules import rules_for
+
+
+def app() -> ASGIApp:
+    """Return the application of `modelgap up`; where it listens is in the settings."""
+    api = get_current_settings().server.api
+    return guarded(create_app(final=True), api.host, api.port)
+
+
+def guarded(prefect: ASGIApp, host: str, port: int) -> ASGIApp:
+    """Return Prefect's application with the guard before it.
+
+    Args:
+        prefect: The application.
+        host: Address that it listens on.
+        port: Its port.
+
+    Raises:
+        RunError: If Prefect was given no key: nothing is served without.
+    """
+    key = get_current_settings().server.api.auth_string
+    if key is None or not key.get_secret_value():
+        raise RunError("The server was given no key. Start it by modelgap up.")
+    rules = rules_for(host, port, key.get_secret_value())
+    return Guard(with_entry(patient(prefect), rules, Tickets()), rules)

@@ -1,0 +1,134 @@
+"""A headless Chromium that a test drives: opens pages, runs their scripts, and tells
+which addresses they asked for."""
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+from time import monotonic
+from typing import Any
+from urllib.request import urlopen
+
+from websockets.sync.client import connect
+
+from tests.waiting import until
+
+PROGRAM = shutil.which("chromium") or shutil.which("google-chrome")
+# Nothing of the browser's own may be taken for a request of a page.
+QUIET = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--remote-debugging-port=0",
+)
+
+
+class Tab:
+    """One tab.
+
+    Attributes:
+        asked: Addresses that its pages have asked for.
+        refused: Those of them that were not let out.
+        said: Errors that they have written to the console.
+    """
+
+    def __init__(self, socket: Any):
+        self._socket, self._number = socket, count(1)
+        self.asked: dict[str, str] = {}
+        self.refused: list[str] = []
+        self.said: list[str] = []
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self._call(f"{domain}.enable")
+
+    def open(self, address: str) -> None:
+        """Go to an address."""
+        self._call("Page.navigate", url=address)
+
+    def run(self, script: str) -> Any:
+        """Return what a script gives, also a promised one."""
+        done = self._call(
+            "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
+        )
+        assert "exceptionDetails" not in done, done["exceptionDetails"]
+        return done["result"].get("value")
+
+    def wait(self, script: str, what: str) -> Any:
+        """Return what a script gives once that is true."""
+        return until(lambda: self.run(script), what, 0.3)
+
+    def listen(self, seconds: float) -> None:
+        """Note what the pages do for some time."""
+        last = monotonic() + seconds
+        while (left := last - monotonic()) > 0:
+            try:
+                self._note(json.loads(self._socket.recv(timeout=left)))
+            except TimeoutError:
+                return
+
+    def picture(self, path: Path) -> None:
+        """Keep what is seen, for people."""
+        import base64
+
+        told = self._call("Page.captureScreenshot")
+        path.write_bytes(base64.b64decode(told["data"]))
+
+    def _call(self, method: str, **params: Any) -> dict:
+        number = next(self._number)
+        told = {"id": number, "method": method, "params": params}
+        self._socket.send(json.dumps(told))
+        while True:
+            message = json.loads(self._socket.recv(timeout=120))
+            if message.get("id") == number:
+                assert "error" not in message, message
+                return message["result"]
+            self._note(message)
+
+    def _note(self, message: dict) -> None:
+        told = message.get("params", {})
+        match message.get("method"):
+            case "Network.requestWillBeSent":
+                self.asked[told["requestId"]] = told["request"]["url"]
+            case "Network.webSocketCreated":
+                self.asked[told["requestId"]] = told["url"]
+            case "Network.loadingFailed":
+                if told.get("blockedReason"):
+                    self.refused.append(self.asked.pop(told["requestId"], "?"))
+            case "Log.entryAdded" if told["entry"]["level"] == "error":
+                self.said.append(told["entry"]["text"])
+            case "Runtime.exceptionThrown":
+                about = told["exceptionDetails"]
+                said = about.get("exception", {}).get("description")
+                self.said.append(said or about["text"])
+
+
+@contextmanager
+def browser(folder: Path, *options: str) -> Iterator[Tab]:
+    """Start a browser without a past; give its tab.
+
+    Args:
+        folder: An empty one for its files.
+        options: More of its command line.
+    """
+    words = [PROGRAM, *QUIET, f"--user-data-dir={folder}", *options, "about:blank"]
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen(words, stdout=log, stderr=log)
+    try:
+        note = folder / "DevToolsActivePort"
+        until(lambda: note.exists() and note.read_text().count("\n"), "it runs", 0.1)
+        port = note.read_text().split("\n")[0]
+        with urlopen(f"http://127.0.0.1:{port}/json/list") as told:
+            tabs = [t for t in json.load(told) if t["type"] == "page"]
+        with connect(tabs[0]["webSocketDebuggerUrl"], max_size=None) as socket:
+            yield Tab(socket)
+    finally:
+        process.terminate()
+        process.wait(30)

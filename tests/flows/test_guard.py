@@ -1,0 +1,204 @@
+"""Who may speak to the server of a store, tried without a server."""
+
+import json
+
+import pytest
+
+from flows.service.guard import Guard
+from flows.service.rules import refusal, rules_for
+from tests.flows.asgi import (
+    BODY,
+    HOST,
+    JSON,
+    OURS,
+    OWN,
+    SECRET,
+    answer,
+    origin,
+    prefect,
+    scope,
+    signed,
+)
+
+
+def kind(value: str) -> tuple[str, str]:
+    return "content-type", value
+
+
+def post(*given: tuple[str, str], method: str = "POST", host: str = HOST) -> dict:
+    return scope(method, host=host, given=given)
+
+
+def websocket(*given: tuple[str, str], host: str = HOST) -> dict:
+    return scope(kind="websocket", host=host, given=given)
+
+
+PAGE, EVIL = origin(OWN), origin("http://evil.example")
+
+
+@pytest.mark.parametrize(
+    ("status", "asked"),
+    [
+        # The page and the programs of the store.
+        (None, scope()),
+        (None, scope(host="localhost:4200")),
+        (None, scope(host="LocalHost:4200")),
+        (None, scope(host="[::1]:4200")),
+        (None, post(PAGE, JSON, BODY)),
+        (None, post(signed(), JSON, BODY)),
+        (None, post(signed(), BODY, kind("application/json; charset=utf-8"))),
+        (None, post(signed(), ("content-length", "0"))),
+        (None, post(signed(), method="DELETE")),
+        (None, websocket(PAGE)),
+        (None, websocket()),
+        # A page of another address: attack 1, and what it may try next.
+        (403, post(EVIL, BODY)),
+        (403, post(EVIL, JSON, BODY, signed())),
+        (403, post(EVIL, method="DELETE")),
+        (403, post(EVIL, method="OPTIONS")),
+        (403, post(EVIL, method="GET")),
+        (403, post(PAGE, EVIL, JSON, BODY)),
+        (403, post(origin("null"), JSON, BODY)),
+        (403, post(origin(""), JSON, BODY)),
+        (403, post(origin("https://127.0.0.1:4200"), JSON, BODY)),
+        (403, post(origin("http://127.0.0.1:8888"), JSON, BODY)),
+        (403, post(origin("http://127.0.0.1"), JSON, BODY)),
+        (403, post(origin("http://localhost:4200"), JSON, BODY)),
+        (403, post(origin("http://127.0.0.1:4200.evil.example"), JSON, BODY)),
+        (403, websocket(EVIL)),
+        (403, websocket(origin("http://localhost:8888"), signed())),
+        # A name that was made to point here: attack 2.
+        (421, scope(host="evil.example:4200", path="/api/admin/settings")),
+        (421, post(origin("http://evil.example:4200"), JSON, host="evil.example:4200")),
+        (421, websocket(host="evil.example:4200")),
+        (421, scope(host="127.0.0.1:4200.evil.example")),
+        (421, scope(host="127.0.0.1.evil.example:4200")),
+        (421, scope(host="localhost.:4200")),
+        (421, scope(host="127.0.0.1")),
+        (421, scope(host="127.0.0.1:4201")),
+        (421, scope(host="0.0.0.0:4200")),
+        (421, scope(host="10.0.0.7:4200")),
+        (421, scope(host="")),
+        (421, scope(given=[("host", "evil.example:4200")])),
+        # A program that has no key, or a wrong one.
+        (401, post(JSON, BODY)),
+        (401, post(signed("modelgap:guessed"), JSON, BODY)),
+        (401, post(("authorization", SECRET), JSON, BODY)),
+        (401, post(("authorization", "Basic \xfc"), JSON, BODY)),
+        (401, post(JSON, BODY, method="BREW")),
+        (401, post(JSON, BODY, method="post")),
+        # A body that a form of any page can send.
+        (415, post(PAGE, BODY)),
+        (415, post(signed(), BODY)),
+        (415, post(signed(), ("transfer-encoding", "chunked"))),
+        (415, post(signed(), BODY, kind("text/plain"), method="PATCH")),
+        (415, post(signed(), kind("text/plain; application/json"), method="PUT")),
+        (415, post(signed(), BODY, kind("multipart/form-data"))),
+        (415, post(signed(), BODY, JSON, kind("text/plain"))),
+    ],
+)
+def test_what_comes_from_elsewhere_is_refused(status, asked):
+    why = refusal(asked, OURS)
+    assert (why and why.status) == status
+    assert SECRET not in repr((why, OURS))
+
+
+@pytest.mark.parametrize(
+    ("ours", "host"),
+    [
+        (True, "lab.example:4200"),
+        (True, "LAB.example:4200"),
+        (False, "127.0.0.1:4200"),
+        (False, "evil.example:4200"),
+        (False, "10.0.0.7:4200"),
+    ],
+)
+def test_who_binds_a_name_is_asked_by_that_name(ours, host):
+    assert rules_for("lab.example", 4200, SECRET).is_ours(host) == ours
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_who_listens_everywhere_is_asked_by_any_address_but_by_no_strange_name(host):
+    rules = rules_for(host, 4200, SECRET)
+    for ours in ("10.0.0.7:4200", "[fe80::1]:4200", "localhost:4200", "127.0.0.1:4200"):
+        assert rules.is_ours(ours)
+    for foreign in ("evil.example:4200", "0.0.0.0:4200", "10.0.0.7:80", "10.0.0.7"):
+        assert not rules.is_ours(foreign)
+
+
+def test_the_port_that_browsers_leave_out_may_be_left_out():
+    assert rules_for("127.0.0.1", 80, SECRET).is_ours("127.0.0.1")
+
+
+def headers_of(answered: list[dict]) -> dict[str, str]:
+    return {k.decode(): v.decode() for k, v in answered[0]["headers"]}
+
+
+def test_what_is_refused_does_not_reach_prefect():
+    foreign = scope("POST", given=[origin("http://evil.example"), BODY])
+    start, body = answer(Guard(prefect, OURS), foreign)
+    assert start["status"] == 403
+    assert "http://evil.example" in json.loads(body["body"])["detail"]
+    assert "access-control-allow-origin" not in headers_of([start])
+
+
+def test_every_page_may_talk_to_its_own_server_only_and_be_framed_by_none():
+    for host in (HOST, "localhost:4200"):
+        told = headers_of(answer(Guard(prefect, OURS), scope(path="/", host=host)))
+        policy = dict(
+            part.strip().split(" ", 1)
+            for part in told["content-security-policy"].split(";")
+        )
+        assert policy["connect-src"] == f"'self' ws://{host}"
+        assert policy["default-src"] == "'self'"
+        assert policy["frame-ancestors"] == policy["object-src"] == "'none'"
+        assert policy["script-src"] == "'self' 'unsafe-eval'"  # and nothing inline
+        assert not any(
+            "http" in sources or "*" in sources for sources in policy.values()
+        )
+        assert told["x-frame-options"] == "DENY"
+        assert told["x-content-type-options"] == "nosniff"
+
+
+def message(told: object) -> dict:
+    text = told if isinstance(told, str) else json.dumps(told)
+    return {"type": "websocket.receive", "text": text}
+
+
+SHOWN = {"type": "auth", "token": SECRET}
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        {"type": "auth", "token": "guessed"},
+        {"type": "auth", "token": None},
+        {"type": "auth"},
+        {"type": "event", "token": SECRET},
+        {"event": "modelgap.run.committed"},
+        [],
+        "no JSON",
+        "[" * 100_000,
+    ],
+)
+def test_a_websocket_without_the_key_first_is_closed(first):
+    sent = [{"type": "websocket.connect"}, message(first), message(SHOWN)]
+    told = answer(Guard(prefect, OURS), scope(kind="websocket"), sent)
+    closed = {"type": "websocket.close", "code": 1008}
+    assert told == [{"type": "websocket.accept"}, closed]
+
+
+def test_a_websocket_with_the_key_is_open():
+    connect, more = {"type": "websocket.connect"}, message("more")
+    shown = [connect, message(SHOWN), more]
+    app = Guard(prefect, OURS)
+    told = answer(app, scope(kind="websocket"), shown)
+    assert [m.get("text") for m in told[1:]] == [message(SHOWN)["text"], "more"]
+    signs = scope(kind="websocket", given=[signed()])
+    assert [m.get("text") for m in answer(app, signs, [connect, more])[1:]] == ["more"]
+
+
+def test_a_foreign_websocket_is_closed_before_it_is_open():
+    foreign = scope(kind="websocket", given=[origin("http://evil.example")])
+    told = answer(Guard(prefect, OURS), foreign, [{"type": "websocket.connect"}])
+    assert told == [{"type": "websocket.close", "code": 1008}]

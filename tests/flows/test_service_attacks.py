@@ -1,0 +1,289 @@
+"""A real server, attacked by raw clients and by pages in a real browser."""
+
+import http.client
+import json
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from threading import Thread
+from types import SimpleNamespace
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from flows.errors import RunError
+from flows.service import api
+from flows.service.key import store_key
+from flows.service.processes import start, stop
+from flows.service.server import answers
+from flows.service.state import Running
+from flows.service.up import server_command
+from flows.service.wanted import server_environment
+from flows.settings import prefect_home
+from tests.flows.browser import PROGRAM, browser
+from tests.waiting import until
+
+EVIL = "http://evil.example"
+FLOW = b'{"name": "attack"}'
+# What ran a command within a minute: on any event start a deployment of the store.
+RULE = {
+    "name": "attack",
+    "trigger": {
+        "type": "event",
+        "expect": ["*"],
+        "posture": "Reactive",
+        "threshold": 1,
+    },
+    "actions": [
+        {
+            "type": "run-deployment",
+            "source": "inferred",
+            "job_variables": {"command": "touch /tmp/attacked"},
+        }
+    ],
+}
+SOCKETS = (
+    "/events/in",
+    "/events/out",
+    "/logs/out",
+    "/task_runs/subscriptions/scheduled",
+    "/work_pools/modelgap/workers/connect",
+)
+
+pytestmark = [pytest.mark.prefect, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """The server of `modelgap up`, as it starts it, and no worker."""
+    home = prefect_home(tmp_path_factory.mktemp("attacked") / "store")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        running = Running("127.0.0.1", probe.getsockname()[1], "sqlite")
+    env = server_environment(running, home, None)
+    process = start("server", server_command(running), env, home / "server.log")
+    try:
+        until(lambda: answers(running.url) or not process.lives, "it answers", 0.2)
+        assert process.lives, (home / "server.log").read_text()
+        yield SimpleNamespace(
+            api=api.Api(running.url, store_key(home)),
+            ui=running.ui,
+            port=running.port,
+            log=home / "server.log",
+        )
+    finally:
+        stop([process])
+
+
+def send(served, method: str, path: str, body: bytes | None = None, **given) -> int:
+    """Send exactly these headers; returns the status."""
+    headers = {name.replace("_", "-"): value for name, value in given.items()}
+    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=60)
+    connection.putrequest(method, f"/api{path}", skip_host="Host" in headers)
+    length = {} if body is None else {"Content-Length": str(len(body))}
+    for name, value in (headers | length).items():
+        connection.putheader(name, value)
+    connection.endheaders(body)
+    try:
+        return connection.getresponse().status
+    finally:
+        connection.close()
+
+
+def made(served) -> list[str]:
+    """Return what the attacks have made."""
+    everything = api.ask(served.api, "/flows/filter", {})
+    everything += api.ask(served.api, "/automations/filter", {})
+    return [each["name"] for each in everything if each["name"] == "attack"]
+
+
+def test_pages_and_programs_of_others_give_no_orders(served):
+    rule = json.dumps(RULE).encode()
+    key = {"Authorization": served.api.headers["Authorization"]}
+    json_body = {"Content_Type": "application/json"}
+    assert send(served, "POST", "/flows/", FLOW, Origin=EVIL) == 403
+    assert send(served, "POST", "/automations/", rule, Origin=EVIL) == 403
+    assert send(served, "POST", "/automations/", rule, Origin="null") == 403
+    assert send(served, "POST", "/flows/", FLOW, Origin=EVIL, **json_body, **key) == 403
+    assert send(served, "POST", "/flows/", FLOW) == 401
+    assert send(served, "POST", "/flows/", FLOW, **json_body) == 401
+    assert send(served, "POST", "/flows/", FLOW, Origin=served.ui, **json_body) == 401
+    assert send(served, "POST", "/flows/", FLOW, **key) == 415
+    assert (
+        send(served, "POST", "/flows/", FLOW, Content_Type="text/plain", **key) == 415
+    )
+    assert made(served) == []
+
+
+def test_a_name_that_was_made_to_point_here_is_not_served(served):
+    evil = {"Host": f"evil.example:{served.port}"}
+    key = {"Authorization": served.api.headers["Authorization"]}
+    assert send(served, "GET", "/admin/settings", **evil) == 421
+    assert send(served, "GET", "/admin/settings", **evil, **key) == 421
+    assert send(served, "GET", "/health", **evil) == 421
+
+
+def test_nothing_is_told_to_who_has_no_key(served):
+    for path in ("/admin/settings", "/csrf-token?client=a", "/flows/count", "/version"):
+        assert send(served, "GET", path) == 401
+    assert send(served, "GET", "/health") == 200
+    with pytest.raises(RunError, match="401"):
+        api.ask(api.Api(served.api.url, "modelgap:guessed"), "/flows/filter", {})
+
+
+def test_the_key_of_the_store_opens_it(served):
+    assert api.ask(served.api, "/admin/version")
+
+
+@pytest.mark.parametrize("path", SOCKETS)
+def test_a_websocket_is_for_who_has_the_key(served, path):
+    place = served.api.url.replace("http", "ws") + path
+    opened = partial(connect, place, subprotocols=["prefect"], open_timeout=60)
+    for origin in (EVIL, "null", "http://127.0.0.1:1"):
+        with pytest.raises(InvalidStatus) as caught, opened(origin=origin):
+            pass
+        assert caught.value.response.status_code == 403
+    for origin in (None, served.ui):
+        assert not greeted(opened(origin=origin), {"type": "auth", "token": "guessed"})
+        assert not greeted(opened(origin=origin), {"type": "filter", "filter": {}})
+    with suppress(ConnectionClosed, InvalidStatus), connect(place) as legacy:
+        legacy.send(json.dumps({"event": "modelgap.run.committed"}))
+        legacy.recv(timeout=60)
+        pytest.fail("it answered without a key")
+    assert greeted(opened(), {"type": "auth", "token": served.api.key})
+
+
+def greeted(opening, first: dict) -> bool:
+    """Whether the server welcomes who sends this first."""
+    with opening as open_:
+        open_.send(json.dumps(first))
+        try:
+            return json.loads(open_.recv(timeout=60)) == {"type": "auth_success"}
+        except ConnectionClosed:
+            return False
+
+
+ATTACK = """
+(async () => {
+  const told = {};
+  const ask = async (name, path, options) => {
+    try { told[name] = (await fetch("%(ui)s/api" + path, options)).status; }
+    catch (error) { told[name] = "failed"; }
+  };
+  const blob = new Blob([JSON.stringify({name: "attack"})]);
+  const rule = new Blob([JSON.stringify(%(rule)s)]);
+  await ask("blind", "/flows/", {method: "POST", mode: "no-cors", body: blob});
+  await ask("rule", "/automations/", {method: "POST", mode: "no-cors", body: rule});
+  await ask("plain", "/flows/", {method: "POST", body: '{"name": "attack"}'});
+  await ask("json", "/flows/", {method: "POST", body: '{"name": "attack"}',
+                                headers: {"Content-Type": "application/json"}});
+  await ask("read", "/admin/settings", {});
+  told.socket = await new Promise((done) => {
+    const socket = new WebSocket("%(ws)s/events/in", "prefect");
+    socket.onopen = () => done("open");
+    socket.onerror = () => done("failed");
+  });
+  told.framed = await new Promise((done) => {
+    const frame = document.createElement("iframe");
+    frame.onload = () => { try { done(frame.contentDocument ? "seen" : "empty"); }
+                           catch (error) { done("empty"); } };
+    frame.src = "%(ui)s/";
+    document.body.append(frame);
+  });
+  return told;
+})()
+"""
+
+
+@contextmanager
+def evil_pages() -> Iterator[int]:
+    """Serve an empty page; gives its port."""
+
+    class Page(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><body>evil</body>")
+
+        def log_message(self, *_):
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Page) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield server.server_port
+        server.shutdown()
+
+
+@pytest.fixture
+def tab(tmp_path):
+    """A browser; every name but those of the attacks leads nowhere."""
+    if PROGRAM is None:
+        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
+    evil = "MAP evil.example 127.0.0.1, MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
+    with browser(tmp_path, f"--host-resolver-rules={evil}") as tab:
+        yield tab
+
+
+@pytest.mark.parametrize("name", ["evil.example", "127.0.0.1"])
+def test_a_page_of_another_address_gives_no_orders(served, tab, name):
+    given = {
+        "ui": served.ui,
+        "ws": served.api.url.replace("http", "ws"),
+        "rule": json.dumps(RULE),
+    }
+    with evil_pages() as port:
+        # As after a visit by its owner: what the browser keeps must not help.
+        tab.open(api.opening_address(served.ui, served.api.key))
+        tab.wait(
+            "location.pathname.startsWith('/v2') && !!document.title", "it is open"
+        )
+        tab.open(f"http://{name}:{port}/")
+        tab.wait(
+            "document.body?.innerText === 'evil'", "the page of the attack is open"
+        )
+        told = tab.run(ATTACK % given)
+    assert told.pop("blind") in (
+        0,
+        "failed",
+    )  # 0: sent, and the page may not see what came
+    assert told.pop("rule") in (0, "failed")
+    assert told.pop("framed") == "empty"
+    assert set(told.values()) == {"failed"}, told
+    assert made(served) == []
+
+
+def test_a_rebound_name_shows_nothing(served, tab):
+    tab.open(f"http://evil.example:{served.port}/api/admin/settings")
+    told = tab.wait("document.body?.innerText", "the answer is there")
+    assert "evil.example" in json.loads(told)["detail"]
+    asked = "fetch('/api/admin/settings').then(() => 'answered').catch(() => 'refused')"
+    assert tab.run(asked) == "refused"
+
+
+def test_the_pages_work_and_ask_for_nothing_beyond_this_machine(served, tab):
+    api.ask(served.api, "/flows/", {"name": "seen-flow"})
+    api.ask(served.api, "/variables/", {"name": "seen_variable", "value": 1})
+    address = api.opening_address(served.ui, served.api.key)
+    tab.open(address)
+    tab.wait("location.pathname.startsWith('/v2')", "the ticket has opened the page")
+    pages = {
+        "/v2/flows": "seen-flow",
+        "/v2/variables": "seen_variable",
+        "/v2/settings": "csrf_support_enabled",
+    }
+    for path, words in pages.items():
+        tab.open(f"{served.ui}{path}")
+        tab.wait(f"document.body?.innerText.includes({json.dumps(words)})", path)
+        # Its tracker asks a few times, each time later.
+        tab.listen(2)
+    assert any("amplitude" in said for said in tab.said)  # it has tried
+    hosts = {url.split("/")[2] for url in tab.asked.values() if "://" in url}
+    assert hosts == {f"127.0.0.1:{served.port}"}
+    assert served.api.key not in tab.run("document.documentElement.outerHTML")
+    tab.open("about:blank")
+    tab.open(address)
+    tab.wait("document.body?.innerText.includes('has been used')", "it opened once")
