@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import stat
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
@@ -26,6 +27,14 @@ def tree(store):
     """Every file of a store, without its index and what all records share."""
     files = (p.relative_to(store).as_posix() for p in store.rglob("*") if p.is_file())
     return sorted(f for f in files if not f.startswith(("_index", "made_with")))
+
+
+def test_a_new_store_is_its_owners_and_one_that_is_there_keeps_its_rights(tmp_path):
+    (tmp_path / "shared").mkdir(mode=0o755)
+    for name in ("new", "shared"):
+        made.commit(tmp_path / name)
+    modes = [stat.S_IMODE((tmp_path / n).stat().st_mode) for n in ("new", "shared")]
+    assert modes == [0o700, 0o755]
 
 
 def test_a_run_lies_where_the_layout_says(tmp_path):
