@@ -12,7 +12,7 @@ from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse.exchange.bundle import write_bundle
 
-SEEDS = 40  # random edits of each file
+SEEDS = 48  # random edits of each file
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,12 +119,20 @@ def _of_text(kind: str, file: str, words: tuple[str, ...]) -> Callable:
         paths = {"LOG": str(base["log"])}
         given = tuple(paths.get(word, word) for word in words)
         judge = "samples" if kind == "log" else None
+        # Nothing is a whole TOML file, of which every key has its default.
+        whole = ("empty", "blank") if file.endswith(".toml") else ()
         return [
-            Input(kind, name, given, file, data, "refuse" if none else judge)
+            Input(
+                kind, name, given, file, data, _judge(name not in whole and none, judge)
+            )
             for name, data, none in _edits(good)
         ]
 
     return made
+
+
+def _judge(none: bool, otherwise: str | None) -> str | None:
+    return "refuse" if none else otherwise
 
 
 def _of_bundle(base: Mapping[str, Path]) -> list[Input]:
@@ -155,7 +163,8 @@ def _of_sql(base: Mapping[str, Path]) -> list[Input]:
 
 
 def _queries() -> Iterator[tuple[str, str, str, str | None]]:
-    for depth in (300, 500, 2000, 5000):
+    yield "subqueries 100", _nested(100), "answer", '"x": 1'
+    for depth in (500, 2000, 5000):
         yield f"subqueries {depth}", _nested(depth), "refuse", None
     for word in _FORBIDDEN:
         yield word[:30], word, "refuse", None
