@@ -7,25 +7,28 @@ that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PL
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from residual.diagnosis.baseline.drift import drifted
+from residual.diagnosis.baseline.learn import from_baseline
 from residual.diagnosis.conclude import Case, conclude
 from residual.diagnosis.doubt.angle_noise import noise_notes
-from residual.diagnosis.doubt.held_out import three_models, unproven
+from residual.diagnosis.doubt.held_out import Verdicts, three_models, unproven
 from residual.diagnosis.doubt.impossible import contradictions
 from residual.diagnosis.doubt.standing import stand
+from residual.diagnosis.drift import Drift
 from residual.diagnosis.examine import (
     Examined,
     Progress,
     examine,
-    from_baseline,
 )
 from residual.diagnosis.findings import clouds
-from residual.diagnosis.leftover.examine import examine_leftover
+from residual.diagnosis.leftover.examine import Remains, examine_leftover
 from residual.diagnosis.null_key import key_of
 from residual.diagnosis.null_record import Null, choose_null, null_sentences
 from residual.diagnosis.result import Diagnosis
-from residual.diagnosis.search import Rules
+from residual.diagnosis.task import Rules
 from residual.diagnosis.warnings import signal_notes, warnings
 from residual.errors import InputError
+from residual.evidence.fit import Fit
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
@@ -75,7 +78,7 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     if null:
         rules = replace(rules, threshold=null.threshold(rules.threshold))
     examined = examine(logs, nominal, rules, tell)
-    found = _prove(examined, _Asked(fit, held_out, same_run, null, tell))
+    found = _prove(examined, _Asked(fit, baseline, held_out, same_run, null, tell))
     tell("proof", 1.0)
     return found
 
@@ -85,6 +88,7 @@ class _Asked:
     """What the proof needs beside what was found."""
 
     fit: Sequence[Recording]
+    baseline: Sequence[Recording]
     held_out: Sequence[Recording]
     same_run: bool
     null: Null | None
@@ -97,12 +101,8 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
     proof = prepare_held_out(asked.held_out, examined.nominal.model)
     standing = stand(examined, proof, asked.fit, asked.tell)
     examined, judged = standing.examined, standing.judged
-    models = three_models(examined, judged)
-    left = examine_leftover(examined, judged.fit, models["augmented"])
-    if left.correction is not None:
-        models["plsr"] = left.correction
+    models, left = _models(examined, judged)
     errors, proofs = compare(models, proof, examined.logs.filters)
-    named, checks = standing.named, standing.checks
     by_chance, by_rule = null_sentences(asked.null, Rules().threshold)
     qualified = [
         *warnings(examined, standing.withdrawn, asked.same_run),
@@ -112,7 +112,7 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
     ]
     case = Case(
         examined=examined,
-        named=named,
+        named=standing.named,
         judged=judged,
         splits=standing.splits,
         errors=errors,
@@ -121,6 +121,7 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         left=left.joints,
         warnings=qualified,
         contradictions=contradictions(examined, judged.fit, errors),
+        drift=_drift(examined, judged.fit, asked),
         p_value=asked.null.p_value if asked.null else None,
     )
     notes = signal_notes(examined, asked.fit, models["augmented"])
@@ -128,11 +129,33 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         verdict=conclude(case),
         models=models,
         proofs=proofs,
-        clouds=clouds(examined, judged.fit, named),
-        notes=(*notes, *noise_notes(checks, [t for t, _ in judged.kept]), *by_rule),
+        clouds=clouds(examined, judged.fit, standing.named),
+        notes=(
+            *notes,
+            *noise_notes(standing.checks, [t for t, _ in judged.kept]),
+            *by_rule,
+        ),
         left=tuple(one.cloud for one in left.joints),
-        sentences=tuple(f.effect.sentence for f in named),
+        sentences=tuple(f.effect.sentence for f in standing.named),
     )
+
+
+def _models(examined: Examined, judged: Verdicts) -> tuple[dict, Remains]:
+    """The models to compare, tables for the rest among them; and what is left."""
+    models = three_models(examined, judged)
+    left = examine_leftover(examined, judged.fit, models["augmented"])
+    if left.correction is not None:
+        models["plsr"] = left.correction
+    return models, left
+
+
+def _drift(examined: Examined, fitted: Fit, asked: _Asked) -> Drift | None:
+    """Only against a baseline is a change of all friction one."""
+    if not asked.baseline:
+        return None
+    shared = session_clock([*asked.baseline, *asked.fit]) is not None
+    clock = "recording time" if shared else "order"
+    return drifted(examined.task.design, examined.nominal, fitted, clock)
 
 
 def _check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:

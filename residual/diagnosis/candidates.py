@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -23,10 +23,20 @@ class Candidates:
         groups: All of them: each shape of each effect on each joint, then the
             effects that are also tried on all joints at once.
         price: What choosing one of so many costs [nats], by key.
+        share: Part of its evidence that counts, by key; all of it where not said.
     """
 
     groups: tuple[Group, ...]
     price: Mapping[tuple, float]
+    share: Mapping[tuple, float] = field(default_factory=dict)
+
+    def net(self, group: Group, nats: float) -> float:
+        """Evidence of a group that counts, less its price [nats]."""
+        return self.counted(group, nats) - self.cost(group)
+
+    def counted(self, group: Group, nats: float) -> float:
+        """What counts of the evidence of a group [nats]."""
+        return nats * self.share.get(group.key, 1.0) if nats > 0 else nats
 
     def cost(self, group: Group) -> float:
         """Price of a group [nats]; joints that came together share one price."""
@@ -35,7 +45,7 @@ class Candidates:
     def without(self, names: Sequence[str]) -> "Candidates":
         """The same without some effects."""
         kept = tuple(g for g in self.groups if g.effect.name not in names)
-        return Candidates(kept, self.price)
+        return replace(self, groups=kept)
 
     def barring(self, fallen: Sequence[Group], kin: Sequence[Group]) -> "Candidates":
         """The same without some effects on their joints, alone or among others.
@@ -53,7 +63,7 @@ class Candidates:
             return group.key in keys or own in families
 
         kept = (g for g in self.groups if not any(map(falls, g.parts or (g,))))
-        return Candidates(tuple(kept), self.price)
+        return replace(self, groups=tuple(kept))
 
 
 def collect(
@@ -132,7 +142,26 @@ def every_candidate(
     effects = [e for e in registry().values() if clocked or not e.needs_clock]
     barred = _barred(design, nominal)
     wanted = [e for e in effects if not all(e.name in b for _, b in barred)]
-    return collect(design, wanted, span, design.dof)
+    every = collect(design, wanted, span, design.dof)
+    return replace(every, share=_believable(every, design, nominal.unrest))
+
+
+def _believable(
+    candidates: Candidates, design: Design, unrest: Mapping[tuple, tuple[float, float]]
+) -> dict[tuple, float]:
+    """Share of each candidate's evidence that is more than the baseline's own unrest.
+
+    What varies from log to log varies so here, too, however many rows there are: the
+    evidence of a change counts beyond that alone.
+    """
+    out = {}
+    for group in candidates.groups:
+        if group.key in unrest:
+            excess, rows = unrest[group.key]
+            joints = list(group.effect.rows(group.joints, design.dof))
+            larger = float(np.mean(design.rows[joints])) / max(rows, 1.0)
+            out[group.key] = 1.0 / (1.0 + excess * larger)
+    return out
 
 
 def allowed(

@@ -8,6 +8,7 @@ import numpy as np
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.doubt.held_out import Verdicts, judgement
 from residual.diagnosis.doubt.splits import Splits
+from residual.diagnosis.drift import Drift
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named
 from residual.diagnosis.leftover.leftover import Leftover, depends_on
@@ -44,6 +45,7 @@ class Case:
         warnings: Sentences.
         splits: For the id of each tested member, how often it was found again.
         contradictions: What of the fit no arm can be, in sentences.
+        drift: Friction of all joints against the baseline's.
         p_value: Chance of so many nats where nothing is missing; None without a null.
     """
 
@@ -57,6 +59,7 @@ class Case:
     warnings: Sequence[str]
     splits: Mapping[int, Splits]
     contradictions: Sequence[str] = ()
+    drift: Drift | None = None
     p_value: Callable[[float], float] | None = None
 
 
@@ -80,6 +83,7 @@ def conclude(case: Case) -> Verdict:
         next_experiment=None,
         warnings=tuple(case.warnings),
         contradictions=tuple(case.contradictions),
+        drift=case.drift,
     )
 
 

@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from residual.diagnosis.expected_gain import Bench, Expected, expected, found
 from residual.diagnosis.gate import CLASS
 from residual.diagnosis.result import Detectable, Place
-from residual.diagnosis.search import Task
+from residual.diagnosis.task import Task
 from residual.effects.base import Effect
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, System

@@ -10,19 +10,17 @@ from residual.diagnosis.candidates import Candidates, allowed, every_candidate, 
 from residual.diagnosis.doubt.curves_only import only_curves
 from residual.diagnosis.gate import Tested, passed, simplest
 from residual.diagnosis.prior_scale import Selection, select
-from residual.diagnosis.search import Rules, Task, refined, search
+from residual.diagnosis.search import refined, search
+from residual.diagnosis.task import Rules, Task
 from residual.effects import registry
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit
-from residual.evidence.priors import posterior_of
 from residual.evidence.states import as_model, first_design, physical, show_torque
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
-from residual.model.nominal import Logs, Nominal, prepare_logs, start_nominal
+from residual.model.nominal import Logs, Nominal
 from residual.model.standstill import with_standstill
-from residual.recording import Array, Recording
-from residual.robot.robot import Robot
-from residual.signals.split import session_clock
+from residual.recording import Array
 
 Progress = Callable[[str, float], None]
 LOOKS = 4  # at what was named, before the second search
@@ -246,30 +244,4 @@ def refit(examined: Examined, tested: Sequence[Tested]) -> Fit:
     members = [t.group for t in tested]
     return task.settle(
         fit(task.design, task.prior, members, examined.fit.counted, None, rounds=4)
-    )
-
-
-BASELINE_MOST = 12  # names that a baseline may need: it shows all that the URDF lacks
-
-
-def from_baseline(
-    robot: Robot, baseline: Sequence[Recording], names, logs: Logs, tell: Progress
-) -> Nominal:
-    """Diagnose the baseline first; what it shows is declared from then on."""
-    own = prepare_logs(robot, baseline, session_clock(baseline), logs.filters)
-    first = examine(
-        own,
-        start_nominal(own, names),
-        replace(Rules(), most=BASELINE_MOST),
-        lambda stage, share: tell(f"baseline: {stage}", share),
-    )
-    model = replace(
-        first.model(first.fit), speed_floor=logs.speed_floor, clock=logs.clock
-    )
-    count = len(model.coefficients())
-    return Nominal(
-        model,
-        (None,) * len(model.terms),
-        covariance=posterior_of(first.fit, count),
-        baseline_unexplained=first.adequacy.structured,
     )

@@ -13,7 +13,7 @@ from scipy.special import ndtr
 
 from residual.diagnosis.gate import MOST_FOLDS, leave_out
 from residual.diagnosis.prior_scale import PER_NAME
-from residual.diagnosis.search import Task
+from residual.diagnosis.task import Task
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, System, fit, scaled_inverse
 from residual.recording import Array
@@ -95,6 +95,7 @@ class Expected:
         torque: Its own mean square torque, in shares of rms squared. Shape (dof,).
         count: Number of its coefficients.
         cost: Price of the choice [nats].
+        counts: Part of the evidence that counts.
     """
 
     fall: Array
@@ -105,6 +106,7 @@ class Expected:
     torque: Array
     count: int
     cost: float
+    counts: float = 1.0
 
 
 def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Expected]:
@@ -136,6 +138,7 @@ def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Ex
             torque=_along(own, u) / design.rows / design.rms**2,
             count=len(group.ids),
             cost=task.candidates.cost(group),
+            counts=task.candidates.share.get(group.key, 1.0),
         )
         for u in directions
     ]
@@ -152,7 +155,7 @@ def found(bench: Bench, one: Expected, size: float) -> bool:
     spared = 0.5 * square * one.bent
     lost = 0.5 * rise @ fitted.counted + spared  # by the fit without it
     paid = one.occam + 0.5 * square * one.held - 0.5 * one.count
-    net = lost - paid - one.cost
+    net = one.counts * (lost - paid) - one.cost
     named = bench.scores - paid - one.cost - PER_NAME
     wins = (net >= rules.threshold) & (named >= np.max(bench.scores - lost))
     if not wins.any():  # so of most sizes, and what follows takes the longest

@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.search import Task, best, least, spares_model
+from residual.diagnosis.search import best, least, spares_model
+from residual.diagnosis.task import Task
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, System, gain
 from residual.evidence.limits import possible
@@ -68,6 +69,7 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     # larger model's noise it would bend its parameters beyond belief instead.
     without = task.settle(task.fit(rest, fitted, rounds=4))
     nats, big, small = gain(design, task.prior, fitted, without)
+    nats = task.candidates.counted(group, nats)
     left = leave_out(task, without)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
     fall = (left - full).sum(axis=0) / power

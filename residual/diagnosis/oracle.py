@@ -9,9 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from residual.diagnosis.baseline.learn import from_baseline
 from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.examine import Examined, from_baseline
-from residual.diagnosis.search import Rules, Task, refined
+from residual.diagnosis.examine import Examined
+from residual.diagnosis.search import refined
+from residual.diagnosis.task import Rules, Task
 from residual.effects import registry
 from residual.effects.base import Effect, Joints
 from residual.evidence.design import Design

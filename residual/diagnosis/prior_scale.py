@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.search import Rules, Task, search
+from residual.diagnosis.search import search
+from residual.diagnosis.task import Rules, Task
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, Prior, fit
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from residual.check.report import CheckReport
+from residual.diagnosis.drift import Drift
 from residual.diagnosis.leftover.remainder import Number, Unexplained
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
@@ -194,6 +195,8 @@ class Verdict:
         log_check: What is wrong with the logs; None where they were not checked.
         contradictions: What of the fit no arm can be, in sentences: then nothing found
             is no answer, and the verdict is "unknown".
+        drift: Friction of all joints against the baseline's; None where it stayed.
+        background: What any arm has a little of, folded: no reason to look.
     """
 
     robot: str
@@ -208,6 +211,8 @@ class Verdict:
     warnings: tuple[str, ...]
     log_check: CheckReport | None = None
     contradictions: tuple[str, ...] = ()
+    drift: Drift | None = None
+    background: tuple[Finding, ...] = ()
 
     @property
     def trusted(self) -> bool:

@@ -1,79 +1,19 @@
 """Search for the set of effects with the most evidence: add, refine, swap, delete."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.task import Task
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, fit, gain, settled, start
+from residual.evidence.fit import Fit, fit, gain
 from residual.evidence.limits import possible
 from residual.evidence.screen import screen
 from residual.evidence.wide import widened
 from residual.recording import Array
 
 HARMONIC = 1.5  # ratio of orders from which two ripples are two
-
-
-@dataclass(frozen=True, slots=True)
-class Rules:
-    """Thresholds of the search and of the gate (measured: docs/method.md).
-
-    Attributes:
-        threshold: Evidence that a name must win [nats].
-        plausible: The same where only implausible parameters speak for it [nats].
-        tolerance: Least fall of a joint's error, as a share of torque rms.
-        share: Least share of what was left unexplained.
-        clear: The share from which half of the tolerance is enough.
-        size: Least torque of a name won by plausibility, as a share of rms.
-        bent: Least part of such a win that the nominal parameters' prior saves.
-        most: Most effects to add.
-        shortlist: Candidates that get an exact look per step.
-    """
-
-    threshold: float = 10.0
-    plausible: float = 30.0
-    tolerance: float = 0.005
-    share: float = 0.08
-    clear: float = 0.15
-    size: float = 0.02
-    bent: float = 0.2
-    most: int = 6
-    shortlist: int = 15
-
-    def lower(self, fall: Array, share: Array) -> Array:
-        """Where an error falls by enough: of torque rms, and of what was left."""
-        usual = (fall >= self.tolerance) & (share >= self.share)
-        return usual | ((fall >= self.tolerance / 2) & (share >= self.clear))
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Task:
-    """What a search works on: data, prior, candidates and rules."""
-
-    design: Design
-    prior: Prior
-    candidates: Candidates
-    rules: Rules
-
-    def fit(self, members: Sequence[Group], like: Fit, rounds: int = 3) -> Fit:
-        """Fit a set with the row counts and noise of another fit to start from."""
-        counted, variance = like.counted, like.variance
-        return fit(self.design, self.prior, members, counted, variance, rounds)
-
-    def settle(self, fitted: Fit) -> Fit:
-        """Count rows anew by the fit's own residual and fit again."""
-        return settled(self.design, self.prior, fitted)
-
-    def start(self) -> Fit:
-        """Fit of the nominal structure alone."""
-        return start(self.design, self.prior)
-
-    def net_gain(self, big: Fit, small: Fit, group: Group) -> float:
-        """Evidence of ``big`` over ``small`` less the price of the group [nats]."""
-        value, _, _ = gain(self.design, self.prior, big, small)
-        return value - self.candidates.cost(group)
 
 
 def search(task: Task, members: Sequence[Group] = ()) -> Fit:
@@ -119,7 +59,7 @@ def best(
         value, big, small = gain(
             task.design, task.prior, replace(trial, counted=base.counted), base
         )
-        value -= task.candidates.cost(group)
+        value = task.candidates.net(group, value)
         if admissible(task, group, value, big, small):
             found.append((value, group, big))
     return sorted(found, key=lambda item: -item[0])
@@ -147,7 +87,8 @@ def _shortlist(task: Task, base: Fit, instead: Group | None) -> list[Group]:
         where = _rows(task, instead)
         groups = [g for g in groups if not g.parts and where & _rows(task, g)]
     values = screen(task.design, task.prior, base, groups)
-    values -= [task.candidates.cost(g) for g in groups]
+    net = task.candidates.net
+    values = np.array([net(g, v) for g, v in zip(groups, values, strict=True)])
     taken = {g.key for g in base.members if not g.effect.repeats}
     if instead is not None:
         taken.add(instead.key)
@@ -282,7 +223,7 @@ def _delete(task: Task, current: Fit) -> Fit:
         rest = tuple(g for g in current.members if g is not group)
         without = task.fit(rest, current)
         value, _, _ = gain(task.design, task.prior, current, without)
-        if value < least(task, current.members, group):
+        if task.candidates.counted(group, value) < least(task, current.members, group):
             current = task.settle(without)
     return current
 

@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 from residual.check.report import CheckReport
 from residual.check.report import from_json as read_report
+from residual.diagnosis.drift import Drift
 from residual.diagnosis.leftover.remainder import Dependence
 from residual.diagnosis.result import (
     Detectable,
@@ -46,6 +47,8 @@ def to_json(verdict: Verdict) -> dict:
             "warnings": verdict.warnings,
             "log_check": verdict.log_check and verdict.log_check.to_json(),
             "contradictions": verdict.contradictions,
+            "drift": verdict.drift and asdict(verdict.drift),
+            "background": [_effect(f) for f in verdict.background],
         }
     )
 
@@ -84,6 +87,8 @@ def from_json(document: Mapping) -> Verdict:
             warnings=tuple(document["warnings"]),
             log_check=_read_check(document.get("log_check")),
             contradictions=tuple(document.get("contradictions", ())),
+            drift=_read_drift(document.get("drift")),
+            background=tuple(map(_read_effect, document.get("background", ()))),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {error!r}.") from error
@@ -92,6 +97,12 @@ def from_json(document: Mapping) -> Verdict:
 def _read_check(entry: Mapping | None) -> CheckReport | None:
     """Records of before have no check; theirs is not known."""
     return None if entry is None else read_report(entry)
+
+
+def _read_drift(entry: Mapping | None) -> Drift | None:
+    if entry is None:
+        return None
+    return Drift(**{**entry, "joints": tuple(entry["joints"])})
 
 
 def _effect(finding: Finding) -> dict:

@@ -130,7 +130,7 @@ def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
     """
     known = nominal.covariance is not None
     out = set()
-    for term, given in zip(nominal.model.terms, nominal.given, strict=True):
+    for term, given in nominal.declared:
         width = prior.assumed if given == ASSUMED else given
         settled = known or (width is not None and width < ASSUMED)
         if not (settled and term.effect.is_parameter):

@@ -1,7 +1,7 @@
 """Logs prepared for a fit, and the model as the user gave it: body and effects."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -40,6 +40,10 @@ class Nominal:
         assumed: Fixed relative sd of assumed values, None to estimate it.
         baseline_unexplained: Structured residual of the baseline, as a share of torque
             rms. Shape (dof,), or None.
+        fading: How many of the last terms are there for friction to fade with, and
+            are not declared.
+        unrest: What logs of the baseline would blame on each other: for a candidate's
+            key the multiple of noise, less one, and rows of such a log.
     """
 
     model: Model
@@ -48,11 +52,20 @@ class Nominal:
     scale: float | None = None
     assumed: float | None = None
     baseline_unexplained: Array | None = None
+    fading: int = 0
+    unrest: Mapping[tuple, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def declared(self) -> tuple[tuple[Term, float | None], ...]:
+        """Terms that the model is said to have, each with what is given of it."""
+        count = len(self.model.terms) - self.fading
+        pairs = zip(self.model.terms[:count], self.given[:count], strict=True)
+        return tuple(pairs)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Declared effects, each once."""
-        return tuple(dict.fromkeys(t.effect.name for t in self.model.terms))
+        return tuple(dict.fromkeys(t.effect.name for t, _ in self.declared))
 
 
 def declared_names(robot: Robot, names: Sequence[str] | None) -> tuple[str, ...]:

@@ -16,7 +16,8 @@ import numpy as np
 from residual.diagnosis.candidates import Candidates, allowed, every_candidate
 from residual.diagnosis.gate import passed, simplest
 from residual.diagnosis.prior_scale import select
-from residual.diagnosis.search import Rules, Task, _shortlist
+from residual.diagnosis.search import _shortlist
+from residual.diagnosis.task import Rules, Task
 from residual.evidence.colour import coloured
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit, gain
@@ -113,7 +114,7 @@ def loudest(task: Task, base: Fit) -> tuple[float, float]:
         value, big, _ = gain(task.design, task.prior, trial, base)
         if possible(task.design, big, group):
             nats.append(float(value))
-            net.append(float(value - task.candidates.cost(group)))
+            net.append(float(task.candidates.net(group, value)))
     return max(nats), max(net)
 
 

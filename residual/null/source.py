@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.examine import examine, from_baseline
+from residual.diagnosis.baseline.learn import from_baseline
+from residual.diagnosis.examine import examine
 from residual.diagnosis.null_key import Key, key_of
-from residual.diagnosis.search import Rules
+from residual.diagnosis.task import Rules
 from residual.evidence.colour import autocovariance
 from residual.evidence.priors import inertial_precision
 from residual.model.model import Model

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from residual.close import close_the_loop
-from residual.diagnosis.examine import Examined, examine, from_baseline
+from residual.diagnosis.baseline.learn import from_baseline
+from residual.diagnosis.examine import Examined, examine
 from residual.diagnosis.findings import Named, findings
 from residual.diagnosis.result import Diagnosis
-from residual.diagnosis.search import Rules
+from residual.diagnosis.task import Rules
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics

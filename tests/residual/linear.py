@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.search import Rules, Task
+from residual.diagnosis.task import Rules, Task
 from residual.effects.base import Effect, State, local
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Prior

@@ -6,7 +6,7 @@ import pytest
 from residual.diagnosis.examine import examine
 from residual.diagnosis.leftover.examine import corrected, shared_source
 from residual.diagnosis.leftover.leftover import leftovers
-from residual.diagnosis.search import Rules
+from residual.diagnosis.task import Rules
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.signals.split import session_clock

@@ -13,7 +13,6 @@ from residual.diagnosis.findings import findings
 from residual.diagnosis.gate import alternatives, gate, leave_out, passed, simplest
 from residual.diagnosis.prior_scale import select
 from residual.diagnosis.search import (
-    Rules,
     admissible,
     best,
     least,
@@ -23,6 +22,7 @@ from residual.diagnosis.search import (
     spares_model,
     torque_share,
 )
+from residual.diagnosis.task import Rules
 from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects import registry
 from residual.effects.base import Effect, Refinement, Span, local

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from flows.steps.null import Made
-from residual.diagnosis.search import Rules
+from residual.diagnosis.task import Rules
 
 
 def null_lines(made: Made, draws: int, store: Path) -> list[str]:

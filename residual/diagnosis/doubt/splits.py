@@ -7,7 +7,8 @@ import numpy as np
 
 from residual.diagnosis.gate import CLASS, Tested
 from residual.diagnosis.result import Splits
-from residual.diagnosis.search import Task, admissible, best, torque_share
+from residual.diagnosis.search import admissible, best, torque_share
+from residual.diagnosis.task import Task
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, gain
 from residual.evidence.part import Part
@@ -64,7 +65,7 @@ def _wins(task: Task, fitted: Fit, group: Group) -> bool:
     rest = [g for g in fitted.members if g is not group]
     without = task.settle(task.fit(rest, fitted))
     value, big, small = gain(task.design, task.prior, fitted, without)
-    own = value - task.candidates.cost(group)
+    own = task.candidates.net(group, value)
     if own < task.rules.threshold or not admissible(task, group, value, big, small):
         return False
     rivals = best(task, without, instead=group)
