@@ -104,12 +104,6 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
     models, left = _models(examined, judged)
     errors, proofs = compare(models, proof, examined.logs.filters)
     by_chance, by_rule = null_sentences(asked.null, Rules().threshold)
-    qualified = [
-        *warnings(examined, standing.withdrawn, asked.same_run),
-        *by_chance,
-        *unproven(examined, errors["augmented"]),
-        *left.sentences,
-    ]
     case = Case(
         examined=examined,
         named=standing.named,
@@ -119,7 +113,12 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         held_out=[r.id for r in asked.held_out],
         same_run=asked.same_run,
         left=left.joints,
-        warnings=qualified,
+        warnings=[
+            *warnings(examined, standing.withdrawn, asked.same_run),
+            *by_chance,
+            *unproven(examined, errors["augmented"]),
+            *left.sentences,
+        ],
         contradictions=contradictions(examined, judged.fit, errors),
         drift=_drift(examined, judged.fit, asked),
         p_value=asked.null.p_value if asked.null else None,

@@ -41,11 +41,13 @@ def sentences(verdict: Verdict) -> list[str]:
     if not verdict.trusted:
         parts = [_at_fault(verdict), _level(verdict)]
     elif verdict.verdict == "effects":
-        parts = [*_claim(verdict), _proof(verdict), _left_over(verdict)]
+        proof, left = _proof(verdict), _left_over(verdict)
+        parts = [*_claim(verdict), proof, left, drifted(verdict)]
     elif verdict.verdict == "unknown":
-        parts = [_unknown(verdict), _level(verdict)]
+        parts = [_unknown(verdict), _level(verdict), drifted(verdict)]
     else:
-        parts = ["No effect that the model lacks shows in these data.", _level(verdict)]
+        nothing = "No effect that the model lacks shows in these data."
+        parts = [nothing, drifted(verdict), _level(verdict)]
     return [part for part in (*enough(verdict.log_check), *parts) if part]
 
 
@@ -151,6 +153,20 @@ def _left_over(verdict: Verdict) -> str:
 def _at_fault(verdict: Verdict) -> str:
     faults = listing([title(fault) for fault in verdict.log_check.certain])
     return f"Nothing is named, since the logs cannot be trusted: {faults}."
+
+
+def drifted(verdict: Verdict) -> str:
+    """Return by how much the friction of the joints moved together, or nothing."""
+    drift = verdict.drift
+    if drift is None:
+        return ""
+    by, std = percent(100 * abs(drift.factor - 1)), percent(100 * drift.std)
+    lower = drift.factor < 1
+    joints = joint_words(drift.joints, verdict.dof)
+    return (
+        f"Friction is {by} (± {std}) {'lower' if lower else 'higher'} than at the "
+        f"baseline on {joints}, as if the arm were {'warmer' if lower else 'colder'}."
+    )
 
 
 def _unknown(verdict: Verdict) -> str:

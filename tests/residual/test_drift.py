@@ -1,0 +1,55 @@
+"""Friction that moved on all joints together is drift; on one joint it is a change."""
+
+from dataclasses import replace
+
+import pytest
+
+from residual.diagnosis.verdict import from_json, to_json
+from sim.records import Hidden
+from sim.synthetic.plant import Plant, true_friction
+from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case
+
+FOUR = (Z, Y, Y, Z)
+
+
+def found(factors, seed):
+    """The verdict on logs in which the friction of each joint is times a factor."""
+    robot = arm(FOUR)
+    there = true_friction(Plant(robot, (), seed))
+    changed = []
+    for j, factor in enumerate(factors, start=1):
+        coulomb = (factor - 1) * there.coulomb[j - 1]
+        viscous = (factor - 1) * there.viscous[j - 1]
+        changed += [
+            Hidden("coulomb", (j,), {"level": coulomb}),
+            Hidden("viscous", (j,), {"coefficient": viscous}),
+        ]
+    hidden = [h for h in changed if any(h.parameters.values())]
+    case = short_case(robot, *hidden, seed=seed, baseline=True)
+    return diagnose_case(case).verdict
+
+
+@pytest.mark.parametrize("factors", [(0.85, 0.8, 0.9, 0.83), (1.2, 1.15, 1.25, 1.2)])
+def test_a_warmer_or_colder_arm_is_told_as_drift_and_as_nothing_else(factors):
+    verdict = found(factors, seed=80)
+    assert names(verdict) == []
+    assert verdict.drift.joints == (1, 2, 3, 4)
+    mean = sum(factors) / len(factors)
+    assert verdict.drift.factor == pytest.approx(mean, abs=0.05)
+    assert verdict.drift.std < 0.05
+
+
+def test_one_joint_that_rubs_more_is_a_change_and_no_drift():
+    verdict = found((1.0, 1.6, 1.0, 1.0), seed=81)
+    assert verdict.drift is None
+    assert {(n, j) for n, j in names(verdict)} >= {("coulomb", (2,))}
+
+
+def test_where_nothing_moved_there_is_no_drift():
+    assert found((1.0,) * 4, seed=82).drift is None
+
+
+def test_drift_survives_its_record():
+    verdict = found((0.8,) * 4, seed=83)
+    assert verdict.drift is not None
+    assert from_json(to_json(verdict)) == replace(verdict)
