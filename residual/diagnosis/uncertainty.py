@@ -43,8 +43,9 @@ def standard_deviations(
     """Standard deviation of every parameter of every member.
 
     The largest of three: by the noise, by how much logs disagree, and by other forms of
-    the effect. A searched shape is uncertain too: its derivative columns join the fit
-    (Gauss-Newton), and the parameters' covariance follows by linearisation.
+    the effect; the first two widened by what logs of a baseline disagree by. A searched
+    shape is uncertain too: its derivative columns join the fit (Gauss-Newton), and the
+    parameters' covariance follows by linearisation.
 
     Args:
         examined: The diagnosis.
@@ -75,7 +76,9 @@ def standard_deviations(
             slots = np.concatenate([slots, full.slots(slope)])
         theta, doubt = sizes[id(g)]
         jacobian = _jacobian(g, theta, examined.logs.robot, slope is not None)
-        own = [c[np.ix_(slots, slots)] for c in (covariance, between)]
+        # What a baseline is restless by from log to log doubts the size as well.
+        loose = 1 / task.candidates.counted(g, 1.0)
+        own = [loose * c[np.ix_(slots, slots)] for c in (covariance, between)]
         for c in own:
             c[: len(theta), : len(theta)] += doubt
         variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in own]

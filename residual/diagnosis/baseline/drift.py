@@ -26,6 +26,7 @@ LEAST, MOST = 0.01, 0.15  # what a joint may differ from the others by
 FEW = 4  # joints under which their scatter says nothing
 USUAL = 0.5  # of the common change: what a joint differs by then
 FADES = 0.2  # relative deviation of what fades during the session
+HALF = 0.5  # of the joints must have moved that way, or it is no common change
 SURE, TELLS = 3.0, 2.0  # deviations, of the common change and of one joint's
 MAD = 1.4826  # times the median deviation is a normal one
 
@@ -151,6 +152,8 @@ def drifted(design: Design, nominal: Nominal, fitted: Fit, clock: str) -> Drift 
     if abs(common) < max(SURE * std, LEAST):
         return None
     along = np.sign(common) * change[known] > TELLS * sure[known]
+    if along.mean() < HALF:
+        return None
     joints = tuple(int(j) + 1 for j in known[along])
     return Drift(float(1 + common), float(std), joints, clock)
 
@@ -195,7 +198,8 @@ def _free_to_fade(nominal: Nominal, logs: Logs, levels: Array, own: float) -> No
     shape = shapes[len(shapes) // 2]
     terms = [Term(kinds[0], (int(j),), shape, np.zeros(1)) for j in joints]
     size = levels[joints]
-    spread = FADES**2 * np.outer(size, size) + own**2 * np.diag(size**2)
+    alone = max(own, USUAL * FADES)  # each joint has a heat of its own
+    spread = FADES**2 * np.outer(size, size) + alone**2 * np.diag(size**2)
     return replace(
         nominal,
         model=replace(nominal.model, terms=(*nominal.model.terms, *terms)),
