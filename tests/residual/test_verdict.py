@@ -89,6 +89,8 @@ FORM = {
         "warnings",
         "log_check",
         "contradictions",
+        "drift",
+        "background",
     },
     "unexplained": {
         "joints",
@@ -122,6 +124,7 @@ EFFECT = {
     "evidence",
 }
 EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value", "splits"}
+LATER = {"log_check", "contradictions", "drift", "background"}  # of later versions
 DEPENDENCE = {"joint", "on", "of", "form", "share", "frequency"}
 EXPECTED = {
     "none": "none",
@@ -183,11 +186,13 @@ def test_a_record_of_before_the_check_is_read_and_nothing_is_known_of_its_logs(
     outcome_of,
 ):
     document = to_json(outcome_of("effects").verdict)
-    del document["log_check"], document["contradictions"]
+    for key in LATER:
+        del document[key]
     for effect in document["effects"]:
         del effect["combinations"], effect["evidence"]["splits"]
     bare = from_json(document)
     assert (bare.log_check, bare.contradictions) == (None, ())
+    assert (bare.drift, bare.background) == (None, ())
     assert all(f.evidence.splits is None for f in bare.effects)
 
 
@@ -198,7 +203,7 @@ def test_a_record_of_before_the_check_keeps_the_rest(outcome_of):
     assert from_json(document).log_check is None
 
 
-@pytest.mark.parametrize("key", sorted(FORM[""] - {"log_check", "contradictions"}))
+@pytest.mark.parametrize("key", sorted(FORM[""] - LATER))
 def test_a_verdict_that_lacks_a_key_is_refused(outcome_of, key):
     document = to_json(outcome_of("effects").verdict)
     del document[key]
