@@ -228,6 +228,7 @@ def tab(tmp_path):
         yield tab
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["evil.example", "127.0.0.1"])
 def test_a_page_of_another_address_gives_no_orders(served, tab, name):
     given = {
@@ -256,6 +257,7 @@ def test_a_page_of_another_address_gives_no_orders(served, tab, name):
     assert made(served) == []
 
 
+@pytest.mark.long
 def test_a_rebound_name_shows_nothing(served, tab):
     tab.open(f"http://evil.example:{served.port}/api/admin/settings")
     told = tab.wait("document.body?.innerText", "the answer is there")
@@ -264,6 +266,7 @@ def test_a_rebound_name_shows_nothing(served, tab):
     assert tab.run(asked) == "refused"
 
 
+@pytest.mark.long
 def test_the_pages_work_and_ask_for_nothing_beyond_this_machine(served, tab):
     api.ask(served.api, "/flows/", {"name": "seen-flow"})
     api.ask(served.api, "/variables/", {"name": "seen_variable", "value": 1})
