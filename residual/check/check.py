@@ -8,7 +8,7 @@ from residual.check.body import body_faults
 from residual.check.clock import time_unit, uneven
 from residual.check.enough import enough
 from residual.check.follow import carried
-from residual.check.late import filtered, late
+from residual.check.late import filtered, late, long_late
 from residual.check.motion import thin_rows
 from residual.check.physics import misread, wrong_robot
 from residual.check.ranges import degrees, out_of_range
@@ -95,6 +95,8 @@ def _of_the_arm(
         return [*faults, *speeds]
     columns, reading = misread(robot, motion)
     columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
+    if any(fault.kind == "wrong_robot" for fault in columns):
+        columns = long_late(robot, logs) or columns
     if columns and zero_explains(robot, motion, logs, reading):
         return [*faults, *filtered(logs), *speeds, *out_of_range(robot, logs)]
     columns += filtered(logs) + ([] if columns else late(robot, logs))

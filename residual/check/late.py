@@ -9,6 +9,8 @@ from scipy.signal import welch
 
 from residual.check.columns import Columns, columns
 from residual.check.motion import Motion, thin_rows
+from residual.check.physics import BENT, bent
+from residual.check.reading import as_given, judge
 from residual.check.result import DELAY, Fault
 from residual.names import listed
 from residual.recording import Array, Recording
@@ -22,6 +24,7 @@ _SILENT = 1e-4  # of the rms: below it no sensor's noise is
 _NOTHING = 1e-16
 _SHIFTS = (-0.08, -0.04, 0.0, 0.04, 0.08)  # s by which the torque is moved
 _DELAYS = np.linspace(-0.08, 0.08, 41)  # s that are tried
+_FAR = np.linspace(-1.0, 1.0, 51).round(2)  # s, where it looks like another arm's
 _LEAST = 0.006  # s
 _CLEAR, _AGREES = 4.0, 2.0  # deviations of all joints; nats of each that counts
 _NEAREST, _COUPLED = (
@@ -103,6 +106,29 @@ def late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         f"The torque comes {abs(1000 * delay):.0f} ms (+- {1000 * sd:.1f} ms) "
         f"{'later' if delay > 0 else 'earlier'} than the angles it belongs to, on "
         f"{agree} joints."
+    )
+    return [Fault(DELAY, (), False, words)]
+
+
+def long_late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+    """Find torque so late that the log looks like that of another arm.
+
+    Args:
+        robot: The arm.
+        recordings: Its logs, whose columns are read rightly.
+    """
+    strain = {}
+    for shift in _FAR:
+        rows = thin_rows([_shifted(r, shift) for r in recordings])
+        if rows is not None:
+            strain[shift] = bent(judge(robot, rows, as_given(robot.dof)))
+    best = min(strain, key=strain.__getitem__, default=0.0)
+    if best == 0 or strain[best] >= BENT:
+        return []
+    when = "later" if best > 0 else "earlier"
+    words = (
+        f"The torque comes about {abs(best):.2g} s {when} than the angles it belongs "
+        "to: moved by that it is this arm's, and as it is, that of none."
     )
     return [Fault(DELAY, (), False, words)]
 

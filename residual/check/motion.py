@@ -38,6 +38,20 @@ class Motion:
         """Number of joints."""
         return self.q.shape[1]
 
+    def split(self, parts: int) -> list["Motion"]:
+        """Return the rows of each part of every log, in time.
+
+        Args:
+            parts: How many.
+        """
+        every = [np.flatnonzero(self.log == number) for number in np.unique(self.log)]
+        pieces = [np.array_split(rows, parts) for rows in every]
+        return [self._at(np.concatenate(p)) for p in zip(*pieces, strict=True)]
+
+    def _at(self, rows: Array) -> "Motion":
+        names = ("q", "qd", "qdd", "tau", "moving", "log")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
     def with_angles(self, order: Sequence[int], scale: Array) -> "Motion":
         """Return the motion with other angles: channel ``order[j]``, times a factor.
 

@@ -21,7 +21,9 @@ _WORTH = 30.0  # nats below which nothing is said
 _GAIN = 20.0  # the same of all repairs together, the odds against them taken off
 # Nats by which a robot file must bend, its worst joint left out: with rough files and
 # hidden effects it is below 30, with the file of another arm it is above.
-_BENT, _BROKEN = 28.0, 150.0
+BENT, _BROKEN = 28.0, 150.0
+PARTS = 4  # in time
+SHARE = 0.25  # of the strain of the worst part: below it another one fits
 _PER_KIND = 15.0  # the same, for each further kind of mistake in one map
 _BENT_AS_GIVEN = 70.0
 _ONE = 40.0  # nats that one joint counts for at most: two may hide an effect
@@ -52,8 +54,9 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
         return [], given
     # Motors whose gears are not known are no other arm.
     unknown = robot.gear_ratio is None and {f.kind for f in faults} == {"gear_ratio"}
-    fits = _bent(was) < _BENT
+    fits = bent(was) < BENT
     wrong = [] if unknown or fits else _wrong_robot(best, faults)
+    wrong = _in_every_part(robot, motion, best.reading, wrong)
     return wrong or faults, best.reading
 
 
@@ -64,7 +67,30 @@ def wrong_robot(robot: Robot, motion: Motion) -> list[Fault]:
         robot: The arm.
         motion: Rows of its logs.
     """
-    return _wrong_robot(judge(robot, motion, as_given(robot.dof)), [])
+    reading = as_given(robot.dof)
+    found = _wrong_robot(judge(robot, motion, reading), [])
+    return _in_every_part(robot, motion, reading, found)
+
+
+def _in_every_part(
+    robot: Robot, motion: Motion, reading: Reading, found: list[Fault]
+) -> list[Fault]:
+    """Doubt a wrong robot that some part of the logs speaks against.
+
+    Another arm is one from the first sample to the last. Where a part fits, signals
+    lost their step on the way: a block of one of them was dropped.
+    """
+    if not found:
+        return found
+    strains = [bent(judge(robot, part, reading)) for part in motion.split(PARTS)]
+    fits = [s < min(BENT, SHARE * max(strains)) for s in strains]
+    if not any(fits):
+        return found
+    words = (
+        f"{found[0].evidence} Yet {sum(fits)} of {PARTS} parts of the logs fit: were "
+        "samples of one signal lost on the way?"
+    )
+    return [replace(found[0], certain=False, evidence=words)]
 
 
 def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:
@@ -72,21 +98,22 @@ def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:
 
     Two joints may be odd, or hide an effect; more are another arm.
     """
-    bent = _bent(best)
+    nats = bent(best)
     kinds = len({fault.kind for fault in faults})
-    if bent + _PER_KIND * max(kinds - 1, 0) < (_BENT if kinds else _BENT_AS_GIVEN):
+    if nats + _PER_KIND * max(kinds - 1, 0) < (BENT if kinds else _BENT_AS_GIVEN):
         return []
     tried = f" (the best: {', '.join(sorted({f.kind for f in faults}))})"
     words = (
         "In no order, sign or unit of its columns is this the log of this robot"
         f"{tried if kinds else ''}: masses and inertias of several joints would have "
-        f"to be far from the robot file, {bent:.0f} nats beside the worst of them."
+        f"to be far from the robot file, {nats:.0f} nats beside the worst of them."
     )
-    certain = bent > _BROKEN or any(fault.certain for fault in faults)
+    certain = nats > _BROKEN or any(fault.certain for fault in faults)
     return [Fault("wrong_robot", (), certain, words)]
 
 
-def _bent(judged: Judged) -> float:
+def bent(judged: Judged) -> float:
+    """By how much a robot file must bend, its worst joint left out [nats]."""
     strains = np.minimum(judged.strains(), _ONE)
     return float(strains.sum() - strains.max())
 

@@ -60,7 +60,7 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     ("words", "said"),
     [
         (["--effect", "sprin"], "did you mean 'spring'"),
-        (["--seed", "-1"], "--seed is -1, expected 0 or more"),
+        (["--seed", "-1"], "--seed -1: expected 0 to"),
     ],
 )
 def test_a_wrong_word_is_answered_before_anything_is_started(
