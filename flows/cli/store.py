@@ -2,23 +2,21 @@
 
 import json
 import sys
-from collections import Counter
 from collections.abc import Iterable
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from flows.errors import RunError
 from flows.report.terminal.answers import check_shown, print_table, tell_damage
 from flows.report.terminal.records import record_lines
 from flows.settings import store_folder
+from flows.steps import verify as steps
 from residual.errors import InputError
 from warehouse.commit import read_record
 from warehouse.layout import find
 from warehouse.query.store import Store, open_store
 from warehouse.query.views import text as quoted
 from warehouse.runs import read_manifest, tombstone
-from warehouse.verify_all import open_to_others, verify_all
 
 Format = Literal["table", "csv", "json", "parquet"]
 _Store = Annotated[str | None, Parameter(name="--store")]
@@ -98,32 +96,8 @@ def verify(*, store: _Store = None) -> None:
     Args:
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    place = store_folder(store)
-    if not place.is_dir():
-        raise InputError(f"There is no store at {place}. Say where: --store FOLDER.")
-    counts: Counter = Counter()
-    damaged = unsummed = 0
-    for each in verify_all(place):
-        counts[each.kind] += 1
-        unsummed += not each.summed
-        damaged += bool(each.faults)
-        for line in each.faults:
-            print(f"DAMAGED  {each.kind} {each.id}: {line}")
-    told = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    print(f"verified {told or 'an empty store'}")
-    if unsummed:
-        print(
-            f"{unsummed} of them have no sums of their files, being of an earlier "
-            "version: their values were verified, and not what lies around them."
-        )
-    if open_to_others(place):
-        print(f"note: other users of this machine may look into it: chmod 700 {place}")
-    sys.stdout.flush()
-    if damaged:
-        raise RunError(
-            f"{damaged} of {counts.total()} are damaged. Take their folders out of the "
-            "store; what can be made again is, by the same command as before."
-        )
+    for line in steps.verify(store_folder(store)):
+        print(line, flush=True)
 
 
 def show(

@@ -287,6 +287,12 @@ def blind(
     return tasks.study(n, _date() if seed is None else seed, place, background)
 
 
+@flow(name="verify", timeout_seconds=_LIMIT)
+def verify(store: str | None = None) -> list[str]:
+    """Read the whole store and return what is in it; fail where a byte is another."""
+    return tasks.verify(str(store_folder(store)))
+
+
 def _date() -> int:
     """The date of the schedule as a seed: the same run made again is the same."""
     return int(f"{flow_run.scheduled_start_time:%Y%m%d}")

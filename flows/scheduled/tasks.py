@@ -31,6 +31,7 @@ from flows.steps import experiment as experiments
 from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
+from flows.steps import verify as verification
 from flows.steps.monitor_model import source_of
 from flows.steps.rerun import rerun as reruns
 from flows.workers.cluster import ClusterLostError
@@ -201,3 +202,13 @@ def study(n: int, seed: int, store: str, background: BackgroundWord = CLEAN) -> 
     words = "\n".join([f"{headline(made.summary)}\n", *figures])
     artifacts.study(page, words, made.id)
     return str(page)
+
+
+@task(name="verify", task_run_name="verify", tags=["report"])
+def verify(store: str) -> list[str]:
+    """Hold every byte of a store against its sums."""
+    log, out = get_run_logger(), []
+    for line in verification.verify(Path(store)):
+        log.info(line)
+        out.append(line)
+    return out

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from flows.errors import RunError
 from flows.report import stored
 from flows.requests import Demo
 from flows.scheduled.surroundings import Surroundings, surrounded
@@ -167,6 +168,16 @@ def test_the_flow_of_a_blind_study_runs_it_and_links_its_page(
 
 def _deployments() -> list[dict]:
     return yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
+
+
+def test_a_store_verifies_itself_and_fails_where_it_is_damaged(flows, tmp_path):
+    folder = tmp_path / "store"
+    (folder / "quarantine").mkdir(parents=True)
+    told = flows.verify(str(folder))
+    assert told[0] == "verified an empty store"
+    (folder / "quarantine" / "run_id=aa.json").write_text('{"run_id": "bb"}')
+    with pytest.raises(RunError, match="1 of 1 are damaged"):
+        flows.verify(str(folder))
 
 
 def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
