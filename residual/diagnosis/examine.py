@@ -66,16 +66,19 @@ class Examined:
     def model(self, fitted: Fit, like: Model | None = None) -> Model:
         """A fit as a model, with the standstill that suits the fit logs.
 
+        That of a baseline stays: it is the arm's own, and was seen for longer.
+
         Args:
             fitted: A fit of these logs.
             like: A model whose standstill to take over, so that two models differ by
                 nothing but their effects.
         """
         rough = as_model(self.nominal, fitted)
-        if like is None:
-            rough = with_standstill(rough, self.logs.tracks)
-        else:
+        known = self.nominal.covariance is not None
+        if like is not None:
             rough = replace(rough, standstill=like.standstill)
+        elif not known:
+            rough = with_standstill(rough, self.logs.tracks)
         return _refitted(self, fitted, rough)
 
 

@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from residual.diagnosis.drift import Drift
 from residual.effects import registry
 from residual.evidence.design import Design
-from residual.evidence.fit import Fit, start
+from residual.evidence.fit import Fit, fit, start
 from residual.evidence.priors import priors
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
@@ -25,6 +25,7 @@ LOOSE = 0.5  # the same of each joint by itself, when it is asked how much it mo
 LEAST, MOST = 0.01, 0.15  # what a joint may differ from the others by
 FEW = 4  # joints under which their scatter says nothing
 USUAL = 0.5  # of the common change: what a joint differs by then
+WORTH = 10.0  # nats that fading must gain, as a name must
 FADES = 0.2  # relative deviation of what fades during the session
 HALF = 0.5  # of the joints must have moved that way, or it is no common change
 SURE, TELLS = 3.0, 2.0  # deviations, of the common change and of one joint's
@@ -49,8 +50,10 @@ def free_to_drift(nominal: Nominal, logs: Logs) -> Nominal:
     moved, sure = _moved(design, nominal, parts)
     own = _own_scatter(moved, sure)
     wider = nominal.covariance + _spread(nominal.model, parts, COMMON, own)
-    nominal = replace(nominal, covariance=wider)
-    return _free_to_fade(nominal, logs, _levels(design, nominal.model, parts), own)
+    drifting = replace(nominal, covariance=wider)
+    levels = _levels(design, nominal.model, parts)
+    fading = _free_to_fade(drifting, logs, levels, own)
+    return fading if _fades(logs, design, drifting, fading) else drifting
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +173,22 @@ def _own_scatter(moved: Array, sure: Array) -> float:
         noise = np.median(sure[known])
         size = np.sqrt(max((MAD * np.median(gaps)) ** 2 - noise**2, 0.0))
     return float(np.clip(size, LEAST, MOST))
+
+
+def _fades(logs: Logs, design: Design, drifting: Nominal, fading: Nominal) -> bool:
+    """Whether friction that fades with the session is worth its terms on these logs.
+
+    A model that has them cannot tell the torque of a single state any more.
+    """
+    if not fading.fading:
+        return False
+    wider = _design(logs, fading.model)
+    (prior,) = priors(wider, fading)
+    with_it = start(wider, prior)
+    (prior,) = priors(design, drifting)
+    counted, variance = with_it.counted, with_it.variance
+    without = fit(design, prior, (), counted, variance, rounds=4)
+    return with_it.score - without.score > WORTH
 
 
 def _levels(design: Design, model: Model, parts: Sequence[_Part]) -> Array:
