@@ -19,7 +19,8 @@ TRUE_OF = {
     "ur10": ("filtered",),
     # In each run speeds 1, 3, 4, 6, 7 are proportional, and 2 and 5 are.
     "lwr4": ("filtered", "lockstep"),
-    "gen3": ("too_short", "no_reversal"),
+    # The inertia of its link 5 breaks the triangle inequality.
+    "gen3": ("too_short", "no_reversal", "robot_file"),
 }
 # What an arm has by its effect, the check may say too, if not with certainty.
 SHOWS_AS = {
