@@ -1,6 +1,7 @@
 # make demo and make test set everything up by themselves, in .venv, once.
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all lint format types lock clean
+MINUTES ?= 1
+.PHONY: help demo test test-all fuzz lint format types lock clean
 BIN := .venv/bin
 UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
 	--only-binary :all: --python-version 3.11 --python-platform x86_64-manylinux_2_28 \
@@ -10,6 +11,7 @@ help:
 	@echo "make demo    find an effect that a model was not told of; writes a report"
 	@echo "make test    what every change must pass (ARGS='-k signals -x' for some)"
 	@echo "make test-all  that and the long tests of pages, browser and installation"
+	@echo "make fuzz    changed files for every reader, MINUTES=10 for each of them"
 	@echo "make lint    style, format, import directions"
 	@echo "make format  put the code into the format that lint asks for"
 	@echo "make types   static types (advice, not a gate)"
@@ -26,6 +28,11 @@ test: CHOICE := -m "not long"
 test test-all: .venv/dev.stamp
 	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
 		$(BIN)/python -m pytest -n 2 --dist loadfile $(CHOICE) $(ARGS)
+
+# By the low road: it runs for as long as it is told to, beside other work.
+fuzz: .venv/dev.stamp
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice -n 10 \
+		$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES) $(ARGS)
 
 lint: .venv/dev.stamp
 	$(BIN)/ruff check .

@@ -42,7 +42,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(f"Cannot read {path}: {error.strerror}.") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not UTF-8 text, expected TOML.") from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # also a number of more digits than Python reads
         raise InputError(f"{path} is not valid TOML: {error}.") from error
 
 

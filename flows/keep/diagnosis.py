@@ -24,6 +24,9 @@ from warehouse.files import read_parquet
 from warehouse.layout import find, record_folder
 from warehouse.verdicts import Rows, store_rows
 
+# What lists and tables of other sizes and kinds make Python say.
+_DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
+
 
 def store_outcome(
     store: Path,
@@ -97,7 +100,22 @@ def read_verdict(store: Path, diagnosis_id: str) -> Verdict:
     Raises:
         InputError: If there is none of that id, or it is damaged.
     """
-    return from_json(read_record(store, diagnosis_id)["document"])
+    return checked_verdict(read_record(store, diagnosis_id).get("document"))
+
+
+def checked_verdict(document: object) -> Verdict:
+    """Return the verdict of a document whose values are of the kinds they must be.
+
+    Raises:
+        InputError: If one is not; a record of the store may be a stranger's.
+    """
+    try:
+        verdict = from_json(document)
+        # What prints, prints it, and writes it again is where a wrong kind shows.
+        to_json(verdict), str(verdict), repr(verdict.effects)
+    except _DAMAGED as error:
+        raise InputError(f"This is no whole verdict: {error!r}.") from error
+    return verdict
 
 
 def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]:

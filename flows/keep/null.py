@@ -5,6 +5,9 @@ import json
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from residual.diagnosis.null_record import Null, from_record, to_record
 from residual.errors import InputError
@@ -12,6 +15,46 @@ from warehouse.commit import read_record
 from warehouse.query.store import open_store
 
 KIND = "null"  # of validations
+
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Size = Annotated[float, Field(allow_inf_nan=False, ge=0)]
+
+
+class _Key(BaseModel):
+    """Of what kinds the values of a key are; what they mean is with `Key`."""
+
+    model_config = ConfigDict(strict=True)
+
+    robot: str
+    declared: list[str]
+    candidates: list[str]
+    baseline: bool
+    clock: bool
+    cutoff: _Size
+    duration: _Size
+    noise: list[_Size]
+    speed: list[_Size]
+    moving: list[_Size]
+
+    @model_validator(mode="after")
+    def _joints(self) -> Self:
+        if not len(self.noise) == len(self.speed) == len(self.moving) > 0:
+            raise ValueError("noise, speed and moving are not of the same joints")
+        return self
+
+
+class _Record(BaseModel):
+    """The same of the whole record."""
+
+    model_config = ConfigDict(strict=True)
+
+    key: _Key
+    nats: list[_Number]
+    net: list[_Number]
+    named: list[bool]
+    block: list[int]
+    seed: int
+    scale: _Size | None
 
 
 def read_null(path: str) -> Null:
@@ -33,7 +76,20 @@ def read_null(path: str) -> Null:
         ) from error
     if not isinstance(record, Mapping):
         raise InputError(f"--null {path} is no null, expected a JSON object.")
-    return from_record(record, str(record.get("id") or Path(path).name))
+    return _checked(record, str(record.get("id") or Path(path).name))
+
+
+def _checked(record: Mapping, id: str) -> Null:
+    """Return the null of a record whose values are numbers where they must be."""
+    try:
+        return from_record(_Record.model_validate(record).model_dump(), id)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise InputError(
+            f"{id} is no null: {place}: {first['msg']}. Make one with modelgap "
+            "calibrate-null."
+        ) from error
 
 
 def null_json(null: Null) -> str:
@@ -44,7 +100,7 @@ def null_json(null: Null) -> str:
 
 def nulls_in(store: Path) -> tuple[Null, ...]:
     """Return all nulls of a store, those with most draws and the latest first."""
-    found = [from_record(record, id) for id, record in null_records(store)]
+    found = [_checked(record, id) for id, record in null_records(store)]
     return tuple(sorted(found, key=lambda n: -len(n.net)))
 
 

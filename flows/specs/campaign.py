@@ -1,5 +1,6 @@
 """A campaign file: SPEC.toml with [grid] (every combination) or [random] (draws)."""
 
+import re
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from warehouse.toml import read_toml
 
 MOST = 10_000  # runs; more is a slip of a list, and weeks of work
 _RANGE = ("low", "high", "log")
+_LARGEST = 2**62  # of a bound; NaN is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +108,7 @@ def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
         raise InputError(f"{where} is {values!r}, expected a list or {{low, high}}.")
     check_keys(values, _RANGE, where)
     low, high = values.get("low"), values.get("high")
-    numbers = all(type(v) in (int, float) for v in (low, high))
+    numbers = all(type(v) in (int, float) and abs(v) < _LARGEST for v in (low, high))
     if not numbers or not low < high or (values.get("log") and low <= 0):
         raise InputError(
             f"{where} is low {low!r} to high {high!r}, expected low < high"
@@ -148,7 +150,7 @@ def _put(place: Any, keys: tuple[str, ...], value: Any, what: str) -> None:
     """
     key, *rest = keys
     if isinstance(place, list):
-        number = int(key) if key.isdigit() else 0
+        number = int(key) if re.fullmatch("[0-9]{1,9}", key) else 0
         if not number and len(place) == 1:
             _put(place[0], keys, value, what)
         elif rest and 1 <= number <= len(place):

@@ -110,10 +110,11 @@ class Model:
         shapes = [
             replace(s, size=0.0) if s.kind == "bristle" else s for s in self.standstill
         ]
-        floor = self.speed_floor
-        if floor is None:
-            floor = np.full(self.robot.dof, LEAST_SPEED)
-        return replace(self, standstill=tuple(shapes), speed_floor=floor)
+        return replace(self, standstill=tuple(shapes), speed_floor=self._floor())
+
+    def _floor(self) -> Array:
+        known = self.speed_floor
+        return np.full(self.robot.dof, LEAST_SPEED) if known is None else known
 
     def observe(self, track: Track, regressor: Array | None = None) -> State:
         """What the effects see of one log, with this model's own torque."""
@@ -135,7 +136,7 @@ class Model:
             q=q,
             qd=qd,
             qdd=qdd,
-            sign=directions(q, qd, self.speed_floor, shapes),
+            sign=directions(q, qd, self._floor(), shapes),
             regressor=regressor,
             rigid=rigid,
             tau_model=rigid,

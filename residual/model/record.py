@@ -7,7 +7,11 @@ from pathlib import Path
 from residual.errors import InputError
 from residual.model.corrected import Corrected
 from residual.model.model import Model
+from residual.model.whole import check_whole
 from residual.names import check_nesting
+
+# What lists and tables of other sizes and kinds make Python say.
+_DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
 def to_record(model: Model | Corrected) -> dict:
@@ -28,7 +32,12 @@ def from_record(record: Mapping) -> Model | Corrected:
     Raises:
         InputError: If it is of another form, or damaged.
     """
-    return (Corrected if "tables" in record else Model).from_record(record)
+    try:
+        made = (Corrected if "tables" in record else Model).from_record(record)
+        check_whole(getattr(made, "model", made))
+    except _DAMAGED as error:
+        raise InputError(f"The record of a model is damaged: {error}.") from error
+    return made
 
 
 def load_model(path: str | Path) -> Model | Corrected:

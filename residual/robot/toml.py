@@ -13,6 +13,7 @@ from residual.names import check_keys, check_name, check_nesting
 Array = np.ndarray
 Effects = Mapping[str, Collection[str]]
 
+LARGEST = 1e30  # no number of a robot is larger, and a product of several overflows
 SLUG = re.compile(r"[a-z0-9_-]{1,40}")
 _TABLES = {
     "robot": ("name", "gravity"),
@@ -75,7 +76,7 @@ def parse_toml(text: str, where: str) -> dict:
         return check_nesting(tomllib.loads(text), where)
     except (RecursionError, InputError) as error:
         raise RobotError(f"{where} is nested too deep.") from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # also a number of more digits than Python reads
         raise RobotError(f"{where} is not valid TOML: {error}.") from error
 
 
@@ -171,7 +172,8 @@ def _scale(table: dict, where: str) -> float | None:
     scale = table.get("scale", "estimate")
     if scale == "estimate":
         return None
-    if isinstance(scale, bool) or not isinstance(scale, int | float) or scale <= 0:
+    number = isinstance(scale, int | float) and not isinstance(scale, bool)
+    if not number or not 0 < scale < LARGEST:
         raise RobotError(
             f"{where}: prior scale is {scale!r}, expected 'estimate' or a positive "
             "number such as 0.03."
@@ -191,7 +193,7 @@ def _name(table: dict, where: str) -> str | None:
 def _array(value: object, shape: tuple[int, ...], what: str) -> Array:
     try:
         array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
     if array.shape != shape:
         size, got = (" x ".join(map(str, s)) for s in (shape, array.shape))

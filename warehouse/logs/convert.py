@@ -175,6 +175,6 @@ def _split(name: str) -> tuple[str, int | None]:
     stem = name.rstrip("0123456789")
     digits = name[len(stem) :]
     # A leading zero would be lost: "J01" stays as it is.
-    if not digits or not stem or digits != str(int(digits)):
+    if not 0 < len(digits) < 10 or not stem or digits != str(int(digits)):
         return name, None
     return stem, int(digits)

@@ -134,7 +134,8 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
 def _check_beyond(rest: set[str], dof: int, where: str) -> None:
     for column in sorted(rest):
         match = _JOINT_COLUMN.fullmatch(column)
-        if match and not 1 <= int(match[2]) <= dof:
+        # Python reads no number of thousands of digits.
+        if match and (len(match[2]) > 9 or not 1 <= int(match[2]) <= dof):
             raise InputError(
                 f"{where}: column '{column}' is beyond the robot's joints 1 to {dof}. "
                 "Is --robot the right one? Else remove or rename the column."

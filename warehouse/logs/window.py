@@ -1,5 +1,6 @@
 """What the words FILE@start:end stand for, and whether two logs share samples."""
 
+import os
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -80,7 +81,8 @@ def split_spec(spec: str) -> tuple[Path, Window | None]:
         InputError: If there is no such file or the window is not understood.
     """
     path = Path(spec)
-    if "@" not in path.name or path.exists():
+    # Those of os.path, which say no of a name that no file can have.
+    if "@" not in path.name or os.path.exists(path):
         return _existing(path), None
     name, _, text = spec.rpartition("@")
     match = _WINDOW.fullmatch(text)
@@ -130,16 +132,16 @@ def unique_ids(specs: Sequence[str]) -> list[str]:
 
 
 def _existing(path: Path) -> Path:
-    if path.is_dir() and (path / "metadata.yaml").is_file():
+    if os.path.isfile(path / "metadata.yaml"):
         return path  # a bag of ROS 2
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(
             f"{path} is a folder, expected a log file, or the folder of a "
             "ROS 2 bag with its metadata.yaml."
         )
-    if not path.exists():
+    if not os.path.exists(path):
         raise InputError(f"No log file '{path}'. Give a CSV or Parquet file.")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(
             f"{path} is not a regular file, expected a CSV or Parquet file."
         )

@@ -57,7 +57,13 @@ def as_bytes(rows: pa.Table, format: str) -> bytes:
     _check_names(rows, format)
     if format == "parquet":
         sink = pa.BufferOutputStream()
-        pq.write_table(rows, sink, compression="zstd")
+        try:
+            pq.write_table(rows, sink, compression="zstd")
+        except pa.ArrowNotImplementedError as error:
+            raise InputError(
+                f"Parquet cannot hold a column of this answer: {error}. Make it text "
+                "or a number: x::VARCHAR."
+            ) from error
         return sink.getvalue().to_pybytes()
     text = io.StringIO()
     with redirect_stdout(text):

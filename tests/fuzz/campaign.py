@@ -1,0 +1,172 @@
+"""Minutes of fuzzing of one reader, in a process that may hang or die."""
+
+import multiprocessing
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Set
+from dataclasses import dataclass
+from hashlib import sha256
+from multiprocessing.connection import Connection
+from pathlib import Path
+from time import monotonic
+
+from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
+
+from tests.fuzz.reader import LONGEST, Finding, Reader, judge
+
+CORPUS = Path(__file__).parent / "corpus"
+BATCH = 400  # examples per seed of hypothesis
+SHRINKING = 40.0  # seconds beyond the budget in which a finding is made smaller
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What came of fuzzing one reader.
+
+    Attributes:
+        examples: How many inputs it was given.
+        findings: What was found, in a line each.
+    """
+
+    examples: int
+    findings: tuple[str, ...]
+
+
+def fuzz(reader: Reader, seconds: float, first: int, corpus: Path = CORPUS) -> Told:
+    """Fuzz a reader; every finding becomes a small file of the corpus.
+
+    Args:
+        reader: The reader.
+        seconds: How long.
+        first: First seed; the same one gives the same inputs.
+        corpus: Where findings go.
+    """
+    end = monotonic() + seconds
+    place = Path(tempfile.mkdtemp(prefix="modelgap-fuzz-"))
+    examples, findings = 0, []
+    try:
+        while True:
+            more, died = _child(reader, (end, first + examples), place, corpus)
+            examples += more.examples
+            findings += more.findings
+            if not died or monotonic() > end:
+                return Told(examples, tuple(findings))
+            findings.append(
+                _save(corpus / reader.name, died, (place / "now").read_bytes())
+            )
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _child(
+    reader: Reader, span: tuple[float, int], place: Path, corpus: Path
+) -> tuple[Told, str]:
+    """Return what a child found, and how it ended if not by itself."""
+    context = multiprocessing.get_context("fork")
+    mine, theirs = context.Pipe(duplex=False)
+    arguments = (reader, span, place, corpus, theirs)
+    process = context.Process(target=_work, args=arguments)
+    process.start()
+    theirs.close()
+    examples, findings, died = 0, [], "hang"
+    try:
+        # A message per example: silence is a hang that no alarm could end.
+        while mine.poll(3 * LONGEST + (0 if examples else 120)):
+            told = mine.recv()
+            if told is None:
+                died = ""
+                break
+            if isinstance(told, Exception):
+                raise told  # of the fuzzing itself
+            examples += isinstance(told, int)
+            findings += [told] if isinstance(told, str) else []
+    except EOFError:
+        died = "killed"
+    process.kill()
+    process.join()
+    return Told(examples, tuple(findings)), died
+
+
+def _work(
+    reader: Reader,
+    span: tuple[float, int],
+    place: Path,
+    corpus: Path,
+    out: Connection,
+) -> None:
+    end, number = span
+    known: set[str] = set()
+    try:
+        for data in reader.seeds():  # what is compiled or loaded once is of no example
+            reader.read(data, _empty(place))
+        while monotonic() < end:
+            found = _batch(reader, number, place, (end, known, lambda: out.send(1)))
+            number += 1
+            if found:
+                known.add(found[0].name)
+                _save(corpus / reader.name, found[0].name, found[1])
+                out.send(str(found[0]))
+        out.send(None)
+    except Exception as error:
+        out.send(RuntimeError(f"{reader.name}: {error!r:.500}"))
+
+
+def _batch(
+    reader: Reader,
+    number: int,
+    place: Path,
+    rest: tuple[float, Set[str], Callable[[], None]],
+) -> tuple[Finding, bytes] | None:
+    """Return the first new finding of one seed, made as small as time allows."""
+    end, known, told = rest
+    smallest: list[tuple[Finding, bytes]] = []
+
+    @seed(number)
+    @settings(
+        max_examples=BATCH,
+        deadline=None,
+        database=None,
+        derandomize=False,
+        phases=(Phase.generate, Phase.shrink),
+        suppress_health_check=list(HealthCheck),
+        report_multiple_bugs=False,
+        print_blob=False,
+        verbosity=Verbosity.quiet,
+    )
+    @given(reader.inputs())
+    def one(data: bytes) -> None:
+        if monotonic() > end + (SHRINKING if smallest else 0):
+            return
+        (place / "now").write_bytes(data)
+        told()
+        found = judge(reader, data, _empty(place))
+        if found is None or found.name in known:
+            return
+        if smallest and smallest[0][0].name != found.name:
+            return
+        if not smallest or len(data) <= len(smallest[0][1]):
+            smallest[:] = [(found, data)]
+        raise found.error
+
+    try:
+        one()
+    except BaseException:
+        if not smallest:
+            raise
+    return smallest[0] if smallest else None
+
+
+def _empty(place: Path) -> Path:
+    inside = place / "here"
+    shutil.rmtree(inside, ignore_errors=True)
+    inside.mkdir()
+    return inside
+
+
+def _save(folder: Path, name: str, data: bytes) -> str:
+    """Put a finding into the corpus and return its name."""
+    folder.mkdir(parents=True, exist_ok=True)
+    plain = re.sub(r"[^a-z0-9_-]+", "", name.lower())[:60]
+    (folder / f"{plain}-{sha256(data).hexdigest()[:6]}.bin").write_bytes(data)
+    return name

@@ -1,0 +1,177 @@
+"""Readers of JSON: models, nulls, verdicts; and the words for a part of a log."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from hypothesis import strategies as st
+
+from flows.keep.diagnosis import checked_verdict
+from flows.keep.null import null_json, read_null
+from residual.diagnosis.null_key import Key
+from residual.diagnosis.null_record import Null
+from residual.diagnosis.verdict import from_json, to_json
+from residual.errors import InputError
+from residual.model.model import Model
+from residual.model.record import from_record, load_model, to_record
+from residual.model.term import Term
+from residual.recording import Recording
+from residual.robot.dynamics import inertial_parameters
+from tests.fuzz.arm import arm, as_csv, samples
+from tests.fuzz.mutation import mutated, mutated_json
+from tests.fuzz.reader import ROOT, Reader, same_json
+from warehouse.logs import read_any
+
+
+@cache
+def _models() -> list[dict]:
+    terms = [
+        {"name": "viscous", "joints": [1], "shape": [], "theta": [1.5]},
+        {"name": "coulomb", "joints": [2], "shape": [], "theta": [2.5]},
+    ]
+    model = Model(
+        robot=arm(),
+        inertial=inertial_parameters(arm().model),
+        terms=tuple(map(Term.from_record, terms)),
+        speed_floor=np.array([0.01, 0.02]),
+        clock=0.0,
+    )
+    return [model.to_record()]
+
+
+@cache
+def _log() -> Recording:
+    """The same at 100 Hz, as long as a prediction needs."""
+    t = np.arange(400) / 100
+    q = np.column_stack([np.sin(2 * t), 0.5 * np.cos(3 * t)])
+    return Recording("log", "two_link", t, q, q)
+
+
+def _read_model(data: bytes, place: Path) -> None:
+    file = place / "model.json"
+    file.write_bytes(data)
+    model = load_model(file)
+    record = to_record(model)
+    assert same_json(record, to_record(from_record(record)))
+    assert repr(model)
+    robot = model.robot
+    if robot.dof == 2:
+        assert model.predict(_log()).shape == (400, 2)
+    model.save(place / "again.json")
+    assert same_json(to_record(load_model(place / "again.json")), record)
+
+
+@cache
+def _nulls() -> list[dict]:
+    key = Key(
+        robot="a" * 64,
+        declared=("viscous",),
+        candidates=("payload", "spring"),
+        baseline=False,
+        clock=True,
+        cutoff=8.0,
+        duration=20.0,
+        noise=(0.1, 0.2),
+        speed=(1.0, 1.5),
+        moving=(0.9, 0.8),
+    )
+    draws = ((3.0, 4.0, 9.0, 1.0), (1.0, 2.0, 7.0, -1.0))
+    null = Null("n", key, *draws, (False, False, True, False), (0, 0, 1, 1), 7, 0.03)
+    return [json.loads(null_json(null))]
+
+
+def _read_null(data: bytes, place: Path) -> None:
+    file = place / "null.json"
+    file.write_bytes(data)
+    null = read_null(str(file))
+    assert null.sentence(10.0)
+    assert 0 < null.p_value(5.0) <= 1
+    assert 0 <= null.beyond(5.0) <= 1
+    p, low, high = null.rate(10.0)
+    assert 0 <= low <= p <= high <= 1
+    if len(null.key.noise) == 2:
+        null.key.mismatch(read_null(str(_good_null(place))).key)
+    again = place / "again.json"
+    again.write_text(null_json(null))
+    assert same_json(
+        json.loads(null_json(read_null(str(again)))), json.loads(null_json(null))
+    )
+
+
+def _good_null(place: Path) -> Path:
+    path = place / "good.json"
+    path.write_text(json.dumps(_nulls()[0]))
+    return path
+
+
+@cache
+def _verdicts() -> list[dict]:
+    folder = ROOT / "tests" / "frozen"
+    whole = [
+        json.loads((folder / f"{n}.json").read_text()) for n in ("effects", "unknown")
+    ]
+    return [_short(document) for document in whole]
+
+
+def _short(value: object) -> object:
+    """The same with no more than two entries in a list of tables."""
+    if isinstance(value, dict):
+        return {k: _short(v) for k, v in value.items()}
+    if isinstance(value, list):
+        some = value[:2] if any(isinstance(v, dict) for v in value) else value
+        return [_short(v) for v in some]
+    return value
+
+
+def _read_verdict(data: bytes, place: Path) -> None:
+    try:
+        document = json.loads(data)
+    except ValueError as error:
+        raise InputError("no JSON") from error  # the store's own affair
+    verdict = checked_verdict(document)
+    assert str(verdict)
+    assert repr(verdict.effects)
+    told = to_json(verdict)
+    assert same_json(to_json(from_json(told)), told)
+
+
+def _read_words(data: bytes, place: Path) -> None:
+    words = data.decode("utf-8", errors="replace").replace("\0", "")
+    (place / "log.csv").write_text(as_csv())
+    log, told = read_any(f"{place}/{words}", arm())
+    assert 2 <= len(log.t) <= len(samples())
+    assert told.rows == len(log.t)
+
+
+_WORDS = [
+    b"log.csv",
+    b"log.csv@0:2.5",
+    b"log.csv@10%:90%",
+    b"log.csv@1:",
+    b"log.csv@:2",
+]
+
+
+def _json(name: str, documents, read) -> Reader:
+    def seeds() -> list[bytes]:
+        return [json.dumps(document).encode() for document in documents()]
+
+    def inputs() -> st.SearchStrategy[bytes]:
+        twice = mutated_json(documents())
+        return st.one_of(twice, twice, mutated(seeds()))
+
+    return Reader(name, inputs, seeds, read)
+
+
+RECORDS = (
+    _json("model", _models, _read_model),
+    _json("null", _nulls, _read_null),
+    _json("verdict", _verdicts, _read_verdict),
+    Reader(
+        "window",
+        lambda: mutated(_WORDS, (b"@", b":", b"%")),
+        lambda: _WORDS,
+        _read_words,
+    ),
+)

@@ -1,0 +1,41 @@
+"""Fuzz every reader for some minutes: python -m tests.fuzz.run --minutes 10
+
+One line per reader: examples, seconds, findings. A finding is minimised and written
+to tests/fuzz/corpus/, which tests/fuzz/test_corpus.py replays; the exit code is 1 then.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from time import monotonic
+
+from tests.fuzz.campaign import CORPUS, fuzz
+from tests.fuzz.readers import READERS
+
+
+def main() -> int:
+    """Fuzz the readers that are asked for and return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=1.0, help="per reader")
+    parser.add_argument("--readers", nargs="+", choices=READERS, default=list(READERS))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--corpus", type=Path, default=CORPUS)
+    args = parser.parse_args()
+    found = 0
+    for name in args.readers:
+        start = monotonic()
+        told = fuzz(READERS[name], 60 * args.minutes, args.seed, args.corpus)
+        spent = monotonic() - start
+        print(
+            f"{name:10} {told.examples:8} examples {spent:6.0f} s "
+            f"{len(told.findings):3} findings",
+            flush=True,
+        )
+        for line in told.findings:
+            print(f"    {line}", flush=True)
+        found += len(told.findings)
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
