@@ -1,7 +1,7 @@
 # make demo and make test set everything up by themselves, in .venv, once.
 .DEFAULT_GOAL := help
 MINUTES ?= 1
-.PHONY: help demo test test-all fuzz lint format types lock clean
+.PHONY: help demo test test-all fuzz audit lint format types lock clean
 BIN := .venv/bin
 UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
 	--only-binary :all: --python-version 3.11 --python-platform x86_64-manylinux_2_28 \
@@ -12,6 +12,7 @@ help:
 	@echo "make test    what every change must pass (ARGS='-k signals -x' for some)"
 	@echo "make test-all  that and the long tests of pages, browser and installation"
 	@echo "make fuzz    changed files for every reader, MINUTES=10 for each of them"
+	@echo "make audit   known vulnerabilities and licences; needs pip-audit, network"
 	@echo "make lint    style, format, import directions"
 	@echo "make format  put the code into the format that lint asks for"
 	@echo "make types   static types (advice, not a gate)"
@@ -33,6 +34,10 @@ test test-all: .venv/dev.stamp
 fuzz: .venv/dev.stamp
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice -n 10 \
 		$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES) $(ARGS)
+
+# The one command that asks the network, by pip-audit; exit code 3 where it cannot.
+audit: .venv/dev.stamp
+	$(BIN)/python scripts/audit.py requirements-dev.lock
 
 lint: .venv/dev.stamp
 	$(BIN)/ruff check .
