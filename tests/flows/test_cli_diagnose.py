@@ -129,7 +129,7 @@ BAD_WORDS = {
     "diagnose A.csv --robot irb140 --json o --report ./o": "both name",
     "demo --effect stribek": "did you mean 'stribeck'",
     "demo --seed x": "seed",
-    "demo --seed -1": "expected 0 or more",
+    "demo --seed -1": "expected 0 to",
     "demo --store A.csv": "is a file, not a folder",
 }
 

@@ -54,7 +54,7 @@ def test_the_csv_is_what_a_controller_reads(here):
         (["cyclic", "--csv", "no/such/out.csv"], "no folder"),
         (["cyclic", "--robot", "nosuch"], "irb140"),
         (["cyclic", "--csv", "same", "--gif", "same"], "both name"),
-        (["cyclic", "--rate", "1e9"], "rate must be"),
+        (["cyclic", "--rate", "1e9"], "--rate 1e+09: expected 1 to 20000"),
     ],
 )
 def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):

@@ -8,6 +8,7 @@ import pytest
 from residual.close import close_the_loop
 from residual.diagnosis.detectable import lookalikes
 from residual.diagnosis.doubt import angle_noise as instruments
+from residual.diagnosis.doubt import held_out as holdout
 from residual.diagnosis.doubt.angle_noise import (
     EFFECTIVE,
     INSTRUMENTS,
@@ -159,7 +160,7 @@ def test_a_name_that_is_noise_is_dropped_and_the_rest_is_fitted_again(rng, monke
     task = problem.task(groups)
     fitted = task.fit(groups, task.start())
     monkeypatch.setattr(
-        instruments, "refit", lambda _, kept: task.fit([t.group for t in kept], fitted)
+        holdout, "refit", lambda _, kept: task.fit([t.group for t in kept], fitted)
     )
     monkeypatch.setattr(
         instruments,

@@ -510,7 +510,9 @@ def test_every_name_ends_among_the_kept_the_refuted_or_the_dropped(monkeypatch):
     tested = [SimpleNamespace(name=i) for i in range(3)]
     diagnosis = SimpleNamespace(tested=tuple(tested), fit=None)
     monkeypatch.setattr(holdout, "refit", lambda diagnosis, names: None)
-    monkeypatch.setattr(holdout, "_gain", lambda d, f, all_, one, h: one.name - 0.5)
+    monkeypatch.setattr(
+        holdout, "_gains", lambda d, f, tested, h: [t.name - 0.5 for t in tested]
+    )
     monkeypatch.setattr(holdout, "_stands", lambda d, f, one: one.name != 1)
     said = holdout.judge_held_out(diagnosis, ())
     assert [t.name for t, _ in said.kept] == [2]

@@ -20,7 +20,9 @@ SURE = 2.0  # standard errors
 HARM_SURE = 3.0  # the same of a rise, of which any joint may show one
 RISE = 0.02  # of a joint's error: what no name may add
 SMALL = 1e-3  # of a joint's torque: what may be added all the same
-PRICE = 0.1  # of what a change since a baseline cures, that it may cost elsewhere
+# Of what names cure, that they may cost elsewhere; and the same of changes since a
+# baseline, where the drift of friction is common to all joints and moves a little.
+PRICE, PRICE_KNOWN = 0.02, 0.1
 ROUND = 3  # gains are compared to 0.1 %
 
 
@@ -123,16 +125,11 @@ def _worst(after: Array, before: Array, power: Array) -> tuple[float, slice, str
 
 
 def _pays(examined: Examined, after: Array, before: Array) -> bool:
-    """Whether what a name costs some joints is little beside what it cures.
-
-    Asked of changes since a baseline only: there the drift of friction is common to all
-    joints, and a name on one of them may move it a little on all. A model of which
-    nothing is proven yet gets no such credit.
-    """
-    if examined.nominal.covariance is None:
-        return False
+    """Whether what names cost some joints is next to nothing beside what they cure."""
+    known = examined.nominal.covariance is not None
+    price = PRICE_KNOWN if known else PRICE
     change = (after - before).sum(axis=0) / examined.task.design.rms**2
-    return bool(np.maximum(change, 0).sum() < PRICE * np.maximum(-change, 0).sum())
+    return bool(np.maximum(change, 0).sum() < price * np.maximum(-change, 0).sum())
 
 
 def judgement(gain: float) -> str:
