@@ -11,6 +11,7 @@ Content = TypeVar("Content")
 # Levels of tables and lists in a file; none of ours has a third of it, and what walks
 # through them by calling itself ends at some hundreds.
 DEEPEST = 64
+LINE = 120  # characters of a value in a message
 
 
 def check_name(name: str, known: Iterable[str], what: str) -> str:
@@ -30,11 +31,18 @@ def check_name(name: str, known: Iterable[str], what: str) -> str:
     valid = sorted(known)
     if name in valid:
         return name
+    shown = shortened(name)
     near = get_close_matches(str(name).lower(), valid, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
     raise UnknownNameError(
-        f"Unknown {what} '{name}': {hint}Valid: {', '.join(valid) or 'none'}."
+        f"Unknown {what} '{shown}': {hint}Valid: {', '.join(valid) or 'none'}."
     )
+
+
+def shortened(value: object) -> str:
+    """Return a value as a message has it: a line of it says enough."""
+    text = str(value)
+    return text if len(text) <= LINE else f"{text[: LINE - 3]}..."
 
 
 def check_keys(table: Iterable[str], known: Iterable[str], where: str) -> None:

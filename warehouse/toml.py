@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from residual.errors import InputError
-from residual.names import check_name, check_nesting
+from residual.names import check_name, check_nesting, shortened
 
 Record = TypeVar("Record")
 
@@ -82,7 +82,8 @@ def _words(record: Any, fault: dict[str, Any]) -> str:
     if expected is None:
         text = fault["msg"].removeprefix("Input should be ")
         expected = text[:1].lower() + text[1:]
-    return f"{_named(fault['loc'])} is {fault['input']!r}, expected {expected}."
+    given = shortened(repr(fault["input"]))
+    return f"{_named(fault['loc'])} is {given}, expected {expected}."
 
 
 def _unknown(name: object, valid: list[str], what: str) -> str:

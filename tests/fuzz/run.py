@@ -6,8 +6,11 @@ to tests/fuzz/corpus/, which tests/fuzz/test_corpus.py replays; the exit code is
 
 import argparse
 import sys
+import tempfile
 from pathlib import Path
 from time import monotonic
+
+from hypothesis.configuration import set_hypothesis_home_dir
 
 from tests.fuzz.campaign import CORPUS, fuzz
 from tests.fuzz.readers import READERS
@@ -21,6 +24,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--corpus", type=Path, default=CORPUS)
     args = parser.parse_args()
+    # What hypothesis reads from the code it keeps outside of the checkout, as in tests.
+    set_hypothesis_home_dir(Path(tempfile.gettempdir()) / "modelgap-hypothesis")
     found = 0
     for name in args.readers:
         start = monotonic()
