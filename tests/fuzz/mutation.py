@@ -64,7 +64,8 @@ def flipped(seeds: Sequence[bytes]) -> st.SearchStrategy[bytes]:
 
 @st.composite
 def _by_bytes(draw: Draw, seeds: list[bytes], words: Sequence[bytes]) -> bytes:
-    data = bytearray(draw(st.sampled_from(seeds)))
+    # By number: hypothesis writes down what it samples from.
+    data = bytearray(seeds[draw(st.integers(0, len(seeds) - 1))])
     for _ in range(draw(st.integers(1, 4))):
         at = draw(st.integers(0, len(data)))
         kind = draw(st.sampled_from(("bit", "byte", "word", "cut", "double", "end")))
@@ -86,7 +87,7 @@ def _by_bytes(draw: Draw, seeds: list[bytes], words: Sequence[bytes]) -> bytes:
 
 @st.composite
 def _by_words(draw: Draw, seeds: list[bytes], words: Sequence[bytes]) -> bytes:
-    tokens = _TOKEN.findall(draw(st.sampled_from(seeds)))
+    tokens = _TOKEN.findall(seeds[draw(st.integers(0, len(seeds) - 1))])
     for _ in range(draw(st.integers(1, 5))):
         if not tokens:
             break
@@ -121,7 +122,7 @@ def mutated_json(documents: Sequence[Any], most: int = 3) -> st.SearchStrategy[b
 @st.composite
 def changed(draw: Draw, documents: Sequence[Any], most: int = 3) -> Any:
     """A document with up to so many places changed."""
-    document = deepcopy(draw(st.sampled_from(list(documents))))
+    document = deepcopy(documents[draw(st.integers(0, len(documents) - 1))])
     for _ in range(draw(st.integers(1, most))):
         places = list(_places(document, ()))
         if not places:

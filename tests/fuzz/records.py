@@ -127,7 +127,7 @@ def _short(value: object) -> object:
 def _read_verdict(data: bytes, place: Path) -> None:
     try:
         document = json.loads(data)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError("no JSON") from error  # the store's own affair
     verdict = checked_verdict(document)
     assert str(verdict)

@@ -141,7 +141,7 @@ def _repacked(draw: Draw) -> bytes:
     return _tar({CONTENTS: json.dumps(contents).encode(), **files})
 
 
-_NAMES = ("../{}", "/{}", "{}/x", "./{}", "{}\n", "x", "_index/{}", "{}.json", "\ud800")
+_NAMES = ("../{}", "/{}", "{}/x", "./{}", "{}\n", "x", "_index/{}", "{}.json")
 
 
 def _tar(files: dict[str, bytes]) -> bytes:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from residual.errors import InputError
+from residual.names import shortened
 from residual.recording import Recording
 
 Array = np.ndarray
@@ -55,12 +56,12 @@ class Window:
         end = end * whole / 100 if self.end_percent else end
         if start >= whole - step / 2 or end > whole + step / 2:
             raise InputError(
-                f"{where}: window @{self.text} is outside the log, which lasts "
+                f"{where}: window @{shortened(self.text)} is outside the log, which lasts "
                 f"{whole:.6g} s. Times count from its first sample."
             )
         if end <= start:
             raise InputError(
-                f"{where}: window @{self.text} is empty: end before start."
+                f"{where}: window @{shortened(self.text)} is empty: end before start."
             )
         # A hair early, so that 2.5 s is not missed by the rounding of a clock.
         edges = np.searchsorted(t - t[0], np.array([start, end]) - 1e-3 * step)
@@ -88,7 +89,7 @@ def split_spec(spec: str) -> tuple[Path, Window | None]:
     match = _WINDOW.fullmatch(text)
     if match is None or not name:
         raise InputError(
-            f"{path.name}: window @{text} is not understood, expected @start:end in "
+            f"{shortened(path.name)}: window @{shortened(text)} is not understood, expected @start:end in "
             "seconds or percent, such as @0:16.5, @60%: or @:60%."
         )
     start, start_percent, end, end_percent = match.groups()
@@ -101,7 +102,9 @@ def split_spec(spec: str) -> tuple[Path, Window | None]:
     )
     for edge, percent in ((start, start_percent), (end, end_percent)):
         if percent and float(edge) > 100:
-            raise InputError(f"{path.name}: {edge}% is outside the log.")
+            raise InputError(
+                f"{shortened(path.name)}: {shortened(edge)}% is outside the log."
+            )
     return _existing(Path(name)), window
 
 
@@ -140,7 +143,9 @@ def _existing(path: Path) -> Path:
             "ROS 2 bag with its metadata.yaml."
         )
     if not os.path.exists(path):
-        raise InputError(f"No log file '{path}'. Give a CSV or Parquet file.")
+        raise InputError(
+            f"No log file '{shortened(path)}'. Give a CSV or Parquet file."
+        )
     if not os.path.isfile(path):
         raise InputError(
             f"{path} is not a regular file, expected a CSV or Parquet file."

@@ -49,6 +49,7 @@ _FUNCTIONS = {
     "unnest",
 }
 LONGEST = 100_000  # characters of a query
+_LINE = 600  # characters of what is wrong with one
 _DEEP = "The query is nested too deep. Ask with fewer subqueries and brackets."
 _ONLY = "Only one SELECT, or EXPLAIN of one, runs here"
 
@@ -103,7 +104,8 @@ def _one_statement(
         kinds = [statement.type.name for statement in found]
     except duckdb.Error as error:
         raise InputError(first_line(error)) from error
-    except (ValueError, UnicodeError) as error:
+    # A type error is of words that are no UTF-8.
+    except (TypeError, ValueError) as error:
         raise InputError(f"{_ONLY}, got something else.") from error
     if len(found) != 1:
         raise InputError(f"{_ONLY}, got {len(found) or 'no'} statements.")
@@ -166,4 +168,5 @@ def _nodes(tree: object) -> Iterator[dict]:
 def first_line(error: Exception) -> str:
     """Return what DuckDB says, in one line and without its picture of the query."""
     text = str(error).split("\n\nLINE ")[0]
-    return " ".join(text.split()).removesuffix(".") + "."
+    line = " ".join(text.split()).removesuffix(".")
+    return (line if len(line) <= _LINE else f"{line[: _LINE - 3]}...") + "."
