@@ -56,8 +56,8 @@ class Window:
         end = end * whole / 100 if self.end_percent else end
         if start >= whole - step / 2 or end > whole + step / 2:
             raise InputError(
-                f"{where}: window @{shortened(self.text)} is outside the log, which lasts "
-                f"{whole:.6g} s. Times count from its first sample."
+                f"{where}: window @{shortened(self.text)} is outside the log, which "
+                f"lasts {whole:.6g} s. Times count from its first sample."
             )
         if end <= start:
             raise InputError(
@@ -89,8 +89,9 @@ def split_spec(spec: str) -> tuple[Path, Window | None]:
     match = _WINDOW.fullmatch(text)
     if match is None or not name:
         raise InputError(
-            f"{shortened(path.name)}: window @{shortened(text)} is not understood, expected @start:end in "
-            "seconds or percent, such as @0:16.5, @60%: or @:60%."
+            f"{shortened(path.name)}: window @{shortened(text)} is not understood, "
+            "expected @start:end in seconds or percent, such as @0:16.5, @60%: or "
+            "@:60%."
         )
     start, start_percent, end, end_percent = match.groups()
     window = Window(
