@@ -142,7 +142,8 @@ def changed(draw: Draw, documents: Sequence[Any], most: int = 3) -> Any:
         elif kind == "own":
             inside[key] = deepcopy(_at(document, draw(st.sampled_from(places))))
         else:
-            inside[key] = draw(st.sampled_from(ODD_VALUES))
+            # A copy: a later change may be inside of it.
+            inside[key] = deepcopy(draw(st.sampled_from(ODD_VALUES)))
     return document
 
 
