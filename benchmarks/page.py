@@ -147,14 +147,18 @@ def main() -> int:
 def _section(name: str, content: Mapping) -> str:
     words = _WORDS[name]
     rows = [("what", "value", "n", "bar", "also"), ("---", "---", "---:", "---", "---")]
+    again = "same_as" in words["figures"]
     for is_, entry in figures(name, content).values():
+        if again and entry.entry["bar"] is None:  # of a second run what is judged
+            continue
         also = "; ".join(entry.details())
         rows.append((is_, str(entry), _number(entry.n), entry.bar, also))
     facts = (
         f"`{RESULTS.name}/{name}.json`: {_origin(content)}, {content['cores']} cores, "
     )
     facts += f"Python {content['python']}; `{words['run']}`"
-    parts = [f"## {words['title']}", facts, words["about"].strip(), content.get("note")]
+    facts += f"\\\n{words['about'].strip()}"  # a backslash breaks the line
+    parts = [f"## {words['title']}", facts, content.get("note")]
     parts += [_table(rows).rstrip(), _arms(content.get("measured", ()))]
     return "\n\n".join(part for part in parts if part) + "\n"
 
