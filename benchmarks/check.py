@@ -23,14 +23,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.check_parts import bars, cases
 from benchmarks.diagnosis_parts.kept import Kept
-from benchmarks.figures import (
-    ROOT,
-    circumstances,
-    code_hash,
-    finish,
-    one_blas_thread,
-    save,
-)
+from benchmarks.figures import ROOT, code_hash, finish, one_blas_thread
+from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
 from flows.workers.pool import Pool
 
 _SEEDS, _QUICK_SEEDS = "6001:6010", "1:1"
@@ -40,8 +34,7 @@ _GROUPS = ("faults", "clean", "effects", "trusted")
 def main() -> int:
     """Run the jobs and return the exit code."""
     args = _arguments()
-    first, last = (int(word) for word in args.seeds.split(":"))
-    wanted = cases.tasks(range(first, last + 1), args.quick)
+    wanted = cases.tasks(seed_range(args.seeds), args.quick)
     jobs = {t.name: t for t in wanted if t.group in args.groups and _on(args, t)}
     one_blas_thread()
     with _kept(args) as known, Pool(2) as pool:
@@ -53,27 +46,14 @@ def main() -> int:
     deciding = deciding and set(args.groups) == set(_GROUPS)
     figures = bars.figures([*rows, *lost], absent, deciding)
     _show(rows)
-    if args.full_json:
-        facts = circumstances(seeds=args.seeds, quick=args.quick)
-        save(args.full_json, {**facts, "figures": figures, "cases": rows})
+    save_rows(args, figures, cases=rows)
     return finish(figures)
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
-    parser.add_argument("--seeds", default=_SEEDS, metavar="A:B", help="both included")
-    parser.add_argument("--groups", nargs="*", default=list(_GROUPS), choices=_GROUPS)
+    parser = seeded_options(__doc__, _SEEDS, _GROUPS)
     parser.add_argument("--hosts", nargs="*", help="some arms, or effects, only")
-    parser.add_argument("--full-json", type=Path, metavar="FILE")
-    text = "where finished jobs are kept instead"
-    parser.add_argument("--keep", type=Path, metavar="FILE.jsonl", help=text)
-    args = parser.parse_args()
-    if args.quick:
-        args.seeds = _QUICK_SEEDS
-    return args
+    return read_options(parser, _QUICK_SEEDS)
 
 
 def _on(args: argparse.Namespace, task: cases.Task) -> bool:

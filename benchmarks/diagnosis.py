@@ -21,14 +21,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.diagnosis_parts import bars, cases, kept, measured
 from benchmarks.figures import (
     Figures,
-    circumstances,
     figure,
     finish,
     missing,
     one_blas_thread,
-    save,
 )
 from benchmarks.logs_parts import shell
+from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
 from flows.workers.pool import Pool
 
 _SEEDS, _QUICK_SEEDS = "5001:5010", "1:1"
@@ -39,7 +38,7 @@ _SECONDS, _GIGABYTES = 10.0, 1.0
 
 def main() -> int:
     """Run the groups and return the exit code."""
-    args = _arguments()
+    args = read_options(seeded_options(__doc__, _SEEDS, _GROUPS), _QUICK_SEEDS)
     figures: Figures = {}
     if "cost" in args.groups:
         figures |= _cost(args.quick)
@@ -54,33 +53,13 @@ def main() -> int:
         figures |= bars.case_figures(rows, deciding)
     if "measured" in args.groups:
         figures |= measured.measured_figures(results)
-    if args.full_json:
-        facts = circumstances(seeds=args.seeds, quick=args.quick, groups=args.groups)
-        content = {**facts, "figures": figures, "cases": rows, "measured": results}
-        save(args.full_json, content)
+    save_rows(args, figures, cases=rows, measured=results)
     return finish(figures)
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
-    parser.add_argument("--seeds", default=_SEEDS, metavar="A:B", help="both included")
-    parser.add_argument("--groups", nargs="*", default=list(_GROUPS), choices=_GROUPS)
-    parser.add_argument("--full-json", type=Path, metavar="FILE")
-    text = "where finished cases are kept instead"
-    parser.add_argument("--keep", type=Path, metavar="FILE.jsonl", help=text)
-    args = parser.parse_args()
-    if args.quick:
-        args.seeds = _QUICK_SEEDS
-    return args
 
 
 def _run_cases(args: argparse.Namespace, groups, known, pool) -> Mapping[str, list]:
     """Run the cases of all groups, those that say sizes first."""
-    first, last = (int(word) for word in args.seeds.split(":"))
-    seeds = range(first, last + 1)
+    seeds = seed_range(args.seeds)
     wanted = {group: cases.tasks(group, seeds, args.quick) for group in groups}
     every = [task for tasks in wanted.values() for task in tasks]
     sizes = {}

@@ -24,12 +24,11 @@ from benchmarks.dirty_parts import bars, cases, measured
 from benchmarks.figures import (
     ROOT,
     Figures,
-    circumstances,
     code_hash,
     finish,
     one_blas_thread,
-    save,
 )
+from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
 from flows.keep.null import method_hash
 from flows.workers.pool import Here, Pool
 
@@ -57,42 +56,24 @@ def main() -> int:
         figures |= bars.case_figures(rows, deciding)
     if "measured" in args.groups:
         figures |= measured.measured_figures(results)
-    if args.full_json:
-        facts = circumstances(seeds=args.seeds, quick=args.quick, groups=args.groups)
-        content = {**facts, "figures": figures, "cases": rows, "measured": results}
-        save(args.full_json, content)
+    save_rows(args, figures, cases=rows, measured=results)
     return finish(figures)
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a handful of short logs")
-    parser.add_argument("--seeds", default=_SEEDS, metavar="A:B", help="both included")
-    parser.add_argument("--groups", nargs="*", default=list(_GROUPS), choices=_GROUPS)
+    quick = "a handful of short logs"
+    parser = seeded_options(__doc__, _SEEDS, _GROUPS, quick)
     text = "kinds of arms, where not all: pybullet, seven, other"
     parser.add_argument("--arms", nargs="*", metavar="KIND", help=text)
     parser.add_argument("--workers", type=int, default=2, help="processes")
-    parser.add_argument("--full-json", type=Path, metavar="FILE")
-    text = "where finished cases are kept instead"
-    parser.add_argument("--keep", type=Path, metavar="FILE.jsonl", help=text)
-    args = parser.parse_args()
-    if args.quick:
-        args.seeds = _QUICK_SEEDS
-    return args
-
-
-def _seeds(args: argparse.Namespace) -> range:
-    first, last = (int(word) for word in args.seeds.split(":"))
-    return range(first, last + 1)
+    return read_options(parser, _QUICK_SEEDS)
 
 
 def _run_cases(
     args: argparse.Namespace, groups: Sequence[str], known: Kept, pool: Pool
 ) -> Mapping[str, list]:
     """Run the cases of all groups, those that say sizes first."""
-    seeds = _seeds(args)
+    seeds = seed_range(args.seeds)
     wanted = {
         group: [
             task
@@ -120,7 +101,7 @@ def _run_measured(args: argparse.Namespace, known: Kept, pool: Pool) -> list[dic
 
 
 def _run_cost(args: argparse.Namespace, known: Kept) -> list[tuple]:
-    pairs = cases.cost_tasks(_seeds(args), args.quick)
+    pairs = cases.cost_tasks(seed_range(args.seeds), args.quick)
     jobs = {task.name: (task, ()) for pair in pairs for task in pair}
     done = known.run(Here(), cases.run, jobs)
     return [tuple(done[task.name] for task in pair) for pair in pairs]

@@ -7,11 +7,11 @@ import numpy as np
 
 from benchmarks.check_parts.arms import MEASURED
 from benchmarks.figures import Figures, figure, missing
+from benchmarks.seeded import FEW, undecided
 from flows.blind.sums import wilson
 
 Rows = Sequence[Mapping]
 FOUND, EXACT, FALSE, CERTAIN, UNNAMED = 0.95, 0.90, 0.02, 0, 1.0
-_FEW = "not the deciding draws; the full run decides"
 _ABSENT = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
 
 # What is true of a log is no false fault.
@@ -57,11 +57,7 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
         "seconds": _seconds(faults),
         "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
     }
-    if not deciding:
-        for name, entry in out.items():
-            if entry["bar"] is not None and name != "crashes":
-                entry |= {"ok": None, "why": entry.get("why") or _FEW}
-    return out
+    return out if deciding else undecided(out)
 
 
 def false_of(row: Mapping) -> list:
@@ -86,7 +82,7 @@ def _void(every: Rows) -> dict:
 def _on_measured(faults: Rows, absent: Sequence[str]) -> dict:
     rows = [r for r in faults if r["host"] in MEASURED]
     if not rows:
-        return missing(None, _ABSENT if absent else _FEW)
+        return missing(None, _ABSENT if absent else FEW)
     return _share(rows, lambda r: r["hit"], None)
 
 

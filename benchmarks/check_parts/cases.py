@@ -12,6 +12,7 @@ from benchmarks.check_parts.judge import given, judged, read, told
 from benchmarks.check_parts.spoiled import Fault, Spoiled
 from benchmarks.check_parts.traces import trace
 from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC, as_form, make, the_arm
+from benchmarks.seeded import guarded
 from flows.blind.draw import vocabulary
 from flows.blind.size import draw_sized
 from flows.inputs.logs import LogSets
@@ -157,11 +158,7 @@ def _spoil(own: Host, kind: str, size: int, seed: int) -> Spoiled | None:
 def _guarded(work, own: Host, spoiled: Spoiled, task: Task, size: int) -> dict:
     about = {"group": task.group, "host": own.name, "seed": task.seed, "size": size}
     about |= {"kind": spoiled.kind, "joints": list(spoiled.joints)}
-    try:
-        return about | work(own, spoiled)
-    except Exception as error:
-        # A benchmark of thousands of cases reports a crash as a result and goes on.
-        return {**about, "error": f"{type(error).__name__}: {error}"}
+    return guarded(about, lambda: about | work(own, spoiled))
 
 
 def _clean(task: Task) -> list[dict]:
@@ -187,12 +184,13 @@ def _arm_for(name: str) -> str:
 def _sound(robot: Robot, logs: Sequence[Recording], task: Task, effect: str) -> dict:
     about = {"group": task.group, "host": task.host, "seed": task.seed}
     about |= {"effect": effect}
-    try:
+
+    def timed() -> dict:
         begun = perf_counter()
         report = check(LogSets(robot, tuple(logs)))
         return about | told(report) | {"seconds": round(perf_counter() - begun, 3)}
-    except Exception as error:
-        return {**about, "error": f"{type(error).__name__}: {error}"}
+
+    return guarded(about, timed)
 
 
 def _trusted(task: Task) -> list[dict]:

@@ -5,11 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from benchmarks.figures import Figures, figure
+from benchmarks.seeded import Rows, crash_figures, group_figures, undecided
 from flows.blind.score import WRONG
 from flows.blind.sums import both_clear, is_clear, is_right, wilson
 
-Rows = Sequence[Mapping]
-_FEW = "not the deciding draws; the full run decides"
 _NO_BAR = "for information, no bar of its own"
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.
@@ -56,19 +55,8 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
         "pairs": _pairs,
         "forms": _forms,
     }
-    figures: Figures = {}
-    for group, make in makers.items():
-        if group in rows:
-            figures |= make([r for r in rows[group] if "outcome" in r])
-    figures |= _across(rows)
-    crashes = [r for group in rows.values() for r in group if "error" in r]
-    every = sum(len(group) for group in rows.values())
-    figures["crashes"] = figure(len(crashes), 0, every)
-    if not deciding:
-        for name, entry in figures.items():
-            if entry["bar"] is not None and name != "crashes":
-                entry |= {"ok": None, "why": _FEW}
-    return figures
+    figures = group_figures(rows, makers) | _across(rows) | crash_figures(rows)
+    return figures if deciding else undecided(figures)
 
 
 def _singles(rows: Rows) -> Figures:

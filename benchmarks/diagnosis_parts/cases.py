@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 
 from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC, as_form, make, the_arm
+from benchmarks.seeded import guarded
 from flows.blind.draw import MULTIPLES, OF_A_PAIR, vocabulary
 from flows.blind.row import case_row
 from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
@@ -94,11 +95,7 @@ def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
         crash the error.
     """
     task, minimum = job
-    try:
-        return _done(task, minimum)
-    except Exception as error:
-        # A benchmark of hundreds of cases reports a crash as a result and goes on.
-        return {**asdict(task), "error": f"{type(error).__name__}: {error}"}
+    return guarded(asdict(task), lambda: _done(task, minimum))
 
 
 def _done(task: Task, minimum: Sequence[Mapping]) -> dict:

@@ -5,13 +5,12 @@ from statistics import median
 
 from benchmarks.diagnosis_parts.bars import FAMILIES
 from benchmarks.figures import Figures, figure, missing
+from benchmarks.seeded import Rows, crash_figures, group_figures, undecided
 from flows.blind.score import CLASS, RIGHT
 from flows.blind.sums import is_clear, is_right, wilson
 
-Rows = Sequence[Mapping]
 Hit = Callable[[Mapping], bool]
 
-FEW = "not the deciding draws; the full run decides"
 _NO_BAR = "for information, no bar of its own"
 # Told of an arm of before this was thought of: no size of drift is known there.
 _DRIFT_ASSUMED = 0.03
@@ -47,27 +46,12 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
         "alone": _alone,
         "strange": _strange,
     }
-    figures: Figures = {}
-    for group, make in makers.items():
-        if group in rows:
-            figures |= make([r for r in rows[group] if "outcome" in r])
+    figures = group_figures(rows, makers)
     if "drift" in rows:
         still = [r for g in ("drift", "unchanged", "worn") for r in rows.get(g, ())]
         figures |= _drift([r for r in still if "outcome" in r])
-    crashes = [r for group in rows.values() for r in group if "error" in r]
-    every = sum(len(group) for group in rows.values())
-    figures["crashes"] = figure(len(crashes), 0, every)
+    figures |= crash_figures(rows)
     return figures if deciding else undecided(figures)
-
-
-def undecided(figures: Figures) -> Figures:
-    """Return figures that no bar is for, crashes apart."""
-    return {
-        name: entry | {"ok": None, "why": entry.get("why", FEW)}
-        if entry["bar"] is not None and name != "crashes"
-        else entry
-        for name, entry in figures.items()
-    }
 
 
 def cost_figures(pairs: Sequence[tuple[Mapping, Mapping]], deciding: bool) -> Figures:

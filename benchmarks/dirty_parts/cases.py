@@ -15,6 +15,7 @@ from benchmarks.dirty_parts.arms import (
     make,
     the_arm,
 )
+from benchmarks.seeded import guarded
 from flows.blind.draw import vocabulary
 from flows.blind.row import case_row
 from flows.blind.score import NOTHING, SINGLE, UNKNOWN, members
@@ -118,11 +119,7 @@ def run(job: tuple[Task, Sequence[Mapping]]) -> dict:
         crash the error.
     """
     task, minimum = job
-    try:
-        return _done(task, minimum)
-    except Exception as error:
-        # A benchmark of hundreds of cases reports a crash as a result and goes on.
-        return {**asdict(task), "error": f"{type(error).__name__}: {error}"}
+    return guarded(asdict(task), lambda: _done(task, minimum))
 
 
 def _done(task: Task, minimum: Sequence[Mapping]) -> dict:

@@ -80,10 +80,3 @@ class LogCheck:
     """
 
     faults: tuple[Fault, ...]
-
-    @property
-    def verdict(self) -> str:
-        """Return "clean", "suspect", or "unusable" where any fault is certain."""
-        if any(fault.certain for fault in self.faults):
-            return "unusable"
-        return "suspect" if self.faults else "clean"
