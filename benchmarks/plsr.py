@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.figures import Figures
 from benchmarks.groups import run_groups
 
-_GROUPS = ("fit", "sweep", "lookup", "errors", "monitoring")
+_GROUPS = ("fit", "sweep", "lookup", "errors", "measured", "monitoring")
 
 
 def main() -> int:
@@ -24,7 +24,14 @@ def main() -> int:
 
 
 def _measure(name: str, quick: bool) -> Figures:
-    from benchmarks.plsr_parts import fit, monitoring, paper_set, sweep, tables
+    from benchmarks.plsr_parts import (
+        fit,
+        measured,
+        monitoring,
+        paper_set,
+        sweep,
+        tables,
+    )
 
     if name == "fit":
         return fit.fit_figures(quick)
@@ -34,6 +41,8 @@ def _measure(name: str, quick: bool) -> Figures:
         return tables.lookup_figures(3 if quick else 9)
     if name == "errors":
         return paper_set.paper_set_figures(quick)
+    if name == "measured":
+        return measured.measured_figures(quick)
     return monitoring.monitoring_figures(quick)
 
 

@@ -1,4 +1,4 @@
-"""Group paper: the errors of the paper's table 1 on a frozen set, and on real arms.
+"""Group errors: those of the paper's table 1 on a frozen set.
 
 The frozen set: IRB 140 whose gears stick (Fs = 1.5 Fc, 0.05 rad/s), pull harder one way
 (10 % of Fc) and under load (5 %), torque noise 1 % of range; six runs of 20 s, two
@@ -7,14 +7,13 @@ periods each. The twin knows rigid body and rotors alone, or friction as well.
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.figures import Figures, figure, missing
-from benchmarks.logs_parts.measured import data_folder
+from benchmarks.plsr_parts.measured import NOT_WORSE, over_none, rounded
 from residual.calibration.calibrate import Calibration, Settings, calibrate
-from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
+from residual.calibration.methods import DEFAULT, LS, PAPER_FORM
 from residual.calibration.rows import Run
 from residual.calibration.scores import RANDOM, RUN, find
 from residual.robot.robot import Robot, load_robot
@@ -23,24 +22,20 @@ from sim.plant import tables as at
 from sim.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
 from sim.trajectories import make_reference
 from sim.twin import twin_of
-from warehouse.logs import read_log
 
-HALF, NOT_WORSE = 0.5, 1.03
+HALF = 0.5
 BARS = (
     ("paper_form_over_ls_random", HALF),
     ("paper_form_over_ls_unseen", 1.0),
     ("default_over_ls_unseen", HALF),
     ("paper_declared_default_over_none", NOT_WORSE),
-    ("kr300_default_over_none", NOT_WORSE),
-    ("ur10_default_over_none", NOT_WORSE),
 )
 _SEED = 2017
 _FAMILIES = (*2 * ("fourier",), *2 * ("move_stop_move",), *2 * ("cyclic",))
-_PARTS = 5  # of the UR10's single log
 
 
 def paper_set_figures(quick: bool) -> Figures:
-    """Return the figures of the frozen set and of the measured arms.
+    """Return the figures of the frozen set.
 
     Args:
         quick: Whether to leave all of them to the full run: six runs take a minute, and
@@ -51,9 +46,7 @@ def paper_set_figures(quick: bool) -> Figures:
     pairs = [_simulated(number) for number in range(len(_FAMILIES))]
     bare, declared = ([pair[side] for pair in pairs] for side in (0, 1))
     out = _frozen_figures(_calibrated(bare))
-    out["paper_declared_default_over_none"] = _over_none(_calibrated(declared))
-    for name in ("kr300", "ur10"):
-        out[f"{name}_default_over_none"] = _measured(name)
+    out["paper_declared_default_over_none"] = over_none(_calibrated(declared))
     return out
 
 
@@ -109,8 +102,8 @@ def _frozen_figures(made: Calibration) -> Figures:
     for name, (scheme, model, at_most) in pairs.items():
         one, ls = find(made.scores, scheme, model), find(made.scores, scheme, LS)
         ratios = one.rmsev / ls.rmsev
-        told = {"ratios": _rounded(ratios), "percent": _rounded(one.rmsev)}
-        told |= {"ls_percent": _rounded(ls.rmsev), "components": one.components}
+        told = {"ratios": rounded(ratios), "percent": rounded(one.rmsev)}
+        told |= {"ls_percent": rounded(ls.rmsev), "components": one.components}
         told["together"] = round(one.overall / ls.overall, 4)
         if at_most:
             out[name] = figure(float(ratios.max()), HALF, len(ratios), **told)
@@ -122,44 +115,6 @@ def _frozen_figures(made: Calibration) -> Figures:
     return out
 
 
-def _over_none(made: Calibration) -> dict:
-    """The default form against no compensation, the worst joint on unseen runs."""
-    one, none = (find(made.scores, RUN, model) for model in (DEFAULT, NONE))
-    ratios = one.rmsev / none.rmsev
-    return figure(
-        float(ratios.max()),
-        NOT_WORSE,
-        len(ratios),
-        ratios=_rounded(ratios),
-        percent=_rounded(one.rmsev),
-        none_percent=_rounded(none.rmsev),
-        options=[o.kind for o in made.chosen],
-    )
-
-
-def _measured(name: str) -> dict:
-    folder = data_folder()
-    if folder is None:
-        why = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
-        return missing(NOT_WORSE, why)
-    robot = load_robot(folder / name / f"{name}.urdf")
-    runs = [Run(read_log(word, robot)[0]) for word in _words(folder / name)]
-    return _over_none(calibrate(robot, runs, Settings(views=False)))
-
-
-def _words(folder: Path) -> list[str]:
-    """The logs of one arm; a single log in parts, each to be held out in turn."""
-    logs = sorted(folder.glob("*.csv"))
-    if len(logs) > 1:
-        return [str(path) for path in logs]
-    cuts = [f"{100 * i // _PARTS}%" for i in range(_PARTS)]
-    return [f"{logs[0]}@{a}:{b}" for a, b in zip(cuts, [*cuts[1:], ""], strict=True)]
-
-
 @cache
 def _robot() -> Robot:
     return load_robot("irb140")
-
-
-def _rounded(values: np.ndarray) -> list[float]:
-    return [round(float(v), 3) for v in values]

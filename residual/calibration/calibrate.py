@@ -161,8 +161,8 @@ def calibrate(
     source = _Source(robot, runs, settings, tuple(named))
     rows = source.rows
     schemes, more = make_schemes(rows, np.random.default_rng(settings.seed))
-    without = None if settings.paper else source.without
-    training = Training(rows.X, rows.Y, rows.run, rows.tau, without)
+    without = None if settings.paper else source.plain
+    training = Training(rows.X, rows.Y, rows.run, rows.tau, rows.part, without)
     form = _form(rows, settings)
     tell("default form", 0.05)
     default, chosen = chosen_model(training, form)
@@ -214,10 +214,6 @@ class _Source:
     def plain(self, left_out: Collection[int]) -> Array:
         """What the nominal model leaves. Shape (n, j)."""
         return self._left(left_out, ())
-
-    def without(self, run: int) -> Array:
-        """What the nominal model leaves that has not seen one run. Shape (n, j)."""
-        return self.plain(frozenset([run]))
 
     def with_effects(self, left_out: Collection[int]) -> Array:
         """What the model with named effects leaves. Shape (n, j)."""

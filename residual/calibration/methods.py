@@ -1,6 +1,6 @@
 """The models of the paper's table 1, and ours: fitted to rows, they predict others."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,7 +40,6 @@ WORDS = {
     DEFAULT: "default form",
     EFFECTS: "named effects",
 }
-BLOCKS_OF_ONE_RUN = 4  # to choose by, where a single run is left to fit
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -52,15 +51,17 @@ class Training:
         Y: What the nominal model leaves [N m]. Shape (n, j).
         run: Run of each row. Shape (n,).
         tau: Measured torque [N m]. Shape (n, j).
-        without: What a nominal model leaves on these rows that has not seen one more
-            run; None where Y does not depend on the rows.
+        part: Part of each row, a block of its run. Shape (n,).
+        without: What a nominal model leaves on these rows that has not seen some more
+            parts; None where Y does not depend on the rows.
     """
 
     X: Array
     Y: Array
     run: Array
     tau: Array
-    without: Callable[[int], Array] | None = None
+    part: Array
+    without: Callable[[Collection[int]], Array] | None = None
 
     @property
     def loaded(self) -> Array:
@@ -69,7 +70,7 @@ class Training:
 
     def rows(self, chosen: Array) -> "Training":
         """Return some of the rows."""
-        parts = (self.X, self.Y, self.run, self.tau)
+        parts = (self.X, self.Y, self.run, self.tau, self.part)
         return Training(*(part[chosen] for part in parts))
 
 
@@ -126,21 +127,18 @@ def chosen_model(
     What a model leaves on runs that it was identified from is smaller, and of another
     shape, than what it leaves on others. So a choice is confirmed run by run: the
     nominal model and the tables of all other runs must leave less than that nominal
-    model alone. A joint that fails gets nothing, and so do all on fewer than three
-    runs: two can agree by chance.
+    model alone. A joint that fails gets nothing. Of fewer than three runs blocks are
+    left out instead.
     """
-    groups = choice_groups(training.run)
+    groups = choice_groups(training)
     X = training.loaded if form.loads else training.X
     model = fit_effect_tables(X, training.Y, groups, training.tau, form)
-    labels = np.unique(training.run)
-    if len(labels) < PROVEN:
-        return model, (Option(NOTHING),) * len(model.chosen)
     if training.without is None:
         return model, model.chosen
     gain = np.zeros(len(model.chosen))
-    for label in labels:
-        held = training.run == label
-        Y = training.without(int(label))
+    for label in np.unique(groups):
+        held = groups == label
+        Y = training.without(np.unique(training.part[held]).tolist())
         rows = replace(training, Y=Y, without=None)
         lookup = fixed_lookup(rows.rows(~held), form, model.chosen)
         rest = Y[held] - corrected(lookup, rows.rows(held))
@@ -149,11 +147,10 @@ def chosen_model(
     return model, tuple(option if good else Option(NOTHING) for option, good in kept)
 
 
-def choice_groups(run: Array) -> Array:
-    """Runs to choose by; blocks of the run where it is the only one. Shape (n,)."""
-    if (run != run[0]).any():
-        return run
-    return np.arange(len(run)) * BLOCKS_OF_ONE_RUN // len(run)
+def choice_groups(training: Training) -> Array:
+    """Runs to choose by; their blocks where runs are fewer than three. Shape (n,)."""
+    few = len(np.unique(training.run)) < PROVEN
+    return training.part if few else training.run
 
 
 def fixed_lookup(
@@ -175,7 +172,7 @@ def _wanted_rest(
     training: Training, left: Array, form: EffectForm, options: Sequence[Option]
 ) -> Rest:
     """Pair tables, but only those that somebody takes: they are most of the work."""
-    X, groups = training.X, choice_groups(training.run)
+    X, groups = training.X, choice_groups(training)
     form = replace(form, names=form.state_names(), loads=())
     named = np.array([option.kind == NAMED for option in options])
     few = tuple(() for _ in options)

@@ -9,7 +9,8 @@ diagnosis named can be added, and all are fitted together.
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from residual.calibration.rows import Run, torque_at
+from residual.calibration.parts import Part, cut_parts, tracks_without
+from residual.calibration.rows import Run, chosen_rows, torque_at
 from residual.evidence.design import Design
 from residual.evidence.fit import fit, start
 from residual.evidence.priors import priors
@@ -32,12 +33,14 @@ class Prepared:
         runs: The logs behind them.
         names: Declared effects.
         regressors: Inertial regressor of each log. Shapes (n, dof, 10 dof).
+        parts: Blocks of the logs, which identifications may leave out.
     """
 
     logs: Logs
     runs: tuple[Run, ...]
     names: tuple[str, ...]
     regressors: tuple[Array, ...]
+    parts: tuple[Part, ...]
 
     @property
     def tracks(self) -> tuple[Track, ...]:
@@ -69,22 +72,23 @@ def prepare_runs(
     names = declared_names(robot, declared)
     model = start_nominal(logs, names).model
     regressors = tuple(model.observe(track).regressor for track in logs.tracks)
-    return Prepared(logs, tuple(runs), names, regressors)
+    parts = cut_parts([track.t[chosen_rows(track)] for track in logs.tracks])
+    return Prepared(logs, tuple(runs), names, regressors, parts)
 
 
 def identified_without(
     prepared: Prepared, left_out: Collection[int] = (), named: Sequence[Term] = ()
 ) -> Model:
-    """Identify the model from all runs but some.
+    """Identify the model from all parts of the runs but some.
 
     Args:
         prepared: All logs.
-        left_out: Numbers of the runs that it must not see.
+        left_out: Numbers of the parts that it must not see.
         named: Effects beyond the declared ones; their coefficients are fitted.
     """
-    kept = [i for i in range(len(prepared.runs)) if i not in left_out]
-    tracks = tuple(prepared.tracks[i] for i in kept)
-    regressors = [prepared.regressors[i] for i in kept]
+    kept = tracks_without(prepared.tracks, prepared.parts, left_out)
+    tracks = tuple(track for _, track in kept)
+    regressors = [prepared.regressors[run] for run, _ in kept]
     nominal = start_nominal(replace(prepared.logs, tracks=tracks), prepared.names)
     states = _observed(nominal.model, tracks, regressors)
     design = Design(list(zip(tracks, states, strict=True)), nominal.model)

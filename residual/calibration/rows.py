@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from residual.calibration.parts import Part, cut_parts, part_of_rows
 from residual.errors import InputError
 from residual.recording import Array, Recording
 from residual.signals.track import Filters, Track, sample_rate
@@ -57,6 +58,9 @@ class Rows:
         labels: Name of each run.
         families: Kind of motion of each run; "" where it is not known.
         rates: Rows per second of each run [Hz].
+        parts: Blocks of the runs.
+        part: Number of the part of each row. Shape (n,).
+        near: Number of another part that a row is close to, -1 for none. Shape (n,).
     """
 
     mode: str
@@ -69,6 +73,9 @@ class Rows:
     labels: tuple[str, ...]
     families: tuple[str, ...]
     rates: tuple[float, ...]
+    parts: tuple[Part, ...]
+    part: Array
+    near: Array
 
     @property
     def family(self) -> Array:
@@ -120,7 +127,7 @@ def paper_rows(runs: Sequence[Run]) -> Rows:
         both = np.hstack([run.twin["e_tau"][:, :count], log.tau[:, :count]])
         now, ahead, _ = shift_ahead(X, both)
         step = _step(rate, PAPER_HZ)
-        parts.append((now[::step], *np.hsplit(ahead[::step], 2)))
+        parts.append((now[::step], *np.hsplit(ahead[::step], 2), log.t[:-1:step]))
         rates.append(rate / step)
     return _stacked(PAPER, joints, (parts, runs, rates))
 
@@ -140,7 +147,8 @@ def measured_rows(
     for run, track, left in zip(runs, tracks, residuals, strict=True):
         chosen = chosen_rows(track)
         X = state_block(track.q, track.qd, track.qdd)[chosen]
-        parts.append((X, left[chosen], torque_at(run.log, track)[chosen]))
+        Y, tau = left[chosen], torque_at(run.log, track)[chosen]
+        parts.append((X, Y, tau, track.t[chosen]))
         rates.append(track.rate / _step(track.rate, MEASURED_HZ))
     return _stacked(MEASURED, joints, (parts, runs, rates))
 
@@ -224,9 +232,12 @@ def _step(rate: float, wanted: float) -> int:
 
 
 def _stacked(mode: str, joints: tuple[int, ...], made: tuple) -> Rows:
-    parts, runs, rates = made
-    X, Y, tau = (np.concatenate(side) for side in zip(*parts, strict=True))
-    run = np.repeat(np.arange(len(runs)), [len(part[0]) for part in parts])
+    sides, runs, rates = made
+    *sides, times = zip(*sides, strict=True)
+    X, Y, tau = map(np.concatenate, sides)
+    run = np.repeat(np.arange(len(runs)), [len(t) for t in times])
+    parts = cut_parts(times)
+    part, near = part_of_rows(parts, times)
     return Rows(
         mode,
         joints,
@@ -235,4 +246,7 @@ def _stacked(mode: str, joints: tuple[int, ...], made: tuple) -> Rows:
         tuple(r.log.id for r in runs),
         tuple(r.family or "" for r in runs),
         tuple(rates),
+        parts,
+        frozen(part),
+        frozen(near),
     )

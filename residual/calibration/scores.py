@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.calibration.methods import PAPER_FORM, PLSR, Method, Training
+from residual.calibration.parts import FEW
 from residual.calibration.rows import Rows
 from residual.errors import InputError
 from residual.recording import Array
@@ -24,18 +25,21 @@ from residual.tables.crossval import (
     systematic_repeats,
 )
 
-RUN, FAMILY, SYSTEMATIC = "run", "family", "systematic"
+RUN, BLOCK, FAMILY, SYSTEMATIC = "run", "block", "family", "systematic"
 REPEATS, RANDOM = "repeats", "random"
 WORDS = {
     RUN: "leave one run out",
+    BLOCK: "leave one block of a run out",
     FAMILY: "leave one family out",
     REPEATS: "systematic, repeats together",
     SYSTEMATIC: f"systematic {BLOCKS}",
     RANDOM: f"random {BLOCKS}",
 }
-UNSEEN = (RUN, FAMILY)  # whole motions are left out
+_DRAWS = 2000  # of the bootstrap
+# Nominal model and choices have not seen what is held out.
+UNSEEN = (RUN, BLOCK, FAMILY)
 
-# What a model leaves on all rows when it is identified without some runs. (n, j).
+# What a model leaves on all rows when it is identified without some parts. (n, j).
 Response = Callable[[Collection[int]], Array]
 
 
@@ -46,12 +50,20 @@ class Scheme:
     Attributes:
         name: Key of `WORDS`.
         folds: Which rows are held out together.
-        left_out: Runs that the nominal model of each fold must not see.
+        left_out: Parts that the nominal model of each fold must not see.
+        near: Fold that each row is too close to for being fitted when it is held out;
+            None where that is no matter. Shape (n,).
     """
 
     name: str
     folds: Folds
     left_out: tuple[frozenset[int], ...]
+    near: Array | None = None
+
+    def fitted(self, fold: int) -> Array:
+        """Rows that are fitted when a fold is held out. Shape (n,), bool."""
+        kept = self.folds.of_row != fold
+        return kept if self.near is None else kept & (self.near != fold)
 
 
 def make_schemes(
@@ -69,12 +81,19 @@ def make_schemes(
     if len(rows.labels) < 2:
         raise InputError("One run: expected two or more to leave one out.")
     count, notes, out = len(rows.X), [], []
-    alone = tuple(frozenset([i]) for i in range(len(rows.labels)))
+    alone = tuple(_parts(rows, [i]) for i in range(len(rows.labels)))
     out.append(Scheme(RUN, leave_one_out(rows.run), alone))
+    if len(rows.labels) < FEW:
+        out.append(_blocks(rows))
+        notes.append(
+            f"{len(rows.labels)} runs are few: blocks within them are left out too, "
+            "which asks less, and the choice that is judged on an unseen run is made "
+            "on blocks"
+        )
     families = sorted(set(rows.families))
     if len(families) > 1 and "" not in families:
         together = tuple(
-            frozenset(i for i, f in enumerate(rows.families) if f == family)
+            _parts(rows, [i for i, f in enumerate(rows.families) if f == family])
             for family in families
         )
         out.append(Scheme(FAMILY, leave_one_out(rows.family, FAMILY), together))
@@ -98,10 +117,43 @@ def make_schemes(
     return tuple(out), tuple(notes)
 
 
+def _parts(rows: Rows, runs: Collection[int]) -> frozenset[int]:
+    return frozenset(i for i, part in enumerate(rows.parts) if part.run in runs)
+
+
+def _blocks(rows: Rows) -> Scheme:
+    """Leave out a block of a run at a time, and what is close to it."""
+    names = [rows.labels[part.run] for part in rows.parts]
+    number = [i - names.index(name) + 1 for i, name in enumerate(names)]
+    labels = (f"{n}, block {i}" for n, i in zip(names, number, strict=True))
+    folds = Folds(BLOCK, rows.part, tuple(labels))
+    alone = tuple(frozenset([i]) for i in range(len(names)))
+    return Scheme(BLOCK, folds, alone, rows.near)
+
+
 def _by_rows(name: str, folds: Folds) -> Scheme:
     # A few dozen parameters from thousands of rows do not know one block of them, and
     # these schemes leave rows of the same motion in the training set anyway.
     return Scheme(name, folds, (frozenset(),) * folds.count)
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A ratio of errors, and where it lies in 95 of 100 bootstrap draws.
+
+    Attributes:
+        value: The ratio.
+        low, high: Ends of the interval.
+        folds: How many runs or blocks it is from.
+    """
+
+    value: float
+    low: float
+    high: float
+    folds: int
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -143,18 +195,18 @@ def score(
         model: Name of the model.
         method: How it is fitted.
         rows: All rows; their Y is not used.
-        response: What a nominal model leaves that was identified without some runs.
+        response: What a nominal model leaves that was identified without some parts.
     """
     fitted, unseen, power_c = [], [], []
     # Rows of every run are fitted under the other schemes: no choice is made there.
     depends = rows.without is not None and scheme.name in UNSEEN
     for fold, left_out in enumerate(scheme.left_out):
-        held = scheme.folds.of_row == fold
+        held, kept = scheme.folds.of_row == fold, scheme.fitted(fold)
         Y = response(left_out)
         told = replace(rows, Y=Y, without=None)
-        training = told.rows(~held)
+        training = told.rows(kept)
         if depends:
-            without = _one_more(response, left_out, ~held)
+            without = _without_more(response, left_out, kept)
             training = replace(training, without=without)
         forecast = method(training)
         fitted.append(_squares(training.Y, forecast(training)))
@@ -165,8 +217,8 @@ def score(
     return _score(scheme.name, model, sums)
 
 
-def _one_more(response: Response, left_out: frozenset[int], kept: Array):
-    return lambda run: response(left_out | {run})[kept]
+def _without_more(response: Response, left_out: frozenset[int], kept: Array):
+    return lambda parts: response(left_out | frozenset(parts))[kept]
 
 
 def judge_responses(
@@ -206,6 +258,28 @@ def _score(scheme: str, model: str, sums: tuple[Array, ...]) -> Score:
         unseen[:, best],
         power,
     )
+
+
+def ratio_interval(one: Score, other: Score, rng: np.random.Generator) -> Interval:
+    """Error of one model over that of another, over all joints, with its interval.
+
+    Folds are drawn with replacement, both models of a fold together: the percentile
+    bootstrap of Efron and Tibshirani (1993, ch. 13). Blocks of one run are more alike
+    than runs, so that an interval of blocks is of these runs only.
+
+    Args:
+        one: Errors of the model.
+        other: Errors of the one that it is held against, under the same scheme.
+        rng: Source of the draws.
+    """
+    misses = np.stack([one.miss.sum(axis=1), other.miss.sum(axis=1)])
+    folds = misses.shape[1]
+    drawn = misses[:, rng.integers(folds, size=(_DRAWS, folds))].sum(axis=2)
+    ratios = np.sqrt(drawn[0] / np.maximum(drawn[1], 1e-300))
+    low, high = np.quantile(ratios, [0.025, 0.975])
+    whole = misses.sum(axis=1)
+    value = float(np.sqrt(whole[0] / max(whole[1], 1e-300)))
+    return Interval(value, float(low), float(high), folds)
 
 
 def find(scores: Sequence[Score], scheme: str, model: str) -> Score | None:

@@ -6,6 +6,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
+from flows.report.words.calibration import sentences
 from residual.calibration import calibrate as core
 from residual.calibration.calibrate import Settings, calibrate
 from residual.calibration.methods import (
@@ -16,12 +17,15 @@ from residual.calibration.methods import (
     PAPER_FORM,
     PLSR,
     Training,
+    choice_groups,
     chosen_model,
     fixed_lookup,
 )
 from residual.calibration.nominal import identified_without, prepare_runs
+from residual.calibration.parts import GUARD
 from residual.calibration.rows import Run, cut_single, paper_rows, repeat_period
 from residual.calibration.scores import (
+    BLOCK,
     FAMILY,
     RANDOM,
     REPEATS,
@@ -29,6 +33,7 @@ from residual.calibration.scores import (
     SYSTEMATIC,
     find,
     make_schemes,
+    ratio_interval,
 )
 from residual.effects import registry
 from residual.errors import InputError
@@ -110,7 +115,8 @@ def test_schemes_are_those_that_the_rows_allow(rng):
     assert [s.name for s in schemes] == [RUN, FAMILY, SYSTEMATIC, RANDOM]
     assert notes == ("no run repeats itself: repeats cannot be kept together",)
     families = {s.name: s for s in schemes}[FAMILY]
-    assert families.left_out == ({1, 3}, {0, 2})
+    four = [set(range(4 * i, 4 * i + 4)) for i in range(4)]
+    assert families.left_out == (four[1] | four[3], four[0] | four[2])
     unknown = replace(rows, families=("",) * 4)
     names = [s.name for s in make_schemes(unknown, rng)[0]]
     assert names == [RUN, SYSTEMATIC, RANDOM]
@@ -131,7 +137,7 @@ def test_a_held_out_run_is_unknown_to_the_nominal_model():
     runs = [Run(log) for log in logs(3, noise=0.5, duration=8.0)]
     strange = replace(runs[1], log=replace(runs[1].log, tau=5 * runs[1].log.tau + 9))
     models = [
-        identified_without(prepare_runs(truth().robot, own, None), {1})
+        identified_without(prepare_runs(truth().robot, own, None), {4, 5, 6, 7})
         for own in (runs, [runs[0], strange, runs[2]])
     ]
     first, second = (m.coefficients() for m in models)
@@ -190,7 +196,8 @@ def training(runs=3, rows=400, seed=0):
     X = rng.normal(size=(len(run), 6))
     noise = rng.normal(size=(len(run), 2))
     Y = np.stack([3 * np.sign(X[:, 2]), np.zeros(len(run))], axis=1) + 0.3 * noise
-    return Training(X, Y, run, Y + rng.normal(size=Y.shape))
+    part = np.arange(len(run)) * 4 // rows
+    return Training(X, Y, run, Y + rng.normal(size=Y.shape), part)
 
 
 FORM = EffectForm((2, 3), pyramid=(5, 10), pairs=NominalForm(5, 3, "quantile"))
@@ -207,11 +214,79 @@ def test_tables_of_given_options_are_those_of_the_choice():
     assert np.isfinite(fixed_lookup(data, FORM, both).predict(data.X)).all()
 
 
-def test_nothing_is_taken_on_two_runs_nor_for_pure_noise():
+def test_nothing_is_taken_for_pure_noise():
     model, options = chosen_model(training(), FORM)
     assert [o.kind for o in options] == [MAIN, "none"]
     assert options == model.chosen
-    assert [o.kind for o in chosen_model(training(2), FORM)[1]] == ["none", "none"]
+
+
+def test_of_fewer_than_three_runs_blocks_are_left_out():
+    data = training(2)
+    np.testing.assert_array_equal(choice_groups(data), data.part)
+    np.testing.assert_array_equal(choice_groups(training()), training().run)
+    asked = []
+
+    def without(parts):
+        asked.append(tuple(parts))
+        return data.Y
+
+    _, options = chosen_model(replace(data, without=without), FORM)
+    assert [o.kind for o in options] == [MAIN, "none"]
+    assert asked == [(part,) for part in range(8)]
+
+
+@cache
+def few_runs():
+    """Three runs of an arm whose dry friction its model lacks."""
+    settings = replace(QUICK, declared=("viscous", "rotor_inertia"), views=False)
+    runs = [Run(log) for log in logs(3, noise=0.3, duration=8.0)]
+    return calibrate(truth().robot, runs, settings)
+
+
+def test_where_runs_are_few_blocks_are_left_out_and_an_unseen_run_is_no_empty_proof():
+    found = few_runs()
+    assert [s.name for s in found.schemes] == [RUN, BLOCK, SYSTEMATIC, RANDOM]
+    assert "3 runs are few" in found.notes[0]
+    for scheme, folds in ((RUN, 3), (BLOCK, 12)):
+        none, ours = (find(found.scores, scheme, m) for m in (NONE, DEFAULT))
+        assert none.miss.shape == (folds, 3)
+        assert ours.overall < 0.8 * none.overall
+        ratio = ratio_interval(ours, none, np.random.default_rng(0))
+        assert ratio.value == pytest.approx(ours.overall / none.overall)
+        assert ratio.low < ratio.value < ratio.high < 1
+        assert ratio.folds == folds
+    assert "unseen blocks of the same runs" in " ".join(sentences(found))
+
+
+def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
+    rows = few_runs().rows
+    scheme = next(s for s in few_runs().schemes if s.name == BLOCK)
+    held, fitted = scheme.folds.of_row == 1, scheme.fitted(1)
+    between = np.flatnonzero(~held & ~fitted)
+    width = GUARD * rows.rates[0]
+    assert len(between) == pytest.approx(2 * width, abs=2)
+    assert set(rows.part[between]) == {0, 2}
+    inside = np.flatnonzero(held)
+    apart = np.abs(between[:, None] - inside).min(axis=1)
+    assert apart.max() <= width + 1
+    runs = [Run(log) for log in logs(3, noise=0.5, duration=8.0)]
+    begin, end = (int(250 * s) for s in (2.6, 3.7))
+    tau = runs[0].log.tau.copy()
+    tau[begin:end] *= 5
+    prepared = [
+        prepare_runs(truth().robot, own, ("viscous",))
+        for own in (
+            runs,
+            [replace(runs[0], log=replace(runs[0].log, tau=tau)), *runs[1:]],
+        )
+    ]
+    part = prepared[0].parts[1]
+    assert part.begin < 2.5
+    assert part.end > 3.8
+    first, second = (identified_without(p, {1}).coefficients() for p in prepared)
+    np.testing.assert_allclose(first, second, rtol=0.02, atol=0.02)
+    spoiled = identified_without(prepared[1]).coefficients()
+    assert np.abs(spoiled - first).max() > 10 * np.abs(second - first).max()
 
 
 def test_a_choice_that_other_nominal_models_do_not_bear_out_is_dropped():

@@ -65,8 +65,8 @@ def chosen_words(made: Calibration) -> str:
         elif option.kind == PAIRS:
             what = f"main effects and all pairs, {option.count} component(s)"
         taken.append(f"J{joint} {what}")
-    proof = "" if made.proven else " (a choice needs three runs)"
-    return f"default form, chosen on runs left out: {'; '.join(taken)}{proof}."
+    where = "runs" if made.proven else "blocks of the runs, which are fewer than three,"
+    return f"default form, chosen on {where} left out: {'; '.join(taken)}."
 
 
 def _table(made: Calibration) -> Table:

@@ -7,6 +7,7 @@ import numpy as np
 from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import DEFAULT, EFFECTS, LS, NONE, PAPER_FORM, WORDS
 from residual.calibration.scores import (
+    BLOCK,
     FAMILY,
     RANDOM,
     REPEATS,
@@ -14,6 +15,7 @@ from residual.calibration.scores import (
     SYSTEMATIC,
     Score,
     find,
+    ratio_interval,
 )
 
 HIDDEN = 1.25  # ratio from which random rows are said to hide something
@@ -26,6 +28,7 @@ def sentences(made: Calibration) -> tuple[str, ...]:
         _random_words(made.scores),
         _repeat_words(made.scores),
         _default_words(made.scores),
+        _block_words(made.scores),
         _family_words(made.scores),
         _effect_words(made.scores),
         _level_words(made),
@@ -85,6 +88,24 @@ def _default_words(scores: Sequence[Score]) -> str | None:
     if gain < 0.03:
         return f"{told}: there is little that tables can add to this model."
     return f"{told}; it is nowhere more than 3 % above no compensation."
+
+
+def _block_words(scores: Sequence[Score]) -> str | None:
+    """What unseen blocks of few runs say, each model against no compensation."""
+    none = find(scores, BLOCK, NONE)
+    if none is None:
+        return None
+    rng = np.random.default_rng(0)
+    told = []
+    for model in (DEFAULT, PAPER_FORM, EFFECTS):
+        one = find(scores, BLOCK, model)
+        if one is not None:
+            ratio = ratio_interval(one, none, rng)
+            told.append(f"{WORDS[model]} {_p(one)}, which is {ratio} times that")
+    return (
+        f"On unseen blocks of the same runs, which ask less than an unseen run, no "
+        f"compensation leaves {_p(none)}; {'; '.join(told)}."
+    )
 
 
 def _family_words(scores: Sequence[Score]) -> str | None:
