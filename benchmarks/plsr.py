@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.figures import Figures
 from benchmarks.groups import run_groups
 
-_GROUPS = ("fit", "sweep", "lookup", "errors", "measured", "monitoring")
+_GROUPS = ("fit", "sweep", "lookup", "errors", "sparse", "measured", "monitoring")
 
 
 def main() -> int:
@@ -29,6 +29,7 @@ def _measure(name: str, quick: bool) -> Figures:
         measured,
         monitoring,
         paper_set,
+        sparse,
         sweep,
         tables,
     )
@@ -41,6 +42,8 @@ def _measure(name: str, quick: bool) -> Figures:
         return tables.lookup_figures(3 if quick else 9)
     if name == "errors":
         return paper_set.paper_set_figures(quick)
+    if name == "sparse":
+        return sparse.sparse_figures(quick)
     if name == "measured":
         return measured.measured_figures(quick)
     return monitoring.monitoring_figures(quick)

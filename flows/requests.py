@@ -128,6 +128,10 @@ class Calibrate(Request):
         columns: COLUMNS.toml, None for the default columns.
         store: Folder of the store, None for the usual one.
         trust_log: Whether to go on where a fault of the logs is certain.
+        levels: Levels of the paper's form: one number, or one for each variable; None
+            to choose them.
+        components: Its components: exactly so many with `levels`, else at most.
+        joints: Joints of X and Y, from 1; None for all, or the paper's.
     """
 
     logs: tuple[str, ...]
@@ -137,6 +141,9 @@ class Calibrate(Request):
     columns: str | None = None
     store: str | Path | None = None
     trust_log: bool = False
+    levels: tuple[int, ...] | None = None
+    components: int | None = None
+    joints: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from benchmarks.logs_parts.measured import data_folder
 from residual.calibration.calibrate import Calibration, Settings, calibrate
 from residual.calibration.methods import DEFAULT, EFFECTS, NONE, PAPER_FORM
 from residual.calibration.rows import Run
-from residual.calibration.scores import BLOCK, RUN, Score, find, ratio_interval
+from residual.calibration.scores import BLOCK, RUN, UNSEEN, Score, find, ratio_interval
 from residual.close import close_the_loop
 from residual.model.term import Term
 from residual.recording import Recording
@@ -44,6 +44,8 @@ def measured_figures(quick: bool) -> Figures:
         out[f"{arm}_default_over_none"] = over_none(made)
         for name, one, other, bar in _PAIRS:
             out[f"{arm}_blocks_{name}"] = _ratio(made, one, other, bar)
+        own = [name for name in out if name.startswith(arm)]
+        print(*(f"{name}: {out[name]}" for name in own), sep="\n", flush=True)
     return out
 
 
@@ -71,7 +73,8 @@ def _calibrated(folder: Path) -> Calibration:
     robot = load_robot(folder / f"{folder.name}.urdf")
     logs = [read_log(str(path), robot)[0] for path in sorted(folder.glob("*.csv"))]
     runs = [Run(log) for log in logs]
-    return calibrate(robot, runs, Settings(views=False), _named(robot, logs))
+    settings = Settings(views=False, schemes=UNSEEN)
+    return calibrate(robot, runs, settings, _named(robot, logs))
 
 
 def _named(robot: Robot, logs: list[Recording]) -> tuple[Term, ...]:

@@ -43,11 +43,14 @@ def paper_set_figures(quick: bool) -> Figures:
     """
     if quick:
         return {name: missing(bar, "the full run measures it") for name, bar in BARS}
-    pairs = [_simulated(number) for number in range(len(_FAMILIES))]
-    bare, declared = ([pair[side] for pair in pairs] for side in (0, 1))
-    out = _frozen_figures(_calibrated(bare))
-    out["paper_declared_default_over_none"] = over_none(_calibrated(declared))
+    out = _frozen_figures(_calibrated(frozen_runs(0)))
+    out["paper_declared_default_over_none"] = over_none(_calibrated(frozen_runs(1)))
     return out
+
+
+def frozen_runs(side: int) -> list[Run]:
+    """Return the six runs, against a twin without friction (0) or with it (1)."""
+    return [_simulated(number)[side] for number in range(len(_FAMILIES))]
 
 
 def _calibrated(runs: list[Run]) -> Calibration:

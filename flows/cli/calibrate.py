@@ -9,6 +9,7 @@ from flows.cli.options import (
     console_beside,
     named_files,
     parse_declared,
+    parse_numbers,
 )
 from flows.keep.calibration_json import document
 from flows.outputs import (
@@ -39,6 +40,9 @@ def calibrate(
     export: str | None = None,
     store: str | None = None,
     trust_log: Flag = False,
+    levels: str | None = None,
+    components: int | None = None,
+    joints: str | None = None,
 ) -> None:
     """Fit look-up tables to the residual of a model, and validate them in every way.
 
@@ -68,10 +72,25 @@ def calibrate(
         export: New folder for the tables and a program that evaluates them.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         trust_log: Go on although a fault of the logs is certain (modelgap check).
+        levels: Levels of the paper form: 22 for every variable, or a number for each,
+            as 8,8,8,22,22,22,2,2,2. Without it they are chosen on runs left out.
+        components: Components of the paper form: at most so many are tried (30), and
+            exactly so many exported if --levels are given.
+        joints: Joints of states and torques, as 1,2,3. Without it all; with --paper
+            the first three, as in the paper.
     """
     names = parse_declared(declared)
     request = Calibrate(
-        logs, robot, paper, names, columns=map, store=store, trust_log=trust_log
+        logs,
+        robot,
+        paper,
+        names,
+        columns=map,
+        store=store,
+        trust_log=trust_log,
+        levels=parse_numbers("--levels", levels),
+        components=components,
+        joints=parse_numbers("--joints", joints),
     )
     files = named_files({"--report": report, "--json": json})
     check_writable(files, read_files((*logs, robot), map))

@@ -45,6 +45,26 @@ def parse_declared(text: str | None) -> tuple[str, ...] | None:
     return tuple(dict.fromkeys(name.strip() for name in text.split(",")))
 
 
+def parse_numbers(option: str, text: str | None) -> tuple[int, ...] | None:
+    """Return the whole numbers in "1,2,3", None for no text.
+
+    Args:
+        option: The option, as messages begin.
+        text: What was given.
+
+    Raises:
+        InputError: If one is no whole number.
+    """
+    if text is None:
+        return None
+    try:
+        return tuple(int(word) for word in text.split(","))
+    except ValueError as error:
+        raise InputError(
+            f"{option} {text}: expected whole numbers, as 1,2,3."
+        ) from error
+
+
 def named_files(options: Mapping[str, str | None]) -> dict[str, Path]:
     """Return the files to write, by the option that names them.
 

@@ -41,6 +41,7 @@ def document(
                 for j, o in zip(made.rows.joints, made.chosen, strict=True)
             ],
         },
+        "paper_form": _levels(made),
         "components": [_components(one) for one in made.components],
         "levels": _sweep(made),
         "importance": _terms(made),
@@ -49,6 +50,18 @@ def document(
         "notes": list(made.notes),
         "warnings": list(warnings),
         "stored": dict(kept) or None,
+    }
+
+
+def _levels(made: Calibration) -> dict | None:
+    """Levels and components that were chosen for the paper's form."""
+    if made.levels is None:
+        return None
+    form, names = made.levels.form, made.rows.names
+    return {
+        "levels": dict(zip(names, form.levels, strict=True)),
+        "components": made.levels.components,
+        "common": made.levels.common,
     }
 
 

@@ -79,7 +79,7 @@ def calibrate(
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
     report = checked(logs, request.declared, request.trust_log)
-    settings = Settings(paper=request.paper, declared=request.declared)
+    settings = _settings(request)
     store, ids = store_folder(request.store), tuple(logs.runs.values())
     found = Found()
     if not request.paper:
@@ -97,6 +97,19 @@ def calibrate(
     stored = len(ids) == len(runs)
     kept = store_calibration(store, made, asked) if stored else {}
     return Calibrated(made, (*logs.warnings, *report.sentences), kept)
+
+
+def _settings(request: Calibrate) -> Settings:
+    settings = Settings(
+        paper=request.paper, declared=request.declared, joints=request.joints
+    )
+    form = settings.form
+    if request.components is not None:
+        form = replace(form, components=request.components)
+    if request.levels is not None:
+        one, *more = request.levels
+        form = replace(form, levels=request.levels if more else one)
+    return replace(settings, form=form, given=request.levels is not None)
 
 
 def _beside(store: Path, id: str) -> tuple[str | None, dict]:

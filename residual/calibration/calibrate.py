@@ -12,9 +12,13 @@ import numpy as np
 
 from residual.calibration.methods import (
     EFFECTS,
+    Choices,
+    Forms,
     Training,
     chosen_model,
+    fit_chosen,
     fit_paper,
+    levels_of,
     methods,
 )
 from residual.calibration.nominal import (
@@ -58,6 +62,7 @@ from residual.tables.choose import PROVEN
 from residual.tables.form import EffectForm, Option
 from residual.tables.lookup.build import nominal_lookup
 from residual.tables.lookup.lookup import Lookup
+from residual.tables.nominal.choose import ChosenLevels
 from residual.tables.nominal.pls import NominalForm
 
 Progress = Callable[[str, float], None]
@@ -74,18 +79,24 @@ class Settings:
         paper: The paper's regressors and twin error, in place of measured motion.
         declared: Effects that the nominal model has; None for the robot's own list.
         form: Levels and components of the paper's form.
+        given: Whether levels and components are to be exactly so, and none is chosen.
+        joints: Joints of X and Y, from 1; None for all, or the paper's.
         pairs: Whether the default form may take all pair tables.
         views: Whether to compute what only figures need.
         levels: Numbers of levels of the sweep.
+        schemes: Schemes to judge under; None for all that the rows allow.
         seed: Of random blocks and surrogates.
     """
 
     paper: bool = False
     declared: tuple[str, ...] | None = None
     form: NominalForm = PAPER_SETTING
+    given: bool = False
+    joints: tuple[int, ...] | None = None
     pairs: bool = True
     views: bool = True
     levels: tuple[int, ...] = SWEEP
+    schemes: tuple[str, ...] | None = None
     seed: int = 0
 
 
@@ -99,9 +110,11 @@ class Calibration:
         schemes: The schemes that these rows allow.
         scores: The table.
         chosen: What the default form takes for each joint.
+        levels: Levels and components of the paper's form that were chosen; None where
+            they were given.
         proven: Whether there were enough runs to choose by.
         default: The default form on all rows, as tables.
-        paper: The paper's form on all rows, as tables.
+        paper: The paper's form on all rows, as tables, with these levels.
         nominal: Nominal model identified from all runs; None in paper mode.
         declared: Effects that the nominal model has.
         components, sweep, terms, oddities: For the figures; None where not wanted.
@@ -113,6 +126,7 @@ class Calibration:
     schemes: tuple[Scheme, ...]
     scores: tuple[Score, ...]
     chosen: tuple[Option, ...]
+    levels: ChosenLevels | None
     proven: bool
     default: Lookup
     paper: Lookup
@@ -161,21 +175,28 @@ def calibrate(
     source = _Source(robot, runs, settings, tuple(named))
     rows = source.rows
     schemes, more = make_schemes(rows, np.random.default_rng(settings.seed))
+    if settings.schemes is not None:
+        schemes = tuple(s for s in schemes if s.name in settings.schemes)
     without = None if settings.paper else source.plain
     training = Training(rows.X, rows.Y, rows.run, rows.tau, rows.part, without)
     form = _form(rows, settings)
+    forms = Forms(form, settings.form, () if settings.given else settings.levels)
     tell("default form", 0.05)
     default, chosen = chosen_model(training, form)
-    scores = _table((schemes, training, source), (form, settings, chosen), tell)
+    tell("levels", 0.08)
+    levels = None if settings.given else levels_of(training, forms)
+    choices = Choices(chosen, levels)
+    scores = _table((schemes, training, source), (forms, choices), tell)
     made = Calibration(
         robot.name,
         rows,
         schemes,
         scores,
         chosen,
+        levels,
         len(rows.labels) >= PROVEN,
         build_lookup(default.base, default.rest, chosen, form),
-        nominal_lookup(fit_paper(training, settings.form)),
+        _paper_lookup(training, settings, levels),
         source.nominal,
         source.declared,
         notes=(*notes, *more, *source.notes),
@@ -196,7 +217,7 @@ class _Source:
         self.notes: tuple[str, ...] = ()
         self.named: tuple = ()
         if settings.paper:
-            self.rows = paper_rows(runs)
+            self.rows = paper_rows(runs, settings.joints)
             if settings.declared is not None:
                 self.notes = (
                     "--declared says nothing with --paper: the twin has what its "
@@ -207,7 +228,8 @@ class _Source:
         self.declared = self._prepared.names
         self.nominal = identified_without(self._prepared)
         left = self._prepared.residuals(self.nominal)
-        self.rows = measured_rows(runs, self._prepared.tracks, left)
+        self._joints = settings.joints
+        self.rows = measured_rows(runs, self._prepared.tracks, left, self._joints)
         self._known[frozenset(), False] = self.rows.Y
         self.named = named
 
@@ -226,17 +248,24 @@ class _Source:
         if key not in self._known:
             model = identified_without(self._prepared, left_out, named)
             left = self._prepared.residuals(model)
-            self._known[key] = measured_rows(
-                self._prepared.runs, self._prepared.tracks, left
-            ).Y
+            rows = measured_rows(
+                self._prepared.runs, self._prepared.tracks, left, self._joints
+            )
+            self._known[key] = rows.Y
         return self._known[key]
+
+
+def _paper_lookup(
+    training: Training, settings: Settings, levels: ChosenLevels | None
+) -> Lookup:
+    if levels is None:
+        return nominal_lookup(fit_paper(training, settings.form))
+    return nominal_lookup(*fit_chosen(training, levels))
 
 
 def _form(rows: Rows, settings: Settings) -> EffectForm:
     first = len(rows.names)
-    loads = tuple(
-        (rows.velocities[j - 1], first + i) for i, j in enumerate(rows.joints)
-    )
+    loads = tuple((speed, first + i) for i, speed in enumerate(rows.velocities))
     names = (*rows.names, *(f"tau{j}" for j in rows.joints))
     form = EffectForm(velocities=rows.velocities, loads=loads, names=names)
     return form if settings.pairs else replace(form, pairs=None)
@@ -244,10 +273,10 @@ def _form(rows: Rows, settings: Settings) -> EffectForm:
 
 def _table(data: tuple, how: tuple, tell: Progress) -> tuple[Score, ...]:
     schemes, training, source = data
-    form, settings, chosen = how
-    nested = methods(form, settings.form)
+    forms, choices = how
+    nested = methods(forms)
     # Rows of every motion are fitted here anyway, so the choice is made only once.
-    once = methods(form, settings.form, chosen)
+    once = methods(forms, choices)
     out: list[Score] = []
     for number, scheme in enumerate(schemes):
         own = nested if scheme.name in UNSEEN else once

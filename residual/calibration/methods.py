@@ -21,6 +21,8 @@ from residual.tables.form import (
 from residual.tables.form import NONE as NOTHING
 from residual.tables.levels import merge_rows
 from residual.tables.lookup.lookup import Lookup
+from residual.tables.nominal.choose import ChosenLevels, choose_levels
+from residual.tables.nominal.coarser import fill_unvisited
 from residual.tables.nominal.pls import (
     NominalForm,
     NominalPls,
@@ -31,12 +33,14 @@ from residual.tables.pair_tables import pair_levels
 from residual.tables.pls import fit_pls
 
 NONE, LS, PLSR, PAPER_FORM, DEFAULT = "none", "ls", "plsr", "paper", "default"
+CHOSEN = "chosen"
 EFFECTS = "effects"
 WORDS = {
     NONE: "no compensation",
     LS: "LS",
     PLSR: "PLSR",
     PAPER_FORM: "paper form",
+    CHOSEN: "paper form, levels chosen",
     DEFAULT: "default form",
     EFFECTS: "named effects",
 }
@@ -79,31 +83,74 @@ Forecast = Callable[[Training], Array]
 Method = Callable[[Training], Forecast]
 
 
-def methods(
-    form: EffectForm, paper: NominalForm, fixed: Sequence[Option] | None = None
-) -> Mapping[str, Method]:
+@dataclass(frozen=True, slots=True)
+class Forms:
+    """What models may be chosen from.
+
+    Attributes:
+        default: Parts of the default form.
+        paper: Levels and components of the paper's form.
+        levels: Numbers of levels to choose from; empty where they are given.
+    """
+
+    default: EffectForm
+    paper: NominalForm
+    levels: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """What was chosen on all rows.
+
+    Attributes:
+        options: Options of the default form, a joint each.
+        levels: Levels and components of the paper's form; None where they are given.
+    """
+
+    options: tuple[Option, ...]
+    levels: ChosenLevels | None = None
+
+
+def methods(forms: Forms, fixed: Choices | None = None) -> Mapping[str, Method]:
     """Return every model by name.
 
     Args:
-        form: What the default form may be chosen from.
-        paper: Levels and components of the paper's form.
-        fixed: Options of the default form; None to choose within the training rows.
+        forms: What they may be chosen from.
+        fixed: What was chosen; None to choose within the training rows.
     """
 
     def default(training: Training) -> Forecast:
         if fixed is None:
-            lookup = chosen_lookup(training, form)
+            lookup = chosen_lookup(training, forms.default)
         else:
-            lookup = fixed_lookup(training, form, fixed)
+            lookup = fixed_lookup(training, forms.default, fixed.options)
         return lambda rows: corrected(lookup, rows)[None]
+
+    def levels(training: Training) -> Forecast:
+        chosen = fixed.levels if fixed else levels_of(training, forms)
+        model, count = fit_chosen(training, chosen)
+        return lambda rows: model.predict(rows.X, count)[None]
 
     return {
         NONE: _nothing,
         LS: _least_squares,
         PLSR: _plsr,
-        PAPER_FORM: lambda training: _nominal(training, paper),
+        PAPER_FORM: lambda training: _nominal(training, forms.paper),
+        **({CHOSEN: levels} if forms.levels else {}),
         DEFAULT: default,
     }
+
+
+def levels_of(training: Training, forms: Forms) -> ChosenLevels:
+    """Levels and components of the paper's form, chosen on runs left out."""
+    data = (training.X, training.Y, choice_groups(training), training.tau)
+    return choose_levels(*data, forms.paper, forms.levels)
+
+
+def fit_chosen(training: Training, chosen: ChosenLevels) -> tuple[NominalPls, int]:
+    """The paper's form as chosen, unvisited cells filled, and its components."""
+    model = fill_unvisited(fit_paper(training, chosen.form))
+    return model, min(chosen.components, model.components)
 
 
 def corrected(lookup: Lookup, rows: Training) -> Array:

@@ -110,21 +110,25 @@ def cut_single(runs: Sequence[Run]) -> tuple[Run, ...]:
     )
 
 
-def paper_rows(runs: Sequence[Run]) -> Rows:
+def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows:
     """Return the rows of the paper: X of the reference, Y the twin's error one ahead.
 
+    Args:
+        runs: The logs.
+        joints: Joints of X and Y, from 1; the paper's first three for None.
+
     Raises:
-        InputError: If a run has no reference or no twin.
+        InputError: If a run has no reference or no twin, or the arm no such joint.
     """
     for run in runs:
         _check_paper(run)
-    count = min(PAPER_JOINTS, min(run.log.dof for run in runs))
-    joints = tuple(range(1, count + 1))
+    joints = _joints(joints, runs[0].log.dof, PAPER_JOINTS)
+    own = [j - 1 for j in joints]
     parts, rates = [], []
     for run in runs:
         log, rate = run.log, sample_rate(run.log.t)
-        X = _reference_state(log, count)
-        both = np.hstack([run.twin["e_tau"][:, :count], log.tau[:, :count]])
+        X = _reference_state(log, own)
+        both = np.hstack([run.twin["e_tau"][:, own], log.tau[:, own]])
         now, ahead, _ = shift_ahead(X, both)
         step = _step(rate, PAPER_HZ)
         parts.append((now[::step], *np.hsplit(ahead[::step], 2), log.t[:-1:step]))
@@ -133,7 +137,10 @@ def paper_rows(runs: Sequence[Run]) -> Rows:
 
 
 def measured_rows(
-    runs: Sequence[Run], tracks: Sequence[Track], residuals: Sequence[Array]
+    runs: Sequence[Run],
+    tracks: Sequence[Track],
+    residuals: Sequence[Array],
+    joints: Sequence[int] | None = None,
 ) -> Rows:
     """Return rows on measured motion.
 
@@ -141,14 +148,19 @@ def measured_rows(
         runs: The logs.
         tracks: Their signals.
         residuals: Measured minus model torque on each track's times [N m]. (n, dof).
+        joints: Joints of X and Y, from 1; all for None.
+
+    Raises:
+        InputError: If the arm has no such joint.
     """
-    joints = tuple(range(1, runs[0].log.dof + 1))
+    joints = _joints(joints, runs[0].log.dof, runs[0].log.dof)
+    own = [j - 1 for j in joints]
     parts, rates = [], []
     for run, track, left in zip(runs, tracks, residuals, strict=True):
         chosen = chosen_rows(track)
-        X = state_block(track.q, track.qd, track.qdd)[chosen]
-        Y, tau = left[chosen], torque_at(run.log, track)[chosen]
-        parts.append((X, Y, tau, track.t[chosen]))
+        X = state_block(*(x[:, own] for x in (track.q, track.qd, track.qdd)))[chosen]
+        Y, tau = left[:, own], torque_at(run.log, track)[:, own]
+        parts.append((X, Y[chosen], tau[chosen], track.t[chosen]))
         rates.append(track.rate / _step(track.rate, MEASURED_HZ))
     return _stacked(MEASURED, joints, (parts, runs, rates))
 
@@ -221,8 +233,17 @@ def _check_paper(run: Run) -> None:
         )
 
 
-def _reference_state(log: Recording, joints: int) -> Array:
-    q = log.q_ref[:, :joints]
+def _joints(wanted: Sequence[int] | None, dof: int, usual: int) -> tuple[int, ...]:
+    if wanted is None:
+        return tuple(range(1, min(usual, dof) + 1))
+    if not wanted or any(not 1 <= j <= dof for j in wanted):
+        told = ", ".join(map(str, wanted)) or "none"
+        raise InputError(f"joints {told}: expected some of 1 to {dof}, each once.")
+    return tuple(sorted(set(wanted)))
+
+
+def _reference_state(log: Recording, joints: Sequence[int]) -> Array:
+    q = log.q_ref[:, joints]
     qd = np.gradient(q, log.t, axis=0)
     return state_block(q, qd, np.gradient(qd, log.t, axis=0))
 
@@ -241,7 +262,7 @@ def _stacked(mode: str, joints: tuple[int, ...], made: tuple) -> Rows:
     return Rows(
         mode,
         joints,
-        state_names(range(1, X.shape[1] // 3 + 1)),
+        state_names(joints),
         *map(frozen, (X, Y, tau, run)),
         tuple(r.log.id for r in runs),
         tuple(r.family or "" for r in runs),

@@ -14,13 +14,13 @@ from residual.tables.blocks import check_count
 from residual.tables.crossval import HeldOut
 from residual.tables.form import PAIRS, EffectForm, Option
 from residual.tables.importance import Jackknife, jackknife, table_importance
+from residual.tables.nominal.choose import SWEEP
 from residual.tables.nominal.crossval import nominal_errors
 from residual.tables.nominal.pls import NominalForm
 from residual.tables.outliers import nominal_distances
 from residual.tables.pca import fit_pca, state_block, state_names
 from residual.tables.surrogates import real_components
 
-SWEEP = (2, 3, 4, 6, 8, 12, 16, 22, 30, 40)
 INPUT, TWIN, WHITE = "input", "twin error", "white noise"
 LEFT = "residual"
 _DRAWS, _MOST_ROWS = 40, 1500  # of surrogates; more rows do not move the limit
@@ -189,7 +189,7 @@ def _blocks(rows: Rows, runs: Sequence[Run], members: Sequence[int]) -> dict:
     step = max(1, sum(map(len, taken)) // _MOST_ROWS)
     chosen = np.concatenate([part[::step] for part in taken])
     out = {"run": rows.run[chosen], INPUT: (rows.X[chosen], rows.names)}
-    joints = len(rows.joints)
+    joints = [j - 1 for j in rows.joints]
     if all({"e_q", "e_qd", "e_qdd"} <= set(runs[i].twin) for i in members):
         errors = [
             _twin_state(runs[i], joints, len(part[::step]))
@@ -203,10 +203,10 @@ def _blocks(rows: Rows, runs: Sequence[Run], members: Sequence[int]) -> dict:
     return out
 
 
-def _twin_state(run: Run, joints: int, count: int) -> Array:
+def _twin_state(run: Run, joints: Sequence[int], count: int) -> Array:
     """Errors of a run against its twin, at equally many times as rows were chosen."""
     at = np.linspace(0, len(run.log.t) - 1, count).astype(int)
-    parts = (run.twin[name][at, :joints] for name in ("e_q", "e_qd", "e_qdd"))
+    parts = (run.twin[name][at][:, joints] for name in ("e_q", "e_qd", "e_qdd"))
     return state_block(*parts)
 
 

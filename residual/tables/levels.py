@@ -100,27 +100,32 @@ class Codes:
         return Codes(*parts)
 
 
-def equal_levels(X: Array, count: int, names: Sequence[str] | None = None) -> Levels:
+Count = int | Sequence[int]  # levels of all variables, or of each
+
+
+def equal_levels(X: Array, count: Count, names: Sequence[str] | None = None) -> Levels:
     """Equally wide levels over the range of each variable (paper, section 2.6.1).
 
     Args:
         X: Calibration rows. Shape (n, d).
-        count: Levels of each variable, at least 2.
+        count: Levels of all variables, or of each, at least 2.
         names: Names of the variables.
 
     Raises:
         InputError: On fewer than 2 levels, a constant column, or a value not finite.
     """
-    X, names = _checked(X, count, names)
+    X, names, counts = _checked(X, count, names)
     low, high = X.min(axis=0), X.max(axis=0)
-    inner = np.arange(1, count) / count
-    edges = [a + (b - a) * inner for a, b in zip(low, high, strict=True)]
+    edges = [
+        a + (b - a) * np.arange(1, k) / k
+        for a, b, k in zip(low, high, counts, strict=True)
+    ]
     return Levels(names, tuple(map(frozen, edges)), frozen(low), frozen(high))
 
 
 def quantile_levels(
     X: Array,
-    count: int,
+    count: Count,
     names: Sequence[str] | None = None,
     *,
     velocities: Collection[int] = (),
@@ -135,7 +140,7 @@ def quantile_levels(
 
     Args:
         X: Calibration rows. Shape (n, d).
-        count: Levels of each variable, at least 2.
+        count: Levels of all variables, or of each, at least 2.
         names: Names of the variables.
         velocities: Columns (from 0) that hold velocities [rad/s].
         constant: Whether a column may be constant; all of it is then in one level.
@@ -143,10 +148,10 @@ def quantile_levels(
     Raises:
         InputError: On fewer than 2 levels, a constant column, or a value not finite.
     """
-    X, names = _checked(X, count, names, constant)
+    X, names, counts = _checked(X, count, names, constant)
     edges = [
-        _around_zero(column, count) if i in velocities else _quantiles(column, count)
-        for i, column in enumerate(X.T)
+        _around_zero(column, k) if i in velocities else _quantiles(column, k)
+        for i, (column, k) in enumerate(zip(X.T, counts, strict=True))
     ]
     low, high = X.min(axis=0), X.max(axis=0)
     return Levels(names, tuple(map(frozen, edges)), frozen(low), frozen(high))
@@ -177,14 +182,21 @@ def shift_ahead(X: Array, Y: Array, run: Array | None = None) -> tuple[Array, ..
 
 
 def _checked(
-    X: Array, count: int, names: Sequence[str] | None, constant: bool = False
+    X: Array, count: Count, names: Sequence[str] | None, constant: bool = False
 ) -> tuple:
-    check_count(count, 2, MOST, "levels", "One level cannot tell two states apart.")
     X = as_block(X, "X")
     names = as_names(names, X.shape[1], "x")
+    counts = list(count) if isinstance(count, Sequence) else [count] * len(names)
+    if len(counts) != len(names):
+        raise InputError(
+            f"levels are of {len(counts)} variables, the rows of {len(names)}: give "
+            "one number for all, or one for each."
+        )
+    for one in counts:
+        check_count(one, 2, MOST, "levels", "One level cannot tell two states apart.")
     if not constant:
         check_varying(X, names)
-    return X, names
+    return X, names, counts
 
 
 def _quantiles(x: Array, count: int) -> Array:

@@ -25,7 +25,8 @@ from warehouse.query.store import open_store
 NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 KEYS = (
     "schema robot mode declared logs families rows joints variables metric table "
-    "default components levels importance outliers words notes warnings stored"
+    "default paper_form components levels importance outliers words notes warnings "
+    "stored"
 )
 
 
@@ -173,3 +174,17 @@ def test_words_follow_the_figures():
     assert "hide little here" in calibration_words._random_words(honest)
     worse = calibration_words._default_words(honest)
     assert "above no compensation on joint 1" in worse
+
+
+def test_levels_components_and_joints_are_options(place, capsys):
+    words = "calibrate A.csv B.csv --robot arm.urdf --joints 1,2 --levels 4"
+    assert run(f"{words} --components 3 --json o.json") == 0
+    made = json.loads(Path("o.json").read_text())
+    assert made["joints"] == [1, 2]
+    assert made["variables"] == ["q1", "q2", "qd1", "qd2", "qdd1", "qdd2"]
+    assert made["paper_form"] is None
+    paper = next(row for row in made["table"] if row["model"] == "paper")
+    assert paper["components"] <= 3
+    capsys.readouterr()
+    assert run("calibrate A.csv B.csv --robot arm.urdf --levels 4,x") == 2
+    assert "--levels 4,x: expected whole numbers" in capsys.readouterr().err

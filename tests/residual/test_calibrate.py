@@ -10,6 +10,7 @@ from flows.report.words.calibration import sentences
 from residual.calibration import calibrate as core
 from residual.calibration.calibrate import Settings, calibrate
 from residual.calibration.methods import (
+    CHOSEN,
     DEFAULT,
     EFFECTS,
     LS,
@@ -172,6 +173,32 @@ def test_friction_is_found_by_the_default_form_and_memorised_by_the_papers():
     assert ours < 0.5 * ls
     assert theirs > 1.25 * find(scores, RANDOM, PAPER_FORM).overall
     assert [o.kind for o in made().chosen] == [MAIN] * 3
+
+
+def test_levels_of_the_papers_form_are_chosen_and_few_where_friction_is_a_step():
+    levels, scores = made().levels, made().scores
+    assert len(levels.form.levels) == 9
+    assert max(levels.form.levels) <= 8
+    chosen, paper = (find(scores, RUN, m).overall for m in (CHOSEN, PAPER_FORM))
+    assert chosen < paper
+    sizes = tuple(len(axis.edges) + 1 for axis in made().paper.axes)
+    assert sizes == levels.form.levels
+
+
+def test_levels_components_and_joints_that_are_given_are_taken_as_they_are():
+    form = NominalForm((2, 3, 2, 5, 6, 5), 3)
+    settings = replace(QUICK, paper=True, form=form, given=True, joints=(1, 3))
+    found = calibrate(truth().robot, paper_runs(), replace(settings, views=False))
+    assert found.rows.joints == (1, 3)
+    assert found.rows.names == ("q1", "q3", "qd1", "qd3", "qdd1", "qdd3")
+    whole = made().rows
+    np.testing.assert_array_equal(found.rows.Y, whole.Y[:, [0, 2]])
+    np.testing.assert_array_equal(found.rows.X, whole.X[:, [0, 2, 3, 5, 6, 8]])
+    assert tuple(len(axis.edges) + 1 for axis in found.paper.axes) == form.levels
+    assert found.levels is None
+    assert find(found.scores, RUN, CHOSEN) is None
+    with pytest.raises(InputError, match="joints 4: expected some of 1 to 3"):
+        paper_rows(paper_runs(), (4,))
 
 
 def test_figures_have_what_they_need():

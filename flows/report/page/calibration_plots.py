@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from flows.report.page.plots import INK, SOFT, as_uri, blank, figure_style, rule
 from residual.calibration.methods import (
+    CHOSEN,
     DEFAULT,
     EFFECTS,
     LS,
@@ -25,6 +26,7 @@ COLOURS = {
     LS: "#e69f00",
     PLSR: "#f0e442",
     PAPER_FORM: "#cc79a7",
+    CHOSEN: "#d55e00",
     DEFAULT: "#0072b2",
     EFFECTS: "#009e73",
 }
@@ -98,7 +100,7 @@ def bars_figure(scores: Sequence[Score], joints: Sequence[int]) -> str:
         axes.tick_params(axis="x", length=0, labelcolor=INK)
         axes.set_ylabel("RMSEV, %")
         axes.set_title(SCHEMES[scores[0].scheme], loc="left", fontsize=10.5)
-        figure.legend(loc="upper right", ncols=6, fontsize=8, borderaxespad=0.2)
+        figure.legend(loc="upper right", ncols=7, fontsize=7.5, borderaxespad=0.2)
         return as_uri(figure)
 
 

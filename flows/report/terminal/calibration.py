@@ -30,6 +30,7 @@ def print_outcome(outcome: Calibrated, console: Console) -> None:
     lines = [
         about_rows(outcome.made),
         chosen_words(outcome.made),
+        *filter(None, [level_words(outcome.made)]),
         *sentences(outcome.made),
     ]
     lines += [f"note: {n}" for n in outcome.made.notes]
@@ -67,6 +68,19 @@ def chosen_words(made: Calibration) -> str:
         taken.append(f"J{joint} {what}")
     where = "runs" if made.proven else "blocks of the runs, which are fewer than three,"
     return f"default form, chosen on {where} left out: {'; '.join(taken)}."
+
+
+def level_words(made: Calibration) -> str | None:
+    """Return in a sentence which levels the paper form takes; None where given."""
+    if made.levels is None:
+        return None
+    form, names = made.levels.form, made.rows.names
+    pairs = zip(names, form.levels, strict=True)
+    return (
+        f"paper form, levels chosen on runs left out: {made.levels.components} "
+        f"component(s), levels {', '.join(f'{n} {k}' for n, k in pairs)}; cells that "
+        "no row visited are filled from coarser levels."
+    )
 
 
 def _table(made: Calibration) -> Table:

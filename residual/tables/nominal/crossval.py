@@ -77,18 +77,18 @@ def nominal_errors(
     for folds in schemes:
         check_folds(folds, len(X))
         scale = response_scale(Y, form.scale_y)
-        miss = _all_folds(cells, Y / scale, folds, form.components) * scale**2
+        miss = _all_folds(cells, Y / scale, folds, form) * scale**2
         out.append(HeldOut(folds.scheme, miss, fold_power(torque, folds)))
     return tuple(out)
 
 
-def _all_folds(cells: Cells, Y: Array, folds: Folds, components: int) -> Array:
+def _all_folds(cells: Cells, Y: Array, folds: Folds, form: NominalForm) -> Array:
     """Squared errors of all folds, a few folds at a time. Shape (A + 1, F, j)."""
     held = _held(cells, Y, folds.of_row, folds.count)
-    width = int(np.clip(ROOM // (components * len(cells.count)), 1, WIDTH))
+    width = int(np.clip(ROOM // (form.components * len(cells.count)), 1, WIDTH))
     starts = range(0, folds.count, width)
     batches = [range(s, min(s + width, folds.count)) for s in starts]
-    parts = [_pass(cells, Y, held.part(b), len(b), components) for b in batches]
+    parts = [_pass(cells, Y, held.part(b), len(b), form) for b in batches]
     return np.concatenate(parts, axis=1)
 
 
@@ -102,7 +102,7 @@ def _held(cells: Cells, Y: Array, fold: Array, count: int) -> _Held:
     return _Held(key // count, key % count, *parts)
 
 
-def _pass(cells: Cells, Y: Array, held: _Held, width: int, components: int) -> Array:
+def _pass(cells: Cells, Y: Array, held: _Held, width: int, form: NominalForm) -> Array:
     """Fit some folds side by side. Squared errors, shape (A + 1, width, j)."""
     count, sums = _training(cells, Y, held, width)
     total = count.sum(axis=0)
@@ -114,14 +114,14 @@ def _pass(cells: Cells, Y: Array, held: _Held, width: int, components: int) -> A
     for j, table in enumerate(S):
         sums[j] -= count * y_mean[j]
         scatter_pairs(cells.codes, cells.sizes, sums[j], table)
-    T = np.zeros((components, *count.shape))
-    energy = np.ones((components, width))
+    T = np.zeros((form.components, *count.shape))
+    energy = np.ones((form.components, width))
     W, P = np.empty_like(middle), np.empty_like(middle)
     predicted = y_mean.T[held.fold]
     out = [_squared(held, predicted, width)]
     first = None
-    for a in range(components):
-        norm = directions(S, _leading_all(S), W)
+    for a in range(form.components):
+        norm = directions(S, _leading_all(S), W, form.sparsity)
         first = norm if first is None else first
         alive = norm > EXHAUSTED * first
         gather_pairs(cells.codes, cells.sizes, W, T[a])

@@ -39,31 +39,47 @@ def gather_pairs(codes, sizes, table, out):
 
 
 @njit(cache=True, fastmath=True)
-def weigh(S, q, W, V, P, a):
-    """Write weights w = S'q / |S'q| and v = w - V (P'w) of component a; return |S'q|.
+def soft(w, limit):
+    """Bring a number closer to zero by a limit, and not beyond it."""
+    if w > limit:
+        return w - limit
+    return w + limit if w < -limit else 0.0
 
-    Dayal and MacGregor, step 2 and 3. Shapes (j, p), (j,), and (A, p) thrice.
+
+@njit(cache=True, fastmath=True)
+def aim(S, q, w, sparsity):
+    """Write weights w = S'q / |S'q|; return |S'q|.
+
+    Dayal and MacGregor, step 2, with S'q soft-thresholded at a share of its largest
+    before (Chun and Keles 2010). Shapes (j, p), (j,), (p,), and a number.
     """
-    norm = 0.0
+    largest, whole, norm = 0.0, 0.0, 0.0
     for z in range(S.shape[1]):
-        w = 0.0
+        w[z] = 0.0
         for m in range(S.shape[0]):
-            w += q[m] * S[m, z]
-        W[a, z] = w
-        norm += w * w
-    norm = norm**0.5
-    if norm == 0.0:
-        return norm
+            w[z] += q[m] * S[m, z]
+        whole += w[z] * w[z]
+        largest = max(largest, abs(w[z]))
     for z in range(S.shape[1]):
-        W[a, z] /= norm
+        w[z] = soft(w[z], sparsity * largest)
+        norm += w[z] * w[z]
+    if norm > 0.0:
+        for z in range(S.shape[1]):
+            w[z] /= norm**0.5
+    return whole**0.5
+
+
+@njit(cache=True, fastmath=True)
+def turn(W, V, P, a):
+    """Write v = w - V (P'w) of component a (Dayal and MacGregor, step 3). (A, p)."""
+    for z in range(W.shape[1]):
         V[a, z] = W[a, z]
     for b in range(a):
         share = 0.0
-        for z in range(S.shape[1]):
+        for z in range(W.shape[1]):
             share += P[b, z] * W[a, z]
-        for z in range(S.shape[1]):
+        for z in range(W.shape[1]):
             V[a, z] -= share * V[b, z]
-    return norm
 
 
 @njit(cache=True, fastmath=True)
@@ -113,13 +129,13 @@ def explain(S, v, p, middle, energy, total):
 
 
 @njit(cache=True, fastmath=True)
-def directions(S, q, W):
-    """Write w = S'q / |S'q| of every fold; return the lengths |S'q|.
+def directions(S, q, W, sparsity):
+    """Write w = S'q / |S'q| of every fold, thresholded as `weigh`; return |S'q|.
 
-    Shapes (j, p, F), (F, j), (p, F).
+    Shapes (j, p, F), (F, j), (p, F), and a number.
     """
     _, places, width = S.shape
-    norm = np.zeros(width)
+    norm, largest, kept = np.zeros(width), np.zeros(width), np.zeros(width)
     for z in range(places):
         for f in range(width):
             w = 0.0
@@ -127,9 +143,14 @@ def directions(S, q, W):
                 w += q[f, m] * S[m, z, f]
             W[z, f] = w
             norm[f] += w * w
-    norm = np.sqrt(norm)
+            largest[f] = max(largest[f], abs(w))
+    for z in range(places):
+        for f in range(width):
+            W[z, f] = soft(W[z, f], sparsity * largest[f])
+            kept[f] += W[z, f] ** 2
+    norm, kept = np.sqrt(norm), np.sqrt(kept)
     for f in range(width):
-        inverse = 1 / norm[f] if norm[f] > 0 else 0.0
+        inverse = 1 / kept[f] if kept[f] > 0 else 0.0
         for z in range(places):
             W[z, f] *= inverse
     return norm

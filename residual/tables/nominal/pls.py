@@ -22,11 +22,12 @@ from residual.tables.levels import (
     quantile_levels,
 )
 from residual.tables.nominal.kernels import (
+    aim,
     explain,
     gather_pairs,
     scatter_pairs,
     score,
-    weigh,
+    turn,
 )
 
 
@@ -35,18 +36,21 @@ class NominalForm:
     """How variables become tables.
 
     Attributes:
-        levels: Levels of each variable; the paper's figure 12 chose 22.
+        levels: Levels of all variables, or of each; the paper's figure 12 chose 22.
         components: Components A; the paper does not say, 15 is a budget.
         spacing: "equal" (paper) or "quantile".
         velocities: Columns with velocities, for quantile levels.
         scale_y: Scale the responses, so that none dominates by its size.
+        sparsity: Share of a component's largest weight under which weights are zero:
+            sparse PLSR (Chun and Keles 2010, section 3); 0 keeps all.
     """
 
-    levels: int = 22
+    levels: int | tuple[int, ...] = 22
     components: int = 15
     spacing: str = "equal"
     velocities: tuple[int, ...] = ()
     scale_y: bool = False
+    sparsity: float = 0.0
 
     def make_levels(self, X: Array, names: tuple[str, ...] | None = None) -> Levels:
         """Return the levels of calibration rows.
@@ -176,6 +180,7 @@ def fit_nominal_pls(
 def fit_cells(cells: Cells, Y: Array, levels: Levels, form: NominalForm) -> NominalPls:
     """Fit to rows that are merged already; arguments as `fit_nominal_pls`."""
     check_components(cells, form.components)
+    check_sparsity(form.sparsity)
     scale = response_scale(Y, form.scale_y)
     n, y_mean = len(Y), Y.mean(axis=0)
     table = np.zeros((cells.pair_columns, Y.shape[1] + 1))
@@ -184,7 +189,7 @@ def fit_cells(cells: Cells, Y: Array, levels: Levels, form: NominalForm) -> Nomi
     x_mean = table[:, -1] / n
     # The responses are centred, so that their product with X - xbar is that with X.
     S = np.ascontiguousarray(table[:, :-1].T)
-    parts = _components(cells, S, x_mean, form.components)
+    parts = _components(cells, S, x_mean, form)
     fields = (x_mean, y_mean, scale, *parts)
     return NominalPls(levels, *map(frozen, fields), n)
 
@@ -214,6 +219,19 @@ def check_components(cells: Cells, components: int) -> None:
     check_count(components, 1, component_bound(cells), "components", remedy)
 
 
+def check_sparsity(sparsity: float) -> None:
+    """Refuse a share that keeps no weight, or is none.
+
+    Raises:
+        InputError: With the bounds and the number.
+    """
+    if not 0 <= sparsity < 1:
+        raise InputError(
+            f"sparsity must be at least 0 and under 1, got {sparsity}: it is the share "
+            "of the largest weight under which weights become zero."
+        )
+
+
 def response_scale(Y: Array, scale_y: bool) -> Array:
     """Scale of each response: its standard deviation if asked for, else 1. (j,)."""
     scale = Y.std(axis=0) if scale_y else np.ones(Y.shape[1])
@@ -227,8 +245,11 @@ def leading(S: Array) -> tuple[Array, float]:
     return q * np.sign(q[np.abs(q).argmax()]), float(max(values[-1], 0.0) ** 0.5)
 
 
-def _components(cells: Cells, S: Array, x_mean: Array, count: int) -> tuple[Array, ...]:
+def _components(
+    cells: Cells, S: Array, x_mean: Array, form: NominalForm
+) -> tuple[Array, ...]:
     """Return W, V, P, Q and t't."""
+    count = form.components
     W, V, P = (np.zeros((count, S.shape[1])) for _ in range(3))
     Q, energy = np.zeros((count, len(S))), np.zeros(count)
     first, done = 0.0, 0
@@ -237,7 +258,8 @@ def _components(cells: Cells, S: Array, x_mean: Array, count: int) -> tuple[Arra
         first = first or size
         if size <= EXHAUSTED * first:
             break
-        weigh(S, q, W, V, P, a)
+        aim(S, q, W[a], form.sparsity)
+        turn(W, V, P, a)
         middle = float(x_mean @ V[a])
         energy[a], total = score(
             cells.codes, cells.sizes, cells.count, V[a], middle, P[a]
