@@ -63,7 +63,8 @@ def calibrate(
         robot: Built-in name (irb140), URDF file, or folder with one *.urdf and an
             optional robot.toml.
         paper: As the paper does it: states of the reference of joints 1 to 3, errors
-            against the simulated twin; only for runs that have both.
+            against the simulated twin; only for logs with a reference (q_ref), on which
+            the twin of a measured log is simulated.
         declared: Effects that the model has, as a,b; "none" for a bare rigid body.
             Without it the robot's own list, or viscous,coulomb,rotor_inertia.
         map: TOML file that says which column is what, in which unit.

@@ -229,7 +229,8 @@ def _check_paper(run: Run) -> None:
     if lacks:
         raise InputError(
             f"--paper: {run.log.id} has no {' and no '.join(lacks)}. Take runs that "
-            "modelgap experiment made, or leave --paper out."
+            "modelgap experiment made or logs with q_ref1 and so on, or leave --paper "
+            "out."
         )
 
 

@@ -119,6 +119,7 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
         "ls",
         "plsr",
         "paper",
+        "chosen",
         "default",
     }
     assert {row["run_id"] for row in errors} == {None, *ids}
@@ -188,3 +189,29 @@ def test_levels_components_and_joints_are_options(place, capsys):
     capsys.readouterr()
     assert run("calibrate A.csv B.csv --robot arm.urdf --levels 4,x") == 2
     assert "--levels 4,x: expected whole numbers" in capsys.readouterr().err
+
+
+def test_a_measured_log_with_a_reference_is_calibrated_as_in_the_paper(place):
+    for name in "AB":
+        table = np.genfromtxt(f"{name}.csv", delimiter=",", names=True)
+        columns = [table[column] for column in (*NAMES, "q1", "q2", "q3")]
+        header = ",".join((*NAMES, "q_ref1", "q_ref2", "q_ref3"))
+        np.savetxt(
+            f"{name}.csv",
+            np.stack(columns, 1),
+            delimiter=",",
+            header=header,
+            comments="",
+        )
+    words = "calibrate A.csv B.csv --robot arm.urdf --paper --levels 3 --components 2"
+    assert run(f"{words} --json o.json") == 0
+    made = json.loads(Path("o.json").read_text())
+    assert made["mode"] == "paper"
+    assert [c["block"] for c in made["components"]][:2] == ["input", "twin error"]
+    none, ours = (
+        next(r for r in made["table"] if (r["scheme"], r["model"]) == ("block", model))
+        for model in (NONE, DEFAULT)
+    )
+    # The file has neither friction nor rotors, so that the twin leaves some of either.
+    assert 5 < none["overall"] < 100
+    assert ours["overall"] < 0.5 * none["overall"]

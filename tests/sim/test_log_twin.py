@@ -1,0 +1,50 @@
+"""A twin that is simulated on the reference of a log."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.errors import InputError
+from sim.experiment import run_experiment
+from sim.log_twin import log_twin_errors, logged_reference
+from sim.records import Noise, PlantSpec, Rates
+from tests.sim.plant_cases import ROBOT, effect, motion
+
+pytestmark = pytest.mark.usefixtures("compiled_plant")
+
+
+def test_a_log_gives_the_twin_that_ran_beside_it():
+    rates = Rates()
+    spec = PlantSpec((effect("coulomb", 2, level=9.0),), 0.0, Noise(0.0, 0.0))
+    made = run_experiment(ROBOT, motion("fourier", 2.0), spec, rates)
+    log = replace(made.log, id="A", t=made.log.t + 7.0)
+    errors = log_twin_errors(ROBOT, log)
+    settled = slice(25, -25)
+    for name, limit in (("e_q", 2e-5), ("e_tau", 0.5)):
+        gap = errors[name][settled] - made.twin[name][settled]
+        assert np.sqrt(np.mean(gap**2)) < limit
+    size = np.sqrt(np.mean(made.twin["e_tau"][settled, 1] ** 2))
+    assert size > 5
+
+
+def test_the_reference_passes_through_what_was_logged():
+    log = run_experiment(ROBOT, motion("fourier", 2.0), PlantSpec(), Rates()).log
+    reference = logged_reference(log)
+    assert reference.t[1] == pytest.approx(1e-3)
+    np.testing.assert_allclose(reference.q[::4], log.q_ref, atol=1e-12)
+    np.testing.assert_allclose(
+        np.gradient(reference.q, reference.t, axis=0)[2:-2],
+        reference.qd[2:-2],
+        atol=1e-3,
+    )
+    with pytest.raises(InputError, match="A has no reference"):
+        logged_reference(replace(log, id="A", q_ref=None))
+
+
+def test_what_a_description_is_silent_of_the_twin_does_not_have():
+    log = run_experiment(ROBOT, motion("fourier", 2.0), PlantSpec(), Rates()).log
+    silent = replace(ROBOT, declared={}, name="other")
+    with_friction, without = (log_twin_errors(r, log)["e_tau"] for r in (ROBOT, silent))
+    spread = [np.sqrt(np.mean(e[25:-25] ** 2)) for e in (with_friction, without)]
+    assert spread[1] > 3 * spread[0]
