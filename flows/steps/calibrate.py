@@ -17,7 +17,6 @@ from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run
 from residual.robot.robot import Robot
-from sim.log_twin import log_twin_errors
 from warehouse.files import read_parquet
 from warehouse.layout import find_run
 from warehouse.runs import read_channels
@@ -106,6 +105,9 @@ def _with_twin(run: Run, robot: Robot) -> Run:
     """A measured log with the errors against a twin on its own reference."""
     if run.log.q_ref is None or "e_tau" in run.twin:
         return run
+    # Here, since who calibrates in another way need not load the engine.
+    from sim.log_twin import log_twin_errors
+
     return replace(run, twin=log_twin_errors(robot, run.log))
 
 
