@@ -5,7 +5,7 @@ predicted: on rows of a motion that was seen, and on motions that were not. (Sec
 2.4 to 2.6 of the paper; docs/calibration.md.)
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,19 +21,7 @@ from residual.calibration.methods import (
     levels_of,
     methods,
 )
-from residual.calibration.nominal import (
-    Prepared,
-    identified_without,
-    prepare_runs,
-)
-from residual.calibration.rows import (
-    PAPER,
-    Rows,
-    Run,
-    cut_single,
-    measured_rows,
-    paper_rows,
-)
+from residual.calibration.rows import PAPER, Rows, Run, cut_single
 from residual.calibration.scores import (
     UNSEEN,
     Scheme,
@@ -42,6 +30,7 @@ from residual.calibration.scores import (
     make_schemes,
     score,
 )
+from residual.calibration.source import Asked, Source
 from residual.calibration.views import (
     SWEEP,
     Components,
@@ -55,7 +44,6 @@ from residual.calibration.views import (
 )
 from residual.model.model import Model
 from residual.model.term import Term
-from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.tables.build import build_lookup
 from residual.tables.choose import PROVEN
@@ -172,7 +160,8 @@ def calibrate(
         )
     runs = cut_single(runs)
     tell("nominal model", 0.0)
-    source = _Source(robot, runs, settings, tuple(named))
+    asked = Asked(settings.paper, settings.declared, settings.joints)
+    source = Source(robot, runs, asked, tuple(named))
     rows = source.rows
     schemes, more = make_schemes(rows, np.random.default_rng(settings.seed))
     if settings.schemes is not None:
@@ -204,55 +193,6 @@ def calibrate(
     if not settings.views:
         return made
     return _with_views(made, (runs, training, form), settings, tell)
-
-
-class _Source:
-    """Rows, and what nominal models leave on them; each is identified once."""
-
-    def __init__(self, robot, runs, settings: Settings, named) -> None:
-        self._prepared: Prepared | None = None
-        self._known: dict[tuple, Array] = {}
-        self.nominal: Model | None = None
-        self.declared: tuple[str, ...] = tuple(robot.declared)
-        self.notes: tuple[str, ...] = ()
-        self.named: tuple = ()
-        if settings.paper:
-            self.rows = paper_rows(runs, settings.joints)
-            if settings.declared is not None:
-                self.notes = (
-                    "--declared says nothing with --paper: the twin has what its "
-                    "robot declares",
-                )
-            return
-        self._prepared = prepare_runs(robot, runs, settings.declared)
-        self.declared = self._prepared.names
-        self.nominal = identified_without(self._prepared)
-        left = self._prepared.residuals(self.nominal)
-        self._joints = settings.joints
-        self.rows = measured_rows(runs, self._prepared.tracks, left, self._joints)
-        self._known[frozenset(), False] = self.rows.Y
-        self.named = named
-
-    def plain(self, left_out: Collection[int]) -> Array:
-        """What the nominal model leaves. Shape (n, j)."""
-        return self._left(left_out, ())
-
-    def with_effects(self, left_out: Collection[int]) -> Array:
-        """What the model with named effects leaves. Shape (n, j)."""
-        return self._left(left_out, self.named)
-
-    def _left(self, left_out: Collection[int], named: tuple) -> Array:
-        if self._prepared is None:
-            return self.rows.Y
-        key = (frozenset(left_out), bool(named))
-        if key not in self._known:
-            model = identified_without(self._prepared, left_out, named)
-            left = self._prepared.residuals(model)
-            rows = measured_rows(
-                self._prepared.runs, self._prepared.tracks, left, self._joints
-            )
-            self._known[key] = rows.Y
-        return self._known[key]
 
 
 def _paper_lookup(
