@@ -69,8 +69,6 @@ LATE = {
     # A page needs a plotting library, and most diagnoses need no page.
     "flows/cli/diagnose.py": {"flows"},
     "flows/cli/calibrate.py": {"flows"},
-    # Of logs only the paper's mode simulates, and it alone needs the engine.
-    "flows/steps/calibrate.py": {"sim"},
 }
 MOST_LATE, MOST_FILES = 30, 21
 MAX_LINES = 300

@@ -26,6 +26,8 @@ from flows.report.words.calibration import sentences
 from flows.requests import Calibrate
 from flows.say import say
 from flows.steps import calibrate as steps
+from residual.calibration.rows import Run
+from residual.robot.robot import Robot
 from residual.tables.lookup.export import export_lookup
 
 
@@ -99,6 +101,8 @@ def calibrate(
         check_new_folder("--export", Path(export))
     console = console_beside(json)
     read, runs = steps.read_logs(request)
+    if paper:
+        runs = _with_twins(read.robot, runs)
     say(console, *read.lines)
     with progress_bar() as progress:
         done = steps.calibrate(request, read, runs, progress)
@@ -124,6 +128,13 @@ def _kept(done: steps.Calibrated) -> list[str]:
         f"stored: model {model}, validation {validation}: modelgap show "
         f"{validation[:8]}"
     ]
+
+
+def _with_twins(robot: Robot, runs: tuple[Run, ...]) -> tuple[Run, ...]:
+    # Here, since who calibrates in another way need not load the engine.
+    from flows.steps.twin import with_twins
+
+    return with_twins(robot, runs)
 
 
 def _page(done: steps.Calibrated) -> str:

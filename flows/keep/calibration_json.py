@@ -46,6 +46,7 @@ def document(
         "levels": _sweep(made),
         "importance": _terms(made),
         "outliers": _oddities(made),
+        "plane": _plane(made),
         "words": list(words),
         "notes": list(made.notes),
         "warnings": list(warnings),
@@ -94,7 +95,12 @@ def _sweep(made: Calibration) -> dict | None:
         return None
     errors = {k: [_numbers(v) for v in e] for k, e in made.sweep.errors.items()}
     seconds = [round(s, 3) for s in made.sweep.seconds]
-    return {"levels": list(made.sweep.levels), "rmsev": errors, "seconds": seconds}
+    return {
+        "levels": list(made.sweep.levels),
+        "rmsev": errors,
+        "seconds": seconds,
+        "megabytes": [round(m, 3) for m in made.sweep.megabytes],
+    }
 
 
 def _terms(made: Calibration) -> list[dict] | None:
@@ -107,6 +113,18 @@ def _terms(made: Calibration) -> list[dict] | None:
             made.terms.names, sizes.values, sizes.errors, strict=True
         )
     ]
+
+
+def _plane(made: Calibration) -> dict | None:
+    """Loadings of PLSR as correlations with its first two scores."""
+    plane = made.plane
+    if plane is None:
+        return None
+    pairs = zip(plane.names, plane.loadings, strict=True)
+    return {
+        "explained": _numbers(plane.explained),
+        "loadings": {name: _numbers(values) for name, values in pairs},
+    }
 
 
 def _oddities(made: Calibration) -> list[dict] | None:

@@ -16,7 +16,6 @@ from flows.steps.check import checked
 from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run
-from residual.robot.robot import Robot
 from warehouse.files import read_parquet
 from warehouse.layout import find_run
 from warehouse.runs import read_channels
@@ -57,8 +56,7 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
     store, runs, lines = store_folder(request.store), [], [logs.lines[0]]
     for log, line in zip(logs.fit, logs.lines[1:], strict=True):
         id = logs.runs.get(log.id)
-        run = Run(log, *_beside(store, id)) if id else Run(log)
-        runs.append(_with_twin(run, robot) if request.paper else run)
+        runs.append(Run(log, *_beside(store, id)) if id else Run(log))
         lines.append(_about(runs[-1]) if id else line)
     return replace(logs, lines=tuple(lines)), tuple(runs)
 
@@ -99,16 +97,6 @@ def calibrate(
     stored = len(ids) == len(runs)
     kept = store_calibration(store, made, asked) if stored else {}
     return Calibrated(made, (*logs.warnings, *report.sentences), kept)
-
-
-def _with_twin(run: Run, robot: Robot) -> Run:
-    """A measured log with the errors against a twin on its own reference."""
-    if run.log.q_ref is None or "e_tau" in run.twin:
-        return run
-    # Here, since who calibrates in another way need not load the engine.
-    from sim.log_twin import log_twin_errors
-
-    return replace(run, twin=log_twin_errors(robot, run.log))
 
 
 def _settings(request: Calibrate) -> Settings:

@@ -21,6 +21,13 @@ from residual.calibration.methods import (
     levels_of,
     methods,
 )
+from residual.calibration.pictures import (
+    Plane,
+    Unseen,
+    find_runs,
+    plane_of,
+    unseen_run,
+)
 from residual.calibration.rows import PAPER, Rows, Run, cut_single
 from residual.calibration.scores import (
     UNSEEN,
@@ -57,6 +64,7 @@ Progress = Callable[[str, float], None]
 # On random rows the error still falls at 30 components; the paper does not say.
 PAPER_SETTING = NominalForm(components=30)
 _SWEEP_COMPONENTS = 15
+MOST_CHOSEN = 12  # variables: of six joints there are four times the pairs of three
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +114,7 @@ class Calibration:
         nominal: Nominal model identified from all runs; None in paper mode.
         declared: Effects that the nominal model has.
         components, sweep, terms, oddities: For the figures; None where not wanted.
+        unseen, plane: The same: a run that no model saw, scores and loadings of PLSR.
         notes: What to know about it, a line each.
     """
 
@@ -124,6 +133,8 @@ class Calibration:
     sweep: Sweep | None = None
     terms: Terms | None = None
     oddities: Oddities | None = None
+    unseen: Unseen | None = None
+    plane: Plane | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -169,11 +180,11 @@ def calibrate(
     without = None if settings.paper else source.plain
     training = Training(rows.X, rows.Y, rows.run, rows.tau, rows.part, without)
     form = _form(rows, settings)
-    forms = Forms(form, settings.form, () if settings.given else settings.levels)
+    forms = Forms(form, settings.form, _to_try(rows, settings))
     tell("default form", 0.05)
     default, chosen = chosen_model(training, form)
     tell("levels", 0.08)
-    levels = None if settings.given else levels_of(training, forms)
+    levels = levels_of(training, forms) if forms.levels else None
     choices = Choices(chosen, levels)
     scores = _table((schemes, training, source), (forms, choices), tell)
     made = Calibration(
@@ -192,7 +203,14 @@ def calibrate(
     )
     if not settings.views:
         return made
-    return _with_views(made, (runs, training, form), settings, tell)
+    made = _with_views(made, (runs, training, form), settings, tell)
+    return _with_pictures(made, (training, source), forms, choices)
+
+
+def _to_try(rows: Rows, settings: Settings) -> tuple[int, ...]:
+    """Numbers of levels to choose from; none where given, or pairs are too many."""
+    many = len(rows.names) > MOST_CHOSEN
+    return () if settings.given or many else settings.levels
 
 
 def _paper_lookup(
@@ -228,6 +246,19 @@ def _table(data: tuple, how: tuple, tell: Progress) -> tuple[Score, ...]:
             response = source.with_effects
             out.append(judge_responses(scheme, EFFECTS, training, response))
     return tuple(out)
+
+
+def _with_pictures(
+    made: Calibration, data: tuple, forms: Forms, choices: Choices
+) -> Calibration:
+    training, source = data
+    plane = plane_of(training, made.rows.names, made.rows.joints)
+    by_run = find_runs(made.schemes)
+    if by_run is None:
+        return replace(made, plane=plane)
+    about = (made.rows, by_run)
+    unseen = unseen_run(training, about, forms, choices, source.plain)
+    return replace(made, plane=plane, unseen=unseen)
 
 
 def _with_views(

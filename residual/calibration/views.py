@@ -1,5 +1,6 @@
 """What the figures of the chapter show: components, levels, importance, outliers."""
 
+import tracemalloc
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
@@ -56,11 +57,13 @@ class Sweep:
         levels: Levels tried.
         errors: RMSEV by scheme, best of all component counts [%]. Shapes (levels, j).
         seconds: Processor time of each number of levels [s].
+        megabytes: Most memory that its arrays took at once, beside the rows [MB].
     """
 
     levels: tuple[int, ...]
     errors: Mapping[str, Array]
     seconds: tuple[float, ...]
+    megabytes: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -128,16 +131,24 @@ def sweep_levels(
     chosen = [s for s in schemes if s.name in (RUN, RANDOM)]
     folds = [s.folds for s in chosen]
     errors: dict[str, list[Array]] = {s.name: [] for s in chosen}
-    spent = []
+    spent, held_at_once = [], []
+    # The compiler's first run is no time of the method.
+    few = slice(None, None, max(1, len(rows.X) // 200))
+    small = [replace(f, of_row=f.of_row[few]) for f in folds]
+    first = NominalForm(levels[0], 1)
+    nominal_errors(rows.X[few], rows.Y[few], small, rows.tau[few], first)
     for count in levels:
         form = NominalForm(count, components)
+        tracemalloc.start()
         start = process_time()
         made = nominal_errors(rows.X, rows.Y, folds, rows.tau, form)
         spent.append(process_time() - start)
+        held_at_once.append(tracemalloc.get_traced_memory()[1] / 1e6)
+        tracemalloc.stop()
         for scheme, held in zip(chosen, made, strict=True):
             errors[scheme.name].append(_best(held))
     stacked = {name: np.array(values) for name, values in errors.items()}
-    return Sweep(tuple(levels), stacked, tuple(spent))
+    return Sweep(tuple(levels), stacked, tuple(spent), tuple(held_at_once))
 
 
 def terms_of(

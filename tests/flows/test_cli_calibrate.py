@@ -25,8 +25,8 @@ from warehouse.query.store import open_store
 NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 KEYS = (
     "schema robot mode declared logs families rows joints variables metric table "
-    "default paper_form components levels importance outliers words notes warnings "
-    "stored"
+    "default paper_form components levels importance outliers plane words notes "
+    "warnings stored"
 )
 
 
@@ -81,6 +81,9 @@ def test_files_give_table_page_json_and_tables_that_evaluate_alone(place, capsys
     assert made["words"][0] in page
     assert "http" not in page.replace("http-equiv", "")
     assert page.count("<img ") >= 8
+    assert page.count("Corrections over time (figure 9)") == 1
+    assert made["levels"]["megabytes"][-1] > made["levels"]["megabytes"][0] > 0
+    assert made["plane"]["loadings"].keys() >= {"qd1", "residual1"}
     names = ("evaluate.py", "model.json", "model.npz", "tables.csv")
     assert sorted(p.name for p in Path("tables").iterdir()) == sorted(names)
     np.savetxt("rows.csv", np.zeros((2, 9)), delimiter=",")

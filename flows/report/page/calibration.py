@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
+from flows.report.page import calibration_maps as maps
 from flows.report.page import calibration_plots as plots
 from flows.report.page.base import Tile, environment
 from flows.report.page.charts import Chart
 from flows.report.terminal.calibration import about_rows, chosen_words
-from flows.report.words.calibration import sentences
+from flows.report.words.calibration import plane_words, sentences
 from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM, PLSR
 from residual.calibration.methods import WORDS as MODELS
@@ -51,6 +52,9 @@ def _context(made: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
         "joints": joints,
         "groups": _groups(made),
         "paper": made.rows.mode == PAPER,
+        "schemes": _schemes(made),
+        "over_time": _over_time(made),
+        "plane": _plane(made),
         "bars": _bars(made),
         "curves": _curves(made),
         "components": _components(made),
@@ -95,6 +99,33 @@ def _row(one: Score, best: float) -> dict:
     }
 
 
+def _schemes(made: Calibration) -> Chart:
+    """All schemes in one view, all joints together."""
+    told = "; ".join(
+        f"{SCHEMES[o.scheme]}, {MODELS[o.model]} {o.overall:.3g} %" for o in made.scores
+    )
+    return Chart(maps.schemes_figure(made.scores), f"{told}.", "")
+
+
+def _over_time(made: Calibration) -> list[Chart]:
+    if made.unseen is None:
+        return []
+    out = []
+    for column, joint in enumerate(made.rows.joints):
+        uri = maps.over_time_figure(made.unseen, joint, column)
+        alt = f"Joint {joint}: residual of {made.unseen.label} and corrections over t."
+        out.append(Chart(uri, alt, ""))
+    return out
+
+
+def _plane(made: Calibration) -> dict[str, Any] | None:
+    if made.plane is None:
+        return None
+    words = plane_words(made.plane)
+    chart = Chart(maps.plane_figure(made.plane, made.rows.labels), " ".join(words), "")
+    return {"chart": chart, "words": words}
+
+
 def _bars(made: Calibration) -> list[Chart]:
     out = []
     for scheme in made.schemes:
@@ -120,13 +151,13 @@ def _curves(made: Calibration) -> list[Chart]:
 
 
 def _components(made: Calibration) -> list[Chart]:
-    families = dict.fromkeys(one.family for one in made.components)
-    out = []
-    for family in families:
-        own = [one for one in made.components if one.family == family]
-        told = "; ".join(f"{o.block} {o.explained[0]:.0f} % in the first" for o in own)
-        out.append(Chart(plots.components_figure(own), f"{family}: {told}.", ""))
-    return out
+    if not made.components:
+        return []
+    told = "; ".join(
+        f"{o.family}, {o.block}: {o.explained[0]:.0f} % in the first"
+        for o in made.components
+    )
+    return [Chart(maps.components_figure(made.components), f"{told}.", "")]
 
 
 def _sweep(made: Calibration) -> Chart | None:

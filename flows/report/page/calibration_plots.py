@@ -18,7 +18,7 @@ from residual.calibration.methods import (
 )
 from residual.calibration.scores import RANDOM, RUN, Score
 from residual.calibration.scores import WORDS as SCHEMES
-from residual.calibration.views import INPUT, WHITE, Components, Sweep, Terms
+from residual.calibration.views import Sweep, Terms
 
 # Okabe and Ito's palette, as in the other figures.
 COLOURS = {
@@ -30,33 +30,9 @@ COLOURS = {
     DEFAULT: "#0072b2",
     EFFECTS: "#009e73",
 }
-_JOINTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222")
+JOINTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222")
 _LINES = {RUN: "-", RANDOM: "--"}
 _CLIP = 2.2
-
-
-def components_figure(parts: Sequence[Components]) -> str:
-    """Return explained variance of the blocks of one family (figures 4 to 6)."""
-    colours = {INPUT: "#0072b2", WHITE: "#b3b3b3"}
-    with figure_style():
-        figure = blank(4.6, 2.7)
-        axes = figure.add_axes((0.13, 0.165, 0.855, 0.66))
-        rule(axes)
-        for part in parts:
-            colour = colours.get(part.block, "#d55e00")
-            at = np.arange(1, len(part.explained) + 1)
-            style = {"color": colour, "marker": "o", "ms": 4, "lw": 1.4}
-            axes.plot(at, part.explained, label=part.block, **style)
-            if part.block != WHITE:
-                axes.plot(at, part.limit, color=colour, lw=1, ls=(0, (4, 2)))
-        axes.plot([], [], color=SOFT, lw=1, ls=(0, (4, 2)), label="chance")
-        axes.set_ylim(0)
-        axes.set_xticks(range(1, 1 + max(len(p.explained) for p in parts), 2))
-        axes.set_xlabel("component")
-        axes.set_ylabel("explained, %")
-        axes.set_title(parts[0].family.replace("_", " "), loc="left", fontsize=10.5)
-        figure.legend(loc="upper right", ncols=4, fontsize=8, borderaxespad=0.3)
-        return as_uri(figure)
 
 
 def curve_figure(scores: Sequence[Score], joints: Sequence[int]) -> str:
@@ -66,7 +42,7 @@ def curve_figure(scores: Sequence[Score], joints: Sequence[int]) -> str:
         axes = figure.add_axes((0.13, 0.15, 0.855, 0.68))
         rule(axes)
         for one in scores:
-            for colour, joint, line in zip(_JOINTS, joints, one.curve.T, strict=False):
+            for colour, joint, line in zip(JOINTS, joints, one.curve.T, strict=False):
                 at = np.arange(len(line))
                 label = f"joint {joint}" if one is scores[0] else None
                 style = {"color": colour, "lw": 1.4, "label": label}
@@ -105,15 +81,15 @@ def bars_figure(scores: Sequence[Score], joints: Sequence[int]) -> str:
 
 
 def sweep_figure(sweep: Sweep, joints: Sequence[int]) -> str:
-    """Return RMSEV over levels on unseen runs and random rows, and time (fig. 12)."""
+    """Return RMSEV over levels on unseen runs and random rows, time, memory (12)."""
     with figure_style():
         figure = blank(9.2, 3.0)
-        places = {RUN: 0.075, RANDOM: 0.4}
+        places = {RUN: 0.06, RANDOM: 0.315}
         most = max(float(np.nanmax(e)) for e in sweep.errors.values())
         for name, errors in sweep.errors.items():
-            axes = figure.add_axes((places[name], 0.16, 0.255, 0.66))
+            axes = figure.add_axes((places[name], 0.16, 0.205, 0.66))
             rule(axes)
-            for colour, joint, line in zip(_JOINTS, joints, errors.T, strict=False):
+            for colour, joint, line in zip(JOINTS, joints, errors.T, strict=False):
                 label = f"joint {joint}" if name == RUN else None
                 style = {"color": colour, "lw": 1.4, "marker": "o", "ms": 3}
                 axes.plot(sweep.levels, line, label=label, **style)
@@ -122,12 +98,17 @@ def sweep_figure(sweep: Sweep, joints: Sequence[int]) -> str:
             axes.set_title(SCHEMES[name], loc="left", fontsize=10)
             if name == RUN:
                 axes.set_ylabel("RMSEV, %")
-        axes = figure.add_axes((0.745, 0.16, 0.245, 0.66))
-        rule(axes)
-        axes.plot(sweep.levels, sweep.seconds, color=SOFT, lw=1.4, marker="o", ms=3)
-        axes.set_ylim(0)
-        axes.set_xlabel("levels")
-        axes.set_title("both schemes, all components, s", loc="left", fontsize=10)
+        costs = (
+            (sweep.seconds, "time, both schemes, s"),
+            (sweep.megabytes, "memory, MB"),
+        )
+        for place, (values, title) in zip((0.575, 0.815), costs, strict=True):
+            axes = figure.add_axes((place, 0.16, 0.175, 0.66))
+            rule(axes)
+            axes.plot(sweep.levels, values, color=SOFT, lw=1.4, marker="o", ms=3)
+            axes.set_ylim(0)
+            axes.set_xlabel("levels")
+            axes.set_title(title, loc="left", fontsize=10)
         figure.legend(loc="upper right", ncols=7, fontsize=8, borderaxespad=0.2)
         return as_uri(figure)
 

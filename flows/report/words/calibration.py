@@ -6,6 +6,7 @@ import numpy as np
 
 from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import DEFAULT, EFFECTS, LS, NONE, PAPER_FORM, WORDS
+from residual.calibration.pictures import Plane
 from residual.calibration.scores import (
     BLOCK,
     FAMILY,
@@ -34,6 +35,41 @@ def sentences(made: Calibration) -> tuple[str, ...]:
         _level_words(made),
     ]
     return tuple(s for s in said if s)
+
+
+def plane_words(plane: Plane) -> tuple[str, ...]:
+    """Return what the first two components of PLSR are made of, a sentence each."""
+    out = []
+    for component, share in enumerate(plane.explained):
+        strong = plane.strong(component)
+        states = [_loading(s) for s in strong if not s[0].startswith("residual")]
+        joints = [_loading(s) for s in strong if s[0].startswith("residual")]
+        told = f"Component {component + 1} explains {share:.0f} % of the residuals"
+        if not states:
+            told += ", and no variable has a correlation of 0.5 with it"
+        else:
+            told += f" and goes with {', '.join(states)}"
+        if states and joints:
+            told += f"; with {', '.join(joints)}{_meaning(strong)}"
+        elif states:
+            told += "; no joint's residual goes with it"
+        out.append(f"{told}.")
+    return tuple(out)
+
+
+def _loading(pair: tuple[str, float]) -> str:
+    return f"{pair[0]} ({pair[1]:+.2f})"
+
+
+def _meaning(strong: Sequence[tuple[str, float]]) -> str:
+    """What a model that lacks it would lack, where states of one kind lead."""
+    first = next(name for name, _ in strong if not name.startswith("residual"))
+    kinds = {
+        "qdd": "grows with acceleration: inertia is wrong or missing",
+        "qd": "grows with speed: friction is wrong or missing",
+        "q": "goes with position: gravity, a spring or a balancer",
+    }
+    return f", so that it {kinds[first.rstrip('0123456789')]}"
 
 
 def _random_words(scores: Sequence[Score]) -> str | None:

@@ -20,6 +20,7 @@ from flows.requests import Calibrate, Diagnose, Identify, Monitor, Validate
 from flows.steps import calibrate, identify
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.monitor import monitor
+from flows.steps.twin import with_twins
 from flows.steps.validate import validate
 from residual.errors import InputError
 from warehouse.commit import commit_record, read_record
@@ -171,7 +172,10 @@ def _identify(record: Mapping, own: Path) -> None:
 
 def _calibrate(record: Mapping, own: Path) -> None:
     request = Calibrate.from_record(record, own)
-    calibrate.calibrate(request, *calibrate.read_logs(request))
+    logs, runs = calibrate.read_logs(request)
+    if request.paper:
+        runs = with_twins(logs.robot, runs)
+    calibrate.calibrate(request, logs, runs)
 
 
 def _validate(record: Mapping, own: Path) -> None:

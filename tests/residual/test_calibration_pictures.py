@@ -1,0 +1,58 @@
+"""Corrections of an unseen run over time; scores and loadings of PLSR."""
+
+import numpy as np
+import pytest
+
+from flows.report.words.calibration import plane_words
+from residual.calibration.methods import Training
+from residual.calibration.pictures import plane_of
+from tests.residual.test_calibrate import lean, made  # noqa: F401  a fixture
+
+NAMES = ("q1", "q2", "qd1", "qd2", "qdd1", "qdd2")
+
+
+def states(seed=0, rows=800):
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(rows, 6))
+    run = np.repeat([0, 1], rows // 2)
+    return X, run, rng
+
+
+def test_a_residual_that_is_friction_goes_with_its_speed_and_is_said_to():
+    X, run, rng = states()
+    Y = np.column_stack([5 * X[:, 2], 0.1 * rng.normal(size=len(X))])
+    plane = plane_of(Training(X, Y, run, Y, run), NAMES, (1, 2))
+    place = {name: i for i, name in enumerate(plane.names)}
+    for name in ("qd1", "residual1"):
+        assert abs(plane.loadings[place[name], 0]) > 0.98
+    assert abs(plane.loadings[place["qd2"], 0]) < 0.2
+    assert plane.explained[0] > 95
+    assert np.all(plane.explained >= 0)
+    assert plane.explained.sum() <= 100 + 1e-9
+    first = plane_words(plane)[0]
+    assert "goes with qd1 (" in first
+    assert "friction is wrong or missing" in first
+
+
+def test_noise_is_not_explained():
+    X, run, rng = states(1)
+    Y = rng.normal(size=(len(X), 2))
+    plane = plane_of(Training(X, Y, run, Y, run), NAMES, (1, 2))
+    assert all("wrong or missing" not in line for line in plane_words(plane))
+    assert plane.explained.max() < 5
+
+
+def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
+    unseen, rows = made().unseen, made().rows
+    number = rows.labels.index(unseen.label)
+    out = rows.run == number
+    step = round(unseen.t[1] * rows.rates[number])
+    np.testing.assert_array_equal(unseen.left, rows.Y[out][::step])
+    rest = unseen.left - unseen.corrections["default"]
+    assert np.linalg.norm(rest) < 0.5 * np.linalg.norm(unseen.left)
+    # Least squares by hand on the other runs.
+    one = np.c_[np.ones(len(rows.X)), rows.X]
+    theta = np.linalg.lstsq(one[~out], rows.Y[~out], rcond=None)[0]
+    by_hand = (one[out] @ theta)[::step]
+    np.testing.assert_allclose(unseen.corrections["ls"], by_hand, atol=1e-6)
+    assert unseen.t[-1] == pytest.approx(10, abs=0.2)
