@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from residual.calibration.calibrate import Calibration
+from residual.tables.outliers import CLASSES
 
 
 def document(
@@ -106,12 +107,12 @@ def _sweep(made: Calibration) -> dict | None:
 def _terms(made: Calibration) -> list[dict] | None:
     if made.terms is None:
         return None
-    sizes = made.terms.sizes
+    sizes, by_rows = made.terms.sizes, made.terms.by_rows
+    keys = ("term", "size", "error", "error_over_rows")
+    columns = (sizes.values, sizes.errors, by_rows.errors)
     return [
-        {"term": name, "size": _numbers(value), "error": _numbers(error)}
-        for name, value, error in zip(
-            made.terms.names, sizes.values, sizes.errors, strict=True
-        )
+        dict(zip(keys, (name, *map(_numbers, row)), strict=True))
+        for name, *row in zip(made.terms.names, *columns, strict=True)
     ]
 
 
@@ -133,7 +134,11 @@ def _oddities(made: Calibration) -> list[dict] | None:
         return None
     keys = ("log", "x_outliers", "y_outliers", "unvisited_cells", "outside_range")
     columns = (odd.labels, odd.x, odd.y, odd.unvisited, odd.outside)
-    return [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
+    by_class = [dict(zip(CLASSES, shares, strict=True)) for shares in odd.by_class]
+    return [
+        {**dict(zip(keys, row, strict=True)), "y_by_speed": shares}
+        for row, shares in zip(zip(*columns, strict=True), by_class, strict=True)
+    ]
 
 
 def _numbers(values: Iterable[float]) -> list[float | None]:

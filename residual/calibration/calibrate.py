@@ -272,9 +272,10 @@ def _with_views(
     count = min(settings.form.components, _SWEEP_COMPONENTS)
     sweep = sweep_levels(training, made.schemes, count, settings.levels)
     tell("importance", 0.9)
-    terms = terms_of(training, form, made.chosen, made.rows.run)
+    terms = terms_of(training, form, made.chosen, made.rows.run, rng)
     tell("outliers", 0.97)
-    oddities = oddities_of(training, made.rows.labels, settings.form)
+    velocities = made.rows.velocities
+    oddities = oddities_of(training, made.rows.labels, settings.form, velocities)
     tell("outliers", 1.0)
     parts = (components, sweep, terms, oddities)
     names = ("components", "sweep", "terms", "oddities")

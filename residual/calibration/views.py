@@ -12,13 +12,13 @@ from residual.calibration.rows import Rows, Run
 from residual.calibration.scores import RANDOM, RUN, Scheme
 from residual.recording import Array
 from residual.tables.blocks import check_count
-from residual.tables.crossval import HeldOut
+from residual.tables.crossval import BLOCKS, HeldOut
 from residual.tables.form import PAIRS, EffectForm, Option
 from residual.tables.importance import Jackknife, jackknife, table_importance
 from residual.tables.nominal.choose import SWEEP
 from residual.tables.nominal.crossval import nominal_errors
 from residual.tables.nominal.pls import NominalForm
-from residual.tables.outliers import nominal_distances
+from residual.tables.outliers import CLASSES, nominal_distances, speed_classes
 from residual.tables.pca import fit_pca, state_block, state_names
 from residual.tables.surrogates import real_components
 
@@ -73,10 +73,13 @@ class Terms:
     Attributes:
         names: Variables, then pairs.
         sizes: Contribution [N m] with standard error. Shapes (terms, j).
+        by_rows: The same with random rows left out, as the paper does it: neighbours
+            of every row stay, and so do all motions.
     """
 
     names: tuple[str, ...]
     sizes: Jackknife
+    by_rows: Jackknife
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -85,7 +88,9 @@ class Oddities:
 
     Attributes:
         labels: The runs.
-        x, y: Share of rows far in the model or off it, and badly predicted.
+        x, y: Share of rows far in the model or off it, and badly predicted for their
+            speed.
+        by_class: Badly predicted values by speed class. Shape (runs, classes).
         unvisited: Share of its cells that no other run visited.
         outside: Share of rows with a value outside the range of the other runs.
     """
@@ -95,6 +100,7 @@ class Oddities:
     y: tuple[float, ...]
     unvisited: tuple[float, ...]
     outside: tuple[float, ...]
+    by_class: tuple[tuple[float, ...], ...]
 
 
 def components_of(
@@ -152,9 +158,13 @@ def sweep_levels(
 
 
 def terms_of(
-    rows: Training, form: EffectForm, chosen: Sequence[Option], folds: Array
+    rows: Training,
+    form: EffectForm,
+    chosen: Sequence[Option],
+    folds: Array,
+    rng: np.random.Generator,
 ) -> Terms:
-    """Contribution of every table after main effects, jack-knifed over runs.
+    """Contribution of every table after main effects, jack-knifed over runs and rows.
 
     All pair tables are fitted, wanted or not: the question is what each could say.
     """
@@ -165,6 +175,13 @@ def terms_of(
         Option(PAIRS, r if r in form.ridges else form.ridges[-1], count) for r in ridges
     ]
     whole = table_importance(fixed_lookup(rows, form, options), rows.X)
+    drawn = rng.permutation(len(rows.X)) % BLOCKS
+    over = [_jackknifed(rows, form, options, (f, whole)) for f in (folds, drawn)]
+    return Terms(whole.names, *over)
+
+
+def _jackknifed(rows: Training, form: EffectForm, options, about) -> Jackknife:
+    folds, whole = about
     place = {name: i for i, name in enumerate(whole.names)}
     left_out = []
     for fold in np.unique(folds):
@@ -175,14 +192,20 @@ def terms_of(
             if name in place:
                 sizes[place[name]] = size
         left_out.append(sizes)
-    return Terms(whole.names, jackknife(np.array(left_out), whole.rms))
+    return jackknife(np.array(left_out), whole.rms)
 
 
-def oddities_of(rows: Training, labels: Sequence[str], form: NominalForm) -> Oddities:
+def oddities_of(
+    rows: Training,
+    labels: Sequence[str],
+    form: NominalForm,
+    velocities: Sequence[int],
+) -> Oddities:
     """Outliers by run, and the share of cells that the other runs never visited."""
     model = fit_paper(rows, form)
-    far = nominal_distances(model, rows.X, rows.Y)
-    x, y, unvisited, outside = [], [], [], []
+    classes = speed_classes(rows.X[:, list(velocities)])
+    far = nominal_distances(model, rows.X, rows.Y, classes)
+    x, y, unvisited, outside, by_class = [], [], [], [], []
     for number in range(len(labels)):
         own = rows.run == number
         x.append(float(far.x_outliers[own].mean()))
@@ -191,7 +214,10 @@ def oddities_of(rows: Training, labels: Sequence[str], form: NominalForm) -> Odd
         unvisited.append(float(others.unvisited_share(rows.X[own]).mean()))
         codes = others.levels.encode(rows.X[own])
         outside.append(codes.outside_rows / int(own.sum()))
-    return Oddities(tuple(labels), *map(tuple, (x, y, unvisited, outside)))
+        bad = far.y[own] > far.y_limit
+        inside = [classes[own] == number for number in range(len(CLASSES))]
+        by_class.append(tuple(float(bad[i].mean()) if i.any() else 0 for i in inside))
+    return Oddities(tuple(labels), *map(tuple, (x, y, unvisited, outside, by_class)))
 
 
 def _blocks(rows: Rows, runs: Sequence[Run], members: Sequence[int]) -> dict:

@@ -15,6 +15,8 @@ from residual.tables.nominal.kernels import gather_pairs
 from residual.tables.nominal.pls import NominalPls
 
 ALPHA = 0.01  # share of good rows that a limit calls outliers
+STANDING, SLOW = 0.02, 0.3  # of the 95 % quantile of a joint's speed
+CLASSES = ("standing", "slow", "fast")
 MAD = 1.4826  # of a normal distribution: its sd per median absolute deviation
 
 
@@ -71,7 +73,23 @@ def spe_limit(spe: Array, alpha: float = ALPHA) -> float:
     return variance / (2 * mean) * float(stats.chi2.isf(alpha, 2 * mean**2 / variance))
 
 
-def nominal_distances(model: NominalPls, X: Array, Y: Array) -> Distances:
+def speed_classes(speed: Array) -> Array:
+    """Number of `CLASSES` that each joint's speed is in, row by row. Shape (n, j).
+
+    Residuals at standstill are of another size than those in motion: under one scale
+    for all, every slow row is an outlier, or none.
+
+    Args:
+        speed: Speeds [rad/s]. Shape (n, j).
+    """
+    size = np.abs(speed)
+    usual = np.quantile(size, 0.95, axis=0)
+    return (size > STANDING * usual).astype(int) + (size > SLOW * usual)
+
+
+def nominal_distances(
+    model: NominalPls, X: Array, Y: Array, classes: Array | None = None
+) -> Distances:
     """Distances of calibration rows in the nominal form; no row of X is ever formed.
 
     SPE = x'x - 2 x'xbar + xbar'xbar - 2 t'P'(x - xbar) + t'P'P t: reads of tables.
@@ -80,6 +98,8 @@ def nominal_distances(model: NominalPls, X: Array, Y: Array) -> Distances:
         model: Fitted to these rows.
         X: Variables. Shape (n, d).
         Y: Responses. Shape (n, j).
+        classes: Class of each response and row, each with a scale of its own; None for
+            one scale. Shape (n, j).
     """
     X, Y = as_pair(X, Y)
     table = np.vstack([model.V, model.P, model.x_mean[None]])
@@ -96,7 +116,19 @@ def nominal_distances(model: NominalPls, X: Array, Y: Array) -> Distances:
     spe = length - 2 * (t * onto).sum(axis=1)
     spe += ((t @ (model.P @ model.P.T)) * t).sum(axis=1)
     t2 = hotelling_t2(t, model.energy / (model.rows - 1))
-    return _distances(t2, np.maximum(spe, 0), Y - model.predict(X), a)
+    sizes = _by_class(Y - model.predict(X), classes)
+    return _distances(t2, np.maximum(spe, 0), sizes, a)
+
+
+def _by_class(miss: Array, classes: Array | None) -> Array:
+    if classes is None:
+        return robust_sizes(miss)
+    out = np.empty_like(miss)
+    for j, own in enumerate(classes.T):
+        for one in np.unique(own):
+            rows = own == one
+            out[rows, j] = robust_sizes(miss[rows, j : j + 1])[:, 0]
+    return out
 
 
 def robust_sizes(miss: Array) -> Array:
@@ -106,12 +138,12 @@ def robust_sizes(miss: Array) -> Array:
     return gap / np.where(scale > 0, scale, np.inf)
 
 
-def _distances(t2: Array, spe: Array, miss: Array, components: int) -> Distances:
+def _distances(t2: Array, spe: Array, sizes: Array, components: int) -> Distances:
     return Distances(
         frozen(t2),
         frozen(spe),
         t2_limit(components, len(t2)),
         spe_limit(spe),
-        frozen(robust_sizes(miss)),
+        frozen(sizes),
         float(stats.norm.isf(ALPHA / 2)),
     )

@@ -214,7 +214,12 @@ def test_figures_have_what_they_need():
     largest = views.terms.names[int(views.terms.sizes.values[:, 0].argmax())]
     assert largest == "qd1"
     assert views.terms.sizes.significant[views.terms.names.index("qd1"), 0]
+    by_rows, by_run = views.terms.by_rows, views.terms.sizes
+    assert (by_rows.groups, by_run.groups) == (20, 4)
+    np.testing.assert_array_equal(by_rows.values, by_run.values)
+    assert by_rows.significant.mean() > by_run.significant.mean()
     assert all(0 <= share <= 1 for share in views.oddities.unvisited)
+    assert np.shape(views.oddities.by_class) == (4, 3)
 
 
 def training(runs=3, rows=400, seed=0):

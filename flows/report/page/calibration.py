@@ -183,6 +183,7 @@ def _oddities(made: Calibration) -> list[tuple]:
     odd = made.oddities
     if odd is None:
         return []
-    shares = (odd.x, odd.y, odd.unvisited, odd.outside)
+    shares = (odd.x, odd.y, *zip(*odd.by_class, strict=True))
+    shares += (odd.unvisited, odd.outside)
     percents = [[f"{100 * v:.3g}" for v in column] for column in shares]
     return list(zip(odd.labels, *percents, strict=True))

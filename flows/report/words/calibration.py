@@ -33,6 +33,7 @@ def sentences(made: Calibration) -> tuple[str, ...]:
         _family_words(made.scores),
         _effect_words(made.scores),
         _level_words(made),
+        _jackknife_words(made),
     ]
     return tuple(s for s in said if s)
 
@@ -182,6 +183,24 @@ def _level_words(made: Calibration) -> str | None:
     if best[RUN] == best[RANDOM]:
         return f"{told}and unseen runs both ask for {best[RUN]}."
     return f"{told}ask for {best[RANDOM]}, unseen runs for {best[RUN]}."
+
+
+def _jackknife_words(made: Calibration) -> str | None:
+    """What random rows say of the terms' significance, and what runs say."""
+    if made.terms is None:
+        return None
+    parts = made.terms.by_rows, made.terms.sizes
+    over_rows, over_runs = (100 * float(part.significant.mean()) for part in parts)
+    told = (
+        f"Jack-knifed over random rows {over_rows:.0f} % of all contributions are "
+        f"significant, over runs {over_runs:.0f} %"
+    )
+    if over_rows < HIDDEN * over_runs:
+        return f"{told}."
+    return (
+        f"{told}: rows left out have their neighbours in the fit, so that they say how "
+        "well a contribution is known on these paths, and not whether another has it."
+    )
 
 
 def _above(one: Score, other: Score) -> list[int]:
