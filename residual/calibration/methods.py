@@ -9,6 +9,7 @@ from residual.recording import Array
 from residual.tables.build import build_lookup
 from residual.tables.choose import PROVEN, EffectModel, fit_effect_tables
 from residual.tables.form import (
+    LEAST_SQUARES,
     NAMED,
     PAIRS,
     EffectForm,
@@ -174,24 +175,45 @@ def chosen_model(
     What a model leaves on runs that it was identified from is smaller, and of another
     shape, than what it leaves on others. So a choice is confirmed run by run: the
     nominal model and the tables of all other runs must leave less than that nominal
-    model alone. A joint that fails gets nothing. Of fewer than three runs blocks are
-    left out instead.
+    model alone. A joint that fails gets nothing.
+
+    Of fewer than three runs blocks are left out instead. Blocks do not show what
+    happens outside the range of their own runs: so least squares, which has no bound
+    there, is not taken, and of two runs each must be helped by the other one alone.
     """
     groups = choice_groups(training)
     X = training.loaded if form.loads else training.X
     model = fit_effect_tables(X, training.Y, groups, training.tau, form)
-    if training.without is None:
-        return model, model.chosen
-    gain = np.zeros(len(model.chosen))
+    options = tuple(_bounded(o, training) for o in model.chosen)
+    good = np.ones(len(options), bool)
+    if training.without is not None:
+        good = _gains(training, groups, form, options).sum(axis=0) > 0
+    if len(np.unique(training.run)) == PROVEN - 1:
+        good &= (_gains(training, training.run, form, options) > 0).all(axis=0)
+    kept = zip(options, good, strict=True)
+    return model, tuple(option if ok else Option(NOTHING) for option, ok in kept)
+
+
+def _bounded(option: Option, training: Training) -> Option:
+    few = len(np.unique(training.run)) < PROVEN
+    return Option(NOTHING) if few and option.kind == LEAST_SQUARES else option
+
+
+def _gains(
+    training: Training, groups: Array, form: EffectForm, options: Sequence[Option]
+) -> Array:
+    """Drop of the squared rest of each group by tables of the others. (groups, j)."""
+    gains = []
     for label in np.unique(groups):
         held = groups == label
-        Y = training.without(np.unique(training.part[held]).tolist())
+        Y = training.Y
+        if training.without is not None:
+            Y = training.without(np.unique(training.part[held]).tolist())
         rows = replace(training, Y=Y, without=None)
-        lookup = fixed_lookup(rows.rows(~held), form, model.chosen)
+        lookup = fixed_lookup(rows.rows(~held), form, options)
         rest = Y[held] - corrected(lookup, rows.rows(held))
-        gain += (Y[held] ** 2).sum(axis=0) - (rest**2).sum(axis=0)
-    kept = zip(model.chosen, gain > 0, strict=True)
-    return model, tuple(option if good else Option(NOTHING) for option, good in kept)
+        gains.append((Y[held] ** 2).sum(axis=0) - (rest**2).sum(axis=0))
+    return np.array(gains)
 
 
 def choice_groups(training: Training) -> Array:

@@ -264,7 +264,27 @@ def test_of_fewer_than_three_runs_blocks_are_left_out():
 
     _, options = chosen_model(replace(data, without=without), FORM)
     assert [o.kind for o in options] == [MAIN, "none"]
-    assert asked == [(part,) for part in range(8)]
+    blocks = [(part,) for part in range(8)]
+    assert asked == [*blocks, (0, 1, 2, 3), (4, 5, 6, 7)]
+
+
+def test_of_two_runs_nothing_is_taken_that_has_no_bound_or_does_not_help_the_other():
+    data = training(2)
+    # Linear in a variable whose range is another one in each run.
+    X = data.X.copy()
+    X[:, 0] += 50 * data.run
+    slope = np.where(data.run == 0, 3.0, -3.0) * (X[:, 0] - 50 * data.run)
+    Y = np.stack([slope, np.zeros(len(X))], axis=1) + 0.01 * data.Y
+    linear = replace(data, X=X, Y=Y)
+    assert [o.kind for o in chosen_model(linear, FORM)[1]] == ["none", "none"]
+    # A step that the other run has the other way round.
+    turned = np.where(data.run[:, None] == 0, data.Y, -data.Y)
+    model, options = chosen_model(replace(data, Y=turned), FORM)
+    assert options[0].kind == "none"
+    straight = replace(data, Y=2 * data.X[:, :2], tau=5 * data.X[:, :2])
+    model, options = chosen_model(straight, FORM)
+    assert {o.kind for o in model.chosen} == {"least squares"}
+    assert {o.kind for o in options} == {"none"}
 
 
 @cache
