@@ -1,7 +1,8 @@
 """Write what the commands say of fixed logs: python tests/frozen/make.py FOLDER.
 
-The files beside this one were made before the modules moved into rooms; the test
-holds every later tree against them.
+The files beside this one were made before the modules moved into rooms, that of the
+calibration when blocks within runs came to be left out; the test holds every later tree
+against them.
 """
 
 import json
