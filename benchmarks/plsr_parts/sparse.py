@@ -2,7 +2,8 @@
 
 The frozen set is that of the group errors. Levels are chosen on four runs and judged
 on four others, against every number of levels and components judged on these others
-themselves: the best that hindsight could have taken.
+themselves: the best that hindsight could have taken, and stricter than the sweep that
+the choice itself had before it.
 """
 
 from collections.abc import Sequence

@@ -64,6 +64,7 @@ Progress = Callable[[str, float], None]
 # On random rows the error still falls at 30 components; the paper does not say.
 PAPER_SETTING = NominalForm(components=30)
 _SWEEP_COMPONENTS = 15
+_CUT = "one log only: it was cut into parts, so unseen parts are of the same run"
 MOST_CHOSEN = 12  # variables: of six joints there are four times the pairs of three
 
 
@@ -164,11 +165,7 @@ def calibrate(
             are too few rows.
     """
     settings, tell = settings or Settings(), progress or (lambda stage, share: None)
-    notes = []
-    if len(runs) == 1:
-        notes.append(
-            "one log only: it was cut into parts, so unseen parts are of the same run"
-        )
+    notes = (_CUT,) if len(runs) == 1 else ()
     runs = cut_single(runs)
     tell("nominal model", 0.0)
     asked = Asked(settings.paper, settings.declared, settings.joints)
