@@ -11,6 +11,7 @@ from residual.recording import Recording
 Array = np.ndarray
 BackgroundWord = Literal["clean", "workshop", "worn"]
 CLEAN: BackgroundWord = "clean"
+WORKSHOP: BackgroundWord = "workshop"
 BACKGROUNDS: tuple[BackgroundWord, ...] = get_args(BackgroundWord)
 
 

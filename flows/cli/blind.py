@@ -15,7 +15,7 @@ from flows.report.study import store_page, tell_study
 from flows.say import say
 from flows.settings import store_folder
 from residual.errors import InputError
-from sim.records import CLEAN, BackgroundWord
+from sim.records import WORKSHOP, BackgroundWord
 
 
 def blind(
@@ -26,7 +26,7 @@ def blind(
     report: str | None = None,
     workers: int | None = None,
     duration: float = 20.0,
-    background: BackgroundWord = CLEAN,
+    background: BackgroundWord = WORKSHOP,
 ) -> None:
     """Hide effects from the diagnosis and count how often it is right.
 

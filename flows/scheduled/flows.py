@@ -13,7 +13,7 @@ from flows.scheduled import events, tasks
 from flows.settings import cores, one_thread_each, store_folder
 from flows.steps.campaign import by_role, planned
 from flows.workers.runner import PROCESSES, chosen_runner
-from sim.records import CLEAN, BackgroundWord
+from sim.records import CLEAN, WORKSHOP, BackgroundWord
 
 _LIMIT = 12 * tasks.HOUR
 _NIGHT = 24 * tasks.HOUR
@@ -269,7 +269,7 @@ def blind(
     n: int = 40,
     seed: int | None = None,
     store: str | None = None,
-    background: BackgroundWord = CLEAN,
+    background: BackgroundWord = WORKSHOP,
 ) -> str:
     """Hide effects from the diagnosis and count how often it is right.
 
