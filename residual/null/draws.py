@@ -3,8 +3,10 @@
 The motion is the logged one, smoothed; the torque is that of the identified model.
 Encoder and torque noise are redrawn as they were measured, and the nominal model is
 redrawn around the truth as far off as it was found to be, so that its prior is tried
-too. Several draws of torque noise share one of encoder noise: what costs time is the
-columns, and they depend on the angles alone.
+too. Every other draw has, in place of noise, what the fit itself left of the logs, in
+blocks that are moved and turned over: a model is never quite the arm, and what it
+leaves is not as harmless as noise. Several draws of torque noise share one of encoder
+noise: what costs time is the columns, and they depend on the angles alone.
 """
 
 from collections.abc import Sequence
@@ -18,6 +20,7 @@ from residual.diagnosis.gate import passed, simplest
 from residual.diagnosis.prior_scale import select
 from residual.diagnosis.search import _shortlist
 from residual.diagnosis.task import Rules, Task
+from residual.evidence.background import usual_background
 from residual.evidence.colour import coloured
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit, gain
@@ -28,6 +31,7 @@ from residual.null.source import Source, null_recordings, redrawn
 from residual.recording import Array
 
 ALL = -1e9  # nats
+BLOCK = 2.0  # s: longer than noise remembers, shorter than a motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +56,19 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
     logs, hiss = _noisy(source, rng)
     nominal = redrawn(source, rng)
     design = first_design(logs, nominal)
+    if source.logs.background:
+        design.calm(usual_background(design))
     candidates = every_candidate(design, nominal, logs.span, logs.clock is not None)
     out = [_searched(design, nominal, candidates)]
-    for _ in range(count - 1):
-        another, fresh = redrawn(source, rng), _hiss(source, logs, rng)
+    for turn in range(1, count):
+        make = _blocks if turn % 2 else _hiss
+        another, fresh = redrawn(source, rng), make(source, logs, rng)
         moved = nominal.model.coefficients() - another.model.coefficients()
         target = design.stacked([b - a for a, b in zip(hiss, fresh, strict=True)])
         for j, change in enumerate(target):
             place, have = design.present(j, design.nominal)
-            change += design.target[j] + design.columns(j, place) @ moved[have]
+            change[:] = design.calmed(j, change) + design.target[j]
+            change += design.columns(j, place) @ moved[have]
         out.append(_searched(with_torque(design, target), another, candidates))
     return tuple(out)
 
@@ -114,7 +122,7 @@ def loudest(task: Task, base: Fit) -> tuple[float, float]:
         value, big, _ = gain(task.design, task.prior, trial, base)
         if possible(task.design, big, group):
             nats.append(float(value))
-            net.append(float(task.candidates.net(group, value)))
+            net.append(float(task.candidates.net(group, value, big)))
     return max(nats), max(net)
 
 
@@ -129,6 +137,25 @@ def _noisy(source: Source, rng: np.random.Generator) -> tuple[Logs, list[Array]]
         for new, noise, was in zip(logs.tracks, hiss, old.tracks, strict=True)
     )
     return replace(logs, tracks=tracks), hiss
+
+
+def _blocks(source: Source, logs: Logs, rng: np.random.Generator) -> list[Array]:
+    """What the fit left, in blocks from other places, as often upside down.
+
+    All joints move together: what one drive does to the next stays. Friction acts
+    against the motion, and gears are as good forwards as backwards: so the sign may
+    turn, and the time it comes at is not its cause.
+    """
+    whole = np.concatenate(source.left)
+    rows = max(round(BLOCK * logs.tracks[0].rate / logs.tracks[0].step), 2)
+    out = []
+    for track in logs.tracks:
+        parts = []
+        for _ in range(-(-len(track.tau) // rows)):
+            start = rng.integers(max(len(whole) - rows, 1))
+            parts.append(rng.choice((-1.0, 1.0)) * whole[start : start + rows])
+        out.append(np.concatenate(parts)[: len(track.tau)])
+    return out
 
 
 def _hiss(source: Source, logs: Logs, rng: np.random.Generator) -> list[Array]:

@@ -10,6 +10,8 @@ from residual.diagnosis.examine import examine
 from residual.diagnosis.null_key import Key, key_of
 from residual.diagnosis.task import Rules
 from residual.evidence.colour import autocovariance
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit
 from residual.evidence.priors import inertial_precision
 from residual.model.model import Model
 from residual.model.nominal import (
@@ -43,6 +45,7 @@ class Source:
         scale: Relative scale of the rigid part that they show; None for a posterior.
         assumed: Relative sd of assumed values that they show.
         noise: Autocovariance of the torque's noise at the rows [N^2 m^2]. (lags, dof).
+        left: What the fit left of each log, 0 where masked [N m]. Each (m, dof).
         encoder: Noise of the angles per log [rad]. Shape (logs, dof).
         key: What a null of these holds for.
     """
@@ -54,6 +57,7 @@ class Source:
     scale: float | None
     assumed: float | None
     noise: Array
+    left: tuple[Array, ...]
     encoder: Array
     key: Key
 
@@ -89,15 +93,25 @@ def source(
     )
     return Source(
         recordings=tuple(recordings),
-        logs=logs,
+        logs=made.logs,
         nominal=nominal,
         truth=truth,
         scale=made.task.prior.scale,
         assumed=made.task.prior.assumed,
         noise=autocovariance(made.task.design, made.fit),
+        left=_left(made.task.design, made.fit),
         encoder=np.array([encoder_noise(r, filters) for r in recordings]),
         key=key_of(logs, nominal),
     )
+
+
+def _left(design: Design, fitted: Fit) -> tuple[Array, ...]:
+    """What a fit leaves of each log, joint by joint, as logged. Each (m, dof)."""
+    joints = []
+    for j in range(design.dof):
+        left = design.residual(j, fitted.ids, fitted.theta)
+        joints.append(design.series(j, design.as_logged(j, left)))
+    return tuple(np.column_stack(lines) for lines in zip(*joints, strict=True))
 
 
 def null_recordings(
