@@ -99,7 +99,9 @@ def harmful(
     after = examined.error(judged.fit, held_out)
     before = examined.error(examined.plain, held_out)
     rise, on, where = _worst(after, before, moving_power(held_out))
-    if not rise or _pays(examined, after, before):
+    # Of single joints alone: what a headline says of the arm must never be a rise.
+    one_joint = on != slice(None)
+    if not rise or (one_joint and _pays(examined, after, before)):
         return []
 
     def left(one: Tested) -> float:
@@ -116,7 +118,8 @@ def _worst(after: Array, before: Array, power: Array) -> tuple[float, slice, str
 
     No chance is allowed for: a rise is no finding, whatever it is by.
     """
-    every = np.sqrt(after.sum() / max(before.sum(), 1e-30)) - 1
+    logged = _logged(power)
+    every = np.sqrt(after[:, logged].sum() / max(before[:, logged].sum(), 1e-30)) - 1
     if every > RISE:
         return float(every), slice(None), "over all joints"
     rise = rises(after, before, power, sure=0.0)
@@ -130,6 +133,11 @@ def _pays(examined: Examined, after: Array, before: Array) -> bool:
     price = PRICE_KNOWN if known else PRICE
     change = (after - before).sum(axis=0) / examined.task.design.rms**2
     return bool(np.maximum(change, 0).sum() < price * np.maximum(-change, 0).sum())
+
+
+def _logged(power: Array) -> Array:
+    """Joints whose channel is alive. Shape (dof,), bool."""
+    return power > 1e-12 * power.max(initial=0.0)
 
 
 def judgement(gain: float) -> str:
@@ -187,8 +195,7 @@ def rises(after: Array, before: Array, power: Array, sure: float) -> Array:
     scatter = np.sqrt(((change - change.mean(axis=0)) ** 2).sum(axis=0))
     now, then = np.sqrt(after.sum(axis=0)), np.sqrt(before.sum(axis=0))
     rise = now / np.maximum(then, 1e-15) - 1
-    logged = power > 1e-12 * power.max(initial=0.0)  # else the channel is dead
-    clear = logged & (rise > RISE) & (now - then > SMALL * np.sqrt(power))
+    clear = _logged(power) & (rise > RISE) & (now - then > SMALL * np.sqrt(power))
     return np.where(clear & (change.sum(axis=0) > sure * scatter), rise, 0.0)
 
 
@@ -219,14 +226,18 @@ def _gains(
 def _fall(one: Tested, with_it: Array, without: Array, rms: Array) -> float:
     """1 - error with over error without, where the effect acts and where it shows.
 
-    A name that only spares the model's parameters predicts as they do, so there a
-    difference within its own scatter over the seconds of the logs is none.
+    Parameters that bend without the name may predict the same. So a rise within its own
+    scatter over the seconds of the logs is none, and neither is a fall where the name
+    only spares the parameters.
     """
     effect, dof = one.group.effect, len(rms)
     joints = sorted({*effect.rows(one.group.joints, dof), one.seen})
     a, b = ((e / rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
     change = b - a
     scatter = np.sqrt(((change - change.mean()) ** 2).sum())
-    if one.by == "plausibility" and abs(change.sum()) < SURE * scatter:
+    rises_or_spares = change.sum() < 0 or one.by == "plausibility"
+    if rises_or_spares and abs(change.sum()) < SURE * scatter:
         return 0.0
-    return 1 - np.sqrt(a.sum() / b.sum()) if b.sum() > 0 else 0.0
+    fall = 1 - np.sqrt(a.sum() / b.sum()) if b.sum() > 0 else 0.0
+    # A wrong value the refit puts right by itself: the logs are silent on its name.
+    return 0.0 if effect.is_parameter and -RISE < fall < 0 else float(fall)
