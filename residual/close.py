@@ -21,6 +21,7 @@ from residual.diagnosis.examine import (
     examine,
 )
 from residual.diagnosis.findings import clouds
+from residual.diagnosis.fold import folded
 from residual.diagnosis.leftover.examine import Remains, examine_leftover
 from residual.diagnosis.null_key import key_of
 from residual.diagnosis.null_record import Null, choose_null, null_sentences
@@ -102,11 +103,14 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
     standing = stand(examined, proof, asked.fit, asked.tell)
     examined, judged = standing.examined, standing.judged
     models, left = _models(examined, judged)
+    listed, usual = folded(examined, standing.named)
+    drift, least = _drift(examined, judged.fit, asked)
     errors, proofs = compare(models, proof, examined.logs.filters)
     by_chance, by_rule = null_sentences(asked.null, Rules().threshold)
     case = Case(
         examined=examined,
-        named=standing.named,
+        named=listed,
+        folded=usual,
         judged=judged,
         splits=standing.splits,
         errors=errors,
@@ -120,7 +124,8 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
             *left.sentences,
         ],
         contradictions=contradictions(examined, judged.fit, errors),
-        drift=_drift(examined, judged.fit, asked),
+        drift=drift,
+        least_drift=least,
         p_value=asked.null.p_value if asked.null else None,
     )
     notes = signal_notes(examined, asked.fit, models["augmented"])
@@ -128,14 +133,14 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         verdict=conclude(case),
         models=models,
         proofs=proofs,
-        clouds=clouds(examined, judged.fit, standing.named),
+        clouds=clouds(examined, judged.fit, listed),
         notes=(
             *notes,
             *noise_notes(standing.checks, [t for t, _ in judged.kept]),
             *by_rule,
         ),
         left=tuple(one.cloud for one in left.joints),
-        sentences=tuple(f.effect.sentence for f in standing.named),
+        sentences=tuple(f.effect.sentence for f in listed),
     )
 
 
@@ -148,10 +153,12 @@ def _models(examined: Examined, judged: Verdicts) -> tuple[dict, Remains]:
     return models, left
 
 
-def _drift(examined: Examined, fitted: Fit, asked: _Asked) -> Drift | None:
+def _drift(
+    examined: Examined, fitted: Fit, asked: _Asked
+) -> tuple[Drift | None, float | None]:
     """Only against a baseline is a change of all friction one."""
     if not asked.baseline:
-        return None
+        return None, None
     shared = session_clock([*asked.baseline, *asked.fit]) is not None
     clock = "recording time" if shared else "order"
     return drifted(examined.task.design, examined.nominal, fitted, clock)

@@ -7,12 +7,15 @@ from itertools import combinations
 
 import numpy as np
 
+from residual.diagnosis.habit import Habit
 from residual.effects import registry
 from residual.effects.base import Effect, Span
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Prior
+from residual.evidence.fit import Fit, Prior, scaled_inverse
 from residual.evidence.priors import forbidden, priors
 from residual.model.nominal import Nominal
+
+FLAT = 1e-9  # of the largest information: a direction that the logs do not know
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -23,20 +26,56 @@ class Candidates:
         groups: All of them: each shape of each effect on each joint, then the
             effects that are also tried on all joints at once.
         price: What choosing one of so many costs [nats], by key.
-        share: Part of its evidence that counts, by key; all of it where not said.
+        habits: What a baseline knows of them, by key, one of each shape.
     """
 
     groups: tuple[Group, ...]
     price: Mapping[tuple, float]
-    share: Mapping[tuple, float] = field(default_factory=dict)
+    habits: Mapping[tuple, Sequence[Habit]] = field(default_factory=dict)
 
-    def net(self, group: Group, nats: float) -> float:
+    def net(self, group: Group, nats: float, big: Fit | None = None) -> float:
         """Evidence of a group that counts, less its price [nats]."""
-        return self.counted(group, nats) - self.cost(group)
+        return self.counted(group, nats, big) - self.cost(group)
 
-    def counted(self, group: Group, nats: float) -> float:
-        """What counts of the evidence of a group [nats]."""
-        return nats * self.share.get(group.key, 1.0) if nats > 0 else nats
+    def counted(self, group: Group, nats: float, big: Fit | None = None) -> float:
+        """What counts of the evidence of a group [nats].
+
+        Args:
+            group: The group.
+            nats: Its evidence.
+            big: The fit that has it; None for a quick look.
+        """
+        habit = self.habit(group)
+        if habit is None or nats <= 0:
+            return nats
+        if big is None:
+            return nats * habit.restless
+        at = big.place(group)
+        covariance = big.covariance()[np.ix_(at, at)]
+        pull = np.linalg.solve(covariance, big.theta[at])
+        information = scaled_inverse(covariance) - group.precision
+        values, vectors = np.linalg.eigh(information)
+        values = np.maximum(values, FLAT * max(values.max(), FLAT))
+        plain = vectors @ ((vectors.T @ pull) / values)
+        information = (vectors * values) @ vectors.T
+        return nats * habit.share(plain, information, group.precision)
+
+    def habit(self, group: Group) -> Habit | None:
+        """What a baseline knows of a group; of a searched shape of the nearest one."""
+        known = self.habits.get(group.key)
+        if not known:
+            return None
+        if len(known) == 1 or not group.shape:
+            return known[0]
+        alike = [h for h in known if h.shape[1:] == group.shape[1:]] or known
+        gaps = [abs(np.log(abs(h.shape[0] / group.shape[0]))) for h in alike]
+        return alike[int(np.argmin(gaps))]
+
+    def beside(self, unions: Sequence[Group]) -> "Candidates":
+        """The same with unions of some of them, at the price of all their parts."""
+        price = {g.key: sum(self.price[p.key] for p in g.parts) for g in unions}
+        groups = (*self.groups, *unions)
+        return replace(self, groups=groups, price={**self.price, **price})
 
     def cost(self, group: Group) -> float:
         """Price of a group [nats]; joints that came together share one price."""
@@ -143,25 +182,29 @@ def every_candidate(
     barred = _barred(design, nominal)
     wanted = [e for e in effects if not all(e.name in b for _, b in barred)]
     every = collect(design, wanted, span, design.dof)
-    return replace(every, share=_believable(every, design, nominal.unrest))
+    if nominal.covariance is not None:
+        # What all joints have of it since a baseline is drift, which the model may do.
+        kept = [g for g in every.groups if not g.parts]
+        every = replace(every, groups=tuple(kept))
+        every = every.beside(_of_one_drive(kept))
+    return replace(every, habits=nominal.habits)
 
 
-def _believable(
-    candidates: Candidates, design: Design, unrest: Mapping[tuple, tuple[float, float]]
-) -> dict[tuple, float]:
-    """Share of each candidate's evidence that is more than the baseline's own unrest.
+def _of_one_drive(groups: Sequence[Group]) -> list[Group]:
+    """All friction that every drive has, of one joint.
 
-    What varies from log to log varies so here, too, however many rows there are: the
-    evidence of a change counts beyond that alone.
+    Where one of it changed the rest has, too, and each alone is less like it than a
+    curve of another name.
     """
-    out = {}
-    for group in candidates.groups:
-        if group.key in unrest:
-            excess, rows = unrest[group.key]
-            joints = list(group.effect.rows(group.joints, design.dof))
-            larger = float(np.mean(design.rows[joints])) / max(rows, 1.0)
-            out[group.key] = 1.0 / (1.0 + excess * larger)
-    return out
+    own: dict[tuple, list[Group]] = {}
+    for g in groups:
+        if g.effect.usual_in_every_drive and g.effect.brakes:
+            own.setdefault(g.joints, []).append(g)
+    return [
+        Design.union(parts, " + ".join(p.effect.name for p in parts))
+        for parts in own.values()
+        if len(parts) > 1
+    ]
 
 
 def allowed(

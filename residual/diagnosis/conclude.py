@@ -14,6 +14,7 @@ from residual.diagnosis.findings import Named
 from residual.diagnosis.leftover.leftover import Leftover, depends_on
 from residual.diagnosis.result import (
     STAGES,
+    Detectable,
     ErrorTables,
     Evidence,
     Finding,
@@ -36,7 +37,8 @@ class Case:
 
     Attributes:
         examined: What the fit logs say.
-        named: The findings, most important first.
+        named: The findings to be listed, most torque first.
+        folded: Those that any used arm has.
         judged: What the held-out logs say of each tested member.
         errors: Errors of each model on the held-out logs.
         held_out: Labels of the held-out logs.
@@ -46,6 +48,7 @@ class Case:
         splits: For the id of each tested member, how often it was found again.
         contradictions: What of the fit no arm can be, in sentences.
         drift: Friction of all joints against the baseline's.
+        least_drift: How much of it would be told, as a share; None without a baseline.
         p_value: Chance of so many nats where nothing is missing; None without a null.
     """
 
@@ -60,7 +63,9 @@ class Case:
     splits: Mapping[int, Splits]
     contradictions: Sequence[str] = ()
     drift: Drift | None = None
+    least_drift: float | None = None
     p_value: Callable[[float], float] | None = None
+    folded: Sequence[Named] = ()
 
 
 def conclude(case: Case) -> Verdict:
@@ -74,8 +79,9 @@ def conclude(case: Case) -> Verdict:
         declared=tuple(examined.nominal.names),
         verdict="effects" if case.named else nothing,
         effects=tuple(_finding(f, i, case) for i, f in enumerate(case.named, 1)),
-        minimum_detectable=tuple(
-            minimum_detectable(examined.task, case.judged.fit, every)
+        minimum_detectable=(
+            *minimum_detectable(examined.task, case.judged.fit, every),
+            *_least_drift(case),
         ),
         unexplained=_unexplained(case),
         error=_errors(case),
@@ -84,7 +90,14 @@ def conclude(case: Case) -> Verdict:
         warnings=tuple(case.warnings),
         contradictions=tuple(case.contradictions),
         drift=case.drift,
+        background=tuple(_finding(f, i, case) for i, f in enumerate(case.folded, 1)),
     )
+
+
+def _least_drift(case: Case) -> list[Detectable]:
+    """What friction of all joints must have changed by, where a baseline tells."""
+    least = case.least_drift
+    return [] if least is None else [Detectable("drift", (), plain(least), "1")]
 
 
 def _finding(named: Named, order: int, case: Case) -> Finding:

@@ -13,6 +13,7 @@ from residual.diagnosis.prior_scale import Selection, select
 from residual.diagnosis.search import refined, search
 from residual.diagnosis.task import Rules, Task
 from residual.effects import registry
+from residual.evidence.background import learnt_tables, usual_background, with_tables
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.states import as_model, first_design, physical, show_torque
@@ -61,9 +62,15 @@ class Examined:
             fitted: A fit of these logs.
             held_out: Logs that no fit has seen.
         """
-        return moving_error(as_model(self.nominal, fitted), held_out)
+        rough = with_tables(
+            as_model(self.nominal, fitted),
+            learnt_tables(self.task.design, self.logs.background, fitted),
+        )
+        return moving_error(rough, held_out)
 
-    def model(self, fitted: Fit, like: Model | None = None) -> Model:
+    def model(
+        self, fitted: Fit, like: Model | None = None, tables: bool = False
+    ) -> Model:
         """A fit as a model, with the standstill that suits the fit logs.
 
         That of a baseline stays: it is the arm's own, and was seen for longer.
@@ -72,6 +79,8 @@ class Examined:
             fitted: A fit of these logs.
             like: A model whose standstill to take over, so that two models differ by
                 nothing but their effects.
+            tables: Whether to keep what else the joints' state accounts for, without a
+                name; it is there in the fit in either case.
         """
         rough = as_model(self.nominal, fitted)
         known = self.nominal.covariance is not None
@@ -79,7 +88,7 @@ class Examined:
             rough = replace(rough, standstill=like.standstill)
         elif not known:
             rough = with_standstill(rough, self.logs.tracks)
-        return _refitted(self, fitted, rough)
+        return _refitted(self, fitted, rough, tables)
 
 
 def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> Examined:
@@ -92,6 +101,10 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         progress: Told the stage and the share done.
     """
     design = first_design(logs, nominal)
+    if rules.tables:
+        tables = usual_background(design, nominal.usual)
+        logs = replace(logs, background=tables)
+        design.calm(logs.background)
     progress("features", 0.0)
     everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
     selection = _search(design, nominal, everything, (rules, progress))
@@ -216,7 +229,9 @@ def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 
-def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Model:
+def _refitted(
+    examined: Examined, fitted: Fit, rough: Model, with_its_tables: bool
+) -> Model:
     """Coefficients that go with a model's standstill and its own torque.
 
     A wide standstill changes friction on slow moving rows too, and features such as
@@ -226,9 +241,15 @@ def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Model:
     base = replace(nominal.model, standstill=rough.standstill)
     states = [rough.observe(t) for t in tracks]
     design = Design(list(zip(tracks, states, strict=True)), base)
+    background = examined.logs.background
+    if background:
+        design.calm(background)
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
     final = fit(design, examined.task.prior, members, fitted.counted, fitted.variance)
-    return as_model(replace(nominal, model=base), final)
+    model = as_model(replace(nominal, model=base), final)
+    if with_its_tables:
+        model = with_tables(model, learnt_tables(design, background, final))
+    return model
 
 
 def without_refuted(examined: Examined, fitted: Fit) -> Examined:

@@ -6,7 +6,7 @@ in the fit and on logs left out of it, and what it costs to bend so far.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtr
@@ -119,13 +119,13 @@ def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Ex
     """
     task, design = bench.task, bench.task.design
     own, mixed = _blocks(bench, group, None)
-    falls, bends, occams = [], [], []
+    falls, bends, occams, known = [], [], [], []
     for system, inverse in zip(bench.systems, bench.inverses, strict=True):
         moved = inverse @ np.tensordot(bench.weight, mixed, 1)
         falls.append(_added(system.gram, own, mixed, moved))
         bends.append(moved.T @ system.precision @ moved)
-        known = np.tensordot(bench.weight, falls[-1], 1) + bends[-1]
-        log_det = np.linalg.slogdet(known + group.precision)[1]
+        known.append(np.tensordot(bench.weight, falls[-1], 1) + bends[-1])
+        log_det = np.linalg.slogdet(known[-1] + group.precision)[1]
         occams.append(0.5 * max(log_det - group.log_det, 0.0))
     outs = [_left_out(bench, group, fold, mixed) for fold in range(design.folds)]
     return [
@@ -138,10 +138,19 @@ def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Ex
             torque=_along(own, u) / design.rows / design.rms**2,
             count=len(group.ids),
             cost=task.candidates.cost(group),
-            counts=task.candidates.share.get(group.key, 1.0),
+            counts=_counts(task, group, known[0], u),
         )
         for u in directions
     ]
+
+
+def _counts(task: Task, group: Group, information: Array, theta: Array) -> float:
+    """Part of the evidence of a change that counts; the arm had none of it before."""
+    habit = task.candidates.habit(group)
+    if habit is None:
+        return 1.0
+    fresh = replace(habit, theta=np.zeros(len(theta)))
+    return fresh.share(theta, information, group.precision)
 
 
 def found(bench: Bench, one: Expected, size: float) -> bool:

@@ -54,6 +54,8 @@ class Named:
         sureness: How sure each member is.
         combined: What the motion determines where it does not determine all of these:
             value, standard deviation and unit, by formula.
+        torque: Rms torque of each member, as a share of that of the joint on which it
+            is most. Shape (members,).
     """
 
     tested: tuple[Tested, ...]
@@ -62,6 +64,7 @@ class Named:
     equivalent: tuple[tuple[str, tuple[int, ...]], ...]
     sureness: tuple[Sureness, ...]
     combined: dict[str, tuple[float, float, str]]
+    torque: Array
 
     @property
     def effect(self) -> Effect:
@@ -78,11 +81,6 @@ class Named:
         """Evidence of all members [nats]."""
         return sum(t.nats for t in self.tested)
 
-    @property
-    def fall(self) -> float:
-        """Largest fall of a joint's left-out error, as a share of torque rms."""
-        return max(t.fall for t in self.tested)
-
 
 def findings(
     examined: Examined,
@@ -90,7 +88,7 @@ def findings(
     tested: Sequence[Tested],
     checks: Checked | None = None,
 ) -> list[Named]:
-    """Merge members of one name into one finding; what explains most comes first.
+    """Merge members of one name into one finding; what has most torque comes first.
 
     Args:
         examined: The diagnosis.
@@ -98,10 +96,7 @@ def findings(
         tested: The members that are named.
         checks: What noise of the angles does to the fit; None where nobody looked.
     """
-    sizes = {
-        id(t.group): checks.estimate(t) if checks else _exactly(fitted.of(t.group))
-        for t in tested
-    }
+    sizes = {id(t.group): _size(examined, fitted, t, checks) for t in tested}
     doubts = standard_deviations(examined, fitted, sizes)
     near = {id(t): alternatives(examined.task, fitted, t.group) for t in tested}
     out = []
@@ -118,13 +113,38 @@ def findings(
                 _equivalents(members, [o[0] for o in options]),
                 tuple(sure),
                 _combined(examined, members[0], sizes, sure[0], values),
+                np.array([_torque(examined, fitted, t.group) for t in members]),
             )
         )
-    return sorted(out, key=lambda f: (-f.fall, -f.nats))
+    return sorted(out, key=lambda f: (-f.torque.max(), -f.nats))
 
 
-def _exactly(theta: Array) -> tuple[Array, Array]:
-    return theta, np.zeros((len(theta), len(theta)))
+def _torque(examined: Examined, fitted: Fit, group: Group) -> float:
+    """Largest torque of a member on any joint, as a share of the joint's own rms."""
+    design, theta, out = examined.task.design, fitted.of(group), 0.0
+    for j in range(design.dof):
+        place, have = design.present(j, group.ids)
+        if len(place):
+            own = design.as_logged(j, design.columns(j, place) @ theta[have])
+            out = max(out, float(np.sqrt(np.mean(own**2))) / design.rms[j])
+    return out
+
+
+def _size(
+    examined: Examined, fitted: Fit, tested: Tested, checks: Checked | None
+) -> tuple[Array, Array]:
+    """Coefficients of a member as they are told, and what is doubtful of them.
+
+    Against a baseline they are what has changed: less what the arm had already.
+    """
+    theta = fitted.of(tested.group)
+    doubt = np.zeros((len(theta), len(theta)))
+    if checks:
+        theta, doubt = checks.estimate(tested)
+    habit = examined.task.candidates.habit(tested.group)
+    if habit is None:
+        return theta, doubt
+    return theta - habit.theta, doubt + habit.covariance
 
 
 def public_joints(group: Group) -> tuple[int, ...]:
@@ -219,6 +239,7 @@ def clouds(
                 place, have = design.present(j, group.ids)
                 effect = design.columns(j, place) @ fitted.of(group)[have]
                 left = design.residual(j, fitted.ids, fitted.theta)
+                effect, left = (design.as_logged(j, x) for x in (effect, left))
                 anchor = j if group.effect.scope == "local" else tested.joint
                 x, label, log = _variable(examined, group.effect, anchor, j)
                 out.append(

@@ -59,8 +59,12 @@ def best(
         value, big, small = gain(
             task.design, task.prior, replace(trial, counted=base.counted), base
         )
-        value = task.candidates.net(group, value)
-        if admissible(task, group, value, big, small):
+        counted = task.candidates.net(group, value, big)
+        value -= task.candidates.cost(group)
+        # Names are compared by all of their evidence; that one of them is a change
+        # since a baseline is another question.
+        stands = instead is not None or counted >= min(value, task.rules.threshold)
+        if stands and admissible(task, group, value, big, small):
             found.append((value, group, big))
     return sorted(found, key=lambda item: -item[0])
 
@@ -222,8 +226,10 @@ def _delete(task: Task, current: Fit) -> Fit:
     for group in current.members:
         rest = tuple(g for g in current.members if g is not group)
         without = task.fit(rest, current)
-        value, _, _ = gain(task.design, task.prior, current, without)
-        if task.candidates.counted(group, value) < least(task, current.members, group):
+        value, big, _ = gain(task.design, task.prior, current, without)
+        if task.candidates.counted(group, value, big) < least(
+            task, current.members, group
+        ):
             current = task.settle(without)
     return current
 

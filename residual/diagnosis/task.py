@@ -32,8 +32,9 @@ class Rules:
     clear: float = 0.15
     size: float = 0.02
     bent: float = 0.2
-    most: int = 6
+    most: int = 30
     shortlist: int = 15
+    tables: bool = True
 
     def lower(self, fall: Array, share: Array) -> Array:
         """Where an error falls by enough: of torque rms, and of what was left."""
@@ -66,4 +67,9 @@ class Task:
     def net_gain(self, big: Fit, small: Fit, group: Group) -> float:
         """Evidence of ``big`` over ``small`` less the price of the group [nats]."""
         value, _, _ = gain(self.design, self.prior, big, small)
-        return self.candidates.net(group, value)
+        return value - self.candidates.cost(group)
+
+    def net_change(self, big: Fit, small: Fit, group: Group) -> float:
+        """The same, of it only what speaks for a change since a baseline [nats]."""
+        value, big, _ = gain(self.design, self.prior, big, small)
+        return self.candidates.net(group, value, big)

@@ -77,7 +77,8 @@ def standard_deviations(
         theta, doubt = sizes[id(g)]
         jacobian = _jacobian(g, theta, examined.logs.robot, slope is not None)
         # What a baseline is restless by from log to log doubts the size as well.
-        loose = 1 / task.candidates.counted(g, 1.0)
+        habit = task.candidates.habit(g)
+        loose = 1.0 if habit is None else 1 + habit.excess
         own = [loose * c[np.ix_(slots, slots)] for c in (covariance, between)]
         for c in own:
             c[: len(theta), : len(theta)] += doubt

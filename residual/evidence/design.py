@@ -96,6 +96,7 @@ class Design:
         self.power = self._per_fold(self.target)
         self.tau_power = self._per_fold(tau)
         self._sums: list = [None] * self.dof
+        self._background: tuple = ()
         self.size = 0
         self._add_nominal(model)
 
@@ -178,6 +179,7 @@ class Design:
                 new = np.concatenate(
                     [c[u, r] for c, u in zip(filtered, use, strict=True)]
                 )
+                new = self.calmed(j, new)
                 place = np.arange(self._x[j].shape[1], self._x[j].shape[1] + k)
                 self._extend(j, new)
             self.place[j] = np.concatenate([self.place[j], place])
@@ -254,6 +256,43 @@ class Design:
             label=label,
         )
 
+    def calm(self, background: Sequence) -> None:
+        """From now on see target and columns without what tables account for.
+
+        Args:
+            background: Tables of each joint, None for a joint without.
+        """
+        self._background = tuple(background)
+        for j in range(self.dof if background else 0):
+            old, place = self._x[j], self.place[j]
+            self.target[j] = self.calmed(j, self.target[j])
+            self._x[j] = np.zeros((len(old), 0))
+            self.gram[j] = np.zeros((self.folds, 0, 0))
+            self.cross[j] = np.zeros((self.folds, 0))
+            self._buffers[j] = self._x[j], self.gram[j], self.cross[j]
+            self._extend(j, self.calmed(j, old))
+            self.place[j] = place
+        self.power = self._per_fold(self.target)
+        self._sums = [None] * self.dof
+
+    def calmed(self, j: int, values: Array) -> Array:
+        """Row values of joint j without what the tables account for. Shape as given."""
+        own = self._tables_of(j)
+        return values if own is None else own.whiten(values)
+
+    def as_logged(self, j: int, values: Array) -> Array:
+        """Row values of joint j with what the tables account for. Shape as given."""
+        own = self._tables_of(j)
+        return values if own is None else own.restore(values)
+
+    def usual(self, j: int) -> float:
+        """Size of the tables of joint j, as a share of torque rms; 0 without."""
+        own = self._tables_of(j)
+        return 0.0 if own is None else own.size
+
+    def _tables_of(self, j: int):
+        return self._background[j] if self._background else None
+
     # -- reading ------------------------------------------------------------------
 
     def present(self, j: int, ids: Array) -> tuple[Array, Array]:
@@ -278,6 +317,11 @@ class Design:
         """What the columns leave of joint j's target [N m]. Shape (rows,)."""
         place, have = self.present(j, ids)
         return self.target[j] - self._x[j][:, place] @ theta[have]
+
+    def on_rows(self, per_log: Sequence[Array], j: int) -> Array:
+        """Filtered values of every log on the rows of joint j. Shape (rows, k)."""
+        pairs = zip(self._logs, per_log, self._use[j], strict=True)
+        return np.concatenate([track.filter(x)[use] for (track, _), x, use in pairs])
 
     def series(self, j: int, values: Array) -> list[Array]:
         """Row values of joint j put back on each log's time line, 0 where masked."""

@@ -75,6 +75,11 @@ class Fit:
             start += len(member.ids)
         raise KeyError(group.key)
 
+    def place(self, group: Group) -> Array:
+        """Where the coefficients of a group's columns stand. Shape (k,)."""
+        where = {int(column): i for i, column in enumerate(self.ids)}
+        return np.array([where[int(column)] for column in group.ids])
+
     def weight(self, rows: Array) -> Array:
         """Information of a unit of squared error, of so many rows each. (dof,)."""
         return self.counted / rows / self.variance
@@ -218,17 +223,28 @@ def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
     out = fitted.counted.copy()
     for j in joints:
         left = design.residual(j, fitted.ids, fitted.theta)
-        acov = np.zeros(LAGS)
-        for line in design.series(j, left):
-            spectrum = np.fft.rfft(line, 2 * len(line))
-            lags = np.fft.irfft(spectrum * spectrum.conj())[: min(LAGS, len(line) - 1)]
-            acov[: len(lags)] += lags
-        rho = acov / max(acov[0], 1e-30)
-        pairs = rho[1:-1:2] + rho[2::2]
-        stop = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
-        out[j] = max(design.rows[j] / (1 + 2 * pairs[:stop].sum()), FEWEST_ROWS)
+        out[j] = max(
+            design.rows[j] / autocorrelation_time(design.series(j, left)), FEWEST_ROWS
+        )
         out[j] = min(out[j], design.rows[j])
     return out
+
+
+def autocorrelation_time(lines: Sequence[Array]) -> float:
+    """Integrated autocorrelation time of the rows of several logs (Geyer 1992).
+
+    Args:
+        lines: Values on each log's time line, 0 where masked. Shapes (m,).
+    """
+    acov = np.zeros(LAGS)
+    for line in lines:
+        spectrum = np.fft.rfft(line, 2 * len(line))
+        lags = np.fft.irfft(spectrum * spectrum.conj())[: min(LAGS, len(line) - 1)]
+        acov[: len(lags)] += lags
+    rho = acov / max(acov[0], 1e-30)
+    pairs = rho[1:-1:2] + rho[2::2]
+    stop = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
+    return float(1 + 2 * pairs[:stop].sum())
 
 
 def gain(design: Design, prior: Prior, big: Fit, small: Fit) -> tuple[float, Fit, Fit]:

@@ -14,7 +14,7 @@ from residual.robot.robot import Robot
 SCALES = (0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
 ROUGH = 0.1  # a nominal worse than this is too rough to blame a payload
 # An assumed value may be as good as a given one; the logs of all joints tell.
-ASSUMPTIONS = (0.03, GIVEN, ASSUMED)
+ASSUMPTIONS = (0.03, GIVEN, 0.3, ASSUMED)
 POSTERIOR_FLOOR = 0.01  # no baseline is believed better than this
 TINY = 1e-9
 
@@ -126,16 +126,18 @@ def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
 
     A declared effect is no candidate unless its value is known, or assumed and borne
     out by the logs; a body is none where the rigid part is too rough. Named by an
-    exact duplicate of a column that is free already, both would be empty words.
+    exact duplicate of a column that is free already, both would be empty words. What a
+    baseline taught is known: all of it may have changed since.
     """
-    known = nominal.covariance is not None
+    if nominal.covariance is not None:
+        return set()
     out = set()
     for term, given in nominal.declared:
         width = prior.assumed if given == ASSUMED else given
-        settled = known or (width is not None and width < ASSUMED)
+        settled = width is not None and width < ASSUMED
         if not (settled and term.effect.is_parameter):
             out.add(term.effect.name)
-    if not known and prior.scale is not None and prior.scale > ROUGH:
+    if prior.scale is not None and prior.scale > ROUGH:
         out |= {e.name for e in registry().values() if e.needs_known_body}
     return out
 

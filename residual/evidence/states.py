@@ -29,6 +29,8 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
             (prior,) = priors(design, nominal)
         named = as_model(nominal, start(design, prior))
     show_torque(design, logs, named)
+    if logs.background:
+        design.calm(logs.background)
     return design
 
 
@@ -46,7 +48,7 @@ def physical(model: Model) -> Model:
     a torque gain times a found warm-up would explain the warm-up.
     """
     terms = tuple(t for t in model.terms if t.effect.is_parameter)
-    return replace(model, terms=terms)
+    return replace(model, terms=terms, tables=())
 
 
 def as_model(nominal: Nominal, fitted: Fit) -> Model:

@@ -34,6 +34,7 @@ class Model:
         clock: Start of the session on the logs' clock [s]; None where each log
             starts its own.
         filters: Signal path used to identify it.
+        tables: What else depends on the state of each joint, without a name.
     """
 
     robot: Robot
@@ -43,6 +44,7 @@ class Model:
     standstill: tuple[Standstill, ...] = ()
     clock: float | None = None
     filters: Filters = field(default_factory=Filters)
+    tables: tuple[Term, ...] = ()
 
     def __repr__(self) -> str:
         places: dict[str, list[int]] = {}
@@ -149,7 +151,7 @@ class Model:
         """Torque at the samples of a state made by ``observe`` [N m]. (n, dof)."""
         rigid = state.regressor @ self.inertial if as_reported else state.rigid
         out = rigid.copy()
-        for term in self.terms:
+        for term in (*self.terms, *self.tables):
             if as_reported or not term.effect.of_report:
                 out = out + term.torque(state)
         return out
@@ -246,6 +248,7 @@ class Model:
             },
             "inertial": self.inertial.tolist(),
             "terms": [t.to_record() for t in self.terms],
+            "background": [t.to_record() for t in self.tables],
             "speed_floor": None if floor is None else floor.tolist(),
             "standstill": [asdict(s) for s in self.standstill],
             "clock": self.clock,
@@ -274,6 +277,7 @@ class Model:
                 standstill=tuple(Standstill(**s) for s in record["standstill"]),
                 clock=record["clock"],
                 filters=Filters(**record["filters"]),
+                tables=tuple(map(Term.from_record, record.get("background", ()))),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"The record of a model is damaged: {error}.") from error

@@ -42,8 +42,9 @@ class Nominal:
             rms. Shape (dof,), or None.
         fading: How many of the last terms are there for friction to fade with, and
             are not declared.
-        unrest: What logs of the baseline would blame on each other: for a candidate's
-            key the multiple of noise, less one, and rows of such a log.
+        habits: What a baseline knows of effects that it has not, by candidate's key.
+        usual: Size of the tables that a baseline has, as a share of torque rms; None
+            where it has none. Shape (dof,).
     """
 
     model: Model
@@ -53,7 +54,8 @@ class Nominal:
     assumed: float | None = None
     baseline_unexplained: Array | None = None
     fading: int = 0
-    unrest: Mapping[tuple, tuple[float, float]] = field(default_factory=dict)
+    habits: Mapping[tuple, Sequence] = field(default_factory=dict)
+    usual: Array | None = None
 
     @property
     def declared(self) -> tuple[tuple[Term, float | None], ...]:
@@ -147,7 +149,8 @@ def _width(effect: Effect, robot: Robot) -> int:
 class Logs:
     """Fit logs, ready: signals, session clock and how far they move the arm.
 
-    ``shaken`` are the same with one more helping of the noise of their angles.
+    ``shaken`` are the same with one more helping of the noise of their angles,
+    ``background`` the tables that every joint's state accounts for (`evidence`).
     """
 
     robot: Robot
@@ -157,6 +160,7 @@ class Logs:
     speed_floor: np.ndarray
     filters: Filters
     shaken: tuple[Track, ...]
+    background: tuple = ()
 
 
 def prepare_logs(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.effects import registry
+from residual.effects._tables import TABLES
 from residual.effects.base import Effect, Joints, Shape, State
 from residual.names import check_name
 from residual.recording import Array
@@ -53,6 +54,7 @@ class Term:
     @classmethod
     def from_record(cls, record: Mapping) -> "Term":
         """The way back."""
-        effect = registry()[check_name(record["name"], registry(), "effect")]
+        known = registry() | TABLES
+        effect = known[check_name(record["name"], known, "effect")]
         joints = tuple(j - 1 for j in record["joints"])
         return cls(effect, joints, tuple(record["shape"]), np.array(record["theta"]))

@@ -155,7 +155,7 @@ FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1
         ("payload", FREE, None, True, set()),
         # What the model has and is no parameter of a model is not named twice.
         ("offset", GIVEN, FINE_SCALE, False, {"offset"}),
-        ("offset", FREE, None, True, {"offset"}),
+        ("offset", FREE, None, True, set()),
     ],
 )
 def test_what_may_not_be_blamed(rng, name, given, scale, baseline, barred):

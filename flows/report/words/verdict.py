@@ -42,12 +42,12 @@ def sentences(verdict: Verdict) -> list[str]:
         parts = [_at_fault(verdict), _level(verdict)]
     elif verdict.verdict == "effects":
         proof, left = _proof(verdict), _left_over(verdict)
-        parts = [*_claim(verdict), proof, left, drifted(verdict)]
+        parts = [*_claim(verdict), usual(verdict), proof, left, drifted(verdict)]
     elif verdict.verdict == "unknown":
         parts = [_unknown(verdict), _level(verdict), drifted(verdict)]
     else:
         nothing = "No effect that the model lacks shows in these data."
-        parts = [nothing, drifted(verdict), _level(verdict)]
+        parts = [nothing, usual(verdict), drifted(verdict), _level(verdict)]
     return [part for part in (*enough(verdict.log_check), *parts) if part]
 
 
@@ -153,6 +153,14 @@ def _left_over(verdict: Verdict) -> str:
 def _at_fault(verdict: Verdict) -> str:
     faults = listing([title(fault) for fault in verdict.log_check.certain])
     return f"Nothing is named, since the logs cannot be trusted: {faults}."
+
+
+def usual(verdict: Verdict) -> str:
+    """Return the findings that any used arm has, in one sentence, or nothing."""
+    folded = [phrase(f, verdict.dof) for f in verdict.background]
+    if not folded:
+        return ""
+    return f"Beside that it has the usual friction and ripple: {listing(folded)}."
 
 
 def drifted(verdict: Verdict) -> str:

@@ -4,7 +4,7 @@ Grease that is warmer takes friction off every joint at once, of some more and o
 less. Held to the baseline's own values, every joint would get a name of its own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,7 +51,7 @@ def free_to_drift(nominal: Nominal, logs: Logs) -> Nominal:
     own = _own_scatter(moved, sure)
     wider = nominal.covariance + _spread(nominal.model, parts, COMMON, own)
     drifting = replace(nominal, covariance=wider)
-    levels = _levels(design, nominal.model, parts)
+    levels = _levels(design, nominal.model)
     fading = _free_to_fade(drifting, logs, levels, own)
     return fading if _fades(logs, design, drifting, fading) else drifting
 
@@ -117,13 +117,8 @@ def changes(design: Design, model: Model, fitted: Fit) -> tuple[Array, Array]:
         Shapes (dof,), (dof,).
     """
     values, covariance = model.coefficients(), fitted.covariance()
-    parts = _friction(model)
     change, sure = np.full((2, design.dof), np.nan)
-    for j in range(design.dof):
-        mine = [np.r_[p.at] for p in parts if p.joint == j]
-        slots = np.concatenate(mine) if mine else np.zeros(0, dtype=int)
-        place, _ = design.present(j, design.nominal[slots])
-        gram = design.total(j)[0][np.ix_(place, place)]
+    for j, slots, gram in _frictions(design, model):
         share = gram @ values[slots]
         power = values[slots] @ share
         if power > 0:
@@ -133,8 +128,21 @@ def changes(design: Design, model: Model, fitted: Fit) -> tuple[Array, Array]:
     return change, sure
 
 
-def drifted(design: Design, nominal: Nominal, fitted: Fit, clock: str) -> Drift | None:
-    """Tell a change of friction that joints share; None where there is none.
+def _frictions(design: Design, model: Model) -> Iterator[tuple[int, Array, Array]]:
+    """Each joint with friction, where its coefficients stand, and their Gram."""
+    parts = _friction(model)
+    for j in range(design.dof):
+        mine = [np.r_[p.at] for p in parts if p.joint == j]
+        if mine:
+            slots = np.concatenate(mine)
+            place, _ = design.present(j, design.nominal[slots])
+            yield j, slots, design.total(j)[0][np.ix_(place, place)]
+
+
+def drifted(
+    design: Design, nominal: Nominal, fitted: Fit, clock: str
+) -> tuple[Drift | None, float | None]:
+    """Tell a change of friction that joints share.
 
     Joints whose friction has a name of its own have no say.
 
@@ -143,22 +151,25 @@ def drifted(design: Design, nominal: Nominal, fitted: Fit, clock: str) -> Drift 
         nominal: What the baseline taught.
         fitted: The fit that stands.
         clock: Which clock baseline and logs have in common.
+
+    Returns:
+        The drift, None where there is none; and how much of it would be told in half
+        of the draws of the noise, None where none can be.
     """
     change, sure = changes(design, nominal.model, fitted)
     named = [j for g in fitted.members if g.effect.brakes for j in g.joints]
     change[named] = np.nan
     known = np.flatnonzero(np.isfinite(change))
     if len(known) < 2:
-        return None
+        return None, None
     weight = 1 / (sure[known] ** 2 + _own_scatter(change, sure) ** 2)
     common, std = weight @ change[known] / weight.sum(), weight.sum() ** -0.5
-    if abs(common) < max(SURE * std, LEAST):
-        return None
+    least = float(max(SURE * std, LEAST))
     along = np.sign(common) * change[known] > TELLS * sure[known]
-    if along.mean() < HALF:
-        return None
+    if abs(common) < least or along.mean() < HALF:
+        return None, least
     joints = tuple(int(j) + 1 for j in known[along])
-    return Drift(float(1 + common), float(std), joints, clock)
+    return Drift(float(1 + common), float(std), joints, clock), least
 
 
 def _own_scatter(moved: Array, sure: Array) -> float:
@@ -191,17 +202,12 @@ def _fades(logs: Logs, design: Design, drifting: Nominal, fading: Nominal) -> bo
     return with_it.score - without.score > WORTH
 
 
-def _levels(design: Design, model: Model, parts: Sequence[_Part]) -> Array:
+def _levels(design: Design, model: Model) -> Array:
     """Rms friction torque of each joint on its rows [N m]. Shape (dof,)."""
     values, out = model.coefficients(), np.zeros(design.dof)
-    for j in range(design.dof):
-        mine = [np.r_[p.at] for p in parts if p.joint == j]
-        if mine:
-            slots = np.concatenate(mine)
-            place, _ = design.present(j, design.nominal[slots])
-            gram = design.total(j)[0][np.ix_(place, place)]
-            power = values[slots] @ gram @ values[slots] / design.rows[j]
-            out[j] = np.sqrt(max(power, 0.0))
+    for j, slots, gram in _frictions(design, model):
+        power = values[slots] @ gram @ values[slots] / design.rows[j]
+        out[j] = np.sqrt(max(power, 0.0))
     return out
 
 

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from residual.diagnosis.baseline.drift import free_to_drift
-from residual.diagnosis.baseline.repeats import unrest
+from residual.diagnosis.baseline.repeats import habits
 from residual.diagnosis.examine import Examined, Progress, examine
 from residual.diagnosis.task import Rules
+from residual.evidence.background import sizes_of
 from residual.evidence.priors import posterior_of
 from residual.model.nominal import Logs, Nominal, prepare_logs, start_nominal
 from residual.recording import Recording
@@ -39,16 +40,19 @@ def from_baseline(
         lambda stage, share: tell(f"baseline: {stage}", share),
     )
     learnt = free_to_drift(_learnt(first, logs), logs)
-    return replace(learnt, unrest=unrest(first, learnt))
+    return replace(learnt, habits=habits(first, learnt))
 
 
 def _learnt(first: Examined, logs: Logs) -> Nominal:
     model = replace(
-        first.model(first.fit), speed_floor=logs.speed_floor, clock=logs.clock
+        first.model(first.fit, tables=True),
+        speed_floor=logs.speed_floor,
+        clock=logs.clock,
     )
     return Nominal(
         model,
         (None,) * len(model.terms),
         covariance=posterior_of(first.fit, len(model.coefficients())),
         baseline_unexplained=first.adequacy.structured,
+        usual=sizes_of(first.logs.background),
     )

@@ -4,7 +4,7 @@ Nothing changed between them, so all of it is the model's form: friction that ha
 another curve, a gear that twists. It comes back in every log, beyond any noise.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,7 +12,8 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from residual.diagnosis.candidates import every_candidate
 from residual.diagnosis.examine import Examined
-from residual.evidence.design import Design, Group
+from residual.diagnosis.habit import Habit
+from residual.evidence.design import AMPLITUDE, Design, Group
 from residual.evidence.fit import System, scaled_inverse
 from residual.evidence.part import Part
 from residual.evidence.priors import POSTERIOR_FLOOR
@@ -21,26 +22,71 @@ from residual.model.nominal import Nominal
 from residual.recording import Array
 
 POOLED = 3.0  # logs that the other joints' unrest counts as, beside a joint's own
+UNTRIED = 2.0  # excess where one log alone cannot tell how logs differ
 FLAT = 1e-9
 
 
-def unrest(first: Examined, learnt: Nominal) -> Mapping[tuple, tuple[float, float]]:
-    """How much more than noise each candidate shows between logs of the baseline.
+def habits(first: Examined, learnt: Nominal) -> Mapping[tuple, Sequence[Habit]]:
+    """What a baseline knows of each candidate that its model has not.
 
     Args:
         first: The diagnosis of the baseline.
         learnt: The model that it made.
 
     Returns:
-        For each candidate's key: evidence of one log in multiples of what noise gives,
-        less one; and the rows of such a log on its joints.
+        For each candidate's key one entry for each of its shapes.
     """
     design, logs = first.task.design, first.logs
     known = every_candidate(design, learnt, logs.span, logs.clock is not None)
     groups = known.groups
     parts = np.array_split(np.arange(design.folds), min(design.folds, _count(design)))
     ratios = np.array([_ratios(first, groups, part) for part in parts])
-    return _by_key(groups, ratios.mean(axis=0), design, len(parts))
+    excess = _excess(groups, ratios.mean(axis=0), len(parts))
+    if len(logs.tracks) == 1:
+        excess = np.maximum(excess, UNTRIED)
+    seen = _had(first, groups, excess)
+    out: dict[tuple, list[Habit]] = defaultdict(list)
+    for group, more, (theta, covariance) in zip(groups, excess, seen, strict=True):
+        out[group.key].append(Habit(group.shape, float(more), theta, covariance))
+    return out
+
+
+def _had(first: Examined, groups: Sequence[Group], excess: Array) -> list[tuple]:
+    """Coefficients that the arm had of each candidate, and their covariance.
+
+    Beforehand they are of the size of the tables; nothing for an arm without.
+    """
+    task, fitted = first.task, first.fit
+    design = task.design
+    weight = fitted.weight(design.rows)
+    system = System.of(design, task.prior, fitted.members)
+    theta, lower = system.solve(weight)
+    shared = overlap(design, system, weight)
+    pull = np.zeros(design.size)
+    for j in range(design.dof):
+        every = np.flatnonzero(design.place[j] >= 0)
+        pull[every] += weight[j] * design.total(j)[1][design.place[j][every]]
+    pull -= theta @ shared
+    half = solve_triangular(lower, shared, lower=True)
+    usual = np.array([design.usual(j) for j in range(design.dof)])
+    out: list[tuple] = [()] * len(groups)
+    for members, ids in stacks(groups):
+        information = beyond(design, weight, ids, half)
+        for i, own, columns in zip(members, information, ids, strict=True):
+            out[i] = _one_had(groups[i], own, pull[columns], (usual, excess[i]))
+    return out
+
+
+def _one_had(group: Group, information: Array, pull: Array, how) -> tuple:
+    usual, excess = how
+    size = float(usual[list(group.effect.rows(group.joints, len(usual)))].mean())
+    nothing = np.zeros(len(group.ids))
+    if size == 0:
+        return nothing, np.diag(nothing)
+    less = 1 / (1 + excess)
+    precision = less * information + group.precision * (AMPLITUDE / size) ** 2
+    covariance = scaled_inverse(precision)
+    return covariance @ (less * pull), covariance
 
 
 def _count(design: Design) -> int:
@@ -97,20 +143,18 @@ def _floor(first: Examined, theta: Array) -> Array:
     return np.diag((POSTERIOR_FLOOR * own) ** 2 + FLAT**2)
 
 
-def _by_key(groups, ratios: Array, design: Design, parts: int) -> dict:
-    """The loudest shape of each key, drawn towards its effect's other joints."""
-    loudest: dict[tuple, tuple[float, Group]] = {}
+def _excess(groups, ratios: Array, parts: int) -> Array:
+    """Excess of each candidate, drawn towards that of its effect's other joints. (g,).
+
+    Shapes are taken in their order: what is slow for one joint is slow for the next.
+    """
+    turn: Counter = Counter()
+    kinds, places = defaultdict(list), []
     for group, ratio in zip(groups, ratios, strict=True):
-        if ratio >= loudest.get(group.key, (-np.inf, group))[0]:
-            loudest[group.key] = (float(ratio), group)
-    kinds = defaultdict(list)
-    for ratio, group in loudest.values():
-        kinds[group.label or group.effect.name].append(ratio)
-    out = {}
-    for key, (ratio, group) in loudest.items():
-        common = float(np.mean(kinds[key[0]]))
-        drawn = (parts * ratio + POOLED * common) / (parts + POOLED)
-        joints = group.effect.rows(group.joints, design.dof)
-        rows = float(np.mean(design.rows[list(joints)])) / parts
-        out[key] = (max(drawn - 1.0, 0.0), rows)
-    return out
+        places.append((group.key[0], turn[group.key]))
+        turn[group.key] += 1
+        kinds[places[-1]].append(ratio)
+    common = np.array([np.mean(kinds[place]) for place in places])
+    drawn = (parts * ratios + POOLED * common) / (parts + POOLED)
+    chance = (parts + POOLED) ** -0.5  # what so few logs scatter by
+    return np.maximum(drawn - 1 - chance, 0.0)
