@@ -8,12 +8,14 @@ catches it: a late crossing, and the later the wider the play.
 import numba
 import numpy as np
 
+from residual.effects._portable import Portable
 from residual.effects._sensitivity import moved, rates, sensitivity
 from residual.effects.base import Effect, Refinement
 
 # The coefficient is the half gap, the shape the one that the flight is drawn for.
 LEAST, MOST = 0.5, 2.0
 TINY = 1e-7  # rad
+FUTURE = "its flight is differentiated by samples that are still to come"
 
 
 def _columns(state, joints, shape):
@@ -62,4 +64,5 @@ EFFECT = Effect(
     far_fetched=0.5,
     family="geometry",
     variable=_over_load,
+    portable=Portable(why_not=FUTURE),
 )

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._portable import formula
 from residual.effects.base import Effect, against_position, local
 
 MOST = 3.0  # times the joint's torque
@@ -26,4 +27,5 @@ EFFECT = Effect(
     family="static",
     variable=against_position,
     possible=_possible,
+    portable=formula("a[0] * sin(q) + a[1] * cos(q)"),
 )

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from residual.effects._portable import NOWHERE, Portable
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -172,6 +173,7 @@ class Effect:
         family: Effects of one family on one joint exclude each other.
         groupable: It is also tried on all joints at once.
         variable: (state, joint) -> what the report draws it against, with label.
+        portable: How it is said in other programs.
     """
 
     name: str
@@ -213,6 +215,7 @@ class Effect:
         state.qd[:, j],
         f"qd{j + 1} [rad/s]",
     )
+    portable: Portable = NOWHERE
 
     def candidates(self, dof: int) -> tuple[Joints, ...]:
         """Joints (from 0) on which the effect may sit, for an arm of dof joints."""

@@ -5,6 +5,7 @@ To first order |g| (tilt_x, tilt_y, 0) is added to gravity in the base frame.
 
 import numpy as np
 
+from residual.effects._portable import Portable
 from residual.effects._sensitivity import model_of
 from residual.effects.base import Effect, against_position
 from residual.robot.dynamics import gravity_torque
@@ -19,6 +20,10 @@ def _columns(state, joints, shape):
     return np.stack([gravity_torque(model, state.q, g) for g in pushes], axis=2)
 
 
+def _gravity(theta, robot):
+    return np.linalg.norm(robot.model.gravity.linear) * np.array([*theta, 0.0])
+
+
 EFFECT = Effect(
     name="base_tilt",
     noun="a tilted base",
@@ -31,4 +36,5 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
     variable=against_position,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
+    portable=Portable(gravity=_gravity),
 )

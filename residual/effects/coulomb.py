@@ -1,6 +1,7 @@
 """Coulomb friction: torque of constant size against the direction of motion."""
 
 from residual.effects._limits import dissipates
+from residual.effects._portable import formula
 from residual.effects.base import Effect, local
 
 
@@ -20,4 +21,5 @@ EFFECT = Effect(
     groupable=True,
     possible=dissipates,
     brakes=True,
+    portable=formula("a[0] * sign", joint=("friction",)),
 )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from residual.effects._limits import within_torque
+from residual.effects._portable import formula
 from residual.effects.base import Effect, local
 
 
@@ -21,4 +22,5 @@ EFFECT = Effect(
     groupable=True,
     possible=within_torque,
     brakes=True,
+    portable=formula("a[0] * fabs(sign)"),
 )

@@ -6,6 +6,7 @@ qd_i - qd_j; its friction and its inertia load both joints.
 
 import numpy as np
 
+from residual.effects._portable import formula
 from residual.effects.base import Effect
 
 
@@ -34,6 +35,10 @@ def _possible(theta, shape, limits):
     return bool(drag.sum() > 0 and np.all(np.abs(drag) < limits.torque))
 
 
+DRAG = (
+    "a[0] * tanh((qd[0] + s[0] * qd[1]) / s[1])"
+    " + a[1] * (qd[0] + s[0] * qd[1]) + a[2] * (qdd[0] + s[0] * qdd[1])"
+)
 WIDTH = 0.02  # rad/s, where values are declared without a log at hand
 
 EFFECT = Effect(
@@ -53,4 +58,5 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values[:3], (float(values[3]), WIDTH)),
     shapes=_shapes,
     possible=_possible,
+    portable=formula(DRAG, f"s[0] * ({DRAG})"),
 )

@@ -6,6 +6,7 @@ bends it as a delay of that size does.
 
 import numpy as np
 
+from residual.effects._portable import EARLIER, Portable
 from residual.effects.base import Effect, Refinement
 
 LARGEST = 0.05  # s: beyond it the two channels have lost each other
@@ -46,5 +47,12 @@ EFFECT = Effect(
     variable=lambda state, j: (
         np.gradient(state.tau_model[:, j], 1 / state.rate),
         f"rate of model torque {j + 1} [N m/s]",
+    ),
+    portable=Portable(
+        formula=("a[0] * (earlier(m, t, tau, s[0]) - tau) / s[0]",),
+        memory=EARLIER,
+        # What is late to the angles looks ahead for them.
+        possible=lambda theta, shape: shape[0] >= LEAST,
+        why_not="a negative delay looks ahead in time",
     ),
 )

@@ -5,9 +5,11 @@ The encoder sits on the motor, so the link is at the reading less load over stif
 
 import numpy as np
 
+from residual.effects._portable import Portable
 from residual.effects._sensitivity import moved, rates, slow
 from residual.effects.base import Effect
 
+FUTURE = "its filter looks ahead in time"
 SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
 
 
@@ -37,4 +39,5 @@ EFFECT = Effect(
     possible=lambda theta, shape, limits: bool(1 / HARD < theta[0] < 1 / SOFT),
     family="geometry",
     variable=_over_load,
+    portable=Portable(why_not=FUTURE),
 )

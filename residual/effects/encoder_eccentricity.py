@@ -2,10 +2,16 @@
 
 import numpy as np
 
+from residual.effects._portable import Portable
 from residual.effects._sensitivity import turned
 from residual.effects.base import Effect, against_position
 
 MOST = 0.2  # rad
+SHIFT = (
+    "a[0] * cos(q) + a[1] * sin(q)",
+    "(a[1] * cos(q) - a[0] * sin(q)) * qd",
+    "(a[1] * cos(q) - a[0] * sin(q)) * qdd - (a[0] * cos(q) + a[1] * sin(q)) * qd * qd",
+)
 
 
 def _columns(state, joints, shape):
@@ -31,4 +37,5 @@ EFFECT = Effect(
     family="geometry",
     variable=against_position,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
+    portable=Portable(shift=SHIFT),
 )

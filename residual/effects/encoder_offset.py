@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._portable import Portable
 from residual.effects._sensitivity import sensitivity
 from residual.effects.base import Effect, against_position
 
@@ -25,4 +26,5 @@ EFFECT = Effect(
     family="geometry",
     variable=against_position,
     possible=lambda theta, shape, limits: bool(abs(theta[0]) < MOST),
+    portable=Portable(shift=("a[0]", "0", "0")),
 )

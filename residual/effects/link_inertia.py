@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._portable import Portable
 from residual.effects.base import Effect, against_position
 from residual.robot.dynamics import inertial_parameters
 
@@ -13,6 +14,13 @@ def _columns(state, joints, shape):
     own = slice(10 * link, 10 * link + 10)
     body = inertial_parameters(state.robot.model)[own]
     return (state.regressor[:, :, own] @ body)[:, :, None]
+
+
+def _bodies(theta, joints, robot):
+    body = inertial_parameters(robot.model).reshape(-1, 10)
+    scale = np.zeros((robot.dof, 1))
+    scale[list(joints)] = theta[0]
+    return (scale * body).ravel()
 
 
 EFFECT = Effect(
@@ -30,4 +38,5 @@ EFFECT = Effect(
     # No body weighs less than nothing.
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
     variable=against_position,
+    portable=Portable(bodies=_bodies),
 )

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._portable import formula
 from residual.effects.base import Effect, local
 
 
@@ -25,4 +26,5 @@ EFFECT = Effect(
     variable=_over_load,
     possible=lambda theta, shape, limits: bool(0 < theta[0] < 1),
     brakes=True,
+    portable=formula("a[0] * fabs(rigid) * sign"),
 )

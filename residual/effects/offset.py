@@ -3,6 +3,7 @@
 import numpy as np
 
 from residual.effects._limits import within_torque
+from residual.effects._portable import formula
 from residual.effects.base import Effect, local
 
 
@@ -19,4 +20,5 @@ EFFECT = Effect(
     family="static",
     groupable=True,
     possible=within_torque,
+    portable=formula("a[0]", joint=("constant",)),
 )

@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
+from residual.effects._portable import Portable
 from residual.effects.base import Effect, against_position
 from residual.robot.dynamics import flange_placement
 
@@ -83,6 +84,12 @@ def _possible(theta, shape, limits):
     return bool(-lightest <= mass < limits.weight and near)
 
 
+def _bodies(theta, joints, robot):
+    out = np.zeros(10 * robot.dof)
+    out[-10:] = theta
+    return out
+
+
 EFFECT = Effect(
     name="payload",
     noun="a payload",
@@ -114,4 +121,5 @@ EFFECT = Effect(
     reports=_reports,
     variable=against_position,
     possible=_possible,
+    portable=Portable(bodies=_bodies),
 )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from residual.effects._limits import within_torque
+from residual.effects._portable import formula
 from residual.effects.base import Effect, against_position, local
 
 
@@ -20,4 +21,5 @@ EFFECT = Effect(
     variable=against_position,
     possible=within_torque,
     brakes=True,
+    portable=formula("sign * (a[0] * cos(q) + a[1] * sin(q))"),
 )

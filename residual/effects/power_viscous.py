@@ -3,6 +3,7 @@
 import numpy as np
 
 from residual.effects._limits import dissipates
+from residual.effects._portable import formula
 from residual.effects.base import Effect, Refinement, local
 
 
@@ -27,4 +28,5 @@ EFFECT = Effect(
         theta * limits.speed ** shape[0], shape, limits
     ),
     brakes=True,
+    portable=formula("a[0] * sgn(qd) * pow(fabs(qd), s[0])"),
 )

@@ -7,6 +7,7 @@ Coulomb friction of the model it makes friction that takes some way to turn roun
 import numpy as np
 
 from residual.effects._limits import dissipates
+from residual.effects._portable import BRISTLE, formula
 from residual.effects.base import Effect, Refinement, local
 from residual.signals.direction import bristle
 
@@ -41,4 +42,5 @@ EFFECT = Effect(
     refine=Refinement("ratio", 0.6),
     possible=_possible,
     brakes=True,
+    portable=formula("a[0] * (bristle(m, q, s[0]) - sign)", memory=BRISTLE),
 )

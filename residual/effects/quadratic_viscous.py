@@ -3,6 +3,7 @@
 import numpy as np
 
 from residual.effects._limits import dissipates_with_speed
+from residual.effects._portable import formula
 from residual.effects.base import Effect, local
 
 
@@ -21,4 +22,5 @@ EFFECT = Effect(
         theta * limits.speed, shape, limits
     ),
     brakes=True,
+    portable=formula("a[0] * qd * fabs(qd)", joint=("quadratic_damping",)),
 )

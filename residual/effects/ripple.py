@@ -3,6 +3,7 @@
 import numpy as np
 
 from residual.effects._limits import within_torque
+from residual.effects._portable import formula
 from residual.effects.base import Effect, Refinement, against_position, local
 
 
@@ -48,4 +49,5 @@ EFFECT = Effect(
     repeats=True,
     variable=against_position,
     possible=within_torque,
+    portable=formula("a[0] * cos(s[0] * q) + a[1] * sin(s[0] * q)"),
 )

@@ -1,6 +1,7 @@
 """Inertia of motor rotor and gear, reflected to the joint."""
 
 from residual.effects._limits import stays_positive
+from residual.effects._portable import formula
 from residual.effects.base import Effect, local
 
 
@@ -25,4 +26,5 @@ EFFECT = Effect(
     groupable=True,
     variable=_over_acceleration,
     possible=stays_positive,
+    portable=formula("a[0] * qdd", joint=("armature",)),
 )

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._portable import formula
 from residual.effects.base import Effect, Refinement, local
 
 # The coefficient is one where the clip is right; a model that is not yet may need more.
@@ -39,4 +40,5 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.array([1.0]),
     possible=lambda theta, shape, limits: bool(LEAST < theta[0] < MOST),
     variable=_over_torque,
+    portable=formula("a[0] * (fmin(fmax(tau, -s[0]), s[0]) - tau)"),
 )

@@ -6,6 +6,7 @@ The textbook form level·exp(-|qd/vs|^exponent) (Armstrong-Hélouvry 1994).
 import numpy as np
 
 from residual.effects._limits import dissipates
+from residual.effects._portable import formula
 from residual.effects.base import Effect, Refinement, local
 
 
@@ -33,4 +34,5 @@ EFFECT = Effect(
     not_negative=True,
     possible=dissipates,
     brakes=True,
+    portable=formula("a[0] * sign * exp(-pow(fabs(qd / s[0]), s[1]))"),
 )

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._portable import Portable
 from residual.effects.base import Effect, against_position
 from residual.robot.dynamics import flange_jacobian
 
@@ -33,4 +34,5 @@ EFFECT = Effect(
     prior_sd=_prior_sd,
     variable=against_position,
     possible=_possible,
+    portable=Portable(force=np.array),
 )

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from residual.effects._portable import formula
 from residual.effects.base import Effect, local
 
 MOST = 10.0  # beyond it the unit is another one
@@ -28,4 +29,5 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.array([0.1]),
     variable=_over_torque,
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
+    portable=formula("a[0] * tau"),
 )

@@ -1,6 +1,7 @@
 """Viscous friction: torque proportional to speed."""
 
 from residual.effects._limits import dissipates_with_speed
+from residual.effects._portable import formula
 from residual.effects.base import Effect, local
 
 
@@ -21,4 +22,5 @@ EFFECT = Effect(
     groupable=True,
     possible=dissipates_with_speed,
     brakes=True,
+    portable=formula("a[0] * qd", joint=("damping",)),
 )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from residual.effects._limits import within_torque
+from residual.effects._portable import formula
 from residual.effects.base import Effect, local
 
 
@@ -20,4 +21,5 @@ EFFECT = Effect(
         theta * limits.speed, shape, limits
     ),
     brakes=True,
+    portable=formula("a[0] * fabs(qd)"),
 )

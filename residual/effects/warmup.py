@@ -3,6 +3,7 @@
 import numpy as np
 
 from residual.effects._limits import dissipates
+from residual.effects._portable import formula
 from residual.effects.base import Effect, Refinement, local
 
 
@@ -31,4 +32,5 @@ EFFECT = Effect(
     variable=lambda state, j: (state.t, "session time [s]"),
     possible=dissipates,
     brakes=True,
+    portable=formula("a[0] * sign * exp(-t / s[0])"),
 )

@@ -71,6 +71,11 @@ class Corrected:
         (track,), _ = prepare([recording], own.filters, own.speed_floor, True)
         return at_samples(self.torque_of_state(self.observe(track)), track, recording)
 
+    def along(self, t: Array, motion: Sequence[Array]) -> Array:
+        """Torque along a motion that is known, as ``Model.along`` [N m]. (n, dof)."""
+        rate = (len(t) - 1) / np.ptp(t)
+        return self.torque_of_state(self.model.state(rate, t, motion))
+
     def observe(self, track: Track, regressor: Array | None = None) -> State:
         """What the model's effects see of one log."""
         return self.model.observe(track, regressor)

@@ -105,7 +105,19 @@ class Model:
                 f"model.without('{names[0]}')."
             )
         still = self._by_sign()
-        return still.torque_of_state(still._state(1.0, np.zeros(shape[0]), motion))
+        return still.torque_of_state(still.state(1.0, np.zeros(shape[0]), motion))
+
+    def along(self, t: Array, motion: Sequence[Array]) -> Array:
+        """Torque along a motion that is known, effects with a memory and all.
+
+        Args:
+            t: Session time, evenly spaced [s]. Shape (n,), n > 1.
+            motion: q, qd and qdd in SI units; nothing is filtered. Shapes (n, dof).
+
+        Returns:
+            Joint torque [N m]. Shape (n, dof).
+        """
+        return self.torque_of_state(self.state((len(t) - 1) / np.ptp(t), t, motion))
 
     def _by_sign(self) -> "Model":
         """The same with the sign of velocity for the state of a bristle."""
@@ -121,11 +133,19 @@ class Model:
     def observe(self, track: Track, regressor: Array | None = None) -> State:
         """What the effects see of one log, with this model's own torque."""
         t = track.t - (track.t[0] if self.clock is None else self.clock)
-        return self._state(track.rate, t, (track.q, track.qd, track.qdd), regressor)
+        return self.state(track.rate, t, (track.q, track.qd, track.qdd), regressor)
 
-    def _state(
+    def state(
         self, rate: float, t: Array, motion: Sequence[Array], regressor=None
     ) -> State:
+        """What the effects see of a motion that is known, with this model's own torque.
+
+        Args:
+            rate: Sample rate [Hz].
+            t: Session time [s]. Shape (n,).
+            motion: q, qd and qdd in SI units. Shapes (n, dof).
+            regressor: Its inertial regressor, where it is known already.
+        """
         q, qd, qdd = motion
         if regressor is None:
             regressor = dynamics.regressor(self.robot.model, q, qd, qdd)
