@@ -108,14 +108,11 @@ class Model:
         return still.torque_of_state(still.state(1.0, np.zeros(shape[0]), motion))
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
-        """Torque along a motion that is known, effects with a memory and all.
+        """Torque along a known motion, effects with a memory and all [N m]. (n, dof).
 
         Args:
             t: Session time, evenly spaced [s]. Shape (n,), n > 1.
             motion: q, qd and qdd in SI units; nothing is filtered. Shapes (n, dof).
-
-        Returns:
-            Joint torque [N m]. Shape (n, dof).
         """
         return self.torque_of_state(self.state((len(t) - 1) / np.ptp(t), t, motion))
 

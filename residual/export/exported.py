@@ -1,0 +1,146 @@
+"""What an export is: files, what of the model is in them, and what is left out."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.export.motion import exciting
+from residual.model.corrected import Corrected
+from residual.model.model import Model
+from residual.model.term import Term
+from residual.recording import Array
+
+Whole = Model | Corrected
+TABLES = "tables"
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """What a target has no place for, and the torque that it lacks for that.
+
+    Attributes:
+        name: The effect; "tables" for the tables on top of a model.
+        joints: Its joints, from 1; empty for all.
+        why: Why it is left out.
+        rms: Torque that is missing, of the joint that misses most [N m].
+        largest: Largest torque that is missing on any joint [N m].
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    why: str
+    rms: float
+    largest: float
+
+    def __str__(self) -> str:
+        on = "".join(f" J{j}" for j in self.joints)
+        size = f"up to {self.largest:.3g} N m (rms {self.rms:.3g})"
+        return f"{self.name}{on}: {size}; {self.why}"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Exported:
+    """A model in the form of another program.
+
+    Attributes:
+        files: Content by file name.
+        whole: The model.
+        carried: What of it is in the files.
+        left: What is not.
+        rms, largest: Torque that is missing for all that is left out together [N m].
+    """
+
+    files: Mapping[str, bytes]
+    whole: Whole
+    carried: Whole
+    left: tuple[Left, ...]
+    rms: float
+    largest: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Split:
+    """A model, what of it can be carried, and why the rest cannot."""
+
+    whole: Whole
+    carried: Whole
+    reasons: tuple[tuple[Term | None, str], ...]
+
+    def exported(self, files: Mapping[str, bytes]) -> Exported:
+        """Return the export with the torque of all that is left out."""
+        whole, motion = self.whole, exciting(body_of(self.whole).robot)
+        if not self.reasons:
+            return Exported(files, whole, self.carried, (), 0.0, 0.0)
+        full = whole.along(motion.t, motion.parts)
+        left = []
+        for term, why in self.reasons:
+            gap = full - _without(whole, term).along(motion.t, motion.parts)
+            left.append(Left(*_named(whole, term), why, *_size(gap)))
+        gap = full - self.carried.along(motion.t, motion.parts)
+        return Exported(files, whole, self.carried, tuple(left), *_size(gap))
+
+
+def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Split:
+    """Part what a target can carry from what it cannot.
+
+    Args:
+        whole: The model.
+        refuse: Why a term cannot be carried; "" where it can.
+        tables: Why tables cannot be carried; "" where they can.
+    """
+    model = body_of(whole)
+    reasons = [(term, why) for term in model.terms if (why := refuse(term))]
+    gone = [term for term, _ in reasons]
+    kept: Whole = replace(model, terms=tuple(t for t in model.terms if t not in gone))
+    if isinstance(whole, Corrected):
+        if tables:
+            reasons.append((None, tables))
+        else:
+            kept = replace(whole, model=kept)
+    return Split(whole, kept, tuple(reasons))
+
+
+def body_of(whole: Whole) -> Model:
+    """Return the model without its tables."""
+    return whole.model if isinstance(whole, Corrected) else whole
+
+
+def with_bodies(model: Model) -> Array:
+    """Return inertial parameters with all bodies that its terms add. (10 dof,).
+
+    Raises:
+        InputError: If a link comes out without a positive mass.
+    """
+    total = model.inertial.copy()
+    for term in model.terms:
+        if add := term.effect.portable.bodies:
+            total += add(term.theta, term.joints, model.robot)
+    for number, mass in enumerate(total[::10], start=1):
+        if not mass > 0:
+            raise InputError(
+                f"Link {number} has mass {mass:.3g} kg in this model, and no simulator "
+                "takes that. Identify it with --consistent, which keeps bodies "
+                "possible, or export it to c99, which takes any numbers."
+            )
+    return total
+
+
+def _without(whole: Whole, term: Term | None) -> Whole:
+    model = body_of(whole)
+    if term is None:
+        return model
+    less = replace(model, terms=tuple(t for t in model.terms if t is not term))
+    return replace(whole, model=less) if isinstance(whole, Corrected) else less
+
+
+def _named(whole: Whole, term: Term | None) -> tuple[str, tuple[int, ...]]:
+    if term is not None:
+        return term.effect.name, tuple(j + 1 for j in term.joints)
+    tables: Sequence = whole.tables if isinstance(whole, Corrected) else ()
+    return TABLES, tuple(t.joint + 1 for t in tables)
+
+
+def _size(gap: Array) -> tuple[float, float]:
+    return float(np.sqrt((gap**2).mean(axis=0)).max()), float(np.abs(gap).max())
