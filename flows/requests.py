@@ -264,3 +264,20 @@ class Demo(Request):
     effect: str | None = None
     store: str | Path | None = None
     background: str = "clean"
+
+
+@dataclass(frozen=True, slots=True)
+class Export(Request):
+    """Which model is written in the form of which program.
+
+    Attributes:
+        model: Id of a diagnosis or model, or a file that holds a model.
+        to: The target.
+        which: Which model of a diagnosis; None for the augmented one.
+        store: Folder of the store, None for the usual one.
+    """
+
+    model: str
+    to: str
+    which: str | None = None
+    store: str | Path | None = None

@@ -44,6 +44,7 @@ _COMMANDS = {
         "calibrate-null": ("null:calibrate_null", _LOGS),
         "validate": ("validate:validate", None),
         "monitor": ("monitor:monitor", "MODEL RUN..."),
+        "export": ("export:export", "MODEL --to TARGET --out DIR"),
     },
     "Your experiments": {
         "trajectory": ("trajectory:trajectory", None),

@@ -7,7 +7,7 @@ from importlib import resources
 import numpy as np
 
 from residual.export.c99_tables import tables_of
-from residual.export.exported import Exported, Left, Split, Whole, body_of
+from residual.export.exported import Exported, Left, Split, Whole, file_stem
 from residual.export.program import Line, Program, Shift, program_of, split_program
 from residual.recording import Array
 from residual.signals.direction import Standstill
@@ -36,8 +36,8 @@ def to_c99(whole: Whole) -> Exported:
     parts = split_program(whole)
     found = parts.exported({})
     text = header(parts, found.left)
-    name = body_of(whole).robot.name
-    return parts.exported({f"{prefix_of(name)}.h": text.encode()})
+    name = f"{prefix_of(file_stem(whole))}.h"
+    return parts.exported({name: text.encode()})
 
 
 def prefix_of(name: str) -> str:

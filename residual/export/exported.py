@@ -1,5 +1,6 @@
 """What an export is: files, what of the model is in them, and what is left out."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -105,6 +106,11 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Spli
 def body_of(whole: Whole) -> Model:
     """Return the model without its tables."""
     return whole.model if isinstance(whole, Corrected) else whole
+
+
+def file_stem(whole: Whole) -> str:
+    """Return the robot's name as a file may have it: a record may be a stranger's."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", body_of(whole).robot.name) or "arm"
 
 
 def with_bodies(model: Model) -> Array:

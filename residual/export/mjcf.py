@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from residual.errors import InputError
 from residual.export.chain import chain_of
-from residual.export.exported import Exported, Whole, body_of, with_bodies
+from residual.export.exported import Exported, Whole, body_of, file_stem, with_bodies
 from residual.export.passive import properties, split_passive
 from residual.model.model import Model
 from residual.recording import Array
@@ -54,7 +54,7 @@ def to_mjcf(whole: Whole) -> Exported:
     _motors(ET.SubElement(root, "actuator"), model)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
-    return parts.exported({f"{model.robot.name}.xml": text.encode()})
+    return parts.exported({f"{file_stem(whole)}.xml": text.encode()})
 
 
 def _bodies(parent: ET.Element, model: Model) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from residual.effects._portable import BRISTLE, Portable
 from residual.export.chain import Chain, chain_of
-from residual.export.exported import Split, Whole, body_of, split
+from residual.export.exported import Split, Whole, body_of, file_stem, split
 from residual.model.corrected import Corrected, Tables
 from residual.model.model import LEAST_SPEED, Model
 from residual.model.term import Term
@@ -143,7 +143,7 @@ def program_of(carried: Whole) -> Program:
     state = model.state(1.0, np.zeros(1), np.zeros((3, 1, dof)))
     tables = carried.tables if isinstance(carried, Corrected) else ()
     return Program(
-        name=robot.name,
+        name=file_stem(carried),
         chain=chain_of(robot.model),
         gravity=np.array(robot.model.gravity.linear),
         rigid=model.inertial.reshape(dof, 10),

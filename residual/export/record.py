@@ -2,7 +2,7 @@
 
 import json
 
-from residual.export.exported import Exported, Whole, body_of, split
+from residual.export.exported import Exported, Whole, file_stem, split
 from residual.model.record import to_record
 
 
@@ -13,5 +13,5 @@ def to_json(whole: Whole) -> Exported:
         whole: The model.
     """
     text = json.dumps(to_record(whole), allow_nan=False, indent=1) + "\n"
-    name = f"{body_of(whole).robot.name}.json"
+    name = f"{file_stem(whole)}.json"
     return split(whole, lambda term: "").exported({name: text.encode()})

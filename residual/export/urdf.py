@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ET
 
-from residual.export.exported import Exported, Whole, body_of, with_bodies
+from residual.export.exported import Exported, Whole, body_of, file_stem, with_bodies
 from residual.export.passive import properties, split_passive
 from residual.robot.urdf_write import with_inertials
 
@@ -34,4 +34,4 @@ def to_urdf(whole: Whole) -> Exported:
         ET.SubElement(joint, "dynamics", own)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
-    return parts.exported({f"{model.robot.name}.urdf": text.encode()})
+    return parts.exported({f"{file_stem(whole)}.urdf": text.encode()})

@@ -1,0 +1,65 @@
+"""modelgap export: a model in the form of another program."""
+
+from pathlib import Path
+
+from flows.cli.options import STDOUT, console_beside, named_files
+from flows.outputs import (
+    check_new_folder,
+    check_outside,
+    check_writable,
+    json_text,
+    write_all,
+)
+from flows.requests import Export
+from flows.say import say
+from flows.settings import store_folder
+from flows.steps import export as steps
+
+
+def export(
+    model: str,
+    /,
+    *,
+    to: str,
+    out: str,
+    which: str | None = None,
+    json: str | None = None,
+    store: str | None = None,
+) -> None:
+    """Write a model in the form of another program, and try it there.
+
+    ```
+    modelgap export 3f2a --to mjcf --out for_mujoco
+    modelgap export model.json --to c99 --out for_the_controller
+    modelgap export 3f2a --to urdf --out arm --which identified
+    ```
+
+    urdf: inertias, damping, dry friction. mjcf: for MuJoCo, with armature, springs and
+    polynomial damping too. c99: one header with all named effects and tables. json:
+    the whole model, for Python. What a target has no place for is listed, with the
+    torque by which the export therefore differs; then the export is run in its target
+    and compared with the model.
+
+    Args:
+        model: Id of a diagnosis or model of the store, or a file that a model was
+            saved into.
+        to: The target.
+        out: New folder for the files.
+        which: Which model of a diagnosis: nominal, identified or augmented, which is
+            the usual one.
+        json: File for what is left out and for the proof; "-" prints it and nothing
+            else.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    check_outside("--out", out, store_folder(store))
+    check_new_folder("--out", Path(out))
+    check_writable(named_files({"--json": json}), [Path(model)])
+    console = console_beside(json)
+    made = steps.export(Export(model, to, which, store))
+    Path(out).mkdir(exist_ok=True)
+    text = json_text(steps.document(made))
+    contents = steps.in_place(made, out)
+    write_all(contents | {p: text for p in named_files({"--json": json}).values()})
+    say(console, *steps.words(made), *(f"wrote {path}" for path in contents))
+    if json == STDOUT:
+        print(text, end="")

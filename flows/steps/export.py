@@ -1,0 +1,118 @@
+"""Export a model, and try the export in the program that it is for."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.keep.export import read_model
+from flows.proofs.c import prove_c99
+from flows.proofs.mjcf import prove_mjcf
+from flows.proofs.proof import Proof, Prove
+from flows.proofs.readers import prove_json, prove_urdf
+from flows.requests import Export
+from flows.settings import store_folder
+from residual.export.c99 import to_c99
+from residual.export.exported import Exported, Whole
+from residual.export.mjcf import to_mjcf
+from residual.export.record import to_json
+from residual.export.urdf import to_urdf
+from residual.names import check_name
+
+TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
+    "urdf": (to_urdf, prove_urdf),
+    "mjcf": (to_mjcf, prove_mjcf),
+    "c99": (to_c99, prove_c99),
+    "json": (to_json, prove_json),
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Made:
+    """An export and its proof.
+
+    Attributes:
+        export: Files, and what is not in them.
+        proof: What came back out of the target.
+    """
+
+    export: Exported
+    proof: Proof
+
+
+def export(request: Export) -> Made:
+    """Read a model, write it in the form of another program, and try it there.
+
+    Args:
+        request: What is wanted.
+
+    Raises:
+        InputError: If there is no such model or target, the target cannot take the
+            model, or a package that it needs is not installed.
+        RunError: If the target refuses what was written.
+    """
+    check_name(request.to, TARGETS, "target")
+    model = read_model(store_folder(request.store), request.model, request.which)
+    return export_model(model, request.to)
+
+
+def export_model(model: Whole, to: str) -> Made:
+    """Write a model in the form of another program, and try it there.
+
+    Args:
+        model: The model.
+        to: The target.
+
+    Raises:
+        InputError: As `export`.
+        RunError: As `export`.
+    """
+    write, prove = TARGETS[check_name(to, TARGETS, "target")]
+    made = write(model)
+    return Made(made, prove(made))
+
+
+def words(made: Made) -> list[str]:
+    """Return what is to be said of an export, a line each."""
+    found = made.export
+    lines = [f"model: {found.whole!r}"]
+    lines += [f"not carried: {left}" for left in found.left]
+    if len(found.left) > 1:
+        lines.append(
+            f"not carried, together: up to {found.largest:.3g} N m "
+            f"(rms {found.rms:.3g})"
+        )
+    if not found.left:
+        lines.append("everything of the model is carried")
+    return [*lines, str(made.proof), *made.proof.notes]
+
+
+def document(made: Made) -> dict:
+    """Return an export as plain values: what is left out, and its proof."""
+    found, proof = made.export, made.proof
+    return {
+        "schema": 1,
+        "files": sorted(found.files),
+        "left": [
+            {
+                "name": each.name,
+                "joints": list(each.joints),
+                "why": each.why,
+                "rms": each.rms,
+                "largest": each.largest,
+            }
+            for each in found.left
+        ],
+        "missing": {"rms": found.rms, "largest": found.largest},
+        "proof": {
+            "by": proof.by,
+            "states": proof.states,
+            "difference": proof.difference,
+            "torque": proof.torque,
+            "notes": list(proof.notes),
+        },
+    }
+
+
+def in_place(made: Made, folder: str | Path) -> dict[Path, bytes]:
+    """Return the files of an export by where they go."""
+    return {Path(folder) / name: text for name, text in made.export.files.items()}
