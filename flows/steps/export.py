@@ -7,6 +7,7 @@ from pathlib import Path
 from flows.keep.export import read_model
 from flows.proofs.c import prove_c99
 from flows.proofs.mjcf import prove_mjcf
+from flows.proofs.numpy_file import prove_numpy
 from flows.proofs.proof import Proof, Prove
 from flows.proofs.readers import prove_json, prove_urdf
 from flows.requests import Export
@@ -14,6 +15,7 @@ from flows.settings import store_folder
 from residual.export.c99 import to_c99
 from residual.export.exported import Exported, Whole
 from residual.export.mjcf import to_mjcf
+from residual.export.numpy_file import to_numpy
 from residual.export.record import to_json
 from residual.export.urdf import to_urdf
 from residual.names import check_name
@@ -22,6 +24,7 @@ TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
     "urdf": (to_urdf, prove_urdf),
     "mjcf": (to_mjcf, prove_mjcf),
     "c99": (to_c99, prove_c99),
+    "numpy": (to_numpy, prove_numpy),
     "json": (to_json, prove_json),
 }
 

@@ -1,15 +1,14 @@
 """A model as one C99 header without allocation: rigid body, named effects, tables."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from importlib import resources
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from residual.export.c99_tables import tables_of
 from residual.export.exported import Exported, Left, Split, Whole, file_stem
+from residual.export.numbers import arrays_of, filled, template
 from residual.export.program import Line, Program, Shift, program_of, split_program
-from residual.recording import Array
 from residual.signals.direction import Standstill
 
 # What a formula calls the motion, and what the function of the header calls it.
@@ -54,12 +53,10 @@ def header(parts: Split, left: Iterable[Left] = ()) -> str:
         left: What cannot, as the header says.
     """
     program = program_of(parts.carried)
-    has = ["the rigid body", *dict.fromkeys(x.title for x in program.lines)]
-    has += [x.title for x in program.shifts]
     words = {
         "NAME": program.name,
         "GUARD": f"{prefix_of(program.name).upper()}_H",
-        "HAS": _wrapped(has),
+        "HAS": _wrapped(program.titles),
         "LEFT": _wrapped([str(each) for each in left] or ["nothing is left out"]),
         "MEMORY": str(max(program.memory, 1)),
         "COMPLEX": "#include <complex.h>\n" if program.shifts else "",
@@ -68,24 +65,24 @@ def header(parts: Split, left: Iterable[Left] = ()) -> str:
     }
     real = {"REAL": "double", "BODY": "body", "COS": "cos", "SIN": "sin"}
     pieces = [
-        _read("head.h"),
+        template("head.h"),
         *_numbers(program),
-        _read("helpers.h"),
-        _filled(_read("body.h"), real | {"CROSS": "@P@_cross"}),
+        template("helpers.h"),
+        filled(template("body.h"), real | {"CROSS": "@P@_cross"}),
     ]
     if program.shifts:
         pieces.append(_complex())
     pieces += [*_torque(program), "\n#endif"]
-    return _filled("\n".join(pieces), words) + "\n"
+    return filled("\n".join(pieces), words) + "\n"
 
 
 def _complex() -> str:
     """The same for complex numbers: their imaginary part carries a derivative."""
     real = "double complex"
     named = {"REAL": real, "BODY": "change", "COS": "ccos", "SIN": "csin"}
-    cross = _read("helpers.h").split("static inline void @P@_cross")[1]
+    cross = template("helpers.h").split("static inline void @P@_cross")[1]
     cross = "static inline void @P@_ccross" + cross.replace("double", real)
-    return f"{cross}\n{_filled(_read('body.h'), named | {'CROSS': '@P@_ccross'})}"
+    return f"{cross}\n{filled(template('body.h'), named | {'CROSS': '@P@_ccross'})}"
 
 
 def _torque(program: Program) -> Iterator[str]:
@@ -201,31 +198,11 @@ def _called(formula: str) -> str:
 
 
 def _numbers(program: Program) -> Iterator[str]:
-    """The numbers of the model; R(q) = still + cos(q) along + sin(q) across."""
-    chain = program.chain
-    onto = np.einsum("ij,ik->ijk", chain.axis, chain.axis)
-    skew = np.cross(np.eye(3)[None], chain.axis[:, None, :]).transpose(0, 1, 2)
-    arrays: dict[str, Array | None] = {
-        "place": chain.place,
-        "axis": chain.axis,
-        "still": (chain.rotation @ onto).reshape(-1, 9),
-        "along": (chain.rotation @ (np.eye(3) - onto)).reshape(-1, 9),
-        "across": (chain.rotation @ skew).reshape(-1, 9),
-        "flange": chain.flange,
-        "gravity": program.gravity,
-        "rigid": program.rigid,
-        "added": program.added,
-        "tilt": program.tilt,
-        "force": program.force,
-    }
-    if program.shifts or program.tilt is not None:
-        arrays["loaded"] = program.loaded
-    if program.shifts:
-        arrays["drive"] = program.drive
-    for name, values in arrays.items():
-        if values is not None:
-            size = "".join(f"[{n}]" for n in values.shape)
-            yield f"static const double @P@_{name}{size} = {_list(values)};"
+    """The numbers of the model."""
+    for name, values in arrays_of(program).items():
+        flat = values.reshape(-1, 9) if values.ndim == 3 else values
+        size = "".join(f"[{n}]" for n in flat.shape)
+        yield f"static const double @P@_{name}{size} = {_list(flat)};"
     yield ""
 
 
@@ -238,14 +215,3 @@ def _list(values) -> str:
 
 def _wrapped(parts: Iterable[str]) -> str:
     return ",\n     ".join(parts).replace("*/", "")
-
-
-def _filled(text: str, words: Mapping[str, str]) -> str:
-    for name, word in words.items():
-        text = text.replace(f"@{name}@", word)
-    return text
-
-
-def _read(name: str) -> str:
-    folder = resources.files("residual") / "export" / "templates"
-    return folder.joinpath(name).read_text(encoding="utf-8")

@@ -75,7 +75,8 @@ class Program:
         floor: Speeds under which a joint stands [rad/s]. Shape (dof,).
         standstill: Behaviour of each joint there.
         bristles: Where the memory of a joint at standstill begins, -1 for none.
-        lines, shifts: What the terms add.
+        others: Titles of the terms that bodies, gravity and force stand for.
+        lines, shifts: What the other terms add.
         memory: Numbers to be kept from sample to sample.
         tables: Tables on top of it.
     """
@@ -92,6 +93,7 @@ class Program:
     floor: Array
     standstill: tuple[Standstill, ...]
     bristles: tuple[int, ...]
+    others: tuple[str, ...]
     lines: tuple[Line, ...]
     shifts: tuple[Shift, ...]
     memory: int
@@ -103,9 +105,11 @@ class Program:
         return len(self.floor)
 
     @property
-    def needs_rigid(self) -> bool:
-        """Whether a formula reads the torque of the rigid body alone."""
-        return any("rigid" in line.words for line in self.lines)
+    def titles(self) -> list[str]:
+        """What it has, in words."""
+        titles = dict.fromkeys(x.title for x in (*self.lines, *self.shifts))
+        tables = [f"tables on joint {x.joint + 1}" for x in self.tables]
+        return ["the rigid body", *self.others, *titles, *tables]
 
 
 def split_program(whole: Whole) -> Split:
@@ -155,6 +159,11 @@ def program_of(carried: Whole) -> Program:
         floor=np.full(dof, LEAST_SPEED) if known is None else known,
         standstill=tuple(standstill),
         bristles=tuple(bristles),
+        others=tuple(
+            _title(t)
+            for t in model.terms
+            if not (t.effect.portable.formula or t.effect.portable.shift)
+        ),
         lines=tuple(lines),
         shifts=tuple(_shifts(model)),
         memory=memory,

@@ -1,0 +1,192 @@
+"""modelgap export, from the shell and from Python, through each target and back."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows.cli import main
+from flows.keep.export import read_model
+from flows.proofs import proof as proofs
+from flows.proofs.c import compiler
+from flows.proofs.mjcf import CREEP, inverse
+from flows.steps.export import TARGETS, export_model
+from residual.errors import InputError, UnknownNameError
+from residual.export.motion import Motion
+from residual.model.corrected import Corrected, Tables
+from residual.model.record import to_record
+from residual.signals.direction import CHOICES
+from residual.tables.form import MAIN
+from tests.residual.exported import ARMS, NAMES, model_with, robot_of
+from tests.residual.test_model_record import lookup
+from warehouse.commit import commit_record
+
+SAID = {"mjcf": 1e-9, "urdf": 1e-12, "json": 0.0, "c99": 1e-11, "numpy": 1e-11}
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+REASON = {"c99": needs_compiler, "fmu": needs_compiler}
+
+
+def _every(robot):
+    """All effects at once, on tables, with every kind of standstill."""
+    shapes = tuple(replace(CHOICES[-j - 1], hold=0.7) for j in range(robot.dof))
+    whole = model_with(robot, *NAMES, standstill=shapes)
+    columns = (("qd", (1,), ""), ("q", (0, 2), "difference"))
+    own = tuple(
+        Tables(j, columns, lookup(np.random.default_rng(j)), MAIN) for j in (0, 3)
+    )
+    return Corrected(whole, own)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize(
+    "target", [pytest.param(t, marks=REASON.get(t, ())) for t in SAID]
+)
+def test_what_is_carried_comes_back_as_the_same_torque(target, arm):
+    whole = _every(robot_of(arm))
+    if target == "mjcf":
+        # Gravity that a tilted base turns acts here on the link as it was described.
+        whole = replace(whole, model=whole.model.without("link_inertia"))
+    made = export_model(whole, target)
+    assert made.proof.difference <= SAID[target]
+    assert made.proof.states >= 1000
+    assert made.proof.torque > 20.0
+
+
+def test_friction_has_its_value_in_mujoco_where_the_joint_creeps():
+    robot = robot_of("irb140")
+    whole = model_with(robot, "coulomb", speed_floor=np.full(6, 1e-5))
+    made = export_model(whole, "mjcf")
+    zero = np.zeros((2, 6))
+    qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(6)
+    (text,) = made.export.files.values()
+    states = Motion(np.arange(2.0), zero, qd, zero)
+    got = inverse(text.decode(), states)
+    (own,) = whole.terms
+    (j,) = own.joints
+    half = np.diff(got[:, j])[0] / -2
+    assert half == pytest.approx(own.theta[0], rel=1e-6)
+
+
+def _saved(tmp_path, *names):
+    path = tmp_path / "model.json"
+    model_with(robot_of("irb140"), *names).save(path)
+    return str(path)
+
+
+def test_the_command_writes_lists_and_proves(tmp_path, capsys):
+    path, out = _saved(tmp_path, "viscous", "load_friction"), tmp_path / "out"
+    told = tmp_path / "told.json"
+    words = ["export", path, "--to", "mjcf", "--out", str(out), "--json", str(told)]
+    assert main(words) == 0
+    shown = capsys.readouterr().out
+    assert [p.name for p in out.iterdir()] == ["irb140.xml"]
+    assert "not carried: load_friction J4: up to " in shown
+    assert "MJCF has no place for it" in shown
+    assert "round trip: inverse dynamics of MuJoCo" in shown
+    document = json.loads(told.read_text())
+    (left,) = document["left"]
+    assert (left["name"], left["joints"]) == ("load_friction", [4])
+    assert f"up to {left['largest']:.3g} N m" in shown
+    assert document["proof"]["difference"] < 1e-9
+    assert document["missing"]["largest"] == pytest.approx(left["largest"])
+
+
+def test_with_json_on_standard_output_nothing_else_is_there(tmp_path, capsys):
+    path, out = _saved(tmp_path, "viscous"), tmp_path / "out"
+    assert main(["export", path, "--to", "json", "--out", str(out), "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["proof"]["difference"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--to", "mjfc"], "Unknown target 'mjfc': did you mean 'mjcf'?"),
+        (["--to", "urdf", "--which", "nominal"], "--which chooses among"),
+    ],
+)
+def test_a_wrong_word_says_what_is_right(tmp_path, capsys, words, message):
+    path, out = _saved(tmp_path, "viscous"), tmp_path / "out"
+    assert main(["export", path, "--out", str(out), *words]) == 2
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_folder_with_something_in_it_is_left_alone(tmp_path, capsys):
+    path = _saved(tmp_path, "viscous")
+    assert main(["export", path, "--to", "urdf", "--out", str(tmp_path)]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
+
+
+@pytest.mark.parametrize("content", ["", "[1]", "{}", '{"form": 99}'])
+def test_a_file_that_is_no_model_is_refused(tmp_path, capsys, content):
+    path = tmp_path / "model.json"
+    path.write_text(content)
+    words = ["export", str(path), "--to", "urdf", "--out", str(tmp_path / "o")]
+    assert main(words) == 2
+    assert capsys.readouterr().err.startswith("modelgap: ")
+
+
+def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch):
+    def gone(name):
+        raise ImportError(name=name)
+
+    monkeypatch.setattr(proofs, "import_module", gone)
+    with pytest.raises(InputError, match=r"needs mujoco.*modelgap\[export\]"):
+        export_model(model_with(robot_of("irb140"), "viscous"), "mjcf")
+
+
+def test_without_a_compiler_the_header_is_written_and_the_proof_says_so(monkeypatch):
+    monkeypatch.setattr("flows.proofs.c.compiler", lambda: None)
+    made = export_model(model_with(robot_of("irb140"), "viscous"), "c99")
+    assert made.proof.difference is None
+    assert "no C compiler" in str(made.proof)
+    assert made.export.files
+
+
+def test_models_of_the_store_are_found_by_their_id(tmp_path):
+    whole = model_with(robot_of("irb140"), "viscous")
+    record = {"robot": "irb140", "stage": "identified", "request": None}
+    ids = [
+        commit_record(tmp_path, "models", {**record, **more})
+        for more in ({"model": to_record(whole)}, {"nominal": to_record(whole)}, {})
+    ]
+    for id in ids[:2]:
+        found = read_model(tmp_path, id[:8])
+        assert to_record(found) == to_record(whole)
+    with pytest.raises(InputError, match="without its numbers"):
+        read_model(tmp_path, ids[2])
+
+
+def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch):
+    both = {
+        n: model_with(robot_of("irb140"), "viscous") for n in ("nominal", "augmented")
+    }
+    id = commit_record(
+        tmp_path, "diagnoses", {"robot": "irb140", "verdict": "none", "model_id": None}
+    )
+    monkeypatch.setattr("flows.keep.export.read_models", lambda store, id: both)
+    assert read_model(tmp_path, id) is both["augmented"]
+    assert read_model(tmp_path, id, "nominal") is both["nominal"]
+    with pytest.raises(UnknownNameError, match="'augmented'"):
+        read_model(tmp_path, id, "augmentd")
+
+
+def test_the_help_names_every_target(capsys):
+    assert main(["export", "--help"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert [t for t in TARGETS if f"{t}:" not in shown] == []
+
+
+def test_no_folder_is_made_where_the_target_refuses(tmp_path, capsys):
+    whole = model_with(robot_of("irb140"), "viscous")
+    wrong = whole.inertial.copy()
+    wrong[0] = -1
+    path = tmp_path / "model.json"
+    replace(whole, inertial=wrong).save(path)
+    out = Path(tmp_path / "out")
+    assert main(["export", str(path), "--to", "mjcf", "--out", str(out)]) == 2
+    assert "Link 1 has mass -1 kg" in capsys.readouterr().err
+    assert not out.exists()

@@ -1,0 +1,241 @@
+"""Laws of the exports: what is carried is right, and the rest is said with its size."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.effects import registry
+from residual.effects._portable import Portable
+from residual.errors import InputError
+from residual.export.c99 import prefix_of, to_c99
+from residual.export.exported import body_of, with_bodies
+from residual.export.mjcf import to_mjcf
+from residual.export.motion import exciting, random_states
+from residual.export.numpy_file import to_numpy
+from residual.export.passive import saturated_speed
+from residual.export.record import to_json
+from residual.export.urdf import to_urdf
+from residual.model.corrected import Corrected, Tables
+from residual.model.model import Model
+from residual.model.record import from_record
+from residual.signals.direction import CHOICES
+from residual.tables.form import MAIN
+from tests.residual.exported import ARMS, NAMES, SIZES, model_with, robot_of, term
+from tests.residual.test_model_record import lookup
+
+WRITERS = {
+    "json": to_json,
+    "urdf": to_urdf,
+    "mjcf": to_mjcf,
+    "c99": to_c99,
+    "numpy": to_numpy,
+}
+# What each target can say of one effect alone; all else must be listed.
+JOINTS = {"viscous", "coulomb"}
+BODIES = {"payload", "link_inertia"}
+MUJOCO = {"rotor_inertia", "spring", "quadratic_viscous", "base_tilt"}
+AHEAD = {"backlash", "elasticity"}  # they look ahead in time
+CARRIED = {
+    "json": set(NAMES),
+    "urdf": JOINTS | BODIES,
+    "mjcf": JOINTS | BODIES | MUJOCO,
+    "c99": set(NAMES) - AHEAD,
+    "numpy": set(NAMES) - AHEAD,
+}
+FORMULA = {"a", "s", "m", "q", "qd", "qdd", "sign", "rigid", "tau", "t"}
+FUNCTIONS = {"sin", "cos", "tanh", "exp", "pow", "fabs", "fmin", "fmax", "sgn"}
+OWN = {"bristle", "earlier"}
+
+
+def test_the_sizes_are_of_every_effect():
+    assert {*SIZES, "payload"} == set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_effect_says_how_it_is_said_elsewhere_or_why_not(name):
+    said = registry()[name].portable
+    ways = [said.formula, said.shift, said.bodies, said.gravity, said.force]
+    assert any(ways) or said.why_not
+    assert said.why_not != Portable().why_not or any(ways)
+    for text in (*said.formula, *(said.shift or ())):
+        assert set(re.findall(r"[a-z]\w*", text)) <= FORMULA | FUNCTIONS | OWN
+
+
+@pytest.mark.parametrize("target", sorted(WRITERS))
+@pytest.mark.parametrize("name", NAMES)
+def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
+    whole = model_with(robot_of("irb140"), "viscous", name)
+    made = WRITERS[target](whole)
+    left = [each for each in made.left if each.name == name]
+    kept = [t.effect.name for t in body_of(made.carried).terms]
+    if name in CARRIED[target]:
+        assert left == []
+        assert name in kept
+    else:
+        (one,) = left
+        assert name not in kept
+        motion = exciting(whole.robot)
+        gap = whole.along(motion.t, motion.parts)
+        gap = gap - whole.without(name).along(motion.t, motion.parts)
+        assert one.largest == pytest.approx(np.abs(gap).max())
+        assert 0 < one.rms <= one.largest
+        assert made.largest == pytest.approx(one.largest)
+        assert str(one).startswith(f"{name}")
+        assert one.why
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("name", [n for n in NAMES if n not in AHEAD])
+def test_the_numpy_file_computes_the_torque_of_each_effect(arm, name):
+    robot = robot_of(arm)
+    made = to_numpy(model_with(robot, "viscous", "rotor_inertia", name))
+    motion = exciting(robot)
+    want = made.whole.along(motion.t, motion.parts)
+    assert made.left == ()
+    np.testing.assert_allclose(_torque(made)(motion), want, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("choice", CHOICES, ids=str)
+def test_the_numpy_file_stands_still_as_the_model_does(choice):
+    robot = robot_of("irb140")
+    whole = model_with(robot, "coulomb", standstill=(replace(choice, hold=0.6),) * 6)
+    motion = exciting(robot, 4.0)
+    want = whole.along(motion.t, motion.parts)
+    got = _torque(to_numpy(whole))(motion)
+    np.testing.assert_allclose(got, want, rtol=0, atol=1e-10)
+
+
+def _torque(made):
+    names = {"__name__": "torque", "__file__": "nowhere/torque.py"}
+    exec(compile(made.files["torque.py"], "torque.py", "exec"), names)
+    return lambda motion: names["torque"](motion.t, *motion.parts)
+
+
+def _corrected(robot) -> Corrected:
+    rng = np.random.default_rng(4)
+    columns = (("qd", (0,), ""), ("q", (1,), ""))
+    own = tuple(Tables(j, columns, lookup(rng), MAIN) for j in (1, 2))
+    return Corrected(model_with(robot, "viscous", "torque_gain"), own)
+
+
+def test_json_has_all_of_it_tables_and_all():
+    whole = _corrected(robot_of("seven"))
+    made = to_json(whole)
+    (text,) = made.files.values()
+    again, motion = from_record(json.loads(text)), exciting(whole.model.robot)
+    want = whole.along(motion.t, motion.parts)
+    assert again.along(motion.t, motion.parts).tobytes() == want.tobytes()
+
+
+@pytest.mark.parametrize("target", ["urdf", "mjcf"])
+def test_tables_that_a_target_has_no_place_for_are_listed(target):
+    whole = _corrected(robot_of("seven"))
+    made = WRITERS[target](whole)
+    (tables,) = (each for each in made.left if each.name == "tables")
+    assert tables.joints == (2, 3)
+    assert tables.largest > 0
+    assert isinstance(made.carried, Model)
+
+
+def test_a_negative_friction_is_left_out_and_said_so():
+    whole = model_with(robot_of("irb140"), "coulomb", "viscous")
+    less = replace(whole.terms[0], theta=np.array([-1.0]))
+    made = to_mjcf(replace(whole, terms=(less, whole.terms[1])))
+    assert [(each.name, each.why) for each in made.left] == [
+        ("coulomb", "MJCF takes no negative friction")
+    ]
+
+
+def test_a_constant_torque_needs_a_spring_to_be_said():
+    robot = robot_of("irb140")
+    lone, sprung = (
+        to_mjcf(model_with(robot, *n)) for n in (["offset"], ["offset", "spring"])
+    )
+    assert [each.name for each in lone.left] == ["offset"]
+    assert sprung.left == ()
+
+
+def test_a_negative_delay_is_no_formula():
+    whole = model_with(robot_of("irb140"), "delay")
+    (late,) = whole.terms
+    early = replace(late, shape=(-0.01,), theta=np.array([-0.01]))
+    (left,) = to_c99(replace(whole, terms=(early,))).left
+    assert left.why == "a negative delay looks ahead in time"
+
+
+@pytest.mark.parametrize("write", [to_urdf, to_mjcf], ids=["urdf", "mjcf"])
+def test_a_body_that_cannot_be_is_refused_with_what_to_do(write):
+    whole = model_with(robot_of("irb140"))
+    wrong = whole.inertial.copy()
+    wrong[20] = -1.0
+    with pytest.raises(InputError, match=r"Link 3 has mass -1 kg.*--consistent"):
+        write(replace(whole, inertial=wrong))
+
+
+def test_an_inertia_that_no_body_has_is_refused_with_what_to_do():
+    whole = model_with(robot_of("irb140"))
+    wrong = whole.inertial.copy()
+    wrong[24] += 50.0
+    with pytest.raises(InputError, match=r"Link 3 has principal inertias.*c99"):
+        to_mjcf(replace(whole, inertial=wrong))
+
+
+def test_bodies_are_those_of_the_model_with_all_that_hangs_on_it():
+    whole = model_with(robot_of("irb140"), "payload")
+    load = whole.terms[0].theta
+    total = with_bodies(whole)
+    np.testing.assert_array_equal(total[-10:], whole.inertial[-10:] + load)
+    np.testing.assert_array_equal(total[:-10], whole.inertial[:-10])
+
+
+def test_a_strangers_name_makes_no_path_and_no_code():
+    robot = replace(robot_of("irb140"), name='../x*/"""\nimport os')
+    whole = model_with(robot, "viscous")
+    for write in WRITERS.values():
+        made = write(whole)
+        assert all(re.fullmatch(r"[\w-]+\.(?:\w+)", name) for name in made.files)
+        for name, content in made.files.items():
+            if name.endswith((".h", ".py")):
+                assert b"import os" not in content
+
+
+@pytest.mark.parametrize(
+    ("name", "word"), [("irb140", "irb140"), ("7-axis", "arm_7_axis"), ("_a", "arm__a")]
+)
+def test_a_name_becomes_one_of_c(name, word):
+    assert prefix_of(name) == word
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_motions_stay_within_what_the_arm_can_do(arm):
+    robot = robot_of(arm)
+    for motion in (exciting(robot), random_states(robot, 200)):
+        assert (motion.q >= robot.lower).all()
+        assert (motion.q <= robot.upper).all()
+        assert (np.abs(motion.qd) <= robot.velocity_limit).all()
+    moving = exciting(robot)
+    qd = np.gradient(moving.q, moving.t, axis=0)[5:-5]
+    np.testing.assert_allclose(qd, moving.qd[5:-5], atol=1e-2)
+    qdd = np.gradient(moving.qd, moving.t, axis=0)[5:-5]
+    np.testing.assert_allclose(qdd, moving.qdd[5:-5], atol=0.5)
+
+
+def test_above_the_saturated_speed_dry_friction_has_its_full_value():
+    for choice in CHOICES:
+        whole = model_with(robot_of("seven"), "coulomb", standstill=(choice,) * 7)
+        (own,) = whole.terms
+        speed = saturated_speed(whole)
+        states = random_states(whole.robot, 50, speed)
+        torque = whole.torque(*states.parts) - whole.without("coulomb").torque(
+            *states.parts
+        )
+        (j,) = own.joints
+        want = own.theta[0] * np.sign(states.qd[:, j])
+        np.testing.assert_allclose(torque[:, j], want, atol=1e-11)
+
+
+def test_terms_stand_where_they_were_put():
+    assert term(robot_of("seven"), "spring", 0).joints == (0,)
