@@ -36,7 +36,8 @@ def export(
 
     urdf: inertias, damping, dry friction. mjcf: for MuJoCo, with armature, springs and
     polynomial damping too. c99: one header with all named effects and tables. numpy:
-    the same as a Python file that needs NumPy alone. json: the whole model, for
+    the same as a Python file that needs NumPy alone. table: friction over speed and
+    torque over position, with few support points. json: the whole model, for
     `mg.load_model`. What a target has no place for is listed, with the
     torque by which the export therefore differs; then the export is run in its target
     and compared with the model.

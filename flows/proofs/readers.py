@@ -1,4 +1,4 @@
-"""Exports that are read back by what reads them here: JSON and URDF."""
+"""Exports that are read back by what reads them here: JSON, URDF and tables."""
 
 import json
 
@@ -8,6 +8,7 @@ from flows.proofs.proof import Proof, compared, text_of
 from residual.export.exported import Exported, body_of
 from residual.export.motion import exciting, random_states
 from residual.export.passive import saturated_speed
+from residual.export.table import POSITION, SPEED, curve_at
 from residual.model.record import from_record
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.urdf import build_model
@@ -44,6 +45,31 @@ def prove_urdf(made: Exported) -> Proof:
     note = "gravity is not in a URDF: set it where the URDF is used"
     notes = (note, _slow(speed)) if (read.upperDryFrictionLimit > 0).any() else (note,)
     return compared("Pinocchio", got, model.torque(*states.parts), notes)
+
+
+def prove_table(made: Exported) -> Proof:
+    """Read the support points and go along lines between them.
+
+    Args:
+        made: The export.
+    """
+    model, gaps, sizes, points = body_of(made.carried), [0.0], [0.0], 0
+    notes = ["between support points the torque is taken along straight lines"]
+    for name in (name for name in (SPEED, POSITION) if name in made.files):
+        text = made.files[name].decode().splitlines()
+        rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
+        for j in range(model.robot.dof):
+            _, x, y = rows[rows[:, 0] == j + 1].T
+            if not len(x):
+                continue
+            places = np.random.default_rng(j).uniform(x[0], x[-1], STATES)
+            want = curve_at(model, name, j, places)
+            gap = float(np.abs(np.interp(places, x, y) - want).max())
+            gaps, sizes = [*gaps, gap], [*sizes, float(np.abs(want).max())]
+            points += len(places)
+            notes.append(f"{name}, joint {j + 1}: {len(x)} points, {gap:.2g} N m off")
+    by = "read back and taken between its support points"
+    return Proof(by, points, max(gaps), max(sizes), tuple(notes))
 
 
 def _slow(speed: np.ndarray) -> str:

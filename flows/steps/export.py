@@ -9,7 +9,7 @@ from flows.proofs.c import prove_c99
 from flows.proofs.mjcf import prove_mjcf
 from flows.proofs.numpy_file import prove_numpy
 from flows.proofs.proof import Proof, Prove
-from flows.proofs.readers import prove_json, prove_urdf
+from flows.proofs.readers import prove_json, prove_table, prove_urdf
 from flows.requests import Export
 from flows.settings import store_folder
 from residual.export.c99 import to_c99
@@ -17,6 +17,7 @@ from residual.export.exported import Exported, Whole
 from residual.export.mjcf import to_mjcf
 from residual.export.numpy_file import to_numpy
 from residual.export.record import to_json
+from residual.export.table import to_table
 from residual.export.urdf import to_urdf
 from residual.names import check_name
 
@@ -25,6 +26,7 @@ TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
     "mjcf": (to_mjcf, prove_mjcf),
     "c99": (to_c99, prove_c99),
     "numpy": (to_numpy, prove_numpy),
+    "table": (to_table, prove_table),
     "json": (to_json, prove_json),
 }
 

@@ -14,7 +14,7 @@ from residual.model.term import Term
 from residual.recording import Array
 
 Whole = Model | Corrected
-TABLES = "tables"
+TABLES, BODY = "tables", "rigid body"
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class Left:
     """What a target has no place for, and the torque that it lacks for that.
 
     Attributes:
-        name: The effect; "tables" for the tables on top of a model.
+        name: The effect; "tables" on top of a model, or the "rigid body".
         joints: Its joints, from 1; empty for all.
         why: Why it is left out.
         rms: Torque that is missing, of the joint that misses most [N m].
@@ -78,9 +78,9 @@ class Split:
         left = []
         for term, why in self.reasons:
             gap = full - _without(whole, term).along(motion.t, motion.parts)
-            left.append(Left(*_named(whole, term), why, *_size(gap)))
+            left.append(Left(*_named(whole, term), why, *size_of(gap)))
         gap = full - self.carried.along(motion.t, motion.parts)
-        return Exported(files, whole, self.carried, tuple(left), *_size(gap))
+        return Exported(files, whole, self.carried, tuple(left), *size_of(gap))
 
 
 def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Split:
@@ -148,5 +148,6 @@ def _named(whole: Whole, term: Term | None) -> tuple[str, tuple[int, ...]]:
     return TABLES, tuple(t.joint + 1 for t in tables)
 
 
-def _size(gap: Array) -> tuple[float, float]:
+def size_of(gap: Array) -> tuple[float, float]:
+    """Return a torque's rms on the joint that has most, and its largest value [N m]."""
     return float(np.sqrt((gap**2).mean(axis=0)).max()), float(np.abs(gap).max())

@@ -42,7 +42,7 @@ def exciting(robot: Robot, seconds: float = SECONDS, rate: float = RATE) -> Moti
         seconds: How long [s].
         rate: Samples per second [Hz].
     """
-    lower, upper, speed = _limits(robot)
+    lower, upper, speed = limits(robot)
     t = np.arange(round(seconds * rate)) / rate
     q, qd, qdd = np.zeros((3, len(t), robot.dof))
     for j in range(robot.dof):
@@ -66,7 +66,7 @@ def random_states(robot: Robot, count: int, slowest: Array | float = 0.0) -> Mot
         count: How many.
         slowest: Least speed of each joint [rad/s]. Shape (dof,).
     """
-    lower, upper, speed = _limits(robot)
+    lower, upper, speed = limits(robot)
     limit = robot.acceleration_limit
     most = np.full(robot.dof, USUAL_ACCELERATION) if limit is None else limit
     # The same states at every call, so that a figure can be had again.
@@ -78,8 +78,8 @@ def random_states(robot: Robot, count: int, slowest: Array | float = 0.0) -> Mot
     return Motion(np.arange(count) / RATE, q, qd, qdd)
 
 
-def _limits(robot: Robot) -> tuple[Array, Array, Array]:
-    """Range and speed of each joint, usual ones where it has no end. (dof,) each."""
+def limits(robot: Robot) -> tuple[Array, Array, Array]:
+    """Return range and speed of each joint, usual ones where there is none. (dof,)."""
     lower = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     upper = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
     known = np.isfinite(robot.velocity_limit)

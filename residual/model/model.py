@@ -104,7 +104,7 @@ class Model:
                 "the state. Use predict(recording), or leave it out: "
                 f"model.without('{names[0]}')."
             )
-        still = self._by_sign()
+        still = self.by_sign()
         return still.torque_of_state(still.state(1.0, np.zeros(shape[0]), motion))
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
@@ -116,7 +116,7 @@ class Model:
         """
         return self.torque_of_state(self.state((len(t) - 1) / np.ptp(t), t, motion))
 
-    def _by_sign(self) -> "Model":
+    def by_sign(self) -> "Model":
         """The same with the sign of velocity for the state of a bristle."""
         shapes = [
             replace(s, size=0.0) if s.kind == "bristle" else s for s in self.standstill

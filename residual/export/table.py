@@ -1,0 +1,152 @@
+"""Friction over speed and torque over position, as CSV with few support points.
+
+For controllers that take a table of compensation per joint. What depends on the speed
+of its joint alone goes into friction.csv, what depends on its position alone into
+position.csv; rigid body, loads and all else stay with the controller.
+"""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from residual.export.exported import (
+    BODY,
+    Exported,
+    Left,
+    Split,
+    Whole,
+    body_of,
+    size_of,
+    split,
+)
+from residual.export.motion import exciting, limits
+from residual.export.program import WORD
+from residual.export.support import support_points
+from residual.model.corrected import Corrected
+from residual.model.model import Model
+from residual.model.term import Term
+from residual.recording import Array
+from residual.tables.form import NONE
+from residual.tables.lookup.export import export_lookup
+
+SPEED, POSITION = "friction.csv", "position.csv"
+_OF = {SPEED: {"qd", "sign"}, POSITION: {"q"}}
+_MOTION = {"q", "qd", "qdd", "sign", "rigid", "tau", "t", "m"}
+_MOST = {SPEED: 21, POSITION: 41}  # support points; controllers take some twenty
+_FEW = (-1.0, -0.5, -0.1, 0.0, 0.1, 0.5, 1.0)  # of the range, where points begin
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Curve:
+    """One joint's torque over its speed or its position.
+
+    Attributes:
+        file: Where it stands.
+        joint: From 0.
+        at: Support points [rad/s] or [rad]. Shape (k,).
+        torque: Torque there [N m]. Shape (k,).
+        error: Largest error of linear interpolation between them [N m].
+    """
+
+    file: str
+    joint: int
+    at: Array
+    torque: Array
+    error: float
+
+
+def to_table(whole: Whole) -> Exported:
+    """Return support points of each joint as CSV files; tables go along as they are.
+
+    Args:
+        whole: The model.
+    """
+    parts = split_table(whole)
+    curves = curves_of(body_of(parts.carried))
+    files = {
+        name: _csv(name, [c for c in curves if c.file == name])
+        for name in dict.fromkeys(c.file for c in curves)
+    }
+    for own in parts.carried.tables if isinstance(parts.carried, Corrected) else ():
+        if own.kind != NONE:
+            (files[f"tables_{own.joint + 1}.csv"],) = (
+                text
+                for name, text in export_lookup(own.lookup).items()
+                if name.endswith(".csv")
+            )
+    made = parts.exported(files)
+    body = replace(body_of(whole), terms=())
+    motion = exciting(body.robot)
+    full, kept, rigid = (
+        m.along(motion.t, motion.parts) for m in (whole, parts.carried, body)
+    )
+    why = "it stays with the controller"
+    left = (Left(BODY, (), why, *size_of(rigid)), *made.left)
+    rms, largest = size_of(full - kept + rigid)
+    return replace(made, left=left, rms=rms, largest=largest)
+
+
+def split_table(whole: Whole) -> Split:
+    """Part what is a curve of one joint from the rest; the rigid body is not in it."""
+    return split(whole, lambda t: "" if _file(t) else "it is no curve of one joint")
+
+
+def curves_of(model: Model) -> list[Curve]:
+    """Return the curves of a model all of whose terms are curves of one joint."""
+    lower, upper, speed = limits(model.robot)
+    out = []
+    for file in _OF:
+        for j in range(model.robot.dof):
+            if not any(_file(t) == file and t.joints == (j,) for t in model.terms):
+                continue
+            ends = (-speed[j], speed[j]) if file == SPEED else (lower[j], upper[j])
+            start = _start(model, file, j, ends)
+
+            curve = partial(curve_at, model, file, j)
+            out.append(Curve(file, j, *support_points(curve, start, _MOST[file])))
+    return out
+
+
+def _start(model: Model, file: str, j: int, ends: Sequence[float]) -> Array:
+    middle, half = np.mean(ends), np.diff(ends)[0] / 2
+    return middle + half * np.array(_FEW)
+
+
+def curve_at(model: Model, file: str, j: int, x: Array) -> Array:
+    """Return the torque of one joint over its speed or position [N m]. Shape (n,).
+
+    Args:
+        model: The model.
+        file: Which of the two tables.
+        j: The joint, from 0.
+        x: Speeds or positions [rad/s] or [rad]. Shape (n,).
+    """
+    motion = np.zeros((3, len(x), model.robot.dof))
+    motion[1 if file == SPEED else 0, :, j] = x
+    state = model.by_sign().state(1.0, np.zeros(len(x)), motion)
+    terms = [t for t in model.terms if _file(t) == file and t.joints == (j,)]
+    return sum((term.torque(state)[:, j] for term in terms), np.zeros(len(x)))
+
+
+def _file(term: Term) -> str:
+    """Which table a term belongs to, "" for none; a constant goes with friction."""
+    said = term.effect.portable
+    if len(said.formula) != 1 or len(term.joints) != 1:
+        return ""
+    words = set(WORD.findall(said.formula[0])) & _MOTION
+    return next((name for name, own in _OF.items() if words <= own), "")
+
+
+def _csv(name: str, curves: Sequence[Curve]) -> bytes:
+    text = io.StringIO()
+    out = csv.writer(text, lineterminator="\n")
+    over = "qd [rad/s]" if name == SPEED else "q [rad]"
+    out.writerow(["joint", over, "torque [N m]"])
+    for curve in curves:
+        for at, torque in zip(curve.at.tolist(), curve.torque.tolist(), strict=True):
+            out.writerow([curve.joint + 1, repr(at), repr(torque)])
+    return text.getvalue().encode()
