@@ -6,6 +6,7 @@ from pathlib import Path
 
 from flows.keep.export import read_model
 from flows.proofs.c import prove_c99
+from flows.proofs.fmu import make_fmu, prove_fmu
 from flows.proofs.mjcf import prove_mjcf
 from flows.proofs.numpy_file import prove_numpy
 from flows.proofs.proof import Proof, Prove
@@ -27,6 +28,7 @@ TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
     "c99": (to_c99, prove_c99),
     "numpy": (to_numpy, prove_numpy),
     "table": (to_table, prove_table),
+    "fmu": (make_fmu, prove_fmu),
     "json": (to_json, prove_json),
 }
 
