@@ -274,10 +274,14 @@ class Export(Request):
         model: Id of a diagnosis or model, or a file that holds a model.
         to: The target.
         which: Which model of a diagnosis; None for the augmented one.
+        log: A log to show, "FILE", "FILE@start:end" or the id of a run; None for none.
+        columns: COLUMNS.toml of the log, None for the default columns.
         store: Folder of the store, None for the usual one.
     """
 
     model: str
     to: str
     which: str | None = None
+    log: str | None = None
+    columns: str | None = None
     store: str | Path | None = None

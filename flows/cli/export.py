@@ -8,6 +8,7 @@ from flows.outputs import (
     check_outside,
     check_writable,
     json_text,
+    read_files,
     write_all,
 )
 from flows.requests import Export
@@ -23,6 +24,8 @@ def export(
     to: str,
     out: str,
     which: str | None = None,
+    log: str | None = None,
+    map: str | None = None,
     json: str | None = None,
     store: str | None = None,
 ) -> None:
@@ -32,13 +35,15 @@ def export(
     modelgap export 3f2a --to mjcf --out for_mujoco
     modelgap export model.json --to c99 --out for_the_controller
     modelgap export 3f2a --to urdf --out arm --which identified
+    modelgap export model.json --to rrd --out seen --log monday.csv
     ```
 
     urdf: inertias, damping, dry friction. mjcf: for MuJoCo, with armature, springs and
     polynomial damping too. c99: one header with all named effects and tables. numpy:
     the same as a Python file that needs NumPy alone. table: friction over speed and
-    torque over position, with few support points. json: the whole model, for
-    `mg.load_model`. What a target has no place for is listed, with the
+    torque over position, with few support points. fmu: FMI 2.0 for co-simulation.
+    rrd: the moving arm with the torque of each effect, for the Rerun viewer. json: the
+    whole model, for `mg.load_model`. What a target has no place for is listed, with the
     torque by which the export therefore differs; then the export is run in its target
     and compared with the model.
 
@@ -49,15 +54,18 @@ def export(
         out: New folder for the files.
         which: Which model of a diagnosis: nominal, identified or augmented, which is
             the usual one.
+        log: With rrd: a log of the robot (FILE, FILE@0:16.5, or the id of a run), to
+            see its torque and what the model leaves of it.
+        map: TOML file that says which column of the log is what, in which unit.
         json: File for what is left out and for the proof; "-" prints it and nothing
             else.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     check_outside("--out", out, store_folder(store))
     check_new_folder("--out", Path(out))
-    check_writable(named_files({"--json": json}), [Path(model)])
+    check_writable(named_files({"--json": json}), read_files((model, log or ""), map))
     console = console_beside(json)
-    made = steps.export(Export(model, to, which, store))
+    made = steps.export(Export(model, to, which, log, map, store))
     Path(out).mkdir(exist_ok=True)
     text = json_text(steps.document(made))
     contents = steps.in_place(made, out)

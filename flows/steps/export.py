@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from flows.inputs.logs import read_sets
 from flows.keep.export import read_model
 from flows.proofs.c import prove_c99
 from flows.proofs.fmu import make_fmu, prove_fmu
@@ -11,16 +12,19 @@ from flows.proofs.mjcf import prove_mjcf
 from flows.proofs.numpy_file import prove_numpy
 from flows.proofs.proof import Proof, Prove
 from flows.proofs.readers import prove_json, prove_table, prove_urdf
+from flows.proofs.rrd import make_rrd, prove_rrd
 from flows.requests import Export
 from flows.settings import store_folder
+from residual.errors import InputError
 from residual.export.c99 import to_c99
-from residual.export.exported import Exported, Whole
+from residual.export.exported import Exported, Whole, body_of
 from residual.export.mjcf import to_mjcf
 from residual.export.numpy_file import to_numpy
 from residual.export.record import to_json
 from residual.export.table import to_table
 from residual.export.urdf import to_urdf
 from residual.names import check_name
+from residual.recording import Recording
 
 TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
     "urdf": (to_urdf, prove_urdf),
@@ -29,6 +33,7 @@ TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
     "numpy": (to_numpy, prove_numpy),
     "table": (to_table, prove_table),
     "fmu": (make_fmu, prove_fmu),
+    "rrd": (make_rrd, prove_rrd),
     "json": (to_json, prove_json),
 }
 
@@ -58,23 +63,31 @@ def export(request: Export) -> Made:
         RunError: If the target refuses what was written.
     """
     check_name(request.to, TARGETS, "target")
-    model = read_model(store_folder(request.store), request.model, request.which)
-    return export_model(model, request.to)
+    store = store_folder(request.store)
+    model = read_model(store, request.model, request.which)
+    if request.log is None:
+        return export_model(model, request.to)
+    sets, robot = ((request.log,), (), ()), body_of(model).robot
+    (log,) = read_sets(sets, robot, request.columns, store).fit
+    return export_model(model, request.to, log)
 
 
-def export_model(model: Whole, to: str) -> Made:
+def export_model(model: Whole, to: str, log: Recording | None = None) -> Made:
     """Write a model in the form of another program, and try it there.
 
     Args:
         model: The model.
         to: The target.
+        log: A log of the robot, for a target that shows it.
 
     Raises:
         InputError: As `export`.
         RunError: As `export`.
     """
     write, prove = TARGETS[check_name(to, TARGETS, "target")]
-    made = write(model)
+    if log is not None and write is not make_rrd:
+        raise InputError(f"A log is of no use for {to}: it goes with rrd alone.")
+    made = write(model) if log is None else make_rrd(model, log)
     return Made(made, prove(made))
 
 

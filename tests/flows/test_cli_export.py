@@ -23,7 +23,15 @@ from tests.residual.exported import ARMS, NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
 from warehouse.commit import commit_record
 
-SAID = {"mjcf": 1e-9, "urdf": 1e-12, "json": 0.0, "c99": 1e-11, "numpy": 1e-11}
+SAID = {
+    "mjcf": 1e-9,
+    "urdf": 1e-12,
+    "json": 0.0,
+    "c99": 1e-11,
+    "numpy": 1e-11,
+    "fmu": 1e-9,
+    "rrd": 1e-12,
+}
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 REASON = {"c99": needs_compiler, "fmu": needs_compiler}
 

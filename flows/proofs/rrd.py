@@ -1,0 +1,151 @@
+"""A recording for the Rerun viewer: the arm moving, its torque, effect by effect."""
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from flows.proofs.proof import Proof, extra
+from residual.export.chain import chain_of
+from residual.export.exported import Exported, Whole, body_of, file_stem, split
+from residual.export.motion import exciting
+from residual.recording import Array, Recording
+from residual.signals.track import Track, prepare
+
+APP, CLOCK, ARM = "modelgap", "time", "arm"
+THICK = 0.02  # m, of the lines that stand for links
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shown:
+    """What is to be seen.
+
+    Attributes:
+        t: Time [s]. Shape (n,).
+        q: Positions [rad]. Shape (n, dof).
+        torque: Torque of each joint by what it is of [N m]. Shapes (n, dof).
+    """
+
+    t: Array
+    q: Array
+    torque: Mapping[str, Array]
+
+
+def make_rrd(whole: Whole, log: Recording | None = None) -> Exported:
+    """Return a recording of a log, or of a usual motion where there is none.
+
+    Args:
+        whole: The model.
+        log: A log of the robot, whose torque and residual are shown too.
+
+    Raises:
+        InputError: If rerun-sdk is not installed.
+    """
+    rr = extra("rerun")
+    shown = _of_log(whole, log) if log else _of_motion(whole)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.rrd"
+        stream = rr.RecordingStream(APP, recording_id=file_stem(whole))
+        stream.save(str(path))
+        _draw(rr, stream, whole, shown)
+        stream.flush()
+        stream.disconnect()
+        content = path.read_bytes()
+    name = f"{file_stem(whole)}.rrd"
+    return split(whole, lambda term: "").exported({name: content})
+
+
+def prove_rrd(made: Exported) -> Proof:
+    """Open the file, count what is in it, and add the torques up again.
+
+    Args:
+        made: The export.
+    """
+    dof, found, entities = body_of(made.whole).robot.dof, {}, set()
+    reader = extra("rerun.chunk").RrdReader
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.rrd"
+        (content,) = made.files.values()
+        path.write_bytes(content)
+        for chunk in reader(str(path)).stream().to_chunks():
+            entities.add(chunk.entity_path)
+            if chunk.entity_path.startswith("/torque/"):
+                column = chunk.to_record_batch().column("Scalars:scalars")
+                values = column.flatten().to_numpy(zero_copy_only=False)
+                found.setdefault(chunk.entity_path, []).append(values)
+    gaps, sizes, rows = [], [], 0
+    for j in range(dof):
+        under = f"/torque/joint_{j + 1}/"
+        own = {k: np.concatenate(v) for k, v in found.items() if k.startswith(under)}
+        model = own.pop(f"{under}model")
+        parts = [v for k, v in own.items() if k.split("/")[3] == "of"]
+        gaps.append(np.abs(sum(parts) - model).max())
+        sizes.append(np.abs(model).max())
+        rows = len(model)
+    count = f"{len(entities)} entities, {len(content) / 1e6:.2g} MB"
+    by = "opened again, its parts added up"
+    return Proof(by, rows, float(max(gaps)), float(max(sizes)), (count,))
+
+
+def _of_motion(whole: Whole) -> Shown:
+    model, motion = body_of(whole), exciting(body_of(whole).robot)
+    state = model.state(1 / motion.t[1], motion.t, motion.parts)
+    return Shown(motion.t, motion.q, dict(_parts(whole, state)))
+
+
+def _of_log(whole: Whole, log: Recording) -> Shown:
+    model = body_of(whole)
+    tracks, _ = prepare([log], model.filters, model.speed_floor, True)
+    track: Track = tracks[0]
+    parts = dict(_parts(whole, model.observe(track)))
+    measured = np.column_stack([np.interp(track.t, log.t, c) for c in log.tau.T])
+    told = {"measured": measured, "residual": measured - parts["model"]}
+    return Shown(track.t, track.q, parts | told)
+
+
+def _parts(whole: Whole, state) -> Iterator[tuple[str, Array]]:
+    """Torque of the model, and what it is the sum of."""
+    model = body_of(whole)
+    rigid = state.regressor @ model.inertial
+    parts = {"of/rigid_body": rigid}
+    for term in model.terms:
+        name = f"of/{term.effect.name}"
+        parts[name] = parts.get(name, 0.0) + term.torque(state)
+    total = whole.torque_of_state(state)
+    if whole is not model:
+        parts["of/tables"] = total - model.torque_of_state(state)
+    yield "model", total
+    yield from parts.items()
+
+
+def _draw(rr, stream, whole: Whole, shown: Shown) -> None:
+    clock = [rr.TimeColumn(CLOCK, duration=shown.t)]
+    for name, torque in shown.torque.items():
+        for j, values in enumerate(torque.T):
+            # What acts on other joints alone would be a flat line here.
+            if values.any() or not name.startswith("of/"):
+                path = f"torque/joint_{j + 1}/{name}"
+                stream.send_columns(path, clock, rr.Scalars.columns(scalars=values))
+    chain, path = chain_of(body_of(whole).robot.model), ARM
+    ends = [*chain.place[1:], chain.flange]
+    _line(rr, stream, path, chain.place[0])
+    for j, end in enumerate(ends):
+        path = f"{path}/link_{j + 1}"
+        turns = [
+            pin.Quaternion(chain.rotation[j] @ pin.AngleAxis(q, chain.axis[j]).matrix())
+            for q in shown.q[:, j]
+        ]
+        pose = rr.Transform3D.columns(
+            translation=np.tile(chain.place[j], (len(turns), 1)),
+            quaternion=np.array([turn.coeffs() for turn in turns]),
+        )
+        stream.send_columns(path, clock, pose)
+        _line(rr, stream, path, end)
+
+
+def _line(rr, stream, path: str, end: Array) -> None:
+    strip = rr.LineStrips3D([np.array([np.zeros(3), end])], radii=THICK)
+    stream.log(path, strip, static=True)
