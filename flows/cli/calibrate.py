@@ -11,6 +11,7 @@ from flows.cli.options import (
     parse_declared,
     parse_numbers,
 )
+from flows.keep.calibration_files import calibration_files
 from flows.keep.calibration_json import document
 from flows.outputs import (
     check_new_folder,
@@ -28,7 +29,6 @@ from flows.say import say
 from flows.steps import calibrate as steps
 from residual.calibration.rows import Run
 from residual.robot.robot import Robot
-from residual.tables.lookup.export import export_lookup
 
 
 def calibrate(
@@ -72,7 +72,8 @@ def calibrate(
         map: TOML file that says which column is what, in which unit.
         report: HTML page to write.
         json: File for all figures as JSON; "-" prints it and nothing else.
-        export: New folder for the tables and a program that evaluates them.
+        export: New folder for the tables, the model that they correct, and programs
+            that evaluate both.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         trust_log: Go on although a fault of the logs is certain (modelgap check).
         levels: Levels of the paper form: 22 for every variable, or a number for each,
@@ -112,7 +113,7 @@ def calibrate(
     page = {"--report": _page(done)} if report else {}
     contents = {path: (page | {"--json": text})[o] for o, path in files.items()}
     if export is not None:
-        contents |= in_folder(export, export_lookup(done.made.lookup))
+        contents |= in_folder(export, calibration_files(done.made))
     write_all(contents)
     print_outcome(done, console)
     say(console, *(f"wrote {path}" for path in contents), *_kept(done))

@@ -7,16 +7,18 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets
+from flows.keep.calibration_files import calibration_files
 from flows.outputs import write_all
 from flows.report.page.calibration import render
 from flows.steps.check import checked
 from residual.calibration import calibrate as core
+from residual.calibration.corrected import corrected_model
 from residual.calibration.methods import DEFAULT, NONE
 from residual.calibration.rows import Run
 from residual.calibration.scores import RUN, find
+from residual.model.corrected import Corrected
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.tables.lookup.export import export_lookup
 from warehouse.logs import check_distinct
 
 
@@ -30,10 +32,15 @@ class Calibration(core.Calibration):
         write_all({Path(path): render(self)})
 
     def save_tables(self, folder: str | Path) -> None:
-        """Write the tables, with an evaluator that needs only NumPy, into a folder."""
+        """Write tables and model, with evaluators that need only NumPy or C."""
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
-        write_all({place / k: v for k, v in export_lookup(self.lookup).items()})
+        write_all({place / k: v for k, v in calibration_files(self).items()})
+
+    @property
+    def model(self) -> Corrected | None:
+        """Model and tables as one; None where they correct a simulated twin."""
+        return corrected_model(self)
 
     def __repr__(self) -> str:
         ours, none = (find(self.scores, RUN, model) for model in (DEFAULT, NONE))

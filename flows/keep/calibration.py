@@ -7,6 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 
 import warehouse
+from flows.keep.calibration_files import calibration_files
 from flows.keep.diagnosis import read_models, read_verdict
 from residual.calibration.calibrate import Calibration
 from residual.calibration.scores import RUN, Score
@@ -16,7 +17,6 @@ from residual.model.record import to_record
 from residual.model.term import Term
 from residual.robot.robot import Robot
 from residual.tables.crossval import relative_error
-from residual.tables.lookup.export import export_lookup
 from warehouse.commit import commit_record
 from warehouse.schema import VIEWS, arrow_schema
 
@@ -51,7 +51,7 @@ def store_calibration(
         "joints": list(made.rows.joints),
     }
     parents = {"fit": list(ids), **named}
-    files = export_lookup(made.lookup)
+    files = calibration_files(made)
     model_id = commit_record(store, "models", model, parents=parents, files=files)
     record = {
         "robot": made.robot,

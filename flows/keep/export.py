@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from flows.keep.calibration_files import CORRECTED
 from flows.keep.diagnosis import read_models, read_models_record
 from residual.errors import InputError
 from residual.export.exported import Whole
@@ -12,7 +13,7 @@ from warehouse.layout import find
 
 USUAL = "augmented"
 # Keys of the record of a model, as identify and calibrate write them.
-_ALONE = ("corrected", "model", "nominal")
+_ALONE = ("model", "nominal")
 
 
 def read_model(store: Path, word: str, which: str | None = None) -> Whole:
@@ -44,6 +45,8 @@ def read_model(store: Path, word: str, which: str | None = None) -> Whole:
             f"{word} is one of {found.kind}, which hold no model. Name a diagnosis or "
             "a model: modelgap sql 'SELECT model_id, robot, stage FROM models'."
         )
+    if (found.folder / CORRECTED).is_file():
+        return load_model(found.folder / CORRECTED)
     return _of_record(read_record(store, found.id), word, which)
 
 

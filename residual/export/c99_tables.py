@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from residual.export.program import Program
-from residual.model.corrected import DIFFERENCE, Column, Tables
+from residual.model.corrected import DIFFERENCE, NOTHING, Column, Tables
 from residual.recording import Array
 
 # What the columns of a table are called in the function of the header.
@@ -21,39 +21,61 @@ _ARRAYS = {
 
 def tables_of(program: Program) -> Iterator[str]:
     """Return the blocks that add the tables of each joint, in their order."""
+    known: dict[tuple, str] = {}
     for number, tables in enumerate(program.tables):
-        yield _block(tables, number)
+        yield from _levels(tables, number, known)
+        yield _block(tables, number, known)
 
 
-def _block(tables: Tables, number: int) -> str:
+def _levels(tables: Tables, number: int, known: dict[tuple, str]) -> Iterator[str]:
+    """Places among levels; joints often share them, and a search costs most."""
+    for k, axis in enumerate(tables.lookup.axes):
+        key = _key(tables, k)
+        if key not in known:
+            known[key] = f"level_{len(known)}"
+            edges = axis.edges if len(axis.edges) else np.zeros(1)
+            yield _array(f"edges_{number}_{k}", edges)[4:]
+            call = f"@P@_level(edges_{number}_{k}, {len(axis.edges)}, {key[0]})"
+            yield f"    const int {known[key]} = {call};"
+
+
+def _key(tables: Tables, k: int) -> tuple[str, bytes]:
+    axis = tables.lookup.axes[k]
+    return _reads(tables)[axis.variable], axis.edges.tobytes()
+
+
+def _block(tables: Tables, number: int, known: dict[tuple, str]) -> str:
     lookup, j = tables.lookup, tables.joint
-    reads = [*(_read(c) for c in tables.columns), f"out[{j}]"][: len(lookup.names)]
-    count = len(reads)
+    reads = _reads(tables)
     out = [f"    {{ /* tables on joint {j + 1} */"]
-    out.append(_array("x", None, reads))
-    out += [_array(n, v) for n, v in (("low", lookup.low), ("high", lookup.high))]
-    out.append("        int inside = 1;")
-    out.append(
-        f"        for (int i = 0; i < {count}; i++)"
-        " inside &= low[i] <= x[i] && x[i] <= high[i];"
-    )
     out.append(f"        double y = {float(lookup.offset[0])!r};")
     for i in np.flatnonzero(lookup.slope[:, 0]):
-        out.append(f"        y += {float(lookup.slope[i, 0])!r} * x[{i}];")
-    for k, axis in enumerate(lookup.axes):
-        if not any(k in table.axes for table in lookup.tables):
-            continue
-        name, place = f"edges_{number}_{k}", f"x[{axis.variable}]"
-        count = len(axis.edges)
-        out.append(_array(name, axis.edges if count else np.zeros(1)))
-        out.append(f"        const int l{k} = @P@_level({name}, {count}, {place});")
+        out.append(f"        y += {float(lookup.slope[i, 0])!r} * ({reads[i]});")
     for k, table in enumerate(lookup.tables):
         values = table.values[..., 0]
-        first, *rest = table.axes
-        at = f"l{first} * {values.shape[1]} + l{rest[0]}" if rest else f"l{first}"
+        first, *rest = (known[_key(tables, axis)] for axis in table.axes)
+        at = f"{first} * {values.shape[1]} + {rest[0]}" if rest else first
         out.append(_array(f"cells_{number}_{k}", values.ravel()))
         out.append(f"        y += cells_{number}_{k}[{at}];")
-    return "\n".join([*out, f"        if (inside) out[{j}] += y;", "    }"])
+    if tables.beyond == NOTHING:
+        out += _inside(tables, reads)
+    return "\n".join([*out, f"        out[{j}] += y;", "    }"])
+
+
+def _inside(tables: Tables, reads: list[str]) -> list[str]:
+    """Beyond what it was drawn on such a table says nothing."""
+    ends = (("low", tables.lookup.low), ("high", tables.lookup.high))
+    return [
+        _array("x", None, reads),
+        *(_array(name, values) for name, values in ends),
+        f"        for (int i = 0; i < {len(reads)}; i++)"
+        " if (x[i] < low[i] || x[i] > high[i]) y = 0.0;",
+    ]
+
+
+def _reads(tables: Tables) -> list[str]:
+    own = [*map(_read, tables.columns), f"out[{tables.joint}]"]
+    return own[: len(tables.lookup.names)]
 
 
 def _read(column: Column) -> str:

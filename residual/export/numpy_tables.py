@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from residual.export.program import Program
-from residual.model.corrected import DIFFERENCE, Column, Tables
+from residual.model.corrected import DIFFERENCE, NOTHING, Column, Tables
 from residual.recording import Array
 
 # What the columns of a table are called in the Python file.
@@ -50,10 +50,11 @@ def _block(tables: Tables, n: int, known: dict[tuple, str]) -> Iterator[str]:
     reads = [*map(_read, tables.columns), f"OUT[{j}]"][: len(lookup.names)]
     yield f"    # tables on joint {j + 1}"
     yield f"    x = [{', '.join(reads)}]"
-    yield f'    low, high = TABLES["low{n}"], TABLES["high{n}"]'
-    yield "    inside = np.ones(len(t), bool)"
-    yield "    for k, own in enumerate(x):"
-    yield "        inside &= (low[k] <= own) & (own <= high[k])"
+    if tables.beyond == NOTHING:
+        yield f'    low, high = TABLES["low{n}"], TABLES["high{n}"]'
+        yield "    inside = np.ones(len(t), bool)"
+        yield "    for k, own in enumerate(x):"
+        yield "        inside &= (low[k] <= own) & (own <= high[k])"
     yield f"    y = np.full(len(t), {float(lookup.offset[0])!r})"
     for i in np.flatnonzero(lookup.slope[:, 0]):
         yield f"    y += {float(lookup.slope[i, 0])!r} * x[{i}]"
@@ -70,7 +71,8 @@ def _block(tables: Tables, n: int, known: dict[tuple, str]) -> Iterator[str]:
     for k, table in enumerate(lookup.tables):
         at = ", ".join(levels[axis] for axis in table.axes)
         yield f'    y += TABLES["cells{n}_{k}"][{at}]'
-    yield f"    OUT[{j}] += inside * y"
+    factor = "inside * " if tables.beyond == NOTHING else ""
+    yield f"    OUT[{j}] += {factor}y"
 
 
 def _read(column: Column) -> str:

@@ -14,6 +14,7 @@ from residual.signals.track import Track, at_samples, prepare
 from residual.tables.form import NONE
 from residual.tables.lookup.lookup import Lookup
 
+NOTHING, NEAREST = "nothing", "nearest"  # what a table says beyond its range
 DIFFERENCE = "difference"  # of two positions, where their sum is not meant
 
 Column = tuple[str, tuple[int, ...], str]  # on, of (from 0), form
@@ -28,18 +29,22 @@ class Tables:
         columns: What its tables read, beside the load; velocities among them.
         lookup: The tables.
         kind: What it got: one of the constants of `tables.form`.
+        beyond: What it says beyond the range it was drawn on: "nothing", or what the
+            "nearest" level has.
     """
 
     joint: int
     columns: tuple[Column, ...]
     lookup: Lookup
     kind: str
+    beyond: str = NOTHING
 
     def torque(self, state: State, load: Array) -> Array:
         """Correction under the model's torque `load` [N m]. Shape (n,)."""
         X = np.column_stack([*read(state, self.columns), load])
         X = X[:, : len(self.lookup.names)]
-        # Beyond what it was drawn on a table knows nothing.
+        if self.beyond == NEAREST:
+            return self.lookup.predict(X)[:, 0]
         inside = ~self.lookup.outside(X).any(axis=1)
         return inside * self.lookup.predict(X)[:, 0]
 
@@ -100,6 +105,7 @@ class Corrected:
                     ],
                     "kind": t.kind,
                     "lookup": t.lookup.to_record(),
+                    **({"beyond": t.beyond} if t.beyond != NOTHING else {}),
                 }
                 for t in self.tables
             ],
@@ -118,6 +124,7 @@ class Corrected:
                 tuple((on, tuple(j - 1 for j in of), f) for on, of, f in t["columns"]),
                 Lookup.from_record(t["lookup"]),
                 t["kind"],
+                t.get("beyond", NOTHING),
             )
             for t in record["tables"]
         ]
