@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # for editors
     from flows.door.check import check
     from flows.door.comparison import compare
     from flows.door.diagnosis import Diagnosis, diagnose
+    from flows.door.export import export
     from flows.door.identification import Identification, identify
     from flows.door.logs import read_logs
     from flows.door.store import Store, open_store
@@ -60,6 +61,7 @@ __all__ = [
     "check",
     "compare",
     "diagnose",
+    "export",
     "identify",
     "load_model",
     "load_null",
@@ -73,6 +75,7 @@ _PLACES = {
     "flows.door.check": ("check",),
     "flows.door.comparison": ("compare",),
     "flows.door.diagnosis": ("Diagnosis", "diagnose"),
+    "flows.door.export": ("export",),
     "flows.door.identification": ("Identification", "identify"),
     "flows.door.logs": ("read_logs",),
     "flows.door.store": ("Store", "open_store"),

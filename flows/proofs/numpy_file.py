@@ -2,13 +2,14 @@
 
 import runpy
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 
 from flows.proofs.proof import Proof, compared
 from residual.export.exported import Exported, body_of
-from residual.export.motion import Motion, exciting
-from residual.recording import Array
+from residual.export.motion import exciting
 
 
 def prove_numpy(made: Exported) -> Proof:
@@ -18,18 +19,19 @@ def prove_numpy(made: Exported) -> Proof:
         made: The export.
     """
     motion = exciting(body_of(made.whole).robot)
-    start = perf_counter()
-    got = run(made, motion)
-    each = (perf_counter() - start) / len(motion.t)
+    with loaded(made) as torque:
+        start = perf_counter()
+        got = torque(motion.t, *motion.parts)
+        each = (perf_counter() - start) / len(motion.t)
     want = made.carried.along(motion.t, motion.parts)
-    note = f"{1e6 * each:.2g} microseconds a row, loading it included"
+    note = f"{1e6 * each:.2g} microseconds a row"
     return compared("run with NumPy alone", got, want, (note,))
 
 
-def run(made: Exported, motion: Motion) -> Array:
-    """Return the torque that the file computes [N m]. Shape (n, dof)."""
+@contextmanager
+def loaded(made: Exported) -> Iterator:
+    """Give the function `torque` of the file, while it is needed."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in made.files.items():
             (Path(folder) / name).write_bytes(content)
-        torque = runpy.run_path(str(Path(folder) / "torque.py"))["torque"]
-        return torque(motion.t, *motion.parts)
+        yield runpy.run_path(str(Path(folder) / "torque.py"))["torque"]

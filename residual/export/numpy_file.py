@@ -47,7 +47,7 @@ def source(parts: Split, left: Iterable[Left] = ()) -> str:
         f"{name.upper()} = {_nested(values)}"
         for name, values in arrays_of(program).items()
     )
-    load = ['TABLES = np.load(Path(__file__).with_name("torque.npz"))']
+    load = ['TABLES = dict(np.load(Path(__file__).with_name("torque.npz")))']
     pieces = [
         template("head.py.txt").rstrip(),
         *numbers,

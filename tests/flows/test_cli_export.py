@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.export_parts.models import ARMS, NAMES, model_with, robot_of
 from flows.cli import main
 from flows.keep.export import read_model
 from flows.proofs import proof as proofs
@@ -19,7 +20,6 @@ from residual.model.corrected import Corrected, Tables
 from residual.model.record import to_record
 from residual.signals.direction import CHOICES
 from residual.tables.form import MAIN
-from tests.residual.exported import ARMS, NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
 from warehouse.commit import commit_record
 

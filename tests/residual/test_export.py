@@ -7,6 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.export_parts.models import (
+    ARMS,
+    NAMES,
+    SIZES,
+    model_with,
+    robot_of,
+    term,
+)
 from residual.effects import registry
 from residual.effects._portable import Portable
 from residual.errors import InputError
@@ -23,7 +31,6 @@ from residual.model.model import Model
 from residual.model.record import from_record
 from residual.signals.direction import CHOICES
 from residual.tables.form import MAIN
-from tests.residual.exported import ARMS, NAMES, SIZES, model_with, robot_of, term
 from tests.residual.test_model_record import lookup
 
 WRITERS = {
