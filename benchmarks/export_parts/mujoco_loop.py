@@ -12,6 +12,7 @@ from residual.model.model import Model
 from residual.robot.dynamics import (
     inertial_parameters,
     inverse_dynamics,
+    mass_matrix,
 )
 
 SHORT = 1e-3  # of its value: what friction may lack where the joint creeps
