@@ -42,7 +42,7 @@ _COMMANDS = {
         "identify": ("identify:identify", _LOGS),
         "calibrate": ("calibrate:calibrate", _LOGS),
         "calibrate-null": ("null:calibrate_null", _LOGS),
-        "validate": ("monitor:validate", None),
+        "validate": ("experiment:validate", None),
         "monitor": ("monitor:monitor", "MODEL RUN..."),
         "export": ("export:export", "MODEL --to TARGET --out DIR"),
     },

@@ -1,15 +1,18 @@
-"""modelgap experiment and campaign: runs of the simulated arm into the store."""
+"""modelgap experiment, campaign and validate: simulated runs, and a model on a run."""
 
 from rich.console import Console
 
 from flows.cli.options import Flag
 from flows.errors import RunError
 from flows.progress import progress_bar
+from flows.report.terminal import validation
+from flows.requests import Validate
 from flows.say import say
 from flows.settings import store_folder
 from flows.specs.campaign import load_campaign
 from flows.specs.experiment import load_spec
 from flows.steps import experiment as steps
+from flows.steps import validate as trial
 from flows.steps.campaign import run_all
 from flows.workers.runner import chosen_runner, workers_of
 
@@ -90,3 +93,28 @@ def _list(planned: list[steps.Planned], console: Console) -> None:
     for each in planned:
         word = "is there" if each.stored else "to run"
         say(console, f"{each.run_id}  {word:8}  {each.label}")
+
+
+def validate(run: str, /, *, window: float = 0.25, store: str | None = None) -> None:
+    """Try the nominal model on a run of the store, without fitting anything.
+
+    ```
+    modelgap validate 3f2a
+    modelgap validate 3f2a --window 0.1
+    ```
+
+    Open loop: under the logged torque alone, window by window, how far does the model
+    stray from what was measured? Feed-forward, on simulated runs: driven by the
+    model's torque, how well does the arm track its reference, and how well when
+    driven by its own? Root mean square per joint; the store keeps it.
+
+    Args:
+        run: Id of a run; the beginning is enough.
+        window: Length of the windows in seconds; errors grow quickly with it.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    place, console = store_folder(store), Console()
+    id, made = trial.validate(Validate(run, window, place))
+    console.print(validation.validation_table(made))
+    stored = f"stored in {place}: modelgap show {id}"
+    say(console, validation.meaning(made), *made.notes, stored)

@@ -1,4 +1,4 @@
-"""modelgap validate and monitor: is the model, and are the sensors, still right?"""
+"""modelgap monitor: do the sensors of a robot still tell the truth?"""
 
 from typing import Annotated
 
@@ -8,13 +8,11 @@ from rich.console import Console
 from flows.cli.options import Words, named_files
 from flows.outputs import check_writable, write_all
 from flows.report.page.monitor_plot import plot as draw
-from flows.report.terminal import monitor as words
-from flows.report.terminal import validation
-from flows.requests import Monitor, Validate
+from flows.report.terminal.monitor import alarm_table, meaning
+from flows.requests import Monitor
 from flows.say import say
 from flows.settings import store_folder
 from flows.steps import monitor as steps
-from flows.steps import validate as trial
 
 
 def monitor(
@@ -53,36 +51,7 @@ def monitor(
     request = Monitor(model, runs, calibrate, per_hour, place)
     id, found, watched = steps.monitor(request)
     if any(found.alarms.values()):
-        console.print(words.alarm_table(found, watched))
+        console.print(alarm_table(found, watched))
     write_all({path: draw(found, watched) for path in files.values()})
-    lines = [
-        words.meaning(found),
-        *found.notes,
-        *(f"wrote {f}" for f in files.values()),
-    ]
+    lines = [meaning(found), *found.notes, *(f"wrote {f}" for f in files.values())]
     say(console, *lines, f"stored in {place}: modelgap show {id}")
-
-
-def validate(run: str, /, *, window: float = 0.25, store: str | None = None) -> None:
-    """Try the nominal model on a run of the store, without fitting anything.
-
-    ```
-    modelgap validate 3f2a
-    modelgap validate 3f2a --window 0.1
-    ```
-
-    Open loop: under the logged torque alone, window by window, how far does the model
-    stray from what was measured? Feed-forward, on simulated runs: driven by the
-    model's torque, how well does the arm track its reference, and how well when
-    driven by its own? Root mean square per joint; the store keeps it.
-
-    Args:
-        run: Id of a run; the beginning is enough.
-        window: Length of the windows in seconds; errors grow quickly with it.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
-    place, console = store_folder(store), Console()
-    id, made = trial.validate(Validate(run, window, place))
-    console.print(validation.validation_table(made))
-    stored = f"stored in {place}: modelgap show {id}"
-    say(console, validation.meaning(made), *made.notes, stored)
