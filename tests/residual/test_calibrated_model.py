@@ -1,0 +1,96 @@
+"""The tables of a calibration on the model that they correct are one torque."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmarks.export_parts.models import model_with, robot_of
+from residual.calibration.corrected import corrected_model
+from residual.calibration.rows import MEASURED, PAPER
+from residual.export.motion import exciting
+from residual.export.numpy_file import to_numpy
+from residual.model.corrected import NEAREST
+from residual.model.record import from_record, to_record
+from residual.tables.form import NONE
+from residual.tables.lookup.lookup import Lookup
+from residual.tables.lookup.pack import Axis, Table
+from residual.tables.pca import state_names
+
+JOINTS = (1, 2, 3, 4, 5, 6)
+
+
+def _lookup(rng) -> Lookup:
+    """Tables of a speed, of a pair, and of speed and load; of joint 2 there is none."""
+    names = (*state_names(JOINTS), *(f"tau{j}" for j in JOINTS))
+    axes = [(6, 0.3), (1, 0.2), (8, 0.3), (20, 9.0)]
+    values = [rng.normal(size=(5, 6)), rng.normal(size=(5, 5, 6))]
+    values.append(rng.normal(size=(5, 5, 6)))
+    for each in values:
+        each[..., 1] = 0
+    slope = np.zeros((len(names), 6))
+    slope[3, 4] = 0.5
+    return Lookup(
+        names,
+        tuple(f"joint {j}" for j in JOINTS),
+        tuple(Axis(k, width * np.array([-2.0, -1.0, 1.0, 2.0])) for k, width in axes),
+        tuple(Table(a, v) for a, v in zip(((0,), (0, 1), (2, 3)), values, strict=True)),
+        np.array([0.1, 0.0, 0.3, 0.4, 0.5, 0.6]),
+        slope,
+        np.full(len(names), -1.0),
+        np.full(len(names), 1.0),
+    )
+
+
+def _calibration(mode=MEASURED, nominal=None):
+    rows = SimpleNamespace(mode=mode, joints=JOINTS)
+    lookup = _lookup(np.random.default_rng(5))
+    return SimpleNamespace(rows=rows, nominal=nominal, lookup=lookup)
+
+
+def _model(*more):
+    return model_with(robot_of("irb140"), "viscous", "load_friction", *more)
+
+
+def test_the_torque_is_that_of_the_model_and_of_the_tables_at_their_nearest_level():
+    model, motion = _model(), exciting(robot_of("irb140"))
+    made = _calibration(nominal=model)
+    own = model.along(motion.t, motion.parts)
+    X = np.hstack([*motion.parts, own])
+    assert (X < -1).any()  # beyond the range of the tables
+    want = own + made.lookup.predict(X)
+    whole = corrected_model(made)
+    assert {t.beyond for t in whole.tables} == {NEAREST}
+    np.testing.assert_allclose(whole.along(motion.t, motion.parts), want, atol=1e-11)
+
+
+def test_a_joint_without_a_table_says_so():
+    whole = corrected_model(_calibration(nominal=_model()))
+    assert [t.kind == NONE for t in whole.tables] == [j == 2 for j in JOINTS]
+
+
+def test_it_comes_back_whole_from_its_record_and_from_its_numpy_file(tmp_path):
+    motion = exciting(robot_of("irb140"), 4.0)
+    whole = corrected_model(_calibration(nominal=_model()))
+    want = whole.along(motion.t, motion.parts)
+    again = from_record(to_record(whole)).along(motion.t, motion.parts)
+    assert again.tobytes() == want.tobytes()
+    for name, content in to_numpy(whole).files.items():
+        (tmp_path / name).write_bytes(content)
+    names = {"__name__": "torque", "__file__": str(tmp_path / "torque.py")}
+    exec((tmp_path / "torque.py").read_text(), names)
+    got = names["torque"](motion.t, *motion.parts)
+    np.testing.assert_allclose(got, want, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        _calibration(PAPER, _model()),
+        _calibration(nominal=None),
+        _calibration(nominal=_model("torque_gain")),
+    ],
+    ids=["a twin", "no model", "a torque as reported"],
+)
+def test_tables_that_correct_something_else_make_no_model(made):
+    assert corrected_model(made) is None
