@@ -1,4 +1,4 @@
-"""Write docs/benchmarks.md, and the results table of README.md, from the results files.
+"""Write the pages of benchmarks and the README's table from the results files.
 
     python benchmarks/page.py
 
@@ -16,7 +16,12 @@ from types import SimpleNamespace
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
-PAGE, README = ROOT / "docs" / "benchmarks.md", ROOT / "README.md"
+README = ROOT / "README.md"
+# By the `page` that the words of a results file ask for; "" where they ask for none.
+PAGES = {
+    "": ROOT / "docs" / "benchmarks.md",
+    "tools": ROOT / "docs" / "benchmarks_tools.md",
+}
 FENCES = "<!-- results -->\n", "<!-- end of results -->\n"
 _WORDS = {
     path.stem: tomllib.loads(path.read_text(encoding="utf-8"))
@@ -108,11 +113,13 @@ def figures(name: str, content: Mapping) -> dict[str, tuple[str, Figure]]:
     }
 
 
-def page() -> str:
-    """Return the text of docs/benchmarks.md."""
-    return "\n".join(
-        [_SHARED["head"].lstrip(), *(_section(*item) for item in results().items())]
-    )
+def page(which: str = "") -> str:
+    """Return the text of one of the PAGES."""
+    own = [
+        item for item in results().items() if _WORDS[item[0]].get("page", "") == which
+    ]
+    head = _SHARED["heads"][which or "all"].lstrip()
+    return "\n".join([head, *(_section(*item) for item in own)])
 
 
 def readme_table() -> str:
@@ -137,8 +144,9 @@ def readme_table() -> str:
 
 
 def main() -> int:
-    """Write the page and the table."""
-    PAGE.write_text(page(), encoding="utf-8")
+    """Write the pages and the table."""
+    for which, path in PAGES.items():
+        path.write_text(page(which), encoding="utf-8")
     before, _, rest = README.read_text(encoding="utf-8").partition(FENCES[0])
     README.write_text(before + readme_table() + rest.partition(FENCES[1])[2], "utf-8")
     return 0
