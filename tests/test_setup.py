@@ -61,7 +61,7 @@ def test_every_pin_has_hashes_and_no_package_depends_on_an_address(lock):
 
 def test_pyproject_names_each_extra_once_and_the_prefect_pins_hold():
     extras = set(PROJECT["project"]["optional-dependencies"])
-    assert extras == {"sdp", "bags", "scale", "dev"}
+    assert extras == {"sdp", "bags", "scale", "export", "dev"}
     texts = PROJECT["project"]["dependencies"]
     assert {"prefect==3.8.8", "fastapi<0.151", "sqlalchemy<2.1"} <= set(texts)
 
