@@ -91,6 +91,7 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Spli
         refuse: Why a term cannot be carried; "" where it can.
         tables: Why tables cannot be carried; "" where they can.
     """
+    whole = _in_terms(whole)
     model = body_of(whole)
     reasons = [(term, why) for term in model.terms if (why := refuse(term))]
     gone = [term for term, _ in reasons]
@@ -101,6 +102,13 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Spli
         else:
             kept = replace(whole, model=kept)
     return Split(whole, kept, tuple(reasons))
+
+
+def _in_terms(whole: Whole) -> Whole:
+    """A model with what it has without a name among its terms, each to be told of."""
+    model = body_of(whole)
+    model = replace(model, terms=(*model.terms, *model.tables), tables=())
+    return replace(whole, model=model) if isinstance(whole, Corrected) else model
 
 
 def body_of(whole: Whole) -> Model:

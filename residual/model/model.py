@@ -258,11 +258,7 @@ class Model:
         floor = self.speed_floor
         return {
             "form": FORM,
-            "robot": {
-                "name": self.robot.name,
-                "urdf": self.robot.urdf,
-                "toml": self.robot.toml,
-            },
+            "robot": {k: getattr(self.robot, k) for k in ("name", "urdf", "toml")},
             "inertial": self.inertial.tolist(),
             "terms": [t.to_record() for t in self.terms],
             "background": [t.to_record() for t in self.tables],
