@@ -42,7 +42,7 @@ class Recording:
             value = getattr(self, field.name)
             if value is None:
                 continue
-            array = np.array(value, dtype=float)
+            array = value if _kept_safe(value) else np.array(value, dtype=float)
             array.setflags(write=False)
             object.__setattr__(self, field.name, array)
             self._check(field.name, array)
@@ -82,6 +82,17 @@ class Recording:
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return float(self.t[-1] - self.t[0])
+
+
+def _kept_safe(value: object) -> bool:
+    """Whether nobody can write into an array, so that a part of a log is no copy."""
+    if not isinstance(value, np.ndarray) or value.dtype != float:
+        return False
+    while isinstance(value, np.ndarray):
+        if value.flags.writeable:
+            return False
+        value = value.base
+    return True
 
 
 def usual_speed(recording: Recording, stride: int, share: float) -> Array:

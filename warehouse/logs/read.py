@@ -1,6 +1,6 @@
 """One log: opened by what is in it, read into a checked recording."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from warehouse.logs.formats.bag import open_bag
 from warehouse.logs.formats.csv import HEAD, CsvLog, find_layout
 from warehouse.logs.formats.mcap import open_mcap
 from warehouse.logs.formats.parquet import ParquetLog
+from warehouse.logs.put_away import put_away
 from warehouse.logs.select import Selection, check_units, select
 from warehouse.logs.window import Window, split_spec
 
@@ -142,36 +143,42 @@ def read_any(
 
 
 def _samples(
-    table: Mapping[str, Array], meant: "_Meant", label: str, window: Window | None
+    table: dict[str, Array], meant: "_Meant", label: str, window: Window | None
 ) -> tuple[Recording, tuple[Doubt, ...]]:
     """Return the samples that are numbers, and what is wrong with the log."""
     name, chosen, columns, robot = meant.file, meant.chosen, meant.columns, meant.robot
     t = table[chosen.time] * (TIME_UNITS[columns.time_unit] * columns.time_scale)
     keep, doubts = whole_rows(t, name)
-    at = np.flatnonzero(keep)
+    at = _rows(keep)
     if window is not None:
-        at = at[window.rows(t[at], name)]
-    raw = {k: [table[c][at] for c in s.columns] for k, s in chosen.signals.items()}
-    with np.errstate(over="ignore", invalid="ignore"):  # huge values become infinite
-        signals = {
-            k: to_link_side(k, np.column_stack(raw[k]), signal, robot)
-            for k, signal in chosen.signals.items()
-        }
+        own = window.rows(t[at], name)
+        at = own if isinstance(at, slice) else at[own]
+    signals = {}
+    for k, signal in chosen.signals.items():
+        raw = np.column_stack([table.pop(c)[at] for c in signal.columns])
+        with np.errstate(over="ignore", invalid="ignore"):  # huge become infinite
+            signals[k] = to_link_side(k, raw, signal, robot)
     rows, broken = finite_rows(signals, label)
     if rows.sum() < 2:
         said = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])
         raise RecordingError(
             said or f"{label} has {rows.sum()} samples; widen the window."
         )
+    kept = _rows(rows)
     recording = Recording(
         id=label,
         robot=robot.name,
-        t=t[at][rows],
-        **{k: values[rows] for k, values in signals.items()},
+        t=put_away(t[at][kept]),
+        **{k: put_away(signals.pop(k)[kept]) for k in tuple(signals)},
     )
     with np.errstate(over="ignore"):
         doubts = (*doubts, *broken, *check_samples(recording, robot))
     return recording, doubts
+
+
+def _rows(keep: Array) -> slice | Array:
+    """Numbers of the rows to keep; of all of them a slice, which copies nothing."""
+    return slice(None) if keep.all() else np.flatnonzero(keep)
 
 
 def _conversions(chosen: Selection, columns: ColumnMap) -> tuple[str, ...]:

@@ -158,6 +158,7 @@ Array = np.ndarray
 
 # So many equal samples in a row are no coincidence, however coarse the sensors.
 RUN = 5
+BLOCK = 1 << 17  # samples that are looked at together
 
 
 def check_distinct(recordings: Sequence[Recording]) -> None:
@@ -172,6 +173,8 @@ def check_distinct(recordings: Sequence[Recording]) -> None:
     Raises:
         InputError: Naming the first two logs that share samples.
     """
+    if len(recordings) < 2:
+        return
     prints = [_runs(recording) for recording in recordings]
     for i, j in combinations(range(len(recordings)), 2):
         shared = len(np.intersect1d(prints[i], prints[j], assume_unique=True))
@@ -185,15 +188,22 @@ def check_distinct(recordings: Sequence[Recording]) -> None:
 
 def _runs(recording: Recording) -> Array:
     """Return one number for every RUN samples in a row, the same for equal ones."""
-    rows = np.hstack([recording.q, recording.tau])
-    # Standing still repeats one sample, in any log: count it once.
-    changed = np.r_[True, (np.diff(rows, axis=0) != 0).any(axis=1)]
-    bits = np.ascontiguousarray(rows[changed]).view(np.uint64)
     odd = np.random.default_rng(0).integers(2**63, size=(2, 64), dtype=np.uint64) | 1
-    mixed = (bits ^ (bits >> np.uint64(29))) * odd[0, : bits.shape[1]]
-    sample = np.bitwise_xor.reduce(mixed ^ (mixed >> np.uint64(32)), axis=1)
+    blocks = range(0, len(recording.t), BLOCK)
+    sample = np.concatenate([_hashes(recording, start, odd[0]) for start in blocks])
     count = max(0, len(sample) - RUN + 1)
     runs = np.zeros(count, dtype=np.uint64)
     for k in range(RUN):
         runs += sample[k : k + count] * odd[1, k]
     return np.unique(runs)
+
+
+def _hashes(recording: Recording, start: int, odd: Array) -> Array:
+    """One number for each sample of a block that is not the one before."""
+    rows = slice(max(start - 1, 0), start + BLOCK)
+    values = np.hstack([recording.q[rows], recording.tau[rows]])
+    # Standing still repeats one sample, in any log: count it once.
+    changed = np.r_[start == 0, (np.diff(values, axis=0) != 0).any(axis=1)]
+    bits = np.ascontiguousarray(values[changed]).view(np.uint64)
+    mixed = (bits ^ (bits >> np.uint64(29))) * odd[: bits.shape[1]]
+    return np.bitwise_xor.reduce(mixed ^ (mixed >> np.uint64(32)), axis=1)

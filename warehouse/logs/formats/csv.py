@@ -102,8 +102,12 @@ class CsvLog(LogFile):
             raise InputError(
                 self._explain(self._line(places, wanted, error))
             ) from error
-        values = (table.column(place).to_numpy() for place in wanted)
-        return dict(zip(columns, values, strict=True))
+        values = {}
+        for column, place in zip(columns, wanted, strict=True):
+            values[column] = table.column(place).to_numpy()
+            # Else a long log would stand twice in memory.
+            table = table.drop_columns([place])
+        return values
 
     def _table(self, places: list[str], wanted: list[str], threads: bool) -> pa.Table:
         return arrow_csv.read_csv(

@@ -10,6 +10,7 @@ from residual.errors import InputError
 from warehouse.logs.file import LogFile
 
 Array = np.ndarray
+BATCH = 1 << 16  # rows
 
 
 class ParquetLog(LogFile):
@@ -32,15 +33,21 @@ class ParquetLog(LogFile):
                 raise InputError(
                     f"{self.name}: column '{column}' holds {kind}, expected numbers."
                 )
+        values = {c: np.empty(self._file.metadata.num_rows) for c in columns}
+        done = 0
         try:
-            table = self._file.read(columns=list(columns))
+            # Batch by batch: a table of all of it would stand beside the values.
+            for batch in self._file.iter_batches(BATCH, columns=list(columns)):
+                for c in columns:
+                    values[c][done : done + len(batch)] = _floats(batch.column(c))
+                done += len(batch)
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(self.name)) from error
-        return {c: _floats(table.column(c)) for c in columns}
+        return {c: x[:done] for c, x in values.items()}
 
 
-def _floats(column: pa.ChunkedArray) -> Array:
-    return column.cast(pa.float64()).to_numpy().astype(float, copy=False)
+def _floats(column: pa.Array) -> Array:
+    return column.cast(pa.float64()).to_numpy(zero_copy_only=False)
 
 
 def _broken(name: str) -> str:
