@@ -17,7 +17,7 @@ import pinocchio as pin
 from residual.effects.base import State
 from residual.recording import Array
 from residual.robot.dynamics import with_inertial_parameters
-from residual.signals.track import low_pass
+from residual.signals.low_pass import low_pass
 
 # A shift made of the model's torque holds qdd, and its own second derivative the fourth
 # of a noisy angle: only what is slow is told apart from noise.

@@ -4,57 +4,19 @@ Rows of joint j are its moving samples, all fit logs stacked. The search needs b
 Gram matrices per fold; columns, kept for residuals, are only ever appended.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from residual.effects.base import Effect, Joints, Shape, State
+from residual.evidence.folds import fold_labels
+from residual.evidence.group import Group
 from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.track import Track
 
 AMPLITUDE = 0.3  # prior size of an effect's torque, as a share of torque rms
-BLOCKS_OF_ONE_LOG, BLOCKS_OF_A_LOG, ENOUGH_LOGS = 6, 3, 4
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Group:
-    """Columns that stand or fall together: one candidate finding.
-
-    Attributes:
-        effect, joints, shape: What they are; joints from 0.
-        ids: Their column numbers. Shape (k,).
-        precision: Prior precision of their coefficients. Shape (k, k).
-        log_det: Log determinant of the precision.
-        parts: For one effect on all joints at once, the groups of the single joints.
-        fellows: How many came together with this one in such a group.
-        label: Name of the candidate; the effect's own where empty.
-    """
-
-    effect: Effect
-    joints: Joints
-    shape: Shape
-    ids: Array
-    precision: Array
-    log_det: float
-    parts: tuple["Group", ...] = ()
-    fellows: int = 1
-    label: str = ""
-
-    @property
-    def key(self) -> tuple:
-        """Identity apart from a searched shape: one candidate finding per key."""
-        fixed = self.shape if self.effect.refine is None else ()
-        return (self.label or self.effect.name, self.joints, fixed)
-
-
-def fold_labels(lengths: Sequence[int]) -> list[Array]:
-    """Fold of each row of logs of such lengths: a log, or blocks where logs are few."""
-    blocks = 1
-    if len(lengths) < ENOUGH_LOGS:
-        blocks = BLOCKS_OF_ONE_LOG if len(lengths) == 1 else BLOCKS_OF_A_LOG
-    return [k * blocks + np.arange(m) * blocks // m for k, m in enumerate(lengths)]
 
 
 class Design:
@@ -68,6 +30,7 @@ class Design:
         rows: Rows of each joint. Shape (dof,).
         target: Filtered torque minus nominal torque on the rows, one per joint.
         folds: Number of folds.
+        fold_rows: Rows of each fold and joint. Shape (folds, dof).
     """
 
     def __init__(self, logs: Sequence[tuple[Track, State]], model: Model) -> None:
@@ -93,6 +56,7 @@ class Design:
         self.gram = [np.zeros((self.folds, 0, 0)) for _ in range(self.dof)]
         self.cross = [np.zeros((self.folds, 0)) for _ in range(self.dof)]
         self._buffers = list(zip(self._x, self.gram, self.cross, strict=True))
+        self.fold_rows = self._per_fold([np.ones_like(y) for y in self.target])
         self.power = self._per_fold(self.target)
         self.tau_power = self._per_fold(tau)
         self._sums: list = [None] * self.dof
@@ -104,7 +68,7 @@ class Design:
 
     def _assign_folds(self) -> list[Array]:
         """Fold of each row: its log, or a block of it where logs are few."""
-        labels = fold_labels([len(track.tau) for track, _ in self._logs])
+        labels = fold_labels([track for track, _ in self._logs])
         return [
             np.concatenate([x[u] for x, u in zip(labels, use, strict=True)])
             for use in self._use
@@ -147,11 +111,8 @@ class Design:
         Args:
             candidates: Effect, joints from 0 and shape of each.
         """
-        per_rows: dict[Joints, list[int]] = {}
-        for i, (effect, joints, _) in enumerate(candidates):
-            per_rows.setdefault(effect.rows(joints, self.dof), []).append(i)
         groups: dict[int, Group] = {}
-        for rows, members in per_rows.items():
+        for rows, members in self._by_rows(candidates).items():
             per_log = [
                 [e.columns(s, js, sh) for e, js, sh in (candidates[i] for i in members)]
                 for _, s in self._logs
@@ -162,6 +123,13 @@ class Design:
             for i, own in zip(members, parts, strict=True):
                 groups[i] = self._group(candidates[i], rows, own)
         return [groups[i] for i in range(len(candidates))]
+
+    def _by_rows(self, candidates) -> dict[Joints, list[int]]:
+        """Numbers of the candidates that act on the same joints."""
+        out: dict[Joints, list[int]] = {}
+        for i, (effect, joints, _) in enumerate(candidates):
+            out.setdefault(effect.rows(joints, self.dof), []).append(i)
+        return out
 
     def _append(self, per_log: Sequence[Array], rows: Joints) -> Array:
         """Filter columns (n, rows, k) of every log and extend the Gram."""
@@ -313,6 +281,10 @@ class Design:
         """Filtered columns of joint j. Shape (rows, len(place))."""
         return self._x[j][:, place]
 
+    def chunks(self, j: int, place: Array) -> Iterator[tuple[Array, Array]]:
+        """Columns and target of joint j, of all rows: (rows, len(place)), (rows,)."""
+        yield self.columns(j, place), self.target[j]
+
     def residual(self, j: int, ids: Array, theta: Array) -> Array:
         """What the columns leave of joint j's target [N m]. Shape (rows,)."""
         place, have = self.present(j, ids)
@@ -342,3 +314,8 @@ class Design:
     def states(self) -> list[State]:
         """What the effects see of each fit log."""
         return [s for _, s in self._logs]
+
+    @property
+    def tracks(self) -> list[Track]:
+        """Signals of the logs that rows and residuals are of."""
+        return [t for t, _ in self._logs]

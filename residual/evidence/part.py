@@ -27,8 +27,7 @@ class Part(Design):
         self._whole, self._kept = whole, folds
         self.folds = len(folds)
         self.power, self.tau_power = whole.power[folds], whole.tau_power[folds]
-        own = [np.isin(whole.folds_of(j), folds).sum() for j in range(whole.dof)]
-        self.rows = np.maximum(np.array(own, dtype=float), 1.0)
+        self.rows = np.maximum(whole.fold_rows[folds].sum(axis=0), 1.0)
         self._sums = [None] * whole.dof
 
     def add(self, candidates: Sequence[tuple[Effect, Joints, Shape]]) -> list[Group]:
@@ -36,6 +35,14 @@ class Part(Design):
         made = self._whole.add(candidates)
         self.size = self._whole.size
         return made
+
+    def columns(self, j: int, place: Array) -> Array:
+        """Filtered columns of joint j, of the whole."""
+        return self._whole.columns(j, place)
+
+    def residual(self, j: int, ids: Array, theta: Array) -> Array:
+        """What the columns leave of joint j's target, of the whole [N m]."""
+        return self._whole.residual(j, ids, theta)
 
     def total(self, j: int, folds: Array | None = None) -> tuple[Array, Array]:
         """Gram and cross product of joint j, summed over folds of the part."""

@@ -1,14 +1,16 @@
 """The error of several models on logs that no model was fitted to, and its curves."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual.effects.base import State
 from residual.model.corrected import Corrected
 from residual.model.model import Model
+from residual.model.observed import Later
 from residual.recording import Array, Recording
+from residual.signals.pieces import are_long, in_pieces, logs_of, overlap, spread
 from residual.signals.track import Filters, Track, at_samples, prepare
 
 
@@ -56,6 +58,7 @@ class Cloud:
 
 
 BLOCK = 1.0  # s: longer than noise remembers
+KEPT = 60_000  # samples whose regressors are kept: 170 MB for six joints
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -65,12 +68,13 @@ class HeldOutLog:
     Attributes:
         recording: The log.
         track: Its signals at its own rate.
-        regressor: Inertial regressor. Shape (n, dof, 10 dof).
+        regressor: Inertial regressor, made when it is read where it has many rows.
+            Shape (n, dof, 10 dof).
     """
 
     recording: Recording
     track: Track
-    regressor: Array
+    regressor: Array | Later
 
     def observe(self, model: Model | Corrected) -> State:
         """What the model's effects see of this log."""
@@ -80,12 +84,20 @@ class HeldOutLog:
 def prepare_held_out(
     recordings: Sequence[Recording], model: Model
 ) -> tuple[HeldOutLog, ...]:
-    """Prepare held-out logs with the signal path of a model."""
-    tracks, _ = prepare(recordings, model.filters, model.speed_floor, full_rate=True)
+    """Prepare held-out logs with the signal path of a model.
+
+    Long ones are cut into pieces and looked at, at the rate of the features.
+    """
+    pieces = in_pieces(recordings, model.filters.torque)
+    long = are_long(recordings)
+    floor = model.speed_floor
+    tracks, _ = prepare(pieces, model.filters, floor, full_rate=not long)
     out = []
-    for recording, track in zip(recordings, tracks, strict=True):
-        state = model.observe(track)
-        out.append(HeldOutLog(recording, track, state.regressor))
+    many = long or sum(len(track.t) for track in tracks) > KEPT
+    for recording, track in zip(pieces, tracks, strict=True):
+        late = Later(model.robot, (track.q, track.qd, track.qdd))
+        regressor = late if many else np.asarray(late)
+        out.append(HeldOutLog(recording, track, regressor))
     return tuple(out)
 
 
@@ -125,7 +137,7 @@ def compare(
     filter; moving errors are filtered ones on rows where that joint moves.
     """
     sums = {name: _empty(held_out) for name in models}
-    proofs = []
+    proofs, first = [], {}
     for witness in held_out:
         curves = {}
         for name, model in models.items():
@@ -134,7 +146,8 @@ def compare(
             curves[name] = witness.track.filter(torque)
             _accumulate(sums[name], witness, torque, curves[name], filters.edge)
         inner = witness.track.inner
-        t = (witness.track.t - witness.track.t[0])[:: witness.track.step]
+        start = first.setdefault(witness.recording.id, witness.track.t[0])
+        t = (witness.track.t - start)[:: witness.track.step]
         proofs.append(
             LogProof(
                 witness.recording.id,
@@ -145,13 +158,34 @@ def compare(
             )
         )
     errors = {name: Errors(s["miss"], s["power"]) for name, s in sums.items()}
-    return errors, tuple(proofs)
+    return errors, _joined(proofs)
+
+
+def _joined(proofs: Sequence[LogProof]) -> tuple[LogProof, ...]:
+    """One proof per log, of all its pieces."""
+    out = []
+    for numbers in logs_of([p.id for p in proofs]):
+        own = [proofs[i] for i in numbers]
+        hats = [p.tau_hat for p in own]
+        out.append(
+            replace(
+                own[0],
+                t=np.concatenate([p.t for p in own]),
+                tau=np.concatenate([p.tau for p in own]),
+                tau_hat={k: np.concatenate([h[k] for h in hats]) for k in hats[0]},
+                moving=np.concatenate([p.moving for p in own]),
+            )
+        )
+    return tuple(out)
 
 
 def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
-    """Squared filtered error on moving rows, per second [N^2 m^2]. (seconds, dof)."""
+    """Squared filtered error on moving rows, per second [N^2 m^2]. (seconds, dof).
+
+    Of long logs on pieces that are evenly spread.
+    """
     out = []
-    for witness in held_out:
+    for witness in _sketch(held_out):
         track = witness.track
         torque = track.filter(model.torque_of_state(witness.observe(model)))
         miss = ((track.tau - torque) * track.moving) ** 2
@@ -163,8 +197,12 @@ def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
 
 def moving_power(held_out: Sequence[HeldOutLog]) -> Array:
     """Squared filtered torque on the same rows [N^2 m^2]. Shape (dof,)."""
-    torques = (witness.track.tau * witness.track.moving for witness in held_out)
+    torques = (w.track.tau * w.track.moving for w in _sketch(held_out))
     return sum((tau**2).sum(axis=0) for tau in torques)
+
+
+def _sketch(held_out: Sequence[HeldOutLog]) -> list[HeldOutLog]:
+    return [held_out[i] for i in spread([w.track.seconds for w in held_out])]
 
 
 def _empty(held_out: Sequence[HeldOutLog]) -> dict:
@@ -176,6 +214,8 @@ def _empty(held_out: Sequence[HeldOutLog]) -> dict:
 def _accumulate(sums: dict, witness: HeldOutLog, torque, filtered, edge: float) -> None:
     log, track = witness.recording, witness.track
     at = at_samples(torque, track, log)
+    if not track.whole:  # what its neighbours have too
+        edge = overlap(track.cutoff, track.rate)
     inside = (log.t >= log.t[0] + edge) & (log.t <= log.t[-1] - edge)
     pairs = {
         "raw": (log.tau[inside], at[inside]),

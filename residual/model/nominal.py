@@ -15,6 +15,7 @@ from residual.recording import Array, Recording
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot
 from residual.signals.encoder_noise import shaken
+from residual.signals.pieces import in_pieces, spread
 from residual.signals.track import Filters, Track, prepare
 
 MOST_SHAPES = 4
@@ -149,8 +150,8 @@ def _width(effect: Effect, robot: Robot) -> int:
 class Logs:
     """Fit logs, ready: signals, session clock and how far they move the arm.
 
-    ``shaken`` are the same with one more helping of the noise of their angles,
-    ``background`` the tables that every joint's state accounts for (`evidence`).
+    ``shaken`` are those of the ``sketch`` with one more helping of the noise of their
+    angles, ``background`` the tables that every joint's state accounts for.
     """
 
     robot: Robot
@@ -162,6 +163,12 @@ class Logs:
     shaken: tuple[Track, ...]
     background: tuple = ()
 
+    @property
+    def sketch(self) -> tuple[Track, ...]:
+        """All logs; of long ones as many pieces as may be kept whole."""
+        shown = spread([t.seconds for t in self.tracks])
+        return tuple(self.tracks[i] for i in shown)
+
 
 def prepare_logs(
     robot: Robot,
@@ -169,7 +176,8 @@ def prepare_logs(
     clock: float | None,
     filters: Filters,
 ) -> Logs:
-    """Prepare the signals of the fit logs."""
+    """Prepare the signals of the fit logs, those of long ones in pieces."""
+    recordings = in_pieces(recordings, filters.torque)
     tracks, floor = prepare(recordings, filters)
     q = np.concatenate([t.q for t in tracks])
     qd = np.concatenate([t.qd for t in tracks])
@@ -182,7 +190,9 @@ def prepare_logs(
         cutoff=min(t.cutoff for t in tracks),
         torque=np.quantile(np.abs(tau), 0.995, axis=0),
     )
-    moved = shaken(recordings, tracks, filters, floor)
+    shown = spread([t.seconds for t in tracks])
+    some = [recordings[i] for i in shown], [tracks[i] for i in shown]
+    moved = shaken(*some, filters, floor)
     return Logs(robot, tracks, clock, span, floor, filters, moved)
 
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from residual.recording import Recording
+from residual.signals.pieces import rows_of
 
 
 def session_clock(recordings: Sequence[Recording]) -> float | None:
@@ -22,21 +23,7 @@ def hold_out_end(
     """Cut the last quarter off the longest log and hold it out."""
     longest = max(fit, key=lambda r: r.duration)
     cut = longest.t[0] + 0.75 * longest.duration
-    head, tail = (_part(longest, longest.t < cut), _part(longest, longest.t >= cut))
+    row = int(np.searchsorted(longest.t, cut))
+    head, tail = rows_of(longest, 0, row), rows_of(longest, row, len(longest.t))
     tail = replace(tail, id=f"{longest.id} (last quarter)")
     return [head if r is longest else r for r in fit], [tail]
-
-
-def _part(recording: Recording, rows: np.ndarray) -> Recording:
-    optional = {
-        name: getattr(recording, name)[rows]
-        for name in ("qd", "qdd", "q_ref")
-        if getattr(recording, name) is not None
-    }
-    return replace(
-        recording,
-        t=recording.t[rows],
-        q=recording.q[rows],
-        tau=recording.tau[rows],
-        **optional,
-    )

@@ -6,15 +6,15 @@ near a reversal or inside a dwell are masked: friction at standstill may take an
 value up to breakaway, so no function of the motion predicts it.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import butter, sosfiltfilt
 
 from residual.recording import Array, Recording
+from residual.signals.low_pass import decimated, low_pass
+from residual.signals.pieces import cut, overlap
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +57,7 @@ class Track:
         inner: Row lies outside the edges and gaps. Shape (m,), bool.
         moving: Row is used for that joint. Shape (m, dof), bool.
         torque_noise: White-noise level of torque behind the filter [N m]. (dof,)
+        whole: It is no piece of a longer log.
     """
 
     id: str
@@ -71,6 +72,12 @@ class Track:
     inner: Array
     moving: Array
     torque_noise: Array
+    whole: bool = True
+
+    @property
+    def seconds(self) -> float:
+        """How long it is [s]."""
+        return len(self.t) / self.rate
 
     def filter(self, columns: Array) -> Array:
         """Pass feature columns through the identification filter and decimate.
@@ -81,6 +88,8 @@ class Track:
         Returns:
             Values at the rows. Shape (m, ...).
         """
+        if not self.whole:
+            return decimated(columns, self.cutoff, self.rate, self.step)
         return low_pass(columns, self.cutoff, self.rate)[:: self.step]
 
 
@@ -93,21 +102,6 @@ class _Uniform:
     q: Array
     tau: Array
     gap: Array
-
-
-def low_pass(x: Array, cutoff: float, rate: float) -> Array:
-    """Zero-phase Butterworth low-pass of order 4 (twice 4) along the first axis."""
-    if cutoff >= 0.45 * rate:
-        return np.asarray(x, dtype=float)
-    return sosfiltfilt(
-        _butterworth(cutoff / (rate / 2)), x, axis=0, padlen=min(len(x) - 2, int(rate))
-    )
-
-
-@cache
-def _butterworth(share: float) -> Array:
-    """Second-order sections of the low-pass; its design costs more than its use."""
-    return butter(4, share, output="sos")
 
 
 def sample_rate(t: Array) -> float:
@@ -135,15 +129,41 @@ def prepare(
     Returns:
         One track per log, and the standstill thresholds [rad/s]. Shape (dof,).
     """
-    uniform = [_resample(r) for r in recordings]
-    motion = [_kinematics(u, filters) for u in uniform]
+    pieces = cut([r.id for r in recordings])
+    signals = _signals(recordings, filters, again=any(pieces))
     if speed_floor is None:
-        speed_floor = _standstill_speed(uniform, motion, filters)
+        speed_floor = _standstill_speed(signals(), filters, thin=any(pieces))
+    options = speed_floor, full_rate
     tracks = tuple(
-        _track(r.id, u, m, filters, (speed_floor, full_rate))
-        for r, u, m in zip(recordings, uniform, motion, strict=True)
+        _track(r.id, u, m, filters, options)
+        if not piece
+        else _piece(r.id, u, m, filters, options)
+        for r, piece, (u, m) in zip(recordings, pieces, signals(), strict=True)
     )
     return tracks, speed_floor
+
+
+def _signals(
+    recordings: Sequence[Recording], filters: Filters, again: bool
+) -> Callable[[], Iterable]:
+    """Return what gives each log resampled, with its kinematics.
+
+    Args:
+        recordings: The logs.
+        filters: Cut-offs.
+        again: Make them anew each time: two passes over pieces of a long log take less
+            room than all of it.
+    """
+
+    def made() -> Iterable:
+        for recording in recordings:
+            uniform = _resample(recording)
+            yield uniform, _kinematics(uniform, filters)
+
+    if again:
+        return made
+    once = list(made())
+    return lambda: once
 
 
 def _resample(recording: Recording) -> _Uniform:
@@ -165,26 +185,42 @@ def _kinematics(u: _Uniform, filters: Filters) -> tuple[Array, Array, Array]:
     return q, qd, np.gradient(qd, 1 / u.rate, axis=0)
 
 
-def _standstill_speed(uniform, motion, filters: Filters) -> Array:
+def _standstill_speed(signals: Iterable, filters: Filters, thin: bool) -> Array:
     """Speed below which a joint counts as standing: 2 % of its usual speed, or noise.
 
     The velocity noise is the encoder's stop-band noise, carried through the
     kinematic filter and the derivative.
     """
-    speed = np.quantile(np.abs(np.concatenate([m[1] for m in motion])), 0.95, axis=0)
-    noise = np.zeros_like(speed)
-    for u, (q, _, _) in zip(uniform, motion, strict=True):
+    speeds, noise = [], 0.0
+    for u, (q, qd, _) in signals:
+        speeds.append(qd[:: _thinning(u.rate, filters) if thin else 1])
         cutoff = min(filters.kinematics, 0.12 * u.rate)
         density = np.std(u.q - q, axis=0) * np.sqrt(cutoff / (u.rate / 2))
         noise = np.maximum(noise, 2 * np.pi * cutoff / np.sqrt(3) * density)
+    speed = np.quantile(np.abs(np.concatenate(speeds)), 0.95, axis=0)
     return np.maximum.reduce(
         [filters.speed * speed, 3 * noise, np.full_like(speed, 1e-3)]
     )
 
 
+def _thinning(rate: float, filters: Filters) -> int:
+    """Samples of a log per sample of its features."""
+    return max(1, round(rate / filters.rate))
+
+
+def _piece(label, u: _Uniform, motion, filters: Filters, options) -> Track:
+    """Prepare a piece of a log; rows beyond its own part of it are those of others."""
+    track = _track(label, u, motion, filters, options)
+    over = overlap(track.cutoff, u.rate)
+    at = (np.arange(len(track.inner)) * track.step / track.rate).round(6)
+    own = (at >= over - 1e-6) & (at < len(u.t) / u.rate - over - 1e-6)
+    inner, moving = track.inner & own, track.moving & own[:, None]
+    return replace(track, inner=inner, moving=moving, whole=False)
+
+
 def _track(label, u: _Uniform, motion, filters: Filters, options) -> Track:
     speed_floor, full_rate = options
-    first = 1 if full_rate else max(1, round(u.rate / filters.rate))
+    first = 1 if full_rate else _thinning(u.rate, filters)
     rate = u.rate / first
     cutoff = filters.cutoff(u.rate)
     step = max(1, int(rate // (3.2 * cutoff)))

@@ -13,7 +13,7 @@ from residual.check.late import late
 from residual.check.motion import thin_rows
 from residual.check.proportion import out_of_proportion
 from residual.check.result import Repair
-from residual.signals.track import low_pass
+from residual.signals.low_pass import low_pass
 from tests.residual.arms import bare_irb140
 from tests.residual.check.damaged import clean_logs, edited, times, turned
 from warehouse.logs import read_log

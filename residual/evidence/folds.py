@@ -1,0 +1,26 @@
+"""Which fold each row of the logs is in."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual.recording import Array
+from residual.signals.pieces import logs_of
+from residual.signals.track import Track
+
+BLOCKS_OF_ONE_LOG, BLOCKS_OF_A_LOG, ENOUGH_LOGS = 6, 3, 4
+
+
+def fold_labels(tracks: Sequence[Track]) -> list[Array]:
+    """Fold of each row of the logs: a log, or blocks of it where logs are few."""
+    logs, blocks = logs_of([track.id for track in tracks]), 1
+    if len(logs) < ENOUGH_LOGS:
+        blocks = BLOCKS_OF_ONE_LOG if len(logs) == 1 else BLOCKS_OF_A_LOG
+    out = []
+    for k, pieces in enumerate(logs):
+        for i, number in enumerate(pieces):
+            m = len(tracks[number].tau)
+            # A piece of a log lies in one block of it (``signals.pieces``).
+            within = (np.arange(m) if len(pieces) == 1 else np.full(m, i)) * blocks
+            out.append(k * blocks + within // (m if len(pieces) == 1 else len(pieces)))
+    return out

@@ -1,0 +1,100 @@
+"""Long logs, cut into pieces that are worked through one after the other.
+
+A log of an hour would take gigabytes: the regressor of its motion alone has 360 numbers
+a row. What a fit needs of it are sums over rows, and these may be taken piece by piece.
+Pieces overlap by what is dropped at their ends, and the filter forgets within that: the
+rows of the pieces are those of the whole. They keep the id of their log.
+"""
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from itertools import groupby, pairwise
+
+import numpy as np
+
+from residual.recording import Recording
+
+LONG = 600.0  # s of logs in all from which on they are cut
+PIECE = 60.0  # s
+FORGETS = 8.0  # periods of the identification filter that are dropped at the ends
+SKETCH = 600.0  # s of all pieces that are kept whole, for what no sum can tell
+# So that no piece lies in two folds of a log (evidence/design.py).
+_MULTIPLE = 6
+
+
+def in_pieces(
+    recordings: Sequence[Recording], cutoff: float = 8.0
+) -> tuple[Recording, ...]:
+    """Cut the logs, where they are more than ten minutes in all.
+
+    Args:
+        recordings: Logs.
+        cutoff: Cut-off of the identification filter [Hz]; lower for slow logs.
+
+    Returns:
+        The logs, or in place of each of two minutes or more its pieces, in order.
+    """
+    if not are_long(recordings):
+        return tuple(recordings)
+    return tuple(piece for r in recordings for piece in _pieces(r, cutoff))
+
+
+def are_long(recordings: Sequence[Recording]) -> bool:
+    """Whether logs are more than ten minutes in all."""
+    return sum(r.duration for r in recordings) > LONG
+
+
+def _pieces(recording: Recording, cutoff: float) -> tuple[Recording, ...]:
+    count = _MULTIPLE * round(recording.duration / PIECE / _MULTIPLE)
+    if count < 2:
+        return (recording,)
+    n = len(recording.t)
+    rate = (n - 1) / recording.duration
+    # The rows of a slow log come from a slower filter (``Filters.cutoff``).
+    over = round(overlap(min(cutoff, 0.08 * rate), rate) * rate)
+    edges = np.linspace(0, n, count + 1).astype(int)
+    return tuple(
+        rows_of(recording, max(a - over, 0), min(b + over, n))
+        for a, b in pairwise(edges)
+    )
+
+
+def overlap(cutoff: float, rate: float) -> float:
+    """How far a piece reaches beyond its own part of the log, at both ends [s]."""
+    return float(np.ceil(FORGETS / cutoff * rate)) / rate
+
+
+def rows_of(recording: Recording, first: int, last: int) -> Recording:
+    """Return the samples from ``first`` up to ``last`` of a log, without a copy."""
+    arrays = {f.name: getattr(recording, f.name) for f in fields(recording)[2:]}
+    own = {k: x[first:last] for k, x in arrays.items() if x is not None}
+    return replace(recording, **own)
+
+
+def cut(ids: Sequence[str]) -> list[bool]:
+    """Of each of several logs whether it is a piece of one: its id comes again."""
+    return [ids.count(own) > 1 for own in ids]
+
+
+def logs_of(ids: Sequence[str]) -> list[list[int]]:
+    """Numbers of the pieces of each log, by their ids."""
+    by_id = groupby(range(len(ids)), key=lambda i: ids[i])
+    return [list(numbers) for _, numbers in by_id]
+
+
+def spread(seconds: Sequence[float]) -> list[int]:
+    """Choose pieces, evenly spread, that make ten minutes; all of them where they do.
+
+    Args:
+        seconds: Length of each piece [s].
+
+    Returns:
+        Their numbers, in order.
+    """
+    total = float(sum(seconds))
+    if total <= SKETCH:
+        return list(range(len(seconds)))
+    middle = np.cumsum(seconds) - 0.5 * np.asarray(seconds)
+    count = max(int(SKETCH / max(seconds)), 1)
+    wanted = (np.arange(count) + 0.5) / count * total
+    return sorted({int(np.argmin(np.abs(middle - at))) for at in wanted})

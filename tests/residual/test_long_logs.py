@@ -1,0 +1,239 @@
+"""Long logs: cut into pieces, they say what they say whole."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from residual.close import close_the_loop
+from residual.effects import registry
+from residual.errors import RecordingError
+from residual.evidence.design import Design
+from residual.evidence.folds import fold_labels
+from residual.evidence.long_design import LongDesign, design_of
+from residual.evidence.spool import Spool
+from residual.identification.identify import identify
+from residual.model.compare import compare, prepare_held_out
+from residual.model.nominal import prepare_logs, start_nominal
+from residual.model.observed import Later, Observed
+from residual.monitoring import scores as monitoring
+from residual.monitoring.usual import block_maxima, peaks_of
+from residual.recording import Recording
+from residual.robot.dynamics import inertial_parameters, regressor
+from residual.signals import pieces
+from residual.signals.low_pass import decimated, low_pass
+from residual.signals.track import Filters, prepare
+from tests.residual.arms import arm, plain_logs
+
+NAMES = ("viscous", "coulomb", "rotor_inertia")
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Let a log be long from 12 s on, and its pieces last 3 s."""
+    monkeypatch.setattr(pieces, "LONG", 12.0)
+    monkeypatch.setattr(pieces, "PIECE", 3.0)
+    monkeypatch.setattr(pieces, "SKETCH", 12.0)
+
+
+@pytest.fixture(scope="module")
+def log():
+    """One log of 36 s."""
+    return made(36.0, 5)
+
+
+def made(seconds, seed):
+    """A log of a two-joint arm on a smooth motion that never repeats."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * 100)) / 100
+    waves = rng.uniform(0.15, 1.1, (6, 2)), rng.uniform(0, 6, (6, 2))
+    q = sum(
+        0.3 * np.sin(2 * np.pi * f * t[:, None] + p)
+        for f, p in zip(*waves, strict=True)
+    )
+    like = plain_logs(arm(), [0, 1], [0.0, 0.0])[0]
+    qd = np.gradient(q, t, axis=0)
+    motion = q, qd, np.gradient(qd, t, axis=0)
+    tau = regressor(arm().model, *motion) @ inertial_parameters(arm().model)
+    tau += 0.5 * np.tanh(qd / 0.02) + 0.3 * qd + 0.02 * rng.normal(size=q.shape)
+    return Recording(f"long {seed}", like.robot, t, q, tau)
+
+
+def test_a_filter_that_makes_every_fourth_row_makes_the_rows_of_the_filter():
+    x = np.random.default_rng(1).normal(size=(900, 2, 3))
+    fast, slow = decimated(x, 8.0, 110.0, 4), low_pass(x, 8.0, 110.0)[::4]
+    assert fast.shape == slow.shape
+    inside = slice(28, -28)
+    assert_allclose(fast[inside], slow[inside], atol=3e-6)
+    assert np.abs(fast - slow).max() > 1e-3  # at the ends it knows less
+
+
+def test_short_logs_are_not_cut(log):
+    assert pieces.in_pieces([log, log]) == (log, log)
+
+
+def test_pieces_are_views_of_the_log_and_keep_its_name(short, log):
+    cut = pieces.in_pieces([log])
+    assert len(cut) == 12
+    assert {p.id for p in cut} == {log.id}
+    assert all(np.shares_memory(p.q, log.q) for p in cut)
+    assert pieces.in_pieces(cut) == cut
+
+
+def test_rows_of_the_pieces_are_those_of_the_log_once_each(short, log):
+    cut, floor = prepare(pieces.in_pieces([log]), Filters())
+    (whole,), same = prepare([log], Filters(), floor)
+    assert_allclose(floor, same)
+    t = np.concatenate([track.t[:: track.step][track.inner] for track in cut])
+    assert (np.diff(t) > 0).all()
+    # Where two pieces meet, a row of the grid may be missing.
+    assert np.diff(t).max() < 2.5 * cut[0].step / cut[0].rate
+    tau = np.concatenate([track.tau[track.inner] for track in cut])
+    rows = whole.t[:: whole.step]
+    for j in range(2):
+        there = np.interp(rows, t, tau[:, j])
+        inside = (rows > t[0]) & (rows < t[-1])
+        assert np.std((there - whole.tau[:, j])[inside]) < 0.03 * whole.tau[:, j].std()
+
+
+def test_a_piece_is_in_one_fold(short, log):
+    tracks, _ = prepare(pieces.in_pieces([log]), Filters())
+    labels = fold_labels(tracks)
+    assert [np.unique(x).tolist() for x in labels] == [[k // 2] for k in range(12)]
+
+
+def test_sums_over_pieces_are_those_of_all_rows(short, log):
+    logs = prepare_logs(arm(), [log], None, Filters())
+    model = start_nominal(logs, NAMES).model
+    long = design_of(logs.tracks, model)
+    assert isinstance(long, LongDesign)
+    states = [model.observe(t) for t in logs.tracks]
+    whole = Design(list(zip(logs.tracks, states, strict=True)), model)
+    wanted = [(registry()[n], (1,), ()) for n in ("spring", "offset")]
+    wanted += [(registry()["payload"], (1,), ()), (registry()["spring"], (0,), ())]
+    groups = [design.add(wanted) for design in (long, whole)]
+    assert [g.ids.tolist() for g in groups[0]] == [g.ids.tolist() for g in groups[1]]
+    for j in range(2):
+        for mine, theirs in zip(long.total(j), whole.total(j), strict=True):
+            size = np.abs(theirs).max()
+            assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * size)
+    for name in ("rows", "rms", "peak", "power", "tau_power", "fold_rows"):
+        assert_allclose(getattr(long, name), getattr(whole, name), rtol=1e-9)
+    assert_allclose(groups[0][2].precision, groups[1][2].precision, rtol=1e-9)
+
+
+def test_residuals_of_a_long_design_are_those_of_its_sketch(short, log):
+    logs = prepare_logs(arm(), [log], None, Filters())
+    long = design_of(logs.tracks, start_nominal(logs, NAMES).model)
+    assert 1 < len(long.tracks) < len(logs.tracks)
+    assert list(logs.sketch) == long.tracks
+    theta = np.random.default_rng(2).normal(size=len(long.nominal))
+    left = long.residual(0, long.nominal, theta)
+    assert len(left) == len(long.target[0]) == len(long.folds_of(0))
+    place, have = long.present(0, long.nominal)
+    every = np.concatenate([y - x @ theta[have] for x, y in long.chunks(0, place)])
+    assert len(every) == long.rows[0]
+    assert np.isin(left.round(9), every.round(9)).all()
+
+
+def test_a_regressor_that_is_made_later_is_the_regressor(rng):
+    motion = tuple(rng.normal(size=(50, 2)) for _ in range(3))
+    late, real = Later(arm(), motion), regressor(arm().model, *motion)
+    assert_allclose(np.asarray(late), real)
+    assert_allclose(late[7:20], real[7:20])
+    assert_allclose(late[:, :, 3:5], real[:, :, 3:5])
+    theta = inertial_parameters(arm().model)
+    assert_allclose(late @ theta, real @ theta, atol=1e-9)
+
+
+def test_what_a_model_sees_of_pieces_is_what_it_sees(short, log):
+    logs = prepare_logs(arm(), [log], None, Filters())
+    model = start_nominal(logs, NAMES).model
+    seen = Observed(model, logs.tracks)
+    for mine, track in zip(seen, logs.tracks, strict=True):
+        theirs = model.observe(track)
+        assert_allclose(mine.tau_model, theirs.tau_model, atol=1e-9)
+        assert_allclose(np.asarray(mine.regressor), theirs.regressor)
+
+
+def test_a_spool_gives_back_all_that_was_written(rng):
+    spool, blocks = Spool(), [rng.normal(size=(7, k)) for k in (2, 3, 1)]
+    for block in blocks:
+        spool.write("a", block)
+        spool.write("b", -block)
+    assert_allclose(spool.read("a", 7), np.concatenate(blocks, axis=1).T)
+    assert_allclose(spool.read("b", 7), -spool.read("a", 7))
+    assert spool.read("nothing", 7).shape == (0, 7)
+
+
+def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):
+    cut = identify(arm(), [log], NAMES)
+    monkeypatch.setattr(pieces, "LONG", np.inf)
+    whole = identify(arm(), [log], NAMES)
+    gap = np.abs(cut.estimate.theta - whole.estimate.theta)
+    assert len(cut.logs.tracks) > len(whole.logs.tracks)
+    assert (gap / whole.estimate.sd).max() < 0.3
+
+
+def test_held_out_errors_of_pieces_are_those_of_the_log(log, short, monkeypatch):
+    logs = prepare_logs(arm(), [log], None, Filters())
+    model = start_nominal(logs, NAMES).model
+    cut, (proof,) = compare({"it": model}, prepare_held_out([log], model), Filters())
+    monkeypatch.setattr(pieces, "LONG", np.inf)
+    whole, _ = compare({"it": model}, prepare_held_out([log], model), Filters())
+    assert (np.diff(proof.t) > 0).all()
+    for kind in ("raw", "filtered", "moving"):
+        mine, theirs = (e["it"].per_joint(kind) for e in (cut, whole))
+        assert_allclose(mine, theirs, rtol=0.03)
+
+
+@pytest.mark.long  # two diagnoses
+def test_a_log_in_pieces_gets_the_verdict_of_the_whole(short, monkeypatch):
+    fit, held_out = made(60.0, 7), made(20.0, 8)
+    spring = 2.0 * fit.q[:, :1] * [1.0, 0.0], 2.0 * held_out.q[:, :1] * [1.0, 0.0]
+    logs = [
+        replace(r, tau=r.tau + s) for r, s in zip((fit, held_out), spring, strict=True)
+    ]
+    cut = close_the_loop(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
+    monkeypatch.setattr(pieces, "LONG", np.inf)
+    whole = close_the_loop(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
+    assert [(e.name, e.joints) for e in whole.effects] == [("spring", (1,))]
+    assert [(e.name, e.joints) for e in cut.effects] == [("spring", (1,))]
+    for key, value in whole.effects[0].parameters.items():
+        mine = cut.effects[0].parameters[key]
+        assert abs(mine.value - value.value) < 0.3 * value.std
+
+
+def test_scores_of_a_long_log_are_the_largest_of_every_16_ms(log, monkeypatch):
+    spoiled = log.tau.copy()
+    spoiled[2000, 1] += 5.0
+    log = replace(log, tau=spoiled)
+    whole = monitoring.fast_scores(log)
+    monkeypatch.setattr(monitoring, "LONG", 10.0)
+    monkeypatch.setattr(monitoring, "PIECE", 4.0)
+    for mine, theirs in zip(monitoring.fast_scores(log), whole, strict=True):
+        assert (np.diff(mine.t) > 0).all()
+        assert_allclose(mine.values.max(axis=0), theirs.values.max(axis=0))
+        levels = (np.quantile(block_maxima(s), 0.9, axis=0) for s in (mine, theirs))
+        assert_allclose(*levels, rtol=0.05)
+
+
+def test_peaks_make_the_limits_that_the_scores_make(log):
+    for scores in monitoring.fast_scores(log):
+        peaks = peaks_of(scores)
+        assert_allclose(block_maxima(peaks), block_maxima(scores))
+        assert peaks.t[-1] == scores.t[-1]
+        assert len(peaks.t) < 0.05 * len(scores.t)
+
+
+def test_a_recording_copies_what_somebody_can_still_write_to():
+    t, x = np.arange(5.0), np.ones((5, 2))
+    shown = x.view()
+    shown.setflags(write=False)
+    made = Recording("a", "two_link", t, shown, x)
+    x[:] = np.nan
+    assert np.isfinite(made.q).all()
+    assert np.isfinite(made.tau).all()
+    with pytest.raises(RecordingError):
+        replace(made, q=x)
