@@ -16,6 +16,7 @@ from residual.effects import registry
 from residual.evidence.background import learnt_tables, usual_background, with_tables
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit
+from residual.evidence.long_design import design_of
 from residual.evidence.states import as_model, first_design, physical, show_torque
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
@@ -87,7 +88,7 @@ class Examined:
         if like is not None:
             rough = replace(rough, standstill=like.standstill)
         elif not known:
-            rough = with_standstill(rough, self.logs.tracks)
+            rough = with_standstill(rough, self.logs.sketch)
         return _refitted(self, fitted, rough, tables)
 
 
@@ -149,7 +150,7 @@ def _tested(logs: Logs, nominal: Nominal, selection: Selection) -> Examined:
     """Put what a search found through the gate, and measure what remains."""
     task, design = selection.task, selection.task.design
     fitted, tested = passed(task, simplest(task, selection.fit))
-    curved = only_curves(design, logs.tracks, fitted, tested)
+    curved = only_curves(design, logs.sketch, fitted, tested)
     if curved:
         real = [t.group for t in tested if t not in curved]
         fitted = task.settle(task.fit(real, fitted))
@@ -168,9 +169,9 @@ def _adequacy(
     logs: Logs, nominal: Nominal, design: Design, fits: tuple[Fit, Fit]
 ) -> Adequacy:
     """What is left of the logs, beside the noise of torque and angles."""
-    angles = carried(as_model(nominal, fits[1]), logs.tracks, logs.shaken)
+    angles = carried(as_model(nominal, fits[1]), logs.sketch, logs.shaken)
     told = nominal.baseline_unexplained
-    return adequacy(design, logs.tracks, *fits, told, angles)
+    return adequacy(design, logs.sketch, *fits, told, angles)
 
 
 def _search(
@@ -239,8 +240,7 @@ def _refitted(
     """
     nominal, tracks = examined.nominal, examined.logs.tracks
     base = replace(nominal.model, standstill=rough.standstill)
-    states = [rough.observe(t) for t in tracks]
-    design = Design(list(zip(tracks, states, strict=True)), base)
+    design = design_of(tracks, base, rough)
     background = examined.logs.background
     if background:
         design.calm(background)

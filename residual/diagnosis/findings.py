@@ -256,7 +256,7 @@ def _variable(
     """The explaining variable on the rows of joint j, and which log each is of."""
     values, labels, label = [], [], ""
     states = examined.task.design.states
-    for track, state in zip(examined.logs.tracks, states, strict=True):
+    for track, state in zip(examined.logs.sketch, states, strict=True):
         x, label = effect.variable(state, anchor)
         rows = track.moving[:, j]
         values.append(x[:: track.step][rows])

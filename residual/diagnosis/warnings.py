@@ -13,7 +13,9 @@ from residual.model.model import Model
 from residual.model.nominal import Logs
 from residual.names import joints_listed, listed
 from residual.recording import Recording
-from residual.signals.track import low_pass, sample_rate
+from residual.signals.low_pass import low_pass
+from residual.signals.pieces import in_pieces
+from residual.signals.track import sample_rate
 
 QUIET = (
     0.02  # high-band density, as a share of the middle band, that white noise never has
@@ -30,7 +32,7 @@ def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
     low-pass at the source has taken it away.
     """
     shares, rates = [], []
-    for recording in recordings:
+    for recording in in_pieces(recordings):
         rate = sample_rate(recording.t)
         length = min(512, len(recording.t))
         f, density = welch(recording.tau, rate, nperseg=length, axis=0)

@@ -9,7 +9,7 @@ the noise is redrawn as it was measured and taken out of the normal equations; w
 moves is counted as doubt (effective variance).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from residual.evidence.fit import Fit, System, chance_of, scaled_inverse
 from residual.evidence.states import as_model, first_design, physical
 from residual.recording import Array, Recording
 from residual.signals.encoder_noise import on_rows_of
+from residual.signals.pieces import in_pieces
 from residual.signals.track import prepare
 
 INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
@@ -162,6 +163,7 @@ def checked(
     """
     if all(r.q_ref is not None for r in recordings):
         logs = examined.logs
+        recordings = in_pieces(recordings, logs.filters.torque)
         asked = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
         tracks, _ = prepare(asked, logs.filters, logs.speed_floor)
         return _by_instruments(examined, fitted, on_rows_of(logs.tracks, tracks))
@@ -176,11 +178,11 @@ def _by_instruments(examined: Examined, fitted: Fit, tracks) -> Checked:
     precision, pull = system.precision.copy(), np.zeros(len(ids))
     for j in range(design.dof):
         place, have = design.present(j, fitted.ids)
-        x = design.columns(j, place)
-        z = other.columns(j, other.present(j, ids)[0])
-        kept = _projected(z, x)
-        precision[np.ix_(have, have)] += weight[j] * kept.T @ kept
-        pull[have] += weight[j] * kept.T @ design.target[j]
+        real = design.chunks(j, place)
+        instruments = other.chunks(j, other.present(j, ids)[0])
+        inner, pulled = _projected(real, instruments)
+        precision[np.ix_(have, have)] += weight[j] * inner
+        pull[have] += weight[j] * pulled
     covariance = scaled_inverse(precision)
     return Checked(
         how=INSTRUMENTS,
@@ -201,19 +203,22 @@ def _by_redrawing(examined: Examined, fitted: Fit, tracks) -> Checked:
     design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
     if any(g.effect.uses_model for g in fitted.members):
         # Seen with the same model, else what it changed would be taken for noise.
-        design, own = _seen(examined, fitted, examined.logs.tracks)
+        design, own = _seen(examined, fitted, examined.logs.sketch)
     else:
         own = fitted.ids
-    weight = fitted.weight(design.rows)
+    rows = examined.task.design.rows
+    weight = fitted.weight(rows)
     start, size = np.zeros(len(ids)), len(ids)
     start[: len(design.nominal)] = examined.nominal.model.coefficients()
     noise, share = np.zeros((size, size)), np.zeros(design.dof)
     for j in range(design.dof):
         place, have = design.present(j, own)
         moved = other.columns(j, other.present(j, ids)[0]) - design.columns(j, place)
-        noise[np.ix_(have, have)] += weight[j] * moved.T @ moved
+        # Of a long log the noise was redrawn on a sketch of its rows.
+        scale = rows[j] / max(len(moved), 1)
+        noise[np.ix_(have, have)] += scale * weight[j] * moved.T @ moved
         torque = moved @ (start + fitted.theta)[have]
-        share[j] = torque @ torque / max(fitted.sse[j], 1e-300)
+        share[j] = scale * torque @ torque / max(fitted.sse[j], 1e-300)
     lower = np.tril(fitted.cholesky)
     half = solve_triangular(lower, noise, lower=True)
     values, vectors = np.linalg.eigh(solve_triangular(lower, half.T, lower=True))
@@ -240,11 +245,24 @@ def _seen(examined: Examined, fitted: Fit, tracks) -> tuple[Design, Array]:
     return design, np.concatenate([design.nominal, *(g.ids for g in members)])
 
 
-def _projected(z: Array, x: Array) -> Array:
-    """What of the columns ``x`` lies in the span of the instruments ``z``."""
-    size = np.linalg.norm(z, axis=0)
-    z = z[:, size > 0] / size[size > 0]
-    values, vectors = np.linalg.eigh(z.T @ z)
-    real = values > FLAT * values.max(initial=0.0)
-    basis = z @ (vectors[:, real] / np.sqrt(values[real]))
-    return basis @ (basis.T @ x)
+def _projected(real: Iterable, instruments: Iterable) -> tuple[Array, Array]:
+    """Products of what of the columns x lies in the span of the instruments z.
+
+    Args:
+        real: Columns and target, x (n, k) and y (n,), piece by piece.
+        instruments: The same of the reference, of which z (n, m) is taken.
+
+    Returns:
+        x'Px and x'Py, P the projection on z. Shapes (k, k), (k,).
+    """
+    zz, zx, zy = 0.0, 0.0, 0.0
+    for (x, y), (z, _) in zip(real, instruments, strict=True):
+        zz, zx, zy = zz + z.T @ z, zx + z.T @ x, zy + z.T @ y
+    size = np.sqrt(np.diag(zz))
+    some = np.flatnonzero(size > 0)
+    unit = 1 / size[some]
+    values, vectors = np.linalg.eigh(zz[np.ix_(some, some)] * np.outer(unit, unit))
+    sound = values > FLAT * values.max(initial=0.0)
+    basis = (vectors[:, sound] / np.sqrt(values[sound])) * unit[:, None]
+    seen = basis.T @ zx[some]
+    return seen.T @ seen, seen.T @ (basis.T @ zy[some])

@@ -60,7 +60,7 @@ def _driving(examined: Examined, fitted: Fit) -> list[int]:
     design, covariance = examined.task.design, fitted.covariance()
     theta, out = _whole(examined, fitted), []
     brakes = _marked(examined, fitted, lambda effect, joints: effect.brakes)
-    speeds = design.stacked([t.qd[:: t.step] for t in examined.logs.tracks])
+    speeds = design.stacked([t.qd[:: t.step] for t in examined.logs.sketch])
     for j, speed in enumerate(speeds):
         place, have = design.present(j, fitted.ids)
         mine = brakes[have]

@@ -15,11 +15,12 @@ import numpy as np
 
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.leftover.leftover import Leftover, leftovers
-from residual.evidence.design import fold_labels
 from residual.evidence.fit import Fit
+from residual.evidence.folds import fold_labels
 from residual.model.corrected import DIFFERENCE, Column, Corrected, Tables, read
 from residual.model.model import Model
 from residual.recording import Array
+from residual.signals.pieces import logs_of
 from residual.signals.track import Track
 from residual.tables.choose import fit_effect_tables
 from residual.tables.form import EffectForm
@@ -78,10 +79,12 @@ def _folds(tracks: Sequence[Track]) -> Array:
     Blocks of one log are next to each other, and a table may remember the path: with a
     second log there is something better to check it by.
     """
-    if len(tracks) > 1:
-        labels = [np.full(len(t.tau), k) for k, t in enumerate(tracks)]
+    logs = logs_of([t.id for t in tracks])
+    if len(logs) > 1:
+        of = {i: k for k, pieces in enumerate(logs) for i in pieces}
+        labels = [np.full(len(t.tau), of[i]) for i, t in enumerate(tracks)]
     else:
-        labels = fold_labels([len(t.tau) for t in tracks])
+        labels = fold_labels(tracks)
     return np.concatenate([f[t.inner] for f, t in zip(labels, tracks, strict=True)])
 
 
@@ -141,7 +144,7 @@ def examine_leftover(examined: Examined, fitted: Fit, augmented: Model) -> Remai
         fitted: Fit of exactly the names that stand.
         augmented: The model made of it.
     """
-    told, tracks = examined.adequacy, examined.logs.tracks
+    told, tracks = examined.adequacy, examined.logs.sketch
     found = leftovers(examined.task.design, tracks, fitted, told)
     made = corrected(augmented, tracks, found)
     said = [_helpless(made), shared_source(examined, fitted)]
