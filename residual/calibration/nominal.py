@@ -68,7 +68,7 @@ def prepare_runs(
         runs: Its logs.
         declared: Effects that the model has; None for the robot's own list.
     """
-    logs = prepare_logs(robot, [run.log for run in runs], None, Filters())
+    logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), whole=True)
     names = declared_names(robot, declared)
     model = start_nominal(logs, names).model
     regressors = tuple(model.observe(track).regressor for track in logs.tracks)

@@ -175,9 +175,10 @@ def prepare_logs(
     recordings: Sequence[Recording],
     clock: float | None,
     filters: Filters,
+    whole: bool = False,
 ) -> Logs:
-    """Prepare the signals of the fit logs, those of long ones in pieces."""
-    recordings = in_pieces(recordings, filters.torque)
+    """Prepare the signals of the fit logs, those of long ones in pieces unless whole."""
+    recordings = recordings if whole else in_pieces(recordings, filters.torque)
     tracks, floor = prepare(recordings, filters)
     q = np.concatenate([t.q for t in tracks])
     qd = np.concatenate([t.qd for t in tracks])

@@ -17,7 +17,7 @@ from residual.monitoring.names import Alarm, events
 from residual.monitoring.scores import Scale, Scores
 from residual.monitoring.sight import fit, sight_of
 from residual.monitoring.track import Rows, rows_of
-from residual.monitoring.usual import all_scores, limits_of, rest_of, usual
+from residual.monitoring.usual import all_scores, limits_of, peaks_of, rest_of, usual
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 
@@ -139,7 +139,7 @@ def calibrate(
     for i, run in enumerate(runs):
         scale = usual(logs, rests, without=i)
         for score in all_scores(run, logs[i], thetas[i], scale)[0]:
-            scores.setdefault(score.kind, []).append(score)
+            scores.setdefault(score.kind, []).append(peaks_of(score))
     return Monitor(
         model=model,
         theta=theta,

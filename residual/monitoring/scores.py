@@ -4,13 +4,15 @@ Scores have no unit and no common size; limits (``monitor_limits``) give them on
 is stamped with the last sample that it knows.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual.monitoring.sight import Sight
-from residual.monitoring.track import Rows
+from residual.monitoring.track import STEP, Rows
 from residual.recording import Array, Recording
+from residual.signals.pieces import LONG, PIECE, rows_of
 
 WINDOWS = (0.25, 1.0)  # s over which a matched feature is collected
 SPREAD = 2  # samples on both sides of a spike
@@ -71,7 +73,50 @@ class Scale:
 
 
 def fast_scores(recording: Recording) -> tuple[Scores, ...]:
-    """Return the scores that look at raw samples: jump, spikes, frozen, still."""
+    """Return the scores that look at raw samples: jump, spikes, frozen, still.
+
+    Of more than ten minutes the largest of each 16 ms, with the time of its last
+    sample; a reading is known to have rested for a minute or more.
+    """
+    if recording.duration <= LONG:
+        return _fast_scores(recording)
+    n = len(recording.t)
+    minute = round(PIECE * (n - 1) / recording.duration)
+    pool = max(1, round(STEP * minute / PIECE))
+    starts = range(0, n, minute - minute % pool)
+    parts = [_pooled(recording, a, min(a + starts.step, n), pool) for a in starts]
+    return tuple(_joined(own) for own in zip(*parts, strict=True))
+
+
+def _pooled(
+    recording: Recording, start: int, stop: int, pool: int
+) -> tuple[Scores, ...]:
+    """Scores of some samples, which know the minute before."""
+    before = max(0, start - (stop - start))
+    part = rows_of(recording, before, stop)
+    return tuple(
+        _largest(scores, recording.t[start], pool) for scores in _fast_scores(part)
+    )
+
+
+def _largest(scores: Scores, start: float, pool: int) -> Scores:
+    own = slice(int(np.searchsorted(scores.t, start)), None)
+    t, values = scores.t[own], scores.values[own]
+    first = np.arange(0, len(t), pool)
+    last = np.append(first[1:], len(t)) - 1
+    return replace(scores, t=t[last], values=np.maximum.reduceat(values, first, axis=0))
+
+
+def _joined(parts: Sequence[Scores]) -> Scores:
+    """Scores of one kind, one after the other."""
+    return replace(
+        parts[0],
+        t=np.concatenate([p.t for p in parts]),
+        values=np.concatenate([p.values for p in parts]),
+    )
+
+
+def _fast_scores(recording: Recording) -> tuple[Scores, ...]:
     t, q, tau = recording.t, recording.q, recording.tau
     error = q if recording.q_ref is None else q - recording.q_ref
     bend = np.abs(np.diff(error, 2, axis=0))

@@ -5,13 +5,15 @@ Least squares with a pull to the coefficients that the model came with, in units
 torque that a coefficient makes: what the runs do not show stays as it was.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
+from residual.effects.base import State
 from residual.model.model import Model
+from residual.model.observed import Later
 from residual.monitoring.track import Rows, period_of, rows_of
 from residual.recording import Array, Recording
 
@@ -19,6 +21,7 @@ _PULL = 1e-3  # share of the rows that the belief in the model weighs
 _SLOW = 3.0  # standstill thresholds below which friction is not to be trusted
 _MEMORY = 0.1  # s after standing in which it is not either
 _TINY = 1e-9
+AT_ONCE = 40_000  # rows: ten minutes
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -27,7 +30,9 @@ class Sight:
 
     Attributes:
         rows: Motion and torque.
-        columns: Torque per unit of each coefficient of the model. Shape (m, dof, p).
+        model: What expects the torque.
+        state: What its effects see.
+        terms: Torque per unit of each coefficient of its effects. Shapes (m, dof, k).
         by_angle: Change of the torques with the angle of joint j, the last axis
             [N m/rad]. Shape (m, dof, dof).
         slow: The joint stands or has just stood. Shape (m, dof), bool.
@@ -35,14 +40,29 @@ class Sight:
     """
 
     rows: Rows
-    columns: Array
+    model: Model
+    state: State
+    terms: tuple[Array, ...]
     by_angle: Array
     slow: Array
     period: float | None
 
     def torque(self, theta: Array) -> Array:
         """Torque with these coefficients [N m]. Shape (m, dof)."""
-        return self.columns @ theta
+        start = len(self.model.inertial)
+        out = self.state.regressor @ theta[:start]
+        for columns in self.terms:
+            stop = start + columns.shape[2]
+            out = out + columns @ theta[start:stop]
+            start = stop
+        return out
+
+    def columns(self) -> Iterator[tuple[slice, Array]]:
+        """Torque per unit of each coefficient, some rows at a time. (rows, dof, p)."""
+        for first in range(0, len(self.rows.t), AT_ONCE):
+            rows = slice(first, first + AT_ONCE)
+            parts = [self.state.regressor[rows], *(x[rows] for x in self.terms)]
+            yield rows, np.concatenate(parts, axis=2)
 
 
 def sight_of(model: Model, recording: Recording) -> Sight:
@@ -52,25 +72,34 @@ def sight_of(model: Model, recording: Recording) -> Sight:
         InputError: If the log is too short or too slow.
     """
     rows = rows_of(recording)
+    state = _seen(model, rows)
     slow = np.abs(rows.qd) < _SLOW * model.speed_floor
     return Sight(
         rows=rows,
-        columns=_columns(model, rows),
+        model=model,
+        state=state,
+        terms=tuple(_columns(model, state)),
         by_angle=_by_angle(model, rows),
         slow=_remembered(slow, round(_MEMORY * rows.rate)),
         period=period_of(rows),
     )
 
 
-def _columns(model: Model, rows: Rows) -> Array:
-    state, dof = model.observe(rows.track()), rows.q.shape[1]
-    parts = [state.regressor]
+def _seen(model: Model, rows: Rows) -> State:
+    """What the effects see; of a long log the regressor is made when it is read."""
+    track = rows.track()
+    if len(rows.t) <= AT_ONCE:
+        return model.observe(track)
+    return model.observe(track, Later(model.robot, (rows.q, rows.qd, rows.qdd)))
+
+
+def _columns(model: Model, state: State) -> Iterator[Array]:
+    dof = state.q.shape[1]
     for term in model.terms:
         own = term.effect.columns(state, term.joints, term.shape)
-        part = np.zeros((len(rows.t), dof, own.shape[2]))
+        part = np.zeros((len(state.t), dof, own.shape[2]))
         part[:, list(term.effect.rows(term.joints, dof))] = own
-        parts.append(part)
-    return np.concatenate(parts, axis=2)
+        yield part
 
 
 def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
@@ -90,9 +119,11 @@ def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
     gram, right = np.zeros((len(theta), len(theta))), np.zeros(len(theta))
     for log in (log for i, log in enumerate(logs) if i != without):
         use = (~log.slow & log.rows.whole[:, None]) / size
-        columns = (log.columns * use[..., None]).reshape(-1, len(theta))
-        gram += columns.T @ columns
-        right += columns.T @ ((log.rows.tau - log.torque(theta)) * use).ravel()
+        left = (log.rows.tau - log.torque(theta)) * use
+        for rows, columns in log.columns():
+            weighed = (columns * use[rows][..., None]).reshape(-1, len(theta))
+            gram += weighed.T @ weighed
+            right += weighed.T @ left[rows].ravel()
     scale = np.sqrt(np.diag(gram))
     live = scale > _TINY * max(scale.max(), _TINY)
     inner = gram[np.ix_(live, live)] / np.outer(scale[live], scale[live])

@@ -12,6 +12,7 @@ from scipy.signal import savgol_coeffs
 
 from residual.errors import InputError
 from residual.recording import Array, Recording
+from residual.signals.pieces import LONG
 from residual.signals.track import Track, sample_rate
 
 HALF = 0.03  # s: half the window of the filters
@@ -19,6 +20,7 @@ STEP = 0.016  # s: between two rows
 _ORDER = 3  # of the polynomial: fits what a servo does within 60 ms
 _GAP = 1.5  # sample periods: more is a gap
 _SHORTEST = 1.0  # s
+_AT_ONCE = 1 << 14  # rows
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -121,7 +123,10 @@ def _filtered(x: Array, half: int, step: int, times: int, rate: float) -> Array:
         2 * half + 1, _ORDER, deriv=times, delta=1 / rate, use="dot"
     )
     windows = np.lib.stride_tricks.sliding_window_view(x, 2 * half + 1, axis=0)
-    return windows[::step] @ weights
+    windows = windows[::step]
+    # A product copies the windows, which are larger than the log: some at a time.
+    starts = range(0, max(len(windows), 1), _AT_ONCE)
+    return np.concatenate([windows[i : i + _AT_ONCE] @ weights for i in starts])
 
 
 SAME = 2e-3  # rad: how near to its own past a wanted position is in the next cycle
@@ -133,11 +138,13 @@ _MOVING = 0.1  # of the rows must move
 def period_of(rows: Rows) -> float | None:
     """Return the length of a cycle of the wanted motion [s], None if none repeats.
 
-    A program is known before it runs, so this looks at the whole log.
+    A program is known before it runs, so this looks at the whole log; at the first ten
+    minutes of a longer one.
     """
     if rows.goal is None:
         return None
-    goal, low = np.ascontiguousarray(rows.goal.T), round(_SHORTEST_CYCLE * rows.rate)
+    first = rows.goal[: round(LONG * rows.rate) + 1]
+    goal, low = np.ascontiguousarray(first.T), round(_SHORTEST_CYCLE * rows.rate)
     step = np.abs(np.diff(goal, axis=1, prepend=goal[:, :1])).max(axis=0)
     for lag in range(low, goal.shape[1] - low):
         # Between two rows the best lag may lie: as near as the motion of a row.

@@ -17,7 +17,7 @@ Few runs have a large t, and make wide limits.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as student
@@ -191,6 +191,20 @@ def next_run_limit(largest: Array, wanted: float) -> float:
     logs, n = np.log(largest), len(largest)
     sure = float(student.ppf(1.0 - min(wanted, 0.5), n - 1))
     return float(np.exp(logs.mean() + sure * logs.std(ddof=1) * np.sqrt(1 + 1 / n)))
+
+
+def peaks_of(scores: Scores) -> Scores:
+    """Return the maxima of blocks alone: all that limits are made of.
+
+    Its times are those of the first rows of the blocks, and of the last row of all.
+    """
+    block = ((scores.t - scores.t[0]) // BLOCK).astype(int)
+    first = np.flatnonzero(np.diff(block, prepend=-1))
+    t, values = scores.t[first], block_maxima(scores)
+    # No score is below 0: this row says no more than how long the log is.
+    end = np.zeros((int(first[-1] < len(block) - 1), values.shape[1]))
+    t = np.append(t, scores.t[len(block) - len(end) :])
+    return replace(scores, t=t, values=np.vstack([values, end]))
 
 
 def block_maxima(scores: Scores) -> Array:
