@@ -22,6 +22,7 @@ from residual.check.zero import zero_explains
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.signals.pieces import sketch_of
 
 
 def check_logs(
@@ -87,8 +88,12 @@ def _in_units(
 def _of_the_arm(
     robot: Robot, logs: Sequence[Recording], speeds: Sequence[Fault]
 ) -> list[Fault]:
-    """What the file, the motion and its physics say; the first that is certain wins."""
-    faults = body_faults(robot)
+    """What the file, the motion and its physics say; the first that is certain wins.
+
+    Physics is the same all along a log: of long ones ten minutes are looked at.
+    """
+    faults, whole = body_faults(robot), logs
+    logs = sketch_of(logs)
     motion = thin_rows(logs)
     faults += enough(logs, motion)
     if motion is None or any(fault.certain for fault in faults):
@@ -98,8 +103,8 @@ def _of_the_arm(
     if any(fault.kind == "wrong_robot" for fault in columns):
         columns = long_late(robot, logs) or columns
     if columns and zero_explains(robot, motion, logs, reading):
-        return [*faults, *filtered(logs), *speeds, *out_of_range(robot, logs)]
+        return [*faults, *filtered(logs), *speeds, *out_of_range(robot, whole)]
     columns += filtered(logs) + ([] if columns else late(robot, logs))
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += carried(columns, speeds, logs)
-    return faults if mended else faults + out_of_range(robot, logs)
+    return faults if mended else faults + out_of_range(robot, whole)

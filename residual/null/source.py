@@ -26,6 +26,7 @@ from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.direction import SMOOTH, Standstill
 from residual.signals.encoder_noise import encoder_noise, smooth
+from residual.signals.pieces import sketch_of
 from residual.signals.split import session_clock
 from residual.signals.track import Filters
 
@@ -38,7 +39,7 @@ class Source:
     """What null recordings are made after.
 
     Attributes:
-        recordings: The logs.
+        recordings: The logs; of long ones pieces that are evenly spread.
         logs: The same, ready.
         nominal: The user's model.
         truth: Its structure with the parameters that the logs show.
@@ -79,7 +80,11 @@ def source(
         baseline: Logs of the arm as commissioned.
     """
     names, filters = declared_names(robot, declared), Filters()
-    logs = prepare_logs(robot, recordings, session_clock(recordings), filters)
+    clock = session_clock(recordings)
+    asked = prepare_logs(robot, recordings, clock, filters)
+    # Of long logs the draws are made after ten minutes.
+    recordings = sketch_of(recordings)
+    logs = prepare_logs(robot, recordings, clock, filters)
     if baseline:
         nominal = from_baseline(robot, baseline, names, logs, _quiet)
     else:
@@ -101,7 +106,7 @@ def source(
         noise=autocovariance(made.task.design, made.fit),
         left=_left(made.task.design, made.fit),
         encoder=np.array([encoder_noise(r, filters) for r in recordings]),
-        key=key_of(logs, nominal),
+        key=key_of(asked, nominal),
     )
 
 

@@ -6,6 +6,7 @@ Pieces overlap by what is dropped at their ends, and the filter forgets within t
 rows of the pieces are those of the whole. They keep the id of their log.
 """
 
+import mmap
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from itertools import groupby, pairwise
@@ -69,6 +70,23 @@ def rows_of(recording: Recording, first: int, last: int) -> Recording:
     arrays = {f.name: getattr(recording, f.name) for f in fields(recording)[2:]}
     own = {k: x[first:last] for k, x in arrays.items() if x is not None}
     return replace(recording, **own)
+
+
+def sketch_of(recordings: Sequence[Recording]) -> Sequence[Recording]:
+    """Return pieces, evenly spread, of long logs; the logs where they are not long."""
+    pieces = in_pieces(recordings)
+    if len(pieces) == len(recordings):
+        return recordings
+    return [pieces[i] for i in spread([r.duration for r in pieces])]
+
+
+def let_go(recording: Recording) -> None:
+    """Let samples that lie in a file go from memory; they come back when read."""
+    for array in (recording.q, recording.tau):
+        while isinstance(array, np.ndarray):
+            array = array.base
+        if isinstance(array, mmap.mmap):
+            array.madvise(mmap.MADV_DONTNEED)
 
 
 def cut(ids: Sequence[str]) -> list[bool]:

@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter1d
 
 from residual.recording import Array, Recording
 from residual.signals.low_pass import decimated, low_pass
-from residual.signals.pieces import cut, overlap
+from residual.signals.pieces import cut, let_go, overlap
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +159,8 @@ def _signals(
         for recording in recordings:
             uniform = _resample(recording)
             yield uniform, _kinematics(uniform, filters)
+            if again:
+                let_go(recording)
 
     if again:
         return made

@@ -19,7 +19,8 @@ class ParquetLog(LogFile):
     def __init__(self, path: Path) -> None:
         self.name = path.name
         try:
-            self._file = pq.ParquetFile(path)
+            # Read ahead, the file itself would stand in memory too.
+            self._file = pq.ParquetFile(path, pre_buffer=False)
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(path.name)) from error
         self._schema = self._file.schema_arrow
