@@ -6,13 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.hardening_parts.http import requests
 from benchmarks.hardening_parts.made import records, run
+from benchmarks.hardening_parts.values import (
+    bad_logs,
+    bad_maps,
+    bad_robots,
+    bad_specs,
+)
 from residual.robot.robot import load_robot
 from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse.exchange.bundle import write_bundle
 
-SEEDS = 48  # random edits of each file
+SEEDS = 12  # random edits of each file
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +35,7 @@ class Input:
         judge: How an answer is judged: "refuse" for none is right, "answer" for only
             one is, "samples", "bundle", or None where nobody can say.
         answer: What a right answer has in it.
+        request: What is asked of the guard of a server, in place of a command.
     """
 
     kind: str
@@ -37,6 +45,7 @@ class Input:
     content: bytes | None = None
     judge: str | None = None
     answer: str | None = None
+    request: dict | None = None
 
 
 def prepare(place: Path) -> dict[str, Path]:
@@ -121,11 +130,15 @@ def _of_text(kind: str, file: str, words: tuple[str, ...]) -> Callable:
         judge = "samples" if kind == "log" else None
         # Nothing is a whole TOML file, of which every key has its default.
         whole = ("empty", "blank") if file.endswith(".toml") else ()
+        values = _VALUES[kind](good.decode())
+        every = [(*edit, judge) for edit in _edits(good)]
+        # Of what a value means only its reader can say; none may be taken for another.
+        every += [(*edit, None) for edit in values]
         return [
             Input(
-                kind, name, given, file, data, _judge(name not in whole and none, judge)
+                kind, name, given, file, data, _judge(name not in whole and none, other)
             )
-            for name, data, none in _edits(good)
+            for name, data, none, other in every
         ]
 
     return made
@@ -133,6 +146,14 @@ def _of_text(kind: str, file: str, words: tuple[str, ...]) -> Callable:
 
 def _judge(none: bool, otherwise: str | None) -> str | None:
     return "refuse" if none else otherwise
+
+
+_VALUES: Mapping[str, Callable] = {
+    "log": bad_logs,
+    "robot": bad_robots,
+    "map": lambda good: bad_maps(),
+    "spec": lambda good: bad_specs(),
+}
 
 
 def _of_bundle(base: Mapping[str, Path]) -> list[Input]:
@@ -151,6 +172,13 @@ def _of_bundle(base: Mapping[str, Path]) -> list[Input]:
         made.append(Input("bundle", f"cut {share}", words, "good.tar", cut, "refuse"))
     noise = rng.bytes(50_000)
     return [*made, Input("bundle", "noise", words, "good.tar", noise, "refuse")]
+
+
+def _of_http(base: Mapping[str, Path]) -> list[Input]:
+    return [
+        Input("http", name, (), judge="answer" if own else "refuse", request=asked)
+        for name, asked, own in requests()
+    ]
 
 
 def _of_sql(base: Mapping[str, Path]) -> list[Input]:
@@ -252,4 +280,5 @@ TABLE = {
     "spec": _of_text("spec", "spec.toml", ("experiment", "spec.toml", "--dry-run")),
     "sql": _of_sql,
     "bundle": _of_bundle,
+    "http": _of_http,
 }

@@ -3,6 +3,7 @@
 import multiprocessing
 from collections import Counter
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 
 from benchmarks.figures import Figures, figure, partial
@@ -11,6 +12,9 @@ from benchmarks.hardening_parts.outcome import judged, outcome_of
 from benchmarks.store_parts.made import folder
 
 LONGEST = 30.0  # seconds
+_COMMANDS = tuple(
+    f"flows.cli.{name}" for name in ("imports", "check", "experiment", "sql", "bundle")
+)
 
 
 def input_figures(each: int | None) -> Figures:
@@ -19,6 +23,8 @@ def input_figures(each: int | None) -> Figures:
     Args:
         each: How many of each kind of input, spread over the table; None for all.
     """
+    for module in _COMMANDS:  # once here, not in every child
+        import_module(module)
     with folder() as place:
         base = prepare(place)
         chosen = [i for kind in TABLE for i in _some(TABLE[kind](base), each)]
