@@ -25,7 +25,7 @@ SLOW = 5.0  # Hz
 
 KEPT = 24  # logs whose derivatives are remembered: one is looked at many times
 
-_Known = OrderedDict[tuple, tuple[State, Array]]
+_Known = OrderedDict[tuple, tuple[tuple, Array]]
 _KNOWN: _Known = OrderedDict()
 
 
@@ -35,10 +35,11 @@ def sensitivity(state: State) -> Array:
     The last axis is the joint that moves, the one before it the row of torque.
     """
     own = b"" if state.inertial is None else state.inertial.tobytes()
-    # The state is kept with the result, so that no other array can get these ids.
-    key = (id(state.robot), *map(id, (state.q, state.qd, state.qdd)), own)
+    # They are kept with the result, so that nothing else can get these ids.
+    known = state.robot, state.q, state.qd, state.qdd
+    key = (*map(id, known), own)
     if key not in _KNOWN:
-        _KNOWN[key] = state, _derivatives(state)
+        _KNOWN[key] = known, _derivatives(state)
     _KNOWN.move_to_end(key)
     while len(_KNOWN) > KEPT:
         _KNOWN.popitem(last=False)
