@@ -27,7 +27,7 @@ def _measure(name: str, quick: bool) -> Figures:
     from benchmarks.hardening_parts import cost, flips, full, inputs, kills
 
     if name == "cost":
-        return cost.cost_figures(100 if quick else cost.FULL, 3 if quick else 7)
+        return cost.cost_figures(100 if quick else cost.FULL, 3 if quick else 15)
     if name == "inputs":
         return inputs.input_figures(8 if quick else None)
     if name == "flips":

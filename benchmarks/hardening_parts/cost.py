@@ -31,11 +31,14 @@ class Unwatched:
 
 
 def cost_figures(runs: int, rounds: int) -> Figures:
-    """Time the same scan with and without the check, in turns, each newly opened.
+    """Time the same scan with and without the check, each newly opened.
+
+    In pairs, whose order changes: what else the machine does meets both of a pair
+    alike, so that it is in neither the ratio of a pair nor the median of the ratios.
 
     Args:
         runs: How many runs of 1000 samples and 43 columns.
-        rounds: How often.
+        rounds: How many pairs.
     """
     with folder() as place:
         for seed in range(runs):
@@ -50,20 +53,34 @@ def cost_figures(runs: int, rounds: int) -> Figures:
         asked = f"SELECT {', '.join(f'sum({name})' for name in names)} FROM samples"
         with warehouse.open(place) as opened:  # the index is made, the cache is warm
             opened.sql(asked)
-        checked, bare = [], []
-        for _ in range(rounds):
-            with patch.object(query, "Watched", Unwatched):
-                bare.append(_timed(place, asked))
-            checked.append(_timed(place, asked))
-    seconds, cores = np.transpose([checked, bare], (2, 0, 1)).min(axis=2)
-    # Of the quickest rounds: what else the machine does makes the others slower. Time
-    # of the processors is told too, which it disturbs less.
-    about = {"seconds": seconds.round(3).tolist(), "cpu_s": cores.round(3).tolist()}
-    cost = round(float(seconds[0] / seconds[1] - 1), 3)
-    about["cpu_share"] = round(float(cores[0] / cores[1] - 1), 3)
-    entry = figure(cost, 0.2, rounds, runs=runs, **about)
+        pairs = [_pair(place, asked, first=number % 2) for number in range(rounds)]
+    # Pairs, checked and bare, clock and processors.
+    times = np.array(pairs)
+    ratios = times[:, 0] / times[:, 1] - 1
+    low, cost, high = np.quantile(ratios[:, 0], [0.25, 0.5, 0.75]).round(3).tolist()
+    entry = figure(
+        cost,
+        0.2,
+        rounds,
+        runs=runs,
+        range=[low, high],
+        seconds=np.median(times[:, :, 0], axis=0).round(3).tolist(),
+        cpu_share=round(float(np.median(ratios[:, 1])), 3),
+    )
     entry = entry if runs >= FULL else partial(entry, f"{runs} runs instead of {FULL}")
     return {"sql_check_share": entry}
+
+
+def _pair(place: Path, asked: str, first: int) -> tuple:
+    """Time a scan with the check and one without; ``first`` is which comes first."""
+    out = {}
+    for bare in (first, 1 - first):
+        if bare:
+            with patch.object(query, "Watched", Unwatched):
+                out[1] = _timed(place, asked)
+        else:
+            out[0] = _timed(place, asked)
+    return out[0], out[1]
 
 
 def _timed(place: Path, asked: str) -> tuple[float, float]:

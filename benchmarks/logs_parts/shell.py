@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -32,17 +33,17 @@ def shell_figures(runs: int) -> Figures:
         fit, held_out = _write_logs(Path(folder))
         words = ["diagnose", *fit, "--holdout", held_out, "--robot", "irb140"]
         words += ["--json", str(Path(folder) / "verdict.json")]
-        done = [_run(words, folder) for _ in range(runs)]
+        done = [run_shell(words, folder) for _ in range(runs)]
         ok = (Path(folder) / "verdict.json").exists()
-    failed = next((text for code, text, _, _ in done if code != 0 or not ok), None)
+    failed = next((each.said for each in done if each.code != 0 or not ok), None)
     if failed is not None:
         why = f"the command failed: {failed.strip()[-300:]}"
         return {
             "shell_seconds": missing(_SECONDS, why) | {"ok": False},
             "shell_peak_gb": missing(_GIGABYTES, why) | {"ok": False},
         }
-    seconds = [round(s, 2) for _, _, s, _ in done]
-    peak = max(gigabytes for *_, gigabytes in done)
+    seconds = [round(each.seconds, 2) for each in done]
+    peak = max(each.gigabytes for each in done)
     return {
         "shell_seconds": figure(float(np.median(seconds)), _SECONDS, runs, all=seconds),
         "shell_peak_gb": figure(round(peak, 3), _GIGABYTES, runs),
@@ -60,8 +61,27 @@ def _write_logs(folder: Path) -> tuple[list[str], str]:
     return paths[:-1], paths[-1]
 
 
-def _run(words: list[str], folder: str) -> tuple[int, str, float, float]:
-    """Return exit code, what it said, seconds and peak resident gigabytes."""
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """A command that has ended.
+
+    Attributes:
+        code: Its exit code.
+        said: What it printed.
+        seconds: On the clock [s].
+        cpu: Of the processors [s].
+        gigabytes: Peak resident memory.
+    """
+
+    code: int
+    said: str
+    seconds: float
+    cpu: float
+    gigabytes: float
+
+
+def run_shell(words: list[str], folder: str) -> Ran:
+    """Run a command of modelgap in a folder."""
     plain = dict(os.environ)
     plain["PYTHONPATH"] = os.pathsep.join([str(ROOT), plain.get("PYTHONPATH", "")])
     with tempfile.TemporaryFile("w+") as said:
@@ -73,5 +93,6 @@ def _run(words: list[str], folder: str) -> tuple[int, str, float, float]:
         seconds = perf_counter() - start
         process.returncode = os.waitstatus_to_exitcode(status)
         said.seek(0)
+        cpu = usage.ru_utime + usage.ru_stime
         # Linux counts in kilobytes.
-        return process.returncode, said.read(), seconds, usage.ru_maxrss / 1e6
+        return Ran(process.returncode, said.read(), seconds, cpu, usage.ru_maxrss / 1e6)
