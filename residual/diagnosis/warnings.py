@@ -61,7 +61,7 @@ def delayed_at_source(model: Model, logs: Logs) -> str | None:
     logs, by joint; half of the joints or more must agree within a third.
     """
     miss = np.zeros((len(SHIFTS), model.robot.dof))
-    for track in logs.tracks:
+    for track in logs.sketch:
         torque = low_pass(
             model.torque_of_state(model.observe(track)), track.cutoff, track.rate
         )

@@ -114,7 +114,7 @@ def identify(
     first = _fitted(nominal, base, logs, options)
     # A prediction needs an answer at standstill; one that reaches into moving rows
     # changes the fit a little, so it is done once more.
-    settled = with_standstill(first.model, logs.tracks).standstill
+    settled = with_standstill(first.model, logs.sketch).standstill
     return _fitted(replace(nominal, standstill=settled), base, logs, options)
 
 

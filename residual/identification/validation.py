@@ -16,6 +16,7 @@ from residual.model.compare import Errors, compare, prepare_held_out
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.robot import dynamics
+from residual.signals.pieces import are_long, in_pieces
 from residual.signals.track import Track, prepare
 
 
@@ -70,8 +71,9 @@ def acceleration_error(
     """
     dof = model.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
-    tracks, _ = prepare(recordings, model.filters, model.speed_floor, full_rate=True)
-    for recording, track in zip(recordings, tracks, strict=True):
+    full, pieces = not are_long(recordings), in_pieces(recordings, model.filters.torque)
+    tracks, _ = prepare(pieces, model.filters, model.speed_floor, full_rate=full)
+    for recording, track in zip(pieces, tracks, strict=True):
         measured = [np.interp(track.t, recording.t, c) for c in recording.tau.T]
         made = acceleration(model, track, np.column_stack(measured))
         both = track.filter(np.stack([track.qdd, made], axis=2))

@@ -14,6 +14,7 @@ from residual.evidence.folds import fold_labels
 from residual.evidence.long_design import LongDesign, design_of
 from residual.evidence.spool import Spool
 from residual.identification.identify import identify
+from residual.identification.validation import acceleration_error
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.model.observed import Later, Observed
@@ -186,6 +187,16 @@ def test_held_out_errors_of_pieces_are_those_of_the_log(log, short, monkeypatch)
     for kind in ("raw", "filtered", "moving"):
         mine, theirs = (e["it"].per_joint(kind) for e in (cut, whole))
         assert_allclose(mine, theirs, rtol=0.03)
+
+
+def test_errors_of_acceleration_of_pieces_are_those_of_the_log(log, short, monkeypatch):
+    logs = prepare_logs(arm(), [log], None, Filters())
+    model = start_nominal(logs, NAMES).model
+    cut = acceleration_error(model, [log])
+    monkeypatch.setattr(pieces, "LONG", np.inf)
+    whole = acceleration_error(model, [log])
+    assert whole.overall > 0
+    assert_allclose(cut.overall, whole.overall, rtol=0.05)
 
 
 @pytest.mark.long  # two diagnoses
