@@ -90,7 +90,7 @@ def _of_the_arm(
 ) -> list[Fault]:
     """What the file, the motion and its physics say; the first that is certain wins.
 
-    Physics is the same all along a log: of long ones ten minutes are looked at.
+    Physics is the same all along a log: of long ones seven minutes are looked at.
     """
     faults, whole = body_faults(robot), logs
     logs = sketch_of(logs)

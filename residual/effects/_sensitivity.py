@@ -23,7 +23,7 @@ from residual.signals.low_pass import low_pass
 # of a noisy angle: only what is slow is told apart from noise.
 SLOW = 5.0  # Hz
 
-KEPT = 24  # logs whose derivatives are remembered: one is looked at many times
+KEPT = 140_000  # rows whose derivatives are remembered: they are looked at many times
 
 _Known = OrderedDict[tuple, tuple[tuple, Array]]
 _KNOWN: _Known = OrderedDict()
@@ -41,7 +41,7 @@ def sensitivity(state: State) -> Array:
     if key not in _KNOWN:
         _KNOWN[key] = known, _derivatives(state)
     _KNOWN.move_to_end(key)
-    while len(_KNOWN) > KEPT:
+    while len(_KNOWN) > 1 and sum(d.shape[1] for _, d in _KNOWN.values()) > KEPT:
         _KNOWN.popitem(last=False)
     return _KNOWN[key][1]
 

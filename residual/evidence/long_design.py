@@ -1,7 +1,7 @@
 """The design of logs that are too long for memory: sums over pieces, and a sketch.
 
 Gram matrices are added up piece by piece, of all rows. Residuals, which tell how long
-noise remembers and what is left, are those of pieces evenly spread over ten minutes.
+noise remembers and what is left, are those of pieces evenly spread, seven minutes.
 Columns of all rows wait in a file for those that are added later.
 """
 

@@ -82,7 +82,7 @@ def source(
     names, filters = declared_names(robot, declared), Filters()
     clock = session_clock(recordings)
     asked = prepare_logs(robot, recordings, clock, filters)
-    # Of long logs the draws are made after ten minutes.
+    # Of long logs the draws are made after seven minutes.
     recordings = sketch_of(recordings)
     logs = prepare_logs(robot, recordings, clock, filters)
     if baseline:

@@ -18,7 +18,7 @@ from residual.recording import Recording
 LONG = 600.0  # s of logs in all from which on they are cut
 PIECE = 60.0  # s
 FORGETS = 8.0  # periods of the identification filter that are dropped at the ends
-SKETCH = 600.0  # s of all pieces that are kept whole, for what no sum can tell
+SKETCH = 420.0  # s of long logs that are kept whole, for what no sum can tell
 # So that no piece lies in two folds of a log (evidence/design.py).
 _MULTIPLE = 6
 
@@ -101,7 +101,7 @@ def logs_of(ids: Sequence[str]) -> list[list[int]]:
 
 
 def spread(seconds: Sequence[float]) -> list[int]:
-    """Choose pieces, evenly spread, that make ten minutes; all of them where they do.
+    """Choose pieces, evenly spread, that make seven minutes; of short logs all.
 
     Args:
         seconds: Length of each piece [s].
@@ -110,7 +110,7 @@ def spread(seconds: Sequence[float]) -> list[int]:
         Their numbers, in order.
     """
     total = float(sum(seconds))
-    if total <= SKETCH:
+    if total <= LONG:
         return list(range(len(seconds)))
     middle = np.cumsum(seconds) - 0.5 * np.asarray(seconds)
     count = max(int(SKETCH / max(seconds)), 1)
