@@ -104,8 +104,10 @@ def test_a_piece_is_in_one_fold(short, log):
     assert [np.unique(x).tolist() for x in labels] == [[k // 2] for k in range(12)]
 
 
-def test_sums_over_pieces_are_those_of_all_rows(short, log):
-    logs = prepare_logs(arm(), [log], None, Filters())
+@pytest.mark.parametrize("lengths", [(36.0,), (5.0, 5.5, 6.0), (5.0, 20.0)])
+def test_sums_over_pieces_are_those_of_all_rows(short, lengths):
+    recordings = [made(s, seed) for seed, s in enumerate(lengths)]
+    logs = prepare_logs(arm(), recordings, None, Filters())
     model = start_nominal(logs, NAMES).model
     long = design_of(logs.tracks, model)
     assert isinstance(long, LongDesign)
