@@ -13,7 +13,7 @@ from residual.diagnosis.conclude import Case, conclude
 from residual.diagnosis.doubt.angle_noise import noise_notes
 from residual.diagnosis.doubt.held_out import Verdicts, three_models, unproven
 from residual.diagnosis.doubt.impossible import contradictions
-from residual.diagnosis.doubt.standing import stand
+from residual.diagnosis.doubt.standing import Standing, stand
 from residual.diagnosis.drift import Drift
 from residual.diagnosis.examine import (
     Examined,
@@ -30,7 +30,8 @@ from residual.diagnosis.task import Rules
 from residual.diagnosis.warnings import signal_notes, warnings
 from residual.errors import InputError
 from residual.evidence.fit import Fit
-from residual.model.compare import compare, prepare_held_out
+from residual.model.compare import Errors, compare, prepare_held_out
+from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -106,7 +107,6 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
     listed, usual = folded(examined, standing.named)
     drift, least = _drift(examined, judged.fit, asked)
     errors, proofs = compare(models, proof, examined.logs.filters)
-    by_chance, by_rule = null_sentences(asked.null, Rules().threshold)
     case = Case(
         examined=examined,
         named=listed,
@@ -117,30 +117,43 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         held_out=[r.id for r in asked.held_out],
         same_run=asked.same_run,
         left=left.joints,
-        warnings=[
-            *warnings(examined, standing.withdrawn, asked.same_run),
-            *by_chance,
-            *unproven(examined, errors["augmented"]),
-            *left.sentences,
-        ],
+        warnings=_warned(standing, asked, errors["augmented"], left),
         contradictions=contradictions(examined, judged.fit, errors),
         drift=drift,
         least_drift=least,
         p_value=asked.null.p_value if asked.null else None,
     )
-    notes = signal_notes(examined, asked.fit, models["augmented"])
     return Diagnosis(
         verdict=conclude(case),
         models=models,
         proofs=proofs,
         clouds=clouds(examined, judged.fit, listed),
-        notes=(
-            *notes,
-            *noise_notes(standing.checks, [t for t, _ in judged.kept]),
-            *by_rule,
-        ),
+        notes=_noted(standing, asked, models["augmented"]),
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in listed),
+    )
+
+
+def _warned(
+    standing: Standing, asked: _Asked, augmented: Errors, left: Remains
+) -> list[str]:
+    """Sentences that qualify the answer."""
+    by_chance, _ = null_sentences(asked.null, Rules().threshold)
+    return [
+        *warnings(standing.examined, standing.withdrawn, asked.same_run),
+        *by_chance,
+        *unproven(standing.examined, augmented),
+        *left.sentences,
+    ]
+
+
+def _noted(standing: Standing, asked: _Asked, augmented: Model) -> tuple[str, ...]:
+    """What was understood of the signals."""
+    _, by_rule = null_sentences(asked.null, Rules().threshold)
+    return (
+        *signal_notes(standing.examined, asked.fit, augmented),
+        *noise_notes(standing.checks, [t for t, _ in standing.judged.kept]),
+        *by_rule,
     )
 
 

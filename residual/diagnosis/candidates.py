@@ -12,6 +12,7 @@ from residual.effects import registry
 from residual.effects.base import Effect, Span
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, scaled_inverse
+from residual.evidence.group import union
 from residual.evidence.priors import forbidden, priors
 from residual.model.nominal import Nominal
 
@@ -131,7 +132,7 @@ def collect(
         for some in combinations(usual, count):
             parts = [part for g in some for part in g.parts]
             label = " + ".join(g.effect.name for g in some)
-            groups.append(Design.union(parts, label))
+            groups.append(union(parts, label))
             price[groups[-1].key] = sum(price[g.key] for g in some)
     return Candidates(tuple(groups), price)
 
@@ -149,7 +150,7 @@ def renewed(design: Design, known: Candidates) -> Candidates:
         if not any(_place(p) in new for p in group.parts):
             return new.get(_place(group), group)
         parts = [new.get(_place(p), p) for p in group.parts]
-        return Design.union(parts, group.label)
+        return union(parts, group.label)
 
     return replace(known, groups=tuple(of(g) for g in known.groups))
 
@@ -164,7 +165,7 @@ def _on_all_joints(groups: Sequence[Group], dof: int) -> list[Group]:
     for g in groups:
         if g.effect.groupable and g.shape == ():
             own.setdefault(g.effect.name, []).append(g)
-    return [Design.union(parts) for parts in own.values() if len(parts) == dof > 1]
+    return [union(parts) for parts in own.values() if len(parts) == dof > 1]
 
 
 def every_candidate(
@@ -201,7 +202,7 @@ def _of_one_drive(groups: Sequence[Group]) -> list[Group]:
         if g.effect.usual_in_every_drive and g.effect.brakes:
             own.setdefault(g.joints, []).append(g)
     return [
-        Design.union(parts, " + ".join(p.effect.name for p in parts))
+        union(parts, " + ".join(p.effect.name for p in parts))
         for parts in own.values()
         if len(parts) > 1
     ]

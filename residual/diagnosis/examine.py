@@ -21,6 +21,7 @@ from residual.evidence.states import as_model, first_design, physical, show_torq
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
+from residual.model.observed import is_long
 from residual.model.standstill import with_standstill
 from residual.recording import Array
 
@@ -102,7 +103,7 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         progress: Told the stage and the share done.
     """
     design = first_design(logs, nominal)
-    if rules.tables:
+    if rules.tables and not is_long(logs.tracks):
         tables = usual_background(design, nominal.usual)
         logs = replace(logs, background=tables)
         design.calm(logs.background)

@@ -49,7 +49,9 @@ class Habit:
         )
         every = _energy(information @ theta, information + precision)
         change = _energy(known @ (theta - self.theta), known + precision)
-        return float(np.clip(change / max(every, 1e-300), 0.0, 1.0))
+        ratio = float(np.clip(change / max(every, 1e-300), 0.0, 1.0))
+        # What varies from log to log of the baseline varies so in the new ones, too.
+        return ratio / (1 + self.excess)
 
 
 def _energy(pull: Array, precision: Array) -> float:

@@ -5,7 +5,6 @@ Gram matrices per fold; columns, kept for residuals, are only ever appended.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -32,6 +31,8 @@ class Design:
         folds: Number of folds.
         fold_rows: Rows of each fold and joint. Shape (folds, dof).
     """
+
+    _background: tuple = ()  # tables of each joint; none, or not yet
 
     def __init__(self, logs: Sequence[tuple[Track, State]], model: Model) -> None:
         self.dof, self.model = model.robot.dof, model
@@ -60,7 +61,6 @@ class Design:
         self.power = self._per_fold(self.target)
         self.tau_power = self._per_fold(tau)
         self._sums: list = [None] * self.dof
-        self._background: tuple = ()
         self.size = 0
         self._add_nominal(model)
 
@@ -203,27 +203,6 @@ class Design:
             out += total / self.rows[j] / self.rms[j] ** 2
         return out
 
-    @staticmethod
-    def union(parts: Sequence[Group], label: str = "") -> Group:
-        """One candidate of several groups, such as an effect on all joints."""
-        parts = [replace(g, fellows=len(parts)) for g in parts]
-        sizes = [len(g.ids) for g in parts]
-        precision = np.zeros((sum(sizes), sum(sizes)))
-        start = 0
-        for g, k in zip(parts, sizes, strict=True):
-            precision[start : start + k, start : start + k] = g.precision
-            start += k
-        return Group(
-            effect=parts[0].effect,
-            joints=tuple(sorted({j for g in parts for j in g.joints})),
-            shape=parts[0].shape,
-            ids=np.concatenate([g.ids for g in parts]),
-            precision=precision,
-            log_det=sum(g.log_det for g in parts),
-            parts=tuple(parts),
-            label=label,
-        )
-
     def calm(self, background: Sequence) -> None:
         """From now on see target and columns without what tables account for.
 
@@ -255,8 +234,7 @@ class Design:
 
     def usual(self, j: int) -> float:
         """Size of the tables of joint j, as a share of torque rms; 0 without."""
-        own = self._tables_of(j)
-        return 0.0 if own is None else own.size
+        return getattr(self._tables_of(j), "size", 0.0)
 
     def _tables_of(self, j: int):
         return self._background[j] if self._background else None

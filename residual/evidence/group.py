@@ -1,6 +1,9 @@
 """One candidate finding: columns that stand or fall together."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from residual.effects.base import Effect, Joints, Shape
 from residual.recording import Array
@@ -35,3 +38,24 @@ class Group:
         """Identity apart from a searched shape: one candidate finding per key."""
         fixed = self.shape if self.effect.refine is None else ()
         return (self.label or self.effect.name, self.joints, fixed)
+
+
+def union(parts: Sequence[Group], label: str = "") -> Group:
+    """One candidate of several groups, such as an effect on all joints."""
+    parts = [replace(g, fellows=len(parts)) for g in parts]
+    sizes = [len(g.ids) for g in parts]
+    precision = np.zeros((sum(sizes), sum(sizes)))
+    start = 0
+    for g, k in zip(parts, sizes, strict=True):
+        precision[start : start + k, start : start + k] = g.precision
+        start += k
+    return Group(
+        effect=parts[0].effect,
+        joints=tuple(sorted({j for g in parts for j in g.joints})),
+        shape=parts[0].shape,
+        ids=np.concatenate([g.ids for g in parts]),
+        precision=precision,
+        log_det=sum(g.log_det for g in parts),
+        parts=tuple(parts),
+        label=label,
+    )

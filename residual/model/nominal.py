@@ -177,7 +177,7 @@ def prepare_logs(
     filters: Filters,
     whole: bool = False,
 ) -> Logs:
-    """Prepare the signals of the fit logs, those of long ones in pieces unless whole."""
+    """Prepare the signals of the fit logs; long ones in pieces, unless whole."""
     recordings = recordings if whole else in_pieces(recordings, filters.torque)
     tracks, floor = prepare(recordings, filters)
     q = np.concatenate([t.q for t in tracks])

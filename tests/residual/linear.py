@@ -13,6 +13,7 @@ from residual.diagnosis.task import Rules, Task
 from residual.effects.base import Effect, State, local
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Prior
+from residual.evidence.group import union
 from residual.model.model import Model
 from residual.signals.track import Track
 from tests.residual.arms import arm
@@ -191,4 +192,4 @@ def every_group(design) -> list[Group]:
     """One candidate of each kind on each of its joints, and one on all joints."""
     wanted = [(e, js, ()) for e in ALL for js in e.candidates(DOF)]
     groups = design.add(wanted)
-    return [*groups, Design.union(groups[:2])]
+    return [*groups, union(groups[:2])]

@@ -11,6 +11,7 @@ from residual.diagnosis.candidates import Candidates, renewed
 from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, local
 from residual.evidence.design import Design
+from residual.evidence.group import union
 from residual.model.model import Model
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.signals.encoder_noise import shaken
@@ -101,8 +102,8 @@ def test_only_columns_that_read_the_model_are_made_anew(rng):
     problem = Problem.draw(rng)
     design: Design = problem.design
     groups = design.add([(LINE, (0,), ()), (READS, (0,), ()), (READS, (1,), ())])
-    every = Design.union(groups[1:])
-    plain = Design.union(design.add([(OTHER, (0,), ()), (OTHER, (1,), ())]))
+    every = union(groups[1:])
+    plain = union(design.add([(OTHER, (0,), ()), (OTHER, (1,), ())]))
     known = Candidates((*groups, every, plain), {g.key: 1.0 for g in groups})
     design.show_torque([replace(s, tau_model=s.q + 1.0) for s in design.states])
     line, one, two, both, same = renewed(design, known).groups

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from residual.evidence.design import Design
 from residual.evidence.fit import NOISE_FLOOR, System, effective_rows, fit, gain
+from residual.evidence.group import union
 from residual.evidence.screen import screen
 from tests.residual.linear import (
     DOF,
@@ -250,10 +250,10 @@ def test_few_logs_are_left_out_in_blocks_and_many_as_they_are(rng, logs, folds):
 
 def test_a_union_is_its_parts(problem):
     parts = problem.design.add([(LINE, (0,), ()), (LINE, (1,), ())])
-    union = Design.union(parts)
-    assert union.joints == (0, 1)
-    assert [p.fellows for p in union.parts] == [2, 2]
-    one = every_row_counts(problem, [union], rounds=5)
+    both = union(parts)
+    assert both.joints == (0, 1)
+    assert [p.fellows for p in both.parts] == [2, 2]
+    one = every_row_counts(problem, [both], rounds=5)
     two = every_row_counts(problem, parts, rounds=5)
     assert one.score == pytest.approx(two.score, abs=1e-9)
     np.testing.assert_allclose(one.theta, two.theta)
