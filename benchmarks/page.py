@@ -21,6 +21,7 @@ README = ROOT / "README.md"
 PAGES = {
     "": ROOT / "docs" / "benchmarks.md",
     "tools": ROOT / "docs" / "benchmarks_tools.md",
+    "used": ROOT / "docs" / "benchmarks_used.md",
 }
 FENCES = "<!-- results -->\n", "<!-- end of results -->\n"
 _WORDS = {
