@@ -50,8 +50,10 @@ def log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
     """Return measured minus simulated: e_q, e_qd, e_qdd and e_tau.
 
     The twin is the robot as described. What its description says nothing of, dry and
-    viscous friction and rotors, it does not have: nobody knows them. Speeds that are
-    not logged, and accelerations, are differences.
+    viscous friction and rotors, it does not have: nobody knows them. Nor do its drives
+    have limits: the arm followed, and a body that the description lacks (a balancer)
+    may ask more of them than there is. Speeds that are not logged, and accelerations,
+    are differences.
 
     Args:
         robot: The arm as described.
@@ -85,7 +87,9 @@ def _as_described(robot: Robot) -> Robot:
         for effect in of_drives()
         if not getattr(robot.declared.get(effect.name), "values", None)
     }
-    return replace(robot, declared={**robot.declared, **silent})
+    unlimited = np.full(robot.dof, np.inf)
+    declared = {**robot.declared, **silent}
+    return replace(robot, declared=declared, torque_limit=unlimited)
 
 
 def _read(moments: Array, t: Array, values: Array) -> Array:

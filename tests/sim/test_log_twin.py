@@ -48,3 +48,10 @@ def test_what_a_description_is_silent_of_the_twin_does_not_have():
     with_friction, without = (log_twin_errors(r, log)["e_tau"] for r in (ROBOT, silent))
     spread = [np.sqrt(np.mean(e[25:-25] ** 2)) for e in (with_friction, without)]
     assert spread[1] > 3 * spread[0]
+
+
+def test_limits_of_the_drives_do_not_stop_a_twin_whose_body_lacks_a_balancer():
+    log = run_experiment(ROBOT, motion("fourier", 2.0), PlantSpec(), Rates()).log
+    weak = replace(ROBOT, torque_limit=0.3 * np.abs(log.tau).max(axis=0))
+    errors = [log_twin_errors(robot, log)["e_q"] for robot in (ROBOT, weak)]
+    np.testing.assert_array_equal(*errors)
