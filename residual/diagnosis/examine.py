@@ -103,7 +103,7 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         progress: Told the stage and the share done.
     """
     design = first_design(logs, nominal)
-    if rules.tables and not is_long(logs.tracks):
+    if not is_long(logs.tracks):
         tables = usual_background(design, nominal.usual)
         logs = replace(logs, background=tables)
         design.calm(logs.background)
@@ -243,8 +243,7 @@ def _refitted(
     base = replace(nominal.model, standstill=rough.standstill)
     design = design_of(tracks, base, rough)
     background = examined.logs.background
-    if background:
-        design.calm(background)
+    design.calm(background)
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
     final = fit(design, examined.task.prior, members, fitted.counted, fitted.variance)
     model = as_model(replace(nominal, model=base), final)

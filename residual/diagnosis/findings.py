@@ -10,7 +10,7 @@ from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested, alternatives
 from residual.diagnosis.uncertainty import Doubt, standard_deviations
 from residual.effects.base import Effect
-from residual.evidence.design import Group
+from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit
 from residual.model.compare import Cloud
 from residual.recording import Array
@@ -121,13 +121,18 @@ def findings(
 
 def _torque(examined: Examined, fitted: Fit, group: Group) -> float:
     """Largest torque of a member on any joint, as a share of the joint's own rms."""
-    design, theta, out = examined.task.design, fitted.of(group), 0.0
+    design, out = examined.task.design, 0.0
     for j in range(design.dof):
-        place, have = design.present(j, group.ids)
-        if len(place):
-            own = design.as_logged(j, design.columns(j, place) @ theta[have])
+        if len(design.present(j, group.ids)[0]):
+            own = _torque_on(design, fitted, group, j)
             out = max(out, float(np.sqrt(np.mean(own**2))) / design.rms[j])
     return out
+
+
+def _torque_on(design: Design, fitted: Fit, group: Group, j: int) -> Array:
+    """Torque of a member on the rows of a joint, as logged [N m]. Shape (rows,)."""
+    place, have = design.present(j, group.ids)
+    return design.as_logged(j, design.columns(j, place) @ fitted.of(group)[have])
 
 
 def _size(
@@ -236,10 +241,9 @@ def clouds(
             group = tested.group
             joints = group.joints if group.effect.scope == "local" else (tested.joint,)
             for j in joints:
-                place, have = design.present(j, group.ids)
-                effect = design.columns(j, place) @ fitted.of(group)[have]
+                effect = _torque_on(design, fitted, group, j)
                 left = design.residual(j, fitted.ids, fitted.theta)
-                effect, left = (design.as_logged(j, x) for x in (effect, left))
+                left = design.as_logged(j, left)
                 anchor = j if group.effect.scope == "local" else tested.joint
                 x, label, log = _variable(examined, group.effect, anchor, j)
                 out.append(

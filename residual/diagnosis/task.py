@@ -34,7 +34,6 @@ class Rules:
     bent: float = 0.2
     most: int = 30
     shortlist: int = 15
-    tables: bool = True
 
     def lower(self, fall: Array, share: Array) -> Array:
         """Where an error falls by enough: of torque rms, and of what was left."""

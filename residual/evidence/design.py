@@ -207,18 +207,18 @@ class Design:
         """From now on see target and columns without what tables account for.
 
         Args:
-            background: Tables of each joint, None for a joint without.
+            background: Tables of each joint, None for a joint without; empty for none.
         """
+        if not background:
+            return
         self._background = tuple(background)
-        for j in range(self.dof if background else 0):
-            old, place = self._x[j], self.place[j]
+        for j, old in enumerate(self._x):
             self.target[j] = self.calmed(j, self.target[j])
             self._x[j] = np.zeros((len(old), 0))
             self.gram[j] = np.zeros((self.folds, 0, 0))
             self.cross[j] = np.zeros((self.folds, 0))
             self._buffers[j] = self._x[j], self.gram[j], self.cross[j]
             self._extend(j, self.calmed(j, old))
-            self.place[j] = place
         self.power = self._per_fold(self.target)
         self._sums = [None] * self.dof
 

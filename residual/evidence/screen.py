@@ -20,11 +20,8 @@ def screen(design: Design, prior: Prior, base: Fit, groups: Sequence[Group]) -> 
     weight = np.maximum(0.25, base.counted / design.rows) / base.variance
     system = System.of(design, prior, base.members)
     theta, lower = system.solve(weight)
-    pull, shared = np.zeros(design.size), overlap(design, system, weight)
-    for j in range(design.dof):
-        every = np.flatnonzero(design.place[j] >= 0)
-        pull[every] += weight[j] * design.total(j)[1][design.place[j][every]]
-    pull -= theta @ shared
+    shared = overlap(design, system, weight)
+    pull = pulls(design, weight) - theta @ shared
     half = solve_triangular(lower, shared, lower=True, check_finite=False)
     out = np.empty(len(groups))
     for members, ids in stacks(groups):
@@ -32,6 +29,15 @@ def screen(design: Design, prior: Prior, base: Fit, groups: Sequence[Group]) -> 
         c = c + beyond(design, weight, ids, half)
         log_det = np.array([groups[i].log_det for i in members])
         out[members] = _quadratic(c, pull[ids], log_det)
+    return out
+
+
+def pulls(design: Design, weight: Array) -> Array:
+    """Weighted products of the target with all columns. Shape (size,)."""
+    out = np.zeros(design.size)
+    for j in range(design.dof):
+        every = np.flatnonzero(design.place[j] >= 0)
+        out[every] += weight[j] * design.total(j)[1][design.place[j][every]]
     return out
 
 

@@ -30,8 +30,7 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
             (prior,) = priors(design, nominal)
         named = as_model(nominal, start(design, prior))
     show_torque(design, logs, named)
-    if logs.background:
-        design.calm(logs.background)
+    design.calm(logs.background)
     return design
 
 

@@ -5,21 +5,14 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from residual.export.c99_tables import tables_of
+from residual.export.c99_tables import MOTION, tables_of
 from residual.export.exported import Exported, Left, Split, Whole, file_stem
 from residual.export.numbers import arrays_of, filled, template
 from residual.export.program import Line, Program, Shift, program_of, split_program
 from residual.signals.direction import Standstill
 
 # What a formula calls the motion, and what the function of the header calls it.
-_ARRAYS = {
-    "q": "angle",
-    "qd": "speed",
-    "qdd": "acceleration",
-    "sign": "sign_",
-    "rigid": "rigid_",
-    "tau": "total",
-}
+_ARRAYS = {**MOTION, "tau": "total"}
 _OWN = ("sgn", "bristle", "earlier")  # functions that the header brings itself
 _STEP = "1e-100"  # of a complex step: what it squares to is nothing
 _HEAD = "static inline void {p}_torque(\n    {p}_memory *memory, double t, const"

@@ -8,15 +8,15 @@ from residual.export.program import Program
 from residual.model.corrected import DIFFERENCE, NOTHING, Column, Tables
 from residual.recording import Array
 
-# What the columns of a table are called in the function of the header.
-_ARRAYS = {
+# What the motion is called in the function of the header; and the columns of a table.
+MOTION = {
     "q": "angle",
     "qd": "speed",
     "qdd": "acceleration",
     "sign": "sign_",
     "rigid": "rigid_",
-    "tau_model": "total",
 }
+_ARRAYS = {**MOTION, "tau_model": "total"}
 
 
 def tables_of(program: Program) -> Iterator[str]:

@@ -17,7 +17,7 @@ from residual.evidence.design import AMPLITUDE, Design, Group
 from residual.evidence.fit import System, scaled_inverse
 from residual.evidence.part import Part
 from residual.evidence.priors import POSTERIOR_FLOOR
-from residual.evidence.screen import beyond, overlap, stacks
+from residual.evidence.screen import beyond, overlap, pulls, stacks
 from residual.model.nominal import Nominal
 from residual.recording import Array
 
@@ -62,11 +62,7 @@ def _had(first: Examined, groups: Sequence[Group], excess: Array) -> list[tuple]
     system = System.of(design, task.prior, fitted.members)
     theta, lower = system.solve(weight)
     shared = overlap(design, system, weight)
-    pull = np.zeros(design.size)
-    for j in range(design.dof):
-        every = np.flatnonzero(design.place[j] >= 0)
-        pull[every] += weight[j] * design.total(j)[1][design.place[j][every]]
-    pull -= theta @ shared
+    pull = pulls(design, weight) - theta @ shared
     half = solve_triangular(lower, shared, lower=True)
     usual = np.array([design.usual(j) for j in range(design.dof)])
     out: list[tuple] = [()] * len(groups)
@@ -107,12 +103,8 @@ def _ratios(first: Examined, groups: Sequence[Group], folds: Array) -> Array:
     system = System.of(own, task.prior, fitted.members)
     precision = scaled_inverse(covariance + _floor(first, theta))
     precision += np.einsum("j,jmn->mn", weight, system.gram)
-    pull = np.zeros(design.size)
     shared = overlap(own, system, weight)
-    for j in range(design.dof):
-        every = np.flatnonzero(design.place[j] >= 0)
-        pull[every] += weight[j] * own.total(j)[1][design.place[j][every]]
-    pull -= theta @ shared
+    pull = pulls(own, weight) - theta @ shared
     factor = cho_factor(precision, lower=True)
     pull -= cho_solve(factor, pull[system.ids]) @ shared
     half = solve_triangular(np.tril(factor[0]), shared, lower=True)
