@@ -11,7 +11,7 @@ from residual.diagnosis.habit import Habit
 from residual.effects import registry
 from residual.effects.base import Effect, Span
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, scaled_inverse
+from residual.evidence.fit import Fit, scaled_inverse
 from residual.evidence.group import union
 from residual.evidence.priors import forbidden, priors
 from residual.model.nominal import Nominal
@@ -180,14 +180,18 @@ def every_candidate(
         clocked: Whether the order of the logs in time is known.
     """
     effects = [e for e in registry().values() if clocked or not e.needs_clock]
-    barred = _barred(design, nominal)
-    wanted = [e for e in effects if not all(e.name in b for _, b in barred)]
+    barred = [forbidden(p, nominal) for p in priors(design, nominal)]
+    wanted = [e for e in effects if not all(e.name in b for b in barred)]
     every = collect(design, wanted, span, design.dof)
     if nominal.covariance is not None:
         # What all joints have of it since a baseline is drift, which the model may do.
         kept = [g for g in every.groups if not g.parts]
         every = replace(every, groups=tuple(kept))
         every = every.beside(_of_one_drive(kept))
+    # Where all values of a kind are off, that is how good they are, and no effect.
+    given = nominal.kinds
+    kept = [g for g in every.groups if not any(p.effect.name in given for p in g.parts)]
+    every = replace(every, groups=tuple(kept))
     return replace(every, habits=nominal.habits)
 
 
@@ -206,15 +210,3 @@ def _of_one_drive(groups: Sequence[Group]) -> list[Group]:
         for parts in own.values()
         if len(parts) > 1
     ]
-
-
-def allowed(
-    design: Design, nominal: Nominal, everything: Candidates
-) -> list[tuple[Prior, Candidates]]:
-    """Every prior with the candidates that may be named under it."""
-    barred = _barred(design, nominal)
-    return [(prior, everything.without(tuple(b))) for prior, b in barred]
-
-
-def _barred(design: Design, nominal: Nominal) -> list[tuple[Prior, set]]:
-    return [(p, forbidden(p, nominal)) for p in priors(design, nominal)]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.diagnosis.changes import changes
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.doubt.held_out import Verdicts, judgement
 from residual.diagnosis.doubt.splits import Splits
@@ -12,6 +13,7 @@ from residual.diagnosis.drift import Drift
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named
 from residual.diagnosis.leftover.leftover import Leftover, depends_on
+from residual.diagnosis.prior_scale import neighbours
 from residual.diagnosis.result import (
     STAGES,
     Detectable,
@@ -24,7 +26,6 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from residual.evidence.priors import priors
 from residual.model.compare import Errors
 from residual.plain import plain
 
@@ -71,7 +72,8 @@ class Case:
 def conclude(case: Case) -> Verdict:
     """Return the verdict, of plain values: what is not finite is None."""
     examined = case.examined
-    every = priors(examined.task.design, examined.nominal)
+    task = examined.task
+    every = neighbours(task.design, examined.nominal, task.prior)
     doubtful = len(examined.adequacy.doubted) or case.contradictions
     nothing = "unknown" if doubtful else "none"
     return Verdict(
@@ -80,7 +82,7 @@ def conclude(case: Case) -> Verdict:
         verdict="effects" if case.named else nothing,
         effects=tuple(_finding(f, i, case) for i, f in enumerate(case.named, 1)),
         minimum_detectable=(
-            *minimum_detectable(examined.task, case.judged.fit, every),
+            *minimum_detectable(task, case.judged.fit, every),
             *_least_drift(case),
         ),
         unexplained=_unexplained(case),
@@ -90,6 +92,7 @@ def conclude(case: Case) -> Verdict:
         warnings=tuple(case.warnings),
         contradictions=tuple(case.contradictions),
         drift=case.drift,
+        changes=changes(examined, case.judged.fit),
         background=tuple(_finding(f, i, case) for i, f in enumerate(case.folded, 1)),
     )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.adequacy import Adequacy, adequacy, carried
-from residual.diagnosis.candidates import Candidates, allowed, every_candidate, renewed
+from residual.diagnosis.candidates import Candidates, every_candidate, renewed
 from residual.diagnosis.doubt.curves_only import only_curves
 from residual.diagnosis.gate import Tested, passed, simplest
 from residual.diagnosis.prior_scale import Selection, select
@@ -116,7 +116,7 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         progress("features", 0.5)
         everything = renewed(design, everything)
         prior, wide = selection.task.prior, selection.wide
-        again = replace(nominal, scale=prior.scale, assumed=prior.assumed)
+        again = replace(nominal, scale=prior.scale, widths=prior.widths)
         selection = _search(design, again, everything, (rules, progress))
         selection = replace(selection, wide=wide)
     progress("gate", 0.0)
@@ -179,8 +179,9 @@ def _search(
     design: Design, nominal: Nominal, everything: Candidates, options
 ) -> Selection:
     rules, progress = options
-    pairs = allowed(design, nominal, everything)
-    return select(design, pairs, rules, lambda share: progress("search", share))
+    return select(
+        design, nominal, everything, rules, lambda share: progress("search", share)
+    )
 
 
 def _needs_second_search(selection: Selection) -> bool:

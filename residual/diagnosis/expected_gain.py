@@ -202,8 +202,7 @@ def _confirmed(bench: Bench, one: Expected, size: float) -> bool:
 
 def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
     """The chosen prior and those that the search could turn to, with their evidence."""
-    design, own = task.design, (task.prior.scale, task.prior.assumed)
-    every = [task.prior, *(p for p in priors if (p.scale, p.assumed) != own)]
+    design, every = task.design, [task.prior, *priors]
     scores = [
         fit(design, p, fitted.members, fitted.counted, rounds=4).score for p in every
     ]

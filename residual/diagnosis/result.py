@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from residual.check.report import CheckReport
+from residual.diagnosis.change import Change
 from residual.diagnosis.drift import Drift
 from residual.diagnosis.leftover.remainder import Number, Unexplained
 from residual.model.compare import Cloud, LogProof
@@ -197,6 +198,7 @@ class Verdict:
             is no answer, and the verdict is "unknown".
         drift: Friction of all joints against the baseline's; None where it stayed.
         background: What any arm has a little of, folded: no reason to look.
+        changes: Every value that the model was given beside what the logs make of it.
     """
 
     robot: str
@@ -213,6 +215,7 @@ class Verdict:
     contradictions: tuple[str, ...] = ()
     drift: Drift | None = None
     background: tuple[Finding, ...] = ()
+    changes: tuple[Change, ...] = ()
 
     @property
     def trusted(self) -> bool:

@@ -1,6 +1,6 @@
 """Standard deviations of what is reported: noise, logs that disagree, other forms."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,11 @@ from scipy.stats import t as student
 
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.search import refined
-from residual.effects.base import Effect
+from residual.effects.base import Effect, Shape
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, chance_of, fit, scaled_inverse
 from residual.recording import Array
+from residual.robot.robot import Robot
 
 USUAL = 0.975  # quantile at two standard deviations
 FLAT = 1e-9  # of a correlation: a direction that the data do not know
@@ -28,7 +29,8 @@ class Doubt:
         std: Standard deviation of each parameter. Shape (parameters,).
         prior: The same before the logs spoke. Shape (parameters,).
         theta: Standard deviation of each coefficient, and before. Shape (2, k).
-        chance: Chance of coefficients so far from zero if they were zero.
+        chance: Chance of coefficients so far from zero if they were zero, and the rest
+            as good as the logs say.
     """
 
     std: Array
@@ -56,42 +58,51 @@ def standard_deviations(
     Returns:
         What is known of the member, for the id of each.
     """
-    task = examined.task
+    task, robot = examined.task, examined.logs.robot
     extra = {id(g): _slope(task.design, g, fitted.of(g)) for g in fitted.members}
     slopes = [s for s in extra.values() if s is not None]
-    full = fit(
-        task.design,
-        examined.wide,
-        (*fitted.members, *slopes),
-        fitted.counted,
-        fitted.variance,
-        rounds=1,
-    )
-    covariance, between = full.covariance(), _between_logs(task.design, full)
+    members = (*fitted.members, *slopes)
+    known = fitted.counted, fitted.variance, 1
+    full = fit(task.design, examined.wide, members, *known)
+    covariance, between = full.covariance(), between_logs(task.design, full)
+    # Whether it is there at all was asked under the prior that the logs speak for.
+    sharp = fit(task.design, task.prior, members, *known).covariance()
     out = {}
     for g in fitted.members:
-        slope = extra[id(g)]
+        slope, (theta, doubt) = extra[id(g)], sizes[id(g)]
         slots = full.slots(g)
         if slope is not None:
             slots = np.concatenate([slots, full.slots(slope)])
-        theta, doubt = sizes[id(g)]
-        jacobian = _jacobian(g, theta, examined.logs.robot, slope is not None)
+        searched = slope is not None
+        jacobian = values_jacobian(g.effect, theta, g.shape, robot, searched)
         # What a baseline is restless by from log to log doubts the size as well.
         habit = task.candidates.habit(g)
         loose = 1.0 if habit is None else 1 + habit.excess
-        own = [loose * c[np.ix_(slots, slots)] for c in (covariance, between)]
+        every = (covariance, between, sharp)
+        own = [loose * c[np.ix_(slots, slots)] for c in every]
         for c in own:
             c[: len(theta), : len(theta)] += doubt
-        variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in own]
-        variance.append(_form_doubt(examined, fitted, g) ** 2)
-        std = np.sqrt(np.maximum.reduce(variance))
-        k = len(theta)
-        chance = max(chance_of(theta, c[:k, :k], FLAT) for c in (own[0], sum(own)))
-        before = np.diag(scaled_inverse(g.precision))
-        after = np.maximum.reduce([np.diag(c)[:k] for c in own])
-        deviations = np.sqrt(np.maximum([after, before], 0.0))
-        out[id(g)] = Doubt(std, _prior_std(g, slope, jacobian), deviations, chance)
+        form = _form_doubt(examined, fitted, g)
+        prior = _prior_std(g, slope, jacobian)
+        out[id(g)] = _doubt(g, theta, own, (jacobian, form, prior))
     return out
+
+
+def _doubt(
+    group: Group, theta: Array, own: Sequence[Array], known: tuple[Array, ...]
+) -> Doubt:
+    """Sum up the covariances of one member: by noise, between logs, and at best."""
+    by_noise, between, best = own
+    jacobian, form, prior = known
+    wide = (by_noise, between)
+    variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in wide]
+    std = np.sqrt(np.maximum.reduce([*variance, form**2]))
+    k = len(theta)
+    chance = max(chance_of(theta, c[:k, :k], FLAT) for c in (best, best + between))
+    before = np.diag(scaled_inverse(group.precision))
+    after = np.maximum.reduce([np.diag(c)[:k] for c in wide])
+    deviations = np.sqrt(np.maximum([after, before], 0.0))
+    return Doubt(std, prior, deviations, chance)
 
 
 def _prior_std(group: Group, slope: Group | None, jacobian: Array) -> Array:
@@ -102,7 +113,7 @@ def _prior_std(group: Group, slope: Group | None, jacobian: Array) -> Array:
     return np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
 
 
-def _between_logs(design: Design, full: Fit) -> Array:
+def between_logs(design: Design, full: Fit) -> Array:
     """Covariance by how much the logs disagree on the coefficients. Shape (m, m).
 
     No effect has the very form of a textbook, and what is left of it pulls each log its
@@ -169,14 +180,26 @@ def _slope(design: Design, group: Group, theta: Array) -> Group | None:
     )
 
 
-def _jacobian(group: Group, theta: Array, robot, with_shape: bool) -> Array:
-    """Derivative of the parameter values to coefficients (and the first shape)."""
-    effect = group.effect
-    start = np.concatenate([theta, group.shape[:1] if with_shape else []])
+def values_jacobian(
+    effect: Effect, theta: Array, shape: Shape, robot: Robot, with_shape: bool = False
+) -> Array:
+    """Derivative of an effect's parameter values to its coefficients.
+
+    Args:
+        effect: The effect.
+        theta: Its coefficients. Shape (k,).
+        shape: Its shape.
+        robot: The arm.
+        with_shape: Whether the first number of the shape comes last.
+
+    Returns:
+        Shape (parameters, k) or (parameters, k + 1).
+    """
+    start = np.concatenate([theta, shape[:1] if with_shape else []])
 
     def values(x: Array) -> Array:
-        shape = (x[-1], *group.shape[1:]) if with_shape else group.shape
-        return np.asarray(effect.values(x[: len(theta)], shape, robot), dtype=float)
+        at = (x[-1], *shape[1:]) if with_shape else shape
+        return np.asarray(effect.values(x[: len(theta)], at, robot), dtype=float)
 
     columns = []
     for i, x in enumerate(start):

@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 from residual.check.report import CheckReport
 from residual.check.report import from_json as read_report
+from residual.diagnosis.change import Change
 from residual.diagnosis.drift import Drift
 from residual.diagnosis.leftover.remainder import Dependence
 from residual.diagnosis.result import (
@@ -49,6 +50,7 @@ def to_json(verdict: Verdict) -> dict:
             "contradictions": verdict.contradictions,
             "drift": verdict.drift and asdict(verdict.drift),
             "background": [_effect(f) for f in verdict.background],
+            "changes": [asdict(c) for c in verdict.changes],
         }
     )
 
@@ -89,6 +91,7 @@ def from_json(document: Mapping) -> Verdict:
             contradictions=tuple(document.get("contradictions", ())),
             drift=_read_drift(document.get("drift")),
             background=tuple(map(_read_effect, document.get("background", ()))),
+            changes=tuple(map(_read_change, document.get("changes", ()))),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {error!r}.") from error
@@ -97,6 +100,10 @@ def from_json(document: Mapping) -> Verdict:
 def _read_check(entry: Mapping | None) -> CheckReport | None:
     """Records of before have no check; theirs is not known."""
     return None if entry is None else read_report(entry)
+
+
+def _read_change(entry: Mapping) -> Change:
+    return Change(**{**entry, "joints": tuple(entry["joints"])})
 
 
 def _read_drift(entry: Mapping | None) -> Drift | None:

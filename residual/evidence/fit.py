@@ -4,7 +4,7 @@ Rows are autocorrelated, so each joint's rows count as n_eff = n / tau, with tau
 integrated autocorrelation time of the residual (initial positive pairs, Geyer 1992).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,13 +27,14 @@ class Prior:
         precision: Shape (p, p).
         log_det: Its log determinant.
         scale: Relative scale of the rigid part; None where it is a posterior.
-        assumed: Relative sd of values that are assumed; None where it is a posterior.
+        widths: Relative sd of each kind of value that is given, by the effect's name;
+            None where it is a posterior.
     """
 
     precision: Array
     log_det: float
     scale: float | None
-    assumed: float | None = None
+    widths: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,5 +1,6 @@
 """How much the nominal model is believed, before the logs speak."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +14,8 @@ from residual.robot.robot import Robot
 
 SCALES = (0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
 ROUGH = 0.1  # a nominal worse than this is too rough to blame a payload
-# An assumed value may be as good as a given one; the logs of all joints tell.
-ASSUMPTIONS = (0.03, GIVEN, 0.3, ASSUMED)
+# How good values of one kind are, given or assumed: the logs of all joints tell.
+WIDTHS = (0.01, 0.03, GIVEN, 0.3, ASSUMED)
 POSTERIOR_FLOOR = 0.01  # no baseline is believed better than this
 TINY = 1e-9
 
@@ -56,24 +57,37 @@ def inertial_precision(robot: Robot) -> Array:
 def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
     """The priors to compare: one per scale, or one where the scale is settled.
 
-    The more so where values are assumed: if all joints of an arm bear most of them out,
-    the one that is far off is a finding, else none of them can be one.
+    So with the values of the declared effects: if all joints of an arm bear most of
+    them out, the one that is far off is a finding, else none of them can be one.
     """
     if nominal.covariance is not None:
         return (_posterior(nominal),)
-    scales = SCALES if nominal.scale is None else (nominal.scale,)
-    assumptions: tuple[float, ...] = (ASSUMED,)
-    if ASSUMED in nominal.given:
-        assumptions = ASSUMPTIONS if nominal.assumed is None else (nominal.assumed,)
     return tuple(
-        relative_prior(design, nominal, scale, assumed)
-        for assumed in assumptions
-        for scale in scales
+        relative_prior(design, nominal, scale, widths)
+        for widths in even_widths(nominal)
+        for scale in scales_of(nominal)
     )
 
 
+def scales_of(nominal: Nominal) -> tuple[float, ...]:
+    """Scales of the rigid part to compare."""
+    return SCALES if nominal.scale is None else (nominal.scale,)
+
+
+def even_widths(nominal: Nominal) -> list[dict[str, float]]:
+    """Widths to compare first: as they were said, then one for all kinds of value."""
+    if nominal.widths is not None:
+        return [dict(nominal.widths)]
+    said = nominal.kinds
+    every = [said, *(dict.fromkeys(said, width) for width in WIDTHS)]
+    return [w for i, w in enumerate(every) if w not in every[:i]]
+
+
 def relative_prior(
-    design: Design, nominal: Nominal, scale: float, assumed: float = ASSUMED
+    design: Design,
+    nominal: Nominal,
+    scale: float,
+    widths: Mapping[str, float] | None = None,
 ) -> Prior:
     """Inertial parameters within a relative scale, declared effects as given.
 
@@ -81,8 +95,10 @@ def relative_prior(
         design: Columns.
         nominal: The nominal model.
         scale: Relative sd of the inertial parameters.
-        assumed: Relative sd of declared values that are assumed.
+        widths: Relative sd of the declared values, by the effect's name; None for what
+            was said of them.
     """
+    widths = nominal.kinds if widths is None else widths
     precision = np.zeros((len(design.nominal), len(design.nominal)))
     size = len(nominal.model.inertial)
     precision[:size, :size] = inertial_precision(nominal.model.robot) / scale**2
@@ -96,11 +112,11 @@ def relative_prior(
         if given is None:
             precision[own, own] = flat
         else:
-            width = assumed if given == ASSUMED else given
+            width = widths[term.effect.name]
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
         start = own.stop
-    return replace(_prior(precision, scale), assumed=assumed)
+    return replace(_prior(precision, scale), widths=dict(widths))
 
 
 def _posterior(nominal: Nominal) -> Prior:
@@ -124,17 +140,16 @@ def _prior(precision: Array, scale: float | None) -> Prior:
 def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
     """Effects that may not be blamed under this prior.
 
-    A declared effect is no candidate unless its value is known, or assumed and borne
-    out by the logs; a body is none where the rigid part is too rough. Named by an
-    exact duplicate of a column that is free already, both would be empty words. What a
-    baseline taught is known: all of it may have changed since.
+    A declared effect is no candidate unless values of its kind are known, by what the
+    logs say of all of them; a body is none where the rigid part is too rough. Named by
+    an exact duplicate of a column that is free already, both would be empty words. What
+    a baseline taught is known: all of it may have changed since.
     """
     if nominal.covariance is not None:
         return set()
     out = set()
     for term, given in nominal.declared:
-        width = prior.assumed if given == ASSUMED else given
-        settled = width is not None and width < ASSUMED
+        settled = given is not None and prior.widths[term.effect.name] < ASSUMED
         if not (settled and term.effect.is_parameter):
             out.add(term.effect.name)
     if prior.scale is not None and prior.scale > ROUGH:

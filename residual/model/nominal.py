@@ -38,7 +38,8 @@ class Nominal:
         covariance: Posterior covariance of a baseline, inertial parameters first.
             Shape (p, p); None where there was no baseline.
         scale: Fixed relative scale of the rigid part, None to estimate it.
-        assumed: Fixed relative sd of assumed values, None to estimate it.
+        widths: Fixed relative sd of each kind of value that is given, by the effect's
+            name; None to estimate them.
         baseline_unexplained: Structured residual of the baseline, as a share of torque
             rms. Shape (dof,), or None.
         fading: How many of the last terms are there for friction to fade with, and
@@ -52,7 +53,7 @@ class Nominal:
     given: tuple[float | None, ...]
     covariance: Array | None = None
     scale: float | None = None
-    assumed: float | None = None
+    widths: Mapping[str, float] | None = None
     baseline_unexplained: Array | None = None
     fading: int = 0
     habits: Mapping[tuple, Sequence] = field(default_factory=dict)
@@ -64,6 +65,11 @@ class Nominal:
         count = len(self.model.terms) - self.fading
         pairs = zip(self.model.terms[:count], self.given[:count], strict=True)
         return tuple(pairs)
+
+    @property
+    def kinds(self) -> dict[str, float]:
+        """Relative sd of what has a value, before the logs speak, by effect's name."""
+        return {t.effect.name: g for t, g in self.declared if g is not None}
 
     @property
     def names(self) -> tuple[str, ...]:

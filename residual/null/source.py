@@ -1,6 +1,6 @@
 """What null recordings are made after: motion, true model and noise of real logs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,6 @@ from residual.evidence.fit import Fit
 from residual.evidence.priors import inertial_precision
 from residual.model.model import Model
 from residual.model.nominal import (
-    ASSUMED,
     Logs,
     Nominal,
     declared_names,
@@ -44,7 +43,7 @@ class Source:
         nominal: The user's model.
         truth: Its structure with the parameters that the logs show.
         scale: Relative scale of the rigid part that they show; None for a posterior.
-        assumed: Relative sd of assumed values that they show.
+        widths: Relative sd that they show of values given, by the effect's name.
         noise: Autocovariance of the torque's noise at the rows [N^2 m^2]. (lags, dof).
         left: What the fit left of each log, 0 where masked [N m]. Each (m, dof).
         encoder: Noise of the angles per log [rad]. Shape (logs, dof).
@@ -56,7 +55,7 @@ class Source:
     nominal: Nominal
     truth: Model
     scale: float | None
-    assumed: float | None
+    widths: Mapping[str, float] | None
     noise: Array
     left: tuple[Array, ...]
     encoder: Array
@@ -102,7 +101,7 @@ def source(
         nominal=nominal,
         truth=truth,
         scale=made.task.prior.scale,
-        assumed=made.task.prior.assumed,
+        widths=made.task.prior.widths,
         noise=autocovariance(made.task.design, made.fit),
         left=_left(made.task.design, made.fit),
         encoder=np.array([encoder_noise(r, filters) for r in recordings]),
@@ -157,7 +156,7 @@ def redrawn(source: Source, rng: np.random.Generator) -> Nominal:
     for term, was, given in zip(
         truth.terms, nominal.model.terms, nominal.given, strict=True
     ):
-        width = source.assumed if given == ASSUMED else given
+        width = None if given is None else source.widths[term.effect.name]
         chance = rng.normal(size=len(term.theta))
         around = term.theta * (1 + min(width or 0.0, FARTHEST) * chance)
         parts.append(was.theta if given is None else around)
