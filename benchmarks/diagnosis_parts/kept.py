@@ -19,9 +19,13 @@ class Kept:
 
     Args:
         path: The file; None for one in store/benchmarks that belongs to this code.
+        words: From a row to what is printed of it; None for rows of one or two names.
     """
 
-    def __init__(self, path: Path | None = None) -> None:
+    def __init__(
+        self, path: Path | None = None, words: Callable[[Mapping], str] | None = None
+    ) -> None:
+        self._say = words or _words
         name = f"diagnosis-{code_hash()}-{_plan_hash()}.jsonl"
         self._path = path or ROOT / "store" / "benchmarks" / name
         self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -65,7 +69,10 @@ class Kept:
             if one.error is None:
                 self._file.write(json.dumps({name: value}) + "\n")
                 self._file.flush()
-            print(f"[{count}/{len(todo)}] {name}: {_words(value)}", flush=True)
+            print(
+                f"[{count}/{len(todo)}] {name}: {_crash(value) or self._say(value)}",
+                flush=True,
+            )
         return {name: self._known[name] for name in jobs}
 
 
@@ -77,9 +84,11 @@ def _plan_hash() -> str:
     return total.hexdigest()[:8]
 
 
+def _crash(row: Mapping) -> str:
+    return f"crash: {row['error']}" if "error" in row else ""
+
+
 def _words(row: Mapping) -> str:
-    if "error" in row:
-        return f"crash: {row['error']}"
     if "outcome" not in row:
         return "done"
     names = "; ".join(f"{n[0]} {n[1]}" for n in row["names"]) or "nothing"

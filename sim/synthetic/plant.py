@@ -40,12 +40,15 @@ class Plant:
         hidden: The effects that its description lacks.
         seed: Seed of what makes this arm differ from its description.
         background: What all joints have undeclared, at all times.
+        scatter: How far its bodies, friction and rotors are off what the description
+            says, as a share; None for as far as those of any arm.
     """
 
     robot: Robot
     hidden: tuple[Hidden, ...]
     seed: int
     background: BackgroundWord = CLEAN
+    scatter: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -88,13 +91,15 @@ class Torque:
 
 def true_model(plant: Plant) -> pin.Model:
     """Return the rigid body of this arm without hidden effects."""
-    return scatter(plant.robot.model, _RIGID_SCATTER, stream(plant.seed, "scatter"))
+    relative = _RIGID_SCATTER if plant.scatter is None else plant.scatter
+    return scatter(plant.robot.model, relative, stream(plant.seed, "scatter"))
 
 
 def true_friction(plant: Plant) -> Friction:
     """Return base friction and rotors of this arm without hidden effects."""
     usual, rng = sizes(plant.robot), stream(plant.seed, "friction")
     relative = _DECLARED_SCATTER if plant.robot.declared else _UNKNOWN_SCATTER
+    relative = relative if plant.scatter is None else plant.scatter
     factor = np.exp(relative * rng.normal(size=(3, plant.robot.dof)))
     return Friction(
         coulomb=factor[0] * usual.coulomb,

@@ -1,0 +1,123 @@
+"""What must be reached where several things changed, as figures of the rows."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from benchmarks.figures import Figures, figure, missing
+from benchmarks.seeded import Rows, crash_figures, group_figures, undecided
+from flows.blind.sums import wilson
+
+_NO_BAR = "for information, no bar of its own"
+_NO_LIST = "the verdict has no list of changed values"
+
+
+def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
+    """Return the figures of all groups that were run.
+
+    Args:
+        rows: Rows of each group.
+        deciding: Whether these are the seeds and the counts that the bars are for.
+    """
+    makers: Mapping[str, Callable[[Rows], Figures]] = {
+        "unchanged": _unchanged,
+        "changed": _changed,
+    }
+    figures = group_figures(rows, makers)
+    every = [r for group in rows.values() for r in group if "outcome" in r]
+    figures |= _moved(every) | crash_figures(rows)
+    return figures if deciding else undecided(figures)
+
+
+def _unchanged(rows: Rows) -> Figures:
+    named = [r for r in rows if r["said"]]
+    entry = _parts(figure(len(named), 0, len(rows)), rows, lambda r: bool(r["said"]))
+    names = _count(n[0][0] for r in named for n in r["said"])
+    flagged = _rate(rows, lambda r: bool(r["unexplained"]))
+    return {
+        "unchanged_named": entry | {"names": names},
+        "unchanged_flagged": flagged | {"why": _NO_BAR},
+    }
+
+
+def _changed(rows: Rows) -> Figures:
+    def told(row: Mapping) -> bool:
+        return row["exact"] or row["listed"]
+
+    said = [(r, len(r["said"])) for r in rows]
+    names = sum(count for _, count in said)
+    true = sum(r["true"] for r in rows)
+    # Where the set that changed is listed beside the first one, the first is no claim.
+    fair = sum(n if r["listed"] else r["true"] for r, n in said)
+    missed = [p[0] for r in rows for p in r["planted"] if not _named(r, p)]
+    short = sum(len(r["planted"]) < r["count"] for r in rows)
+    return {
+        "set_exact_or_listed": _at_least(_rate(rows, told), 0.90)
+        | {"per_name_missed": _count(missed)},
+        "set_exact": _rate(rows, lambda r: r["exact"]) | {"why": _NO_BAR},
+        "set_exact_by_name": _rate(rows, lambda r: r["exact_by_name"])
+        | {"why": _NO_BAR},
+        "precision": _at_least(_share(fair, names), 0.98)
+        | {"false": _count(f for r in rows if not r["listed"] for f in _false(r))},
+        "precision_first_set": _share(true, names) | {"why": _NO_BAR},
+        "changes_named": _share(true, sum(len(r["planted"]) for r in rows))
+        | {"why": _NO_BAR},
+        "fewer_than_asked": figure(short, None, len(rows), why=_NO_BAR),
+    }
+
+
+def _named(row: Mapping, one: Sequence) -> bool:
+    return any([one[0], one[1]] in names for names in row["said"])
+
+
+def _false(row: Mapping) -> list[str]:
+    """Names that are none of what changed, nor of a class with it."""
+    there = [[p[0], p[1]] for p in row["planted"]]
+    return [names[0][0] for names in row["said"] if not any(n in there for n in names)]
+
+
+def _moved(rows: Rows) -> Figures:
+    known = [r for r in rows if r["moved_due"] is not None]
+    if not known:
+        return {"moved_told": missing(0.98, _NO_LIST)} if rows else {}
+    due = sum(len(r["moved_due"]) for r in known)
+    told = sum(len(r["moved_told"]) for r in known)
+    lost = [
+        key[0] for r in known for key in r["moved_due"] if key not in r["moved_told"]
+    ]
+    false = sum(len(r["moved_false"]) for r in known)
+    return {
+        "moved_told": _at_least(_share(told, due), 0.98) | {"missed": _count(lost)},
+        "moved_told_within_5_percent": figure(false, None, len(known), why=_NO_BAR),
+    }
+
+
+def _rate(rows: Rows, hit: Callable[[Mapping], bool]) -> dict:
+    """Return a rate with its interval, and its counts by arm and by what is off."""
+    n, hits = len(rows), sum(bool(hit(r)) for r in rows)
+    entry = figure(hits / n if n else None, None, n, interval=wilson(hits, n))
+    return _parts(entry, rows, hit)
+
+
+def _parts(entry: dict, rows: Rows, hit: Callable[[Mapping], bool]) -> dict:
+    of: dict[str, list[int]] = {}
+    for row in rows:
+        for part in (row["arm"], f"{row['off']} % off", f"{row['count']} changes"):
+            counts = of.setdefault(part, [0, 0])
+            counts[0] += bool(hit(row))
+            counts[1] += 1
+    return entry | {"parts": dict(sorted(of.items()))}
+
+
+def _share(hits: int, n: int) -> dict:
+    return figure(hits / n if n else None, None, n, interval=wilson(hits, n))
+
+
+def _at_least(entry: dict, bar: float) -> dict:
+    ok = None if entry["value"] is None else bool(entry["value"] >= bar)
+    return entry | {"bar": bar, "ok": ok, "at_least": True}
+
+
+def _count(names) -> dict[str, int]:
+    out: dict[str, int] = {}
+    for name in names:
+        out[name] = out.get(name, 0) + 1
+    return dict(sorted(out.items(), key=lambda item: -item[1]))

@@ -1,0 +1,148 @@
+"""Groups, draws and bars of the benchmark of what changed."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from benchmarks.attribution_parts import bars, cases, changes, judge
+from benchmarks.attribution_parts.arms import Arm, make, moved_values, six
+from benchmarks.attribution_parts.light import light_arm
+from flows.blind.score import Name
+from residual.diagnosis.result import Detectable
+
+ROW = {
+    "arm": "six",
+    "off": 3,
+    "count": 2,
+    "outcome": "exact",
+    "planted": [["payload", [6], {}, 4.0], ["coulomb", [2], {}, 3.5]],
+    "said": [[["payload", [6]]], [["coulomb", [2]]]],
+    "true": 2,
+    "exact": True,
+    "exact_by_name": True,
+    "listed": False,
+    "unexplained": [],
+    "moved_due": [["coulomb", 2]],
+    "moved_told": [["coulomb", 2]],
+    "moved_false": [],
+}
+FALSE = {
+    "exact": False,
+    "exact_by_name": False,
+    "true": 1,
+    "said": [[["payload", [6]]], [["offset", [1]]]],
+    "moved_told": [],
+}
+
+
+def rows(good, bad, **wrong):
+    return [ROW] * good + [{**ROW, **FALSE, **wrong}] * bad
+
+
+def test_a_set_counts_if_it_is_exact_or_listed():
+    told = bars.case_figures({"changed": rows(9, 1)}, deciding=True)
+    assert told["set_exact_or_listed"]["ok"] is True
+    assert told["set_exact_or_listed"]["per_name_missed"] == {"coulomb": 1}
+    assert told["precision"]["value"] == 19 / 20
+    assert told["precision"]["ok"] is False
+    assert told["precision"]["false"] == {"offset": 1}
+    assert told["moved_told"]["value"] == 0.9
+    assert told["moved_told"]["missed"] == {"coulomb": 1}
+    listed = bars.case_figures({"changed": rows(1, 1, listed=True)}, deciding=True)
+    assert listed["set_exact_or_listed"]["value"] == 1.0
+    assert listed["precision"]["value"] == 1.0
+    assert listed["precision_first_set"]["value"] == 0.75
+    few = bars.case_figures({"changed": rows(1, 9)}, deciding=False)
+    assert few["set_exact_or_listed"]["ok"] is None
+
+
+def test_one_name_on_an_unchanged_arm_is_a_miss():
+    quiet = {**ROW, "said": [], "planted": [], "count": 0, "true": 0}
+    good = bars.case_figures({"unchanged": [quiet] * 3}, deciding=True)
+    assert good["unchanged_named"]["ok"] is True
+    loud = bars.case_figures({"unchanged": [quiet, ROW]}, deciding=True)
+    assert loud["unchanged_named"]["ok"] is False
+    assert loud["unchanged_named"]["names"] == {"payload": 1, "coulomb": 1}
+
+
+def test_a_verdict_without_the_list_of_values_is_no_miss():
+    old = {"moved_due": None, "moved_told": None, "moved_false": None}
+    told = bars.case_figures({"changed": rows(0, 2, **old)}, deciding=True)
+    assert told["moved_told"]["ok"] is None
+    assert told["moved_told"]["why"]
+
+
+def test_a_name_gives_way_to_one_that_has_no_other_change_to_stand_for():
+    payload, link = Name("payload", (7,)), Name("link_inertia", (7,))
+    assert judge.matching([payload, link], [[payload, link], [payload]]) == {0: 1, 1: 0}
+    assert judge.matching([payload], [[link], [payload]]) == {0: 1}
+    assert judge.matching([], [[payload]]) == {}
+
+
+def test_other_sets_are_read_one_name_per_joint():
+    listed = [
+        {"set": [{"name": "coulomb", "joints": [4, 2]}], "nats": 2.0},
+        {"set": [{"name": "coupled_friction", "joints": [5, 6]}], "nats": 3.0},
+    ]
+    sets = judge.alternatives({"alternatives": listed})
+    assert sets[0] == [Name("coulomb", (2,)), Name("coulomb", (4,))]
+    assert sets[1] == [Name("coupled_friction", (5, 6))]
+    assert judge.alternatives({}) is None
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_light_arm_is_a_body_of_about_twenty_kilograms(seed):
+    robot = light_arm(seed)
+    bodies = list(robot.model.inertias)[1:]
+    assert robot.dof == 7
+    assert 14 < sum(body.mass for body in bodies) < 27
+    for body in bodies:
+        assert np.linalg.eigvalsh(pin.PseudoInertia.FromInertia(body).toMatrix())[0] > 0
+    assert not any(d.assumed for d in robot.declared.values())
+    assert set(robot.declared) == set(changes.DRIVES)
+    assert robot.urdf != light_arm(seed + 2).urdf
+
+
+def test_an_exact_arm_is_what_is_given_and_another_is_off_by_as_much_as_it_says():
+    off = {}
+    for share in (0.0, 0.1):
+        values = moved_values(Arm("six", share, 5, 6), ()).values()
+        off[share] = np.std([np.log(true / given) for given, true in values])
+    assert off[0.0] == 0.0
+    assert 0.05 < off[0.1] < 0.2
+    assert not any(d.assumed for d in six().declared.values())
+
+
+def test_changes_are_clear_and_on_places_of_their_own():
+    arm = Arm("six", 0.03, 5, 6)
+    minimum = [
+        Detectable(name, (j,), value, "")
+        for name, value in (("coulomb", 0.4), ("viscous", 0.4), ("rotor_inertia", 0.01))
+        for j in range(1, 7)
+    ]
+    minimum += [Detectable("payload", (6,), 0.1, "kg")]
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        drawn = changes.draw_changes(arm, rng, 4, minimum)
+        places = [(e.name, e.joints) for e in drawn]
+        assert len(set(places)) == len(places) == 4
+        least = {(d.name, d.joints): d.value for d in minimum}
+        for key, (given, true) in moved_values(arm, drawn).items():
+            if (key[0], (key[1],)) in places:
+                assert abs(true - given) >= 2.999 * least[key[0], (key[1],)]
+                assert true > 0
+    nothing = changes.draw_changes(arm, np.random.default_rng(0), 2, [])
+    assert nothing == []
+
+
+def test_cases_of_one_arm_share_motions_and_not_noise():
+    task = cases.tasks("changed", range(1, 2), True)[0]
+    (bench,) = cases.benches([task])
+    assert bench.name == task.bench
+    one, other = (make(t.made_of, ()) for t in (task, bench))
+    for a, b in zip(one.fit, other.fit, strict=True):
+        assert np.abs(a.q - b.q).max() < 1e-3
+        assert not np.array_equal(a.tau, b.tau)
+    every = [t for g in cases.GROUPS for t in cases.tasks(g, range(1, 14), False)]
+    assert sum(t.group == cases.UNCHANGED for t in every) >= 100
+    assert len({t.name for t in every}) == len(every)
