@@ -26,6 +26,7 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
+from residual.evidence.priors import Space
 from residual.model.compare import Errors
 from residual.plain import plain
 
@@ -73,7 +74,7 @@ def conclude(case: Case) -> Verdict:
     """Return the verdict, of plain values: what is not finite is None."""
     examined = case.examined
     task = examined.task
-    every = neighbours(task.design, examined.nominal, task.prior)
+    every = neighbours(Space(task.design, examined.nominal), task.prior)
     doubtful = len(examined.adequacy.doubted) or case.contradictions
     nothing = "unknown" if doubtful else "none"
     return Verdict(

@@ -17,6 +17,7 @@ from residual.evidence.background import learnt_tables, usual_background, with_t
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.long_design import design_of
+from residual.evidence.priors import Space
 from residual.evidence.states import as_model, first_design, physical, show_torque
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
@@ -179,9 +180,8 @@ def _search(
     design: Design, nominal: Nominal, everything: Candidates, options
 ) -> Selection:
     rules, progress = options
-    return select(
-        design, nominal, everything, rules, lambda share: progress("search", share)
-    )
+    space = Space(design, nominal)
+    return select(space, everything, rules, lambda share: progress("search", share))
 
 
 def _needs_second_search(selection: Selection) -> bool:

@@ -5,7 +5,7 @@ parameters swallow the effect. So with the values that a model is given, kind by
 of twenty that are right the twenty-first stands out, of twenty rough ones none does.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,24 +13,14 @@ import numpy as np
 from residual.diagnosis.candidates import Candidates
 from residual.diagnosis.search import search
 from residual.diagnosis.task import Rules, Task
-from residual.evidence.design import Design
 from residual.evidence.fit import Fit, Prior, fit
-from residual.evidence.priors import (
-    WIDTHS,
-    forbidden,
-    priors,
-    relative_prior,
-    scales_of,
-)
-from residual.model.nominal import Nominal
+from residual.evidence.priors import WIDTHS, Space
 from residual.recording import Array
 
 DOUBT = 6.0  # nats within which two scales cannot be told apart
 LEAST_WIDE = 0.1
 PER_NAME = 2.0  # nats a name costs when scales are compared
 ROUNDS = 3  # looks at the widths of single kinds
-
-Widths = Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -52,8 +42,7 @@ class Selection:
 class _Runs:
     """Searches made so far, by the prior's scale and widths."""
 
-    design: Design
-    nominal: Nominal
+    space: Space
     candidates: Candidates
     rules: Rules
     done: dict[tuple, Selection] = field(default_factory=dict)
@@ -61,13 +50,9 @@ class _Runs:
     def search(self, prior: Prior) -> None:
         """Search under a prior, unless that was done."""
         if (key := _key(prior)) not in self.done:
-            allowed = self.candidates.without(tuple(forbidden(prior, self.nominal)))
-            task = Task(self.design, prior, allowed, self.rules)
+            allowed = self.candidates.without(tuple(self.space.barred(prior)))
+            task = Task(self.space.design, prior, allowed, self.rules)
             self.done[key] = Selection(task, search(task), prior)
-
-    def prior(self, scale: float, widths: Widths) -> Prior:
-        """A prior by its scale and widths."""
-        return relative_prior(self.design, self.nominal, scale, widths)
 
     @property
     def counted(self) -> Array:
@@ -75,10 +60,15 @@ class _Runs:
         return np.max([r.fit.counted for r in self.done.values()], axis=0)
 
     @property
-    def winner(self) -> Selection:
+    def best(self) -> Selection:
         """The run with the most evidence."""
         counted = self.counted
         return max(self.done.values(), key=lambda r: _worth(r, counted))
+
+    def score(self, prior: Prior, run: Selection) -> float:
+        """Evidence of a run's set under another prior [nats]."""
+        members = run.fit.members
+        return fit(self.space.design, prior, members, self.counted, rounds=4).score
 
 
 def _key(prior: Prior) -> tuple:
@@ -86,8 +76,7 @@ def _key(prior: Prior) -> tuple:
 
 
 def select(
-    design: Design,
-    nominal: Nominal,
+    space: Space,
     candidates: Candidates,
     rules: Rules,
     progress: Callable[[float], None] = lambda fraction: None,
@@ -99,37 +88,34 @@ def select(
     then that scale's neighbours.
 
     Args:
-        design: Columns and Gram.
-        nominal: The nominal model.
+        space: The priors.
         candidates: All that may be named under some prior.
         rules: Thresholds.
         progress: Told the share done.
     """
-    runs = _Runs(design, nominal, candidates, rules)
-    every = priors(design, nominal)
-    for turn, wanted in enumerate((_as_said, _at_its_scale, _by_kind, _beside_it)):
-        for prior in wanted(runs, every):
+    runs, turns = _Runs(space, candidates, rules), (_as_said, _even, _by_kind, _beside)
+    for turn, wanted in enumerate(turns):
+        for prior in wanted(runs):
             runs.search(prior)
-            progress((turn + len(runs.done) / (len(runs.done) + 2)) / 4)
-    winner = runs.winner
-    wide = _widest(runs, winner)
-    return replace(winner, fit=winner.task.settle(winner.fit), wide=wide)
+            progress((turn + len(runs.done) / (len(runs.done) + 2)) / len(turns))
+    best = runs.best
+    return replace(best, fit=best.task.settle(best.fit), wide=_widest(runs, best))
 
 
-def _as_said(runs: _Runs, every: Sequence[Prior]) -> list[Prior]:
-    return [p for p in every if p.widths == every[0].widths]
+def _as_said(runs: _Runs) -> Iterable[Prior]:
+    return [runs.space.at(scale, runs.space.even[0]) for scale in runs.space.scales]
 
 
-def _at_its_scale(runs: _Runs, every: Sequence[Prior]) -> list[Prior]:
-    scale = runs.winner.wide.scale
-    return [p for p in every if p.scale == scale]
+def _even(runs: _Runs) -> Iterable[Prior]:
+    scale = runs.best.wide.scale
+    return [runs.space.at(scale, widths) for widths in runs.space.even]
 
 
-def _by_kind(runs: _Runs, every: Sequence[Prior]):
-    """Widths of single kinds, by the evidence with the winner's names held."""
-    for _ in range(ROUNDS if runs.nominal.widths is None else 0):
-        best = runs.winner
-        if len(best.wide.widths or {}) < 2:
+def _by_kind(runs: _Runs) -> Iterable[Prior]:
+    """Widths of single kinds, by the evidence with the best run's names held."""
+    for _ in range(ROUNDS):
+        best = runs.best
+        if not runs.space.free or len(best.wide.widths) < 2:
             return
         turned = _turned(runs, best)
         if _key(turned) in runs.done:
@@ -139,29 +125,20 @@ def _by_kind(runs: _Runs, every: Sequence[Prior]):
 
 def _turned(runs: _Runs, best: Selection) -> Prior:
     """The prior with each kind's width at its best, one after the other."""
-    prior, counted = best.wide, runs.counted
+    prior = best.wide
     for kind in best.wide.widths:
         trials = [
-            prior
-            if width == prior.widths[kind]
-            else runs.prior(prior.scale, {**prior.widths, kind: width})
+            runs.space.at(prior.scale, {**prior.widths, kind: width})
             for width in WIDTHS
         ]
-        prior = max(
-            trials,
-            key=lambda p: (
-                fit(runs.design, p, best.fit.members, counted, rounds=4).score
-            ),
-        )
+        prior = max([prior, *trials], key=lambda p: runs.score(p, best))
     return prior
 
 
-def _beside_it(runs: _Runs, every: Sequence[Prior]) -> list[Prior]:
-    best, scales = runs.winner.wide, scales_of(runs.nominal)
-    if best.widths is None:
-        return []
+def _beside(runs: _Runs) -> Iterable[Prior]:
+    best, scales = runs.best.wide, runs.space.scales
     at = scales.index(best.scale)
-    return [runs.prior(s, best.widths) for s in scales[max(at - 1, 0) : at + 2]]
+    return [runs.space.at(s, best.widths) for s in scales[max(at - 1, 0) : at + 2]]
 
 
 def _widest(runs: _Runs, run: Selection) -> Prior:
@@ -171,12 +148,11 @@ def _widest(runs: _Runs, run: Selection) -> Prior:
     what trades off against a load cannot. Given values are held as they were when the
     effects were named: one that may be off at will leaves nothing to be named.
     """
-    prior, scales = run.task.prior, scales_of(runs.nominal)
-    if prior.widths is None or len(scales) == 1:
+    prior, scales = run.task.prior, runs.space.scales
+    if len(scales) == 1:
         return prior
-    alike = [runs.prior(s, prior.widths) for s in scales]
-    members, counted = run.fit.members, runs.counted
-    scores = [fit(runs.design, p, members, counted, rounds=4).score for p in alike]
+    alike = [runs.space.at(s, prior.widths) for s in scales]
+    scores = [runs.score(p, run) for p in alike]
     near = [
         p
         for p, score in zip(alike, scores, strict=True)
@@ -185,32 +161,27 @@ def _widest(runs: _Runs, run: Selection) -> Prior:
     return max(near, key=lambda p: p.scale)
 
 
-def neighbours(design: Design, nominal: Nominal, prior: Prior) -> tuple[Prior, ...]:
+def neighbours(space: Space, prior: Prior) -> tuple[Prior, ...]:
     """Priors that a search might have turned to, beside the one that it chose.
 
     Args:
-        design: Columns.
-        nominal: The nominal model.
+        space: The priors.
         prior: The chosen one.
     """
-    if prior.widths is None:
-        return ()
-    out = list(priors(design, nominal))
-    out += [
-        relative_prior(design, nominal, s, prior.widths) for s in scales_of(nominal)
-    ]
-    if len(prior.widths) > 1 and nominal.widths is None:
-        out += [
-            relative_prior(design, nominal, prior.scale, {**prior.widths, kind: width})
+    wanted = [(s, widths) for widths in space.even for s in space.scales]
+    wanted += [(s, prior.widths) for s in space.scales]
+    if space.free and len(prior.widths) > 1:
+        wanted += [
+            (prior.scale, {**prior.widths, kind: width})
             for kind in prior.widths
             for width in WIDTHS
         ]
-    unique = {_key(p): p for p in out}
-    unique.pop(_key(prior), None)
-    return tuple(unique.values())
+    made = {_key(p): p for p in (space.at(*one) for one in wanted)}
+    made.pop(_key(prior), None)
+    return tuple(made.values())
 
 
-def _worth(run: Selection, counted) -> float:
+def _worth(run: Selection, counted: Array) -> float:
     """Evidence of a run with rows counted alike for all, less the price of names."""
     task, members = run.task, run.fit.members
     common = fit(task.design, task.prior, members, counted, rounds=4)

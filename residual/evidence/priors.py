@@ -1,7 +1,7 @@
 """How much the nominal model is believed, before the logs speak."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,33 +54,59 @@ def inertial_precision(robot: Robot) -> Array:
     return out
 
 
-def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
-    """The priors to compare: one per scale, or one where the scale is settled.
+@dataclass(frozen=True, eq=False, slots=True)
+class Space:
+    """The priors that may be compared: a scale of the rigid part, widths of values.
 
-    So with the values of the declared effects: if all joints of an arm bear most of
-    them out, the one that is far off is a finding, else none of them can be one.
+    So with the values of the declared effects as with the bodies: if all joints of an
+    arm bear most of them out, the one that is far off is a finding, else none can be.
+
+    Attributes:
+        design: Columns.
+        nominal: The nominal model.
     """
-    if nominal.covariance is not None:
-        return (_posterior(nominal),)
-    return tuple(
-        relative_prior(design, nominal, scale, widths)
-        for widths in even_widths(nominal)
-        for scale in scales_of(nominal)
-    )
+
+    design: Design
+    nominal: Nominal
+
+    @property
+    def scales(self) -> tuple[float | None, ...]:
+        """Scales of the rigid part; None alone where a baseline settled it."""
+        if self.nominal.covariance is not None:
+            return (None,)
+        return SCALES if self.nominal.scale is None else (self.nominal.scale,)
+
+    @property
+    def even(self) -> list[dict[str, float] | None]:
+        """Widths to compare first: as they were said, then one for every kind."""
+        if self.nominal.covariance is not None:
+            return [None]
+        if not self.free:
+            return [dict(self.nominal.widths)]
+        said = self.nominal.kinds
+        every = [said, *(dict.fromkeys(said, width) for width in WIDTHS)]
+        return [w for i, w in enumerate(every) if w not in every[:i]]
+
+    @property
+    def free(self) -> bool:
+        """Whether the widths are still to be chosen."""
+        return self.nominal.covariance is None and self.nominal.widths is None
+
+    def at(self, scale: float | None, widths: Mapping[str, float] | None) -> Prior:
+        """The prior of a scale and widths; of neither the baseline's posterior."""
+        if scale is None:
+            return _posterior(self.nominal)
+        return relative_prior(self.design, self.nominal, scale, widths)
+
+    def barred(self, prior: Prior) -> set[str]:
+        """Effects that may not be blamed under a prior."""
+        return forbidden(prior, self.nominal)
 
 
-def scales_of(nominal: Nominal) -> tuple[float, ...]:
-    """Scales of the rigid part to compare."""
-    return SCALES if nominal.scale is None else (nominal.scale,)
-
-
-def even_widths(nominal: Nominal) -> list[dict[str, float]]:
-    """Widths to compare first: as they were said, then one for all kinds of value."""
-    if nominal.widths is not None:
-        return [dict(nominal.widths)]
-    said = nominal.kinds
-    every = [said, *(dict.fromkeys(said, width) for width in WIDTHS)]
-    return [w for i, w in enumerate(every) if w not in every[:i]]
+def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
+    """The priors to compare first: one per scale, or one where the scale is settled."""
+    space = Space(design, nominal)
+    return tuple(space.at(s, widths) for widths in space.even for s in space.scales)
 
 
 def relative_prior(

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.candidates import Candidates, allowed, every_candidate
+from residual.diagnosis.candidates import Candidates, every_candidate
 from residual.diagnosis.gate import passed, simplest
 from residual.diagnosis.prior_scale import select
 from residual.diagnosis.search import _shortlist
@@ -25,6 +25,7 @@ from residual.evidence.colour import coloured
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit, gain
 from residual.evidence.limits import possible
+from residual.evidence.priors import Space
 from residual.evidence.states import first_design
 from residual.model.nominal import Logs, Nominal, prepare_logs
 from residual.null.source import Source, null_recordings, redrawn
@@ -99,7 +100,7 @@ def with_torque(design: Design, target: Sequence[Array]) -> Design:
 
 def _searched(design: Design, nominal: Nominal, candidates: Candidates) -> Draw:
     """The whole choice of prior, search and gate; and the loudest of all candidates."""
-    chosen = select(design, allowed(design, nominal, candidates), Rules())
+    chosen = select(Space(design, nominal), candidates, Rules())
     task, named = chosen.task, False
     if chosen.fit.members:
         _, tested = passed(task, simplest(task, chosen.fit))

@@ -163,7 +163,8 @@ def test_what_may_not_be_blamed(rng, name, given, scale, baseline, barred):
     own = term(name, 1, theta)
     covariance = np.eye(NOMINAL + len(own.theta)) if baseline else None
     found = nominal([own], [given], covariance=covariance)
-    prior = replace(Problem.draw(rng, rows=20).prior, scale=scale)
+    known = replace(Problem.draw(rng, rows=20).prior, scale=scale)
+    prior = replace(known, widths=None if baseline else found.kinds)
     assert forbidden(prior, found) == barred
 
 

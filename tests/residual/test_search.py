@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -348,19 +349,38 @@ def test_of_two_names_that_explain_the_same_the_simpler_is_taken(rng):
 # -- the scale of the prior --------------------------------------------------------
 
 
+class Choices(NamedTuple):
+    """A space of a few priors by scale, with no given values."""
+
+    design: object
+    made: dict
+    even = ({},)
+    free = False
+
+    @property
+    def scales(self):
+        return tuple(self.made)
+
+    def at(self, scale, widths):
+        return self.made[scale]
+
+    def barred(self, prior):
+        return set()
+
+
 @pytest.mark.parametrize("bend", [0.1, 1.0, 10.0])
 def test_the_scale_of_the_prior_is_the_one_that_the_nominal_is_off_by(rng, bend):
     problem = Problem.draw(rng, rows=200, noise=0.05, bend=bend)
     task = problem.task(every_group(problem.design))
-    choices = []
+    choices = {}
     for scale in (0.1, 1.0, 10.0):
         precision = problem.prior.precision / scale**2
         log_det = float(np.linalg.slogdet(precision)[1])
-        prior = replace(
+        choices[scale] = replace(
             problem.prior, precision=precision, log_det=log_det, scale=scale
         )
-        choices.append((prior, task.candidates))
-    assert select(problem.design, choices, Rules()).task.prior.scale == bend
+    space = Choices(problem.design, choices)
+    assert select(space, task.candidates, Rules()).task.prior.scale == bend
 
 
 def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
@@ -372,11 +392,8 @@ def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
         log_det=problem.prior.log_det - 20 * np.log(30**2),
         scale=0.9,
     )
-    chosen = select(
-        problem.design,
-        [(wide, task.candidates), (problem.prior, task.candidates)],
-        Rules(),
-    )
+    space = Choices(problem.design, {0.9: wide, 0.03: problem.prior})
+    chosen = select(space, task.candidates, Rules())
     assert chosen.task.prior.scale == 0.03
     assert keys(chosen.fit) == [("twin", (1,))]
 

@@ -91,6 +91,7 @@ FORM = {
         "contradictions",
         "drift",
         "background",
+        "changes",
     },
     "unexplained": {
         "joints",

@@ -4,7 +4,7 @@ from typing import Any
 
 from flows.report.page import charts
 from flows.report.page.base import Tile, environment
-from flows.report.words import outlook, rows
+from flows.report.words import given, outlook, rows
 from flows.report.words import verdict as words
 from flows.report.words.phrases import sentence_case
 from flows.report.words.staged import Staged
@@ -47,6 +47,8 @@ def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:
         "has_p": any(f.p_value != quantity.MISSING for f in named),
         "has_clouds": bool(clouds),
         "clouds_left": clouds_left,
+        "given": given.off_rows(verdict),
+        "given_more": given.hidden_rows(verdict),
         "bars": charts.error_charts(found),
         "errors": _error_table(found),
         "worse": words.rising(verdict),

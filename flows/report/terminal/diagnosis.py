@@ -7,7 +7,7 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
-from flows.report.words import outlook
+from flows.report.words import given, outlook
 from flows.report.words import rows as tables
 from flows.report.words.rows import METRICS, ErrorRow, FindingRow
 from flows.report.words.staged import Staged
@@ -31,7 +31,7 @@ def print_diagnosis(found: Diagnosis, console: Console, verbose: bool = False) -
     """
     _line(console, "")
     _line(console, headline(found.verdict), "bold")
-    for part in (_findings, _errors, _left_over, _detectable, _warnings, _next):
+    for part in (_findings, _given, _errors, _left_over, _detectable, _warnings, _next):
         part(found, console)
     if verbose and not found.effects:
         for pair in outlook.confusable_pairs(found.verdict):
@@ -71,6 +71,19 @@ def _findings(found: Diagnosis, console: Console) -> None:
         )
         _row(console, table, cells)
     _print(console, table)
+
+
+def _given(found: Diagnosis, console: Console) -> None:
+    rows = given.off_rows(found.verdict)
+    if not rows:
+        return
+    heads = ("value", "as given", "as the logs have it", "")
+    table = _table("Given values that the logs do not bear out", heads)
+    for row in rows:
+        _row(console, table, map(Text, row))
+    _print(console, table)
+    if more := given.hidden_rows(found.verdict):
+        _line(console, f"and {more} more: 'changes' in the JSON has all of them.")
 
 
 def _effect_cell(finding: FindingRow) -> Text:

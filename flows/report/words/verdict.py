@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from flows.report.words.check import enough, title
+from flows.report.words.given import off_words
 from flows.report.words.phrases import (
     alternatives,
     count,
@@ -42,12 +43,15 @@ def sentences(verdict: Verdict) -> list[str]:
         parts = [_at_fault(verdict), _level(verdict)]
     elif verdict.verdict == "effects":
         proof, left = _proof(verdict), _left_over(verdict)
-        parts = [*_claim(verdict), usual(verdict), proof, left, drifted(verdict)]
+        said = [usual(verdict), off_words(verdict), proof, left, drifted(verdict)]
+        parts = [*_claim(verdict), *said]
     elif verdict.verdict == "unknown":
-        parts = [_unknown(verdict), _level(verdict), drifted(verdict)]
+        parts = [_unknown(verdict), off_words(verdict), _level(verdict)]
+        parts.append(drifted(verdict))
     else:
         nothing = "No effect that the model lacks shows in these data."
-        parts = [nothing, usual(verdict), drifted(verdict), _level(verdict)]
+        parts = [nothing, off_words(verdict), usual(verdict), drifted(verdict)]
+        parts.append(_level(verdict))
     return [part for part in (*enough(verdict.log_check), *parts) if part]
 
 
