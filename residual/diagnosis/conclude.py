@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.diagnosis.alternative import LOAD, MOTION, Alternative, Place
 from residual.diagnosis.changes import changes
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.doubt.held_out import Verdicts, judgement
 from residual.diagnosis.doubt.splits import Splits
 from residual.diagnosis.drift import Drift
 from residual.diagnosis.examine import Examined
-from residual.diagnosis.findings import Named
+from residual.diagnosis.findings import Named, public_joints
 from residual.diagnosis.leftover.leftover import Leftover, depends_on
 from residual.diagnosis.prior_scale import neighbours
 from residual.diagnosis.result import (
@@ -22,10 +23,10 @@ from residual.diagnosis.result import (
     Finding,
     Number,
     Parameter,
-    Place,
     Unexplained,
     Verdict,
 )
+from residual.diagnosis.sets import rivals
 from residual.evidence.priors import Space
 from residual.model.compare import Errors
 from residual.plain import plain
@@ -77,13 +78,14 @@ def conclude(case: Case) -> Verdict:
     every = neighbours(Space(task.design, examined.nominal), task.prior)
     doubtful = len(examined.adequacy.doubted) or case.contradictions
     nothing = "unknown" if doubtful else "none"
+    least = minimum_detectable(task, case.judged.fit, every)
     return Verdict(
         robot=examined.logs.robot.name,
         declared=tuple(examined.nominal.names),
         verdict="effects" if case.named else nothing,
         effects=tuple(_finding(f, i, case) for i, f in enumerate(case.named, 1)),
         minimum_detectable=(
-            *minimum_detectable(task, case.judged.fit, every),
+            *least,
             *_least_drift(case),
         ),
         unexplained=_unexplained(case),
@@ -94,7 +96,20 @@ def conclude(case: Case) -> Verdict:
         contradictions=tuple(case.contradictions),
         drift=case.drift,
         changes=changes(examined, case.judged.fit),
+        alternatives=_alternatives(case, least),
         background=tuple(_finding(f, i, case) for i, f in enumerate(case.folded, 1)),
+    )
+
+
+def _alternatives(case: Case, least: Sequence[Detectable]) -> tuple[Alternative, ...]:
+    found = rivals(case.examined.task, case.judged.fit, least)
+    return tuple(
+        Alternative(
+            set=tuple(Place(g.effect.name, public_joints(g)) for g in one.members),
+            nats=plain(one.nats),
+            separated_by=LOAD if one.twin else MOTION,
+        )
+        for one in found
     )
 
 

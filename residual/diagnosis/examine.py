@@ -11,6 +11,7 @@ from residual.diagnosis.doubt.curves_only import only_curves
 from residual.diagnosis.gate import Tested, passed, simplest
 from residual.diagnosis.prior_scale import Selection, select
 from residual.diagnosis.search import refined, search
+from residual.diagnosis.sets import best_set
 from residual.diagnosis.task import Rules, Task
 from residual.effects import registry
 from residual.evidence.background import learnt_tables, usual_background, with_tables
@@ -120,6 +121,8 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         again = replace(nominal, scale=prior.scale, widths=prior.widths)
         selection = _search(design, again, everything, (rules, progress))
         selection = replace(selection, wide=wide)
+    found = best_set(selection.task, selection.fit)
+    selection = replace(selection, fit=found)
     progress("gate", 0.0)
     examined = _tested(logs, nominal, selection)
     progress("gate", 1.0)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from residual.check.report import CheckReport
+from residual.diagnosis.alternative import Alternative, Place
 from residual.diagnosis.change import Change
 from residual.diagnosis.drift import Drift
 from residual.diagnosis.leftover.remainder import Number, Unexplained
@@ -18,19 +19,6 @@ STAGES = ("nominal", "identified", "augmented", "plsr")
 
 Value = Number | tuple[Number, ...]  # one per joint where a finding is on several
 PerJoint = Mapping[str, tuple[Number, ...] | None]  # by model; None as a whole
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """An effect and the joints that it sits on.
-
-    Attributes:
-        name: Its name.
-        joints: Joints from 1; empty for the whole arm.
-    """
-
-    name: str
-    joints: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -199,6 +187,7 @@ class Verdict:
         drift: Friction of all joints against the baseline's; None where it stayed.
         background: What any arm has a little of, folded: no reason to look.
         changes: Every value that the model was given beside what the logs make of it.
+        alternatives: Sets of effects that these logs cannot tell from ``effects``.
     """
 
     robot: str
@@ -216,6 +205,7 @@ class Verdict:
     drift: Drift | None = None
     background: tuple[Finding, ...] = ()
     changes: tuple[Change, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
 
     @property
     def trusted(self) -> bool:

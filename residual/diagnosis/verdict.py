@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 from residual.check.report import CheckReport
 from residual.check.report import from_json as read_report
+from residual.diagnosis.alternative import Alternative
 from residual.diagnosis.change import Change
 from residual.diagnosis.drift import Drift
 from residual.diagnosis.leftover.remainder import Dependence
@@ -51,6 +52,7 @@ def to_json(verdict: Verdict) -> dict:
             "drift": verdict.drift and asdict(verdict.drift),
             "background": [_effect(f) for f in verdict.background],
             "changes": [asdict(c) for c in verdict.changes],
+            "alternatives": [asdict(a) for a in verdict.alternatives],
         }
     )
 
@@ -92,6 +94,7 @@ def from_json(document: Mapping) -> Verdict:
             drift=_read_drift(document.get("drift")),
             background=tuple(map(_read_effect, document.get("background", ()))),
             changes=tuple(map(_read_change, document.get("changes", ()))),
+            alternatives=tuple(map(_read_set, document.get("alternatives", ()))),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {error!r}.") from error
@@ -104,6 +107,10 @@ def _read_check(entry: Mapping | None) -> CheckReport | None:
 
 def _read_change(entry: Mapping) -> Change:
     return Change(**{**entry, "joints": tuple(entry["joints"])})
+
+
+def _read_set(entry: Mapping) -> Alternative:
+    return Alternative(**{**entry, "set": _read_places(entry["set"])})
 
 
 def _read_drift(entry: Mapping | None) -> Drift | None:

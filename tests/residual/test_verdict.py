@@ -92,6 +92,7 @@ FORM = {
         "drift",
         "background",
         "changes",
+        "alternatives",
     },
     "unexplained": {
         "joints",
@@ -125,7 +126,8 @@ EFFECT = {
     "evidence",
 }
 EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value", "splits"}
-LATER = {"log_check", "contradictions", "drift", "background"}  # of later versions
+LATER = {"log_check", "contradictions", "drift", "background", "changes"}
+LATER |= {"alternatives"}  # of later versions
 DEPENDENCE = {"joint", "on", "of", "form", "share", "frequency"}
 EXPECTED = {
     "none": "none",
