@@ -23,9 +23,8 @@ def _columns(state, joints, shape):
 
 
 def _possible(theta, shape, limits):
-    """The bend must be that of about such a delay, in its sense."""
-    size = abs(theta[0])
-    return bool(theta[0] * shape[0] > 0 and size < 4 * max(abs(shape[0]), LEAST))
+    """No report comes before what it reports, and the bend must be of that size."""
+    return bool(0 < theta[0] < 4 * max(shape[0], LEAST))
 
 
 EFFECT = Effect(
@@ -37,8 +36,8 @@ EFFECT = Effect(
     scope="global",
     values=lambda theta, shape, robot: theta,
     from_values=lambda values, robot: (values, (float(values[0]),)),
-    shapes=lambda span, j: tuple((sign * a,) for a in FIRST for sign in (1, -1)),
-    refine=Refinement("shift", 0.015, lower=-LARGEST, upper=LARGEST),
+    shapes=lambda span, j: tuple((a,) for a in FIRST),
+    refine=Refinement("shift", 0.015, lower=LEAST, upper=LARGEST),
     uses_model=True,
     remembers=True,
     of_report=True,

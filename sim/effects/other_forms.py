@@ -36,6 +36,25 @@ def hyperbolic_warmup(state: State, p: Values) -> Array:
     return p["level"] * fade[:, None] * state.bristle
 
 
+def two_time_warmup(state: State, p: Values) -> Array:
+    """Return level z times half a fast exponential and half a slow one: oil, then gear.
+
+    The slow one takes four times as long.
+    """
+    fast = np.exp(-state.t / p["time_constant"])
+    slow = np.exp(-state.t / (4.0 * p["time_constant"]))
+    return 0.5 * p["level"] * (fast + slow)[:, None] * state.bristle
+
+
+def leaning(load: Array, rate: float, p: Values) -> Array:
+    """Return half_gap tanh(load / a tenth of it): a reading that leans with its load.
+
+    No flight across the play, and no stop: half of it is passed at a twentieth.
+    """
+    usual = np.sqrt(np.mean(load**2)) + 1e-9
+    return p["half_gap"] * np.tanh(load / (0.1 * usual))
+
+
 def cubic_cable(state: State, p: Values) -> Array:
     """Return stiffness (x + 0.3 x^3), x = q - rest: a bundle of hoses that hardens."""
     x = state.q - p["rest"]
@@ -87,6 +106,18 @@ EFFECTS = (
         parameters={"level": "N m", "time_constant": "s"},
         form_of=("warmup",),
         law=hyperbolic_warmup,
+    ),
+    Effect(
+        name="two_time_warmup",
+        parameters={"level": "N m", "time_constant": "s"},
+        form_of=("warmup",),
+        law=two_time_warmup,
+    ),
+    Effect(
+        name="leaning_play",
+        parameters={"half_gap": "rad"},
+        form_of=("backlash",),
+        lead=leaning,
     ),
     Effect(
         name="soft_limit",

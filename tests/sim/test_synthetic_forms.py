@@ -47,6 +47,21 @@ def test_hyperbolic_warmup_has_half_left_after_its_time():
     assert torque[[0, 5]] == pytest.approx([3.0, 1.5])
 
 
+def test_two_time_warmup_is_half_oil_and_half_gear():
+    state = _state(np.linspace(0, 1, 11), np.linspace(0, 100, 11))
+    p = {"level": 3.0, "time_constant": 25.0}
+    torque = forms.two_time_warmup(state, p)[:, 0]
+    expected = 1.5 * (np.exp(-4.0) + np.exp(-1.0))
+    assert torque[[0, 10]] == pytest.approx([3.0, expected])
+
+
+def test_play_that_leans_is_on_the_side_of_its_load():
+    load = np.array([-50.0, -1.0, 0.0, 1.0, 50.0])
+    lead = forms.leaning(load, 250.0, {"half_gap": 2e-3})
+    assert lead[[0, 2, 4]] == pytest.approx([-2e-3, 0.0, 2e-3])
+    assert np.all(np.diff(lead) > 0)
+
+
 def test_a_cubic_cable_hardens_and_a_soft_limit_gives_in():
     state = _state(np.linspace(-1, 1, 5), np.arange(5.0))
     torque = forms.cubic_cable(state, {"stiffness": 10.0, "rest": 0.0})[:, 0]
@@ -58,7 +73,8 @@ def test_a_cubic_cable_hardens_and_a_soft_limit_gives_in():
 def test_every_form_is_of_an_effect_with_a_name_and_has_a_law():
     for form, names in catalogue.forms().items():
         assert set(names) <= set(catalogue.vocabulary())
-        assert (simulated()[form].law is None) == (form == "soft_limit")
+        of_signals = form in ("soft_limit", "leaning_play")
+        assert (simulated()[form].law is None) == of_signals
         assert form not in catalogue.kinds()
         assert form not in registry()
 
