@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.effects import registry
-from residual.evidence.design import Design
+from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior
+from residual.model.model import Model
 from residual.model.nominal import ASSUMED, GIVEN, Nominal
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -18,6 +19,7 @@ ROUGH = 0.1  # a nominal worse than this is too rough to blame a payload
 WIDTHS = (0.01, 0.03, GIVEN, 0.3, ASSUMED)
 POSTERIOR_FLOOR = 0.01  # no baseline is believed better than this
 TINY = 1e-9
+HELD = 1e6  # times a prior's precision: a thousandth of its deviation
 
 
 def inertial_sd(robot: Robot) -> Array:
@@ -181,6 +183,31 @@ def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
     if prior.scale is not None and prior.scale > ROUGH:
         out |= {e.name for e in registry().values() if e.needs_known_body}
     return out
+
+
+def given_slots(model: Model, group: Group) -> Array:
+    """Coefficients of the nominal model that an effect says are wrong. Shape (k,).
+
+    All inertial ones for a body; none where the model has no such value.
+    """
+    if not group.effect.is_parameter:
+        return np.zeros(0, dtype=int)
+    if group.effect.needs_known_body:
+        return np.arange(len(model.inertial))
+    start, out = len(model.inertial), []
+    for term in model.terms:
+        stop = start + len(term.theta)
+        if term.effect.name == group.effect.name and term.joints == group.joints:
+            out += range(start, stop)
+        start = stop
+    return np.array(out, dtype=int)
+
+
+def held_at(prior: Prior, slots: Array) -> Prior:
+    """The same prior with some coefficients held at their nominal values."""
+    stiff = np.zeros(len(prior.precision))
+    stiff[slots] = HELD * np.diag(prior.precision)[slots]
+    return replace(prior, precision=prior.precision + np.diag(stiff))
 
 
 def posterior_of(fitted: Fit, count: int) -> Array:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from residual.diagnosis.changes import changes
 from residual.model.nominal import declared_names
 from residual.robot.robot import load_robot
 from sim.experiment import run_experiment
@@ -40,10 +41,15 @@ def believed(factors):
     return replace(ROBOT, declared=declared)
 
 
+def examined_on(robot, logs):
+    """Return the diagnosis and its findings, the robot's own declared effects held."""
+    declared = declared_names(robot, None)
+    return doubts(Case(robot, tuple(logs), (), (), None, None), declared)
+
+
 def found_on(robot, logs):
     """Return the findings for a robot whose own list of declared effects holds."""
-    declared = declared_names(robot, None)
-    return doubts(Case(robot, tuple(logs), (), (), None, None), declared)[1]
+    return examined_on(robot, logs)[1]
 
 
 @pytest.mark.parametrize(
@@ -63,3 +69,35 @@ def test_where_all_values_are_guesses_none_of_them_is_blamed(logs):
     rng = np.random.default_rng(4)
     factors = {name: np.exp(rng.normal(0, 0.5, 6)) for name in KEYS}
     assert found_on(believed(factors), logs) == []
+
+
+def off_on(robot, logs):
+    """Return the declared values that are said to be off: which, and by what factor."""
+    seen, _ = examined_on(robot, logs)
+    told = [c for c in changes(seen, seen.fit) if c.beyond and c.name in KEYS]
+    return {(c.name, c.joints): c.identified / c.nominal for c in told}
+
+
+def test_every_value_that_is_off_is_told_though_none_is_named(logs):
+    """Of rough values none stands out, and yet each of them is wrong."""
+    factors = {name: np.array([1.3, 0.75, 1.0, 1.25, 1.4, 0.7]) for name in KEYS}
+    told = off_on(believed(factors), logs)
+    for name, of in factors.items():
+        for joint, factor in enumerate(of, start=1):
+            if factor != 1.0 and name != "rotor_inertia":
+                assert told[name, (joint,)] == pytest.approx(1 / factor, rel=0.1)
+    assert not {("viscous", (3,)), ("coulomb", (3,))} & set(told)
+
+
+def test_of_values_that_are_right_none_is_said_to_be_off(logs):
+    assert off_on(ROBOT, logs) == {}
+
+
+def test_each_kind_of_value_has_a_width_of_its_own(logs):
+    rng = np.random.default_rng(5)
+    rough = {"coulomb": np.exp(rng.normal(0, 0.4, 6))}
+    seen, found = examined_on(believed(rough), logs)
+    widths = seen.task.prior.widths
+    assert found == []
+    assert widths["coulomb"] >= 0.3
+    assert max(widths["viscous"], widths["rotor_inertia"]) <= 0.1

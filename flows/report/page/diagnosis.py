@@ -7,6 +7,7 @@ from flows.report.page.base import Tile, environment
 from flows.report.words import given, outlook, rows
 from flows.report.words import verdict as words
 from flows.report.words.phrases import sentence_case
+from flows.report.words.sets import other_sets
 from flows.report.words.staged import Staged
 from flows.report.words.verdict import sentences
 from residual import quantity
@@ -47,6 +48,7 @@ def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:
         "has_p": any(f.p_value != quantity.MISSING for f in named),
         "has_clouds": bool(clouds),
         "clouds_left": clouds_left,
+        "other_sets": other_sets(verdict),
         "given": given.off_rows(verdict),
         "given_more": given.hidden_rows(verdict),
         "bars": charts.error_charts(found),

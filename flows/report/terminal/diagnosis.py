@@ -10,6 +10,7 @@ from rich.text import Text
 from flows.report.words import given, outlook
 from flows.report.words import rows as tables
 from flows.report.words.rows import METRICS, ErrorRow, FindingRow
+from flows.report.words.sets import other_sets
 from flows.report.words.staged import Staged
 from flows.report.words.verdict import headline, rising
 from residual.diagnosis.result import STAGES, Diagnosis
@@ -71,6 +72,8 @@ def _findings(found: Diagnosis, console: Console) -> None:
         )
         _row(console, table, cells)
     _print(console, table)
+    for line in other_sets(found.verdict):
+        _line(console, line)
 
 
 def _given(found: Diagnosis, console: Console) -> None:

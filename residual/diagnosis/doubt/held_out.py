@@ -9,6 +9,7 @@ from residual.diagnosis.examine import Examined, refit
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.search import least
 from residual.evidence.fit import Fit
+from residual.evidence.priors import given_slots, held_at
 from residual.model.compare import Errors, HeldOutLog, moving_power
 from residual.model.model import Model
 from residual.recording import Array
@@ -218,9 +219,30 @@ def _gains(
         if harm > 0 and not _pays(examined, with_all, without):
             out.append(round(-float(harm), ROUND))
             continue
-        fall = _fall(one, with_all, without, examined.task.design.rms)
+        rms = examined.task.design.rms
+        fall = _fall(one, with_all, without, rms)
+        if fall < CONFIRMED and (stiff := _at_nominal(examined, tested, one)):
+            # The refit imitates it: then it is held against the value as given.
+            fall = _fall(one, with_all, examined.error(stiff, held_out), rms)
         out.append(round(fall, ROUND))
     return out
+
+
+def _at_nominal(
+    examined: Examined, tested: Sequence[Tested], one: Tested
+) -> Fit | None:
+    """The fit without a wrong value, that value and no other held as it was given.
+
+    Of a body all bodies are held: its neighbours would say what it may not. None where
+    the name is no value that the model has.
+    """
+    held = given_slots(examined.nominal.model, one.group)
+    if not len(held):
+        return None
+    task = examined.task
+    members = [t.group for t in tested if t is not one]
+    stiff = replace(task, prior=held_at(task.prior, held))
+    return stiff.settle(stiff.fit(members, examined.fit, rounds=4))
 
 
 def _fall(one: Tested, with_it: Array, without: Array, rms: Array) -> float:
