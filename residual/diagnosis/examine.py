@@ -8,6 +8,7 @@ import numpy as np
 from residual.diagnosis.adequacy import Adequacy, adequacy, carried
 from residual.diagnosis.candidates import Candidates, every_candidate, renewed
 from residual.diagnosis.doubt.curves_only import only_curves
+from residual.diagnosis.doubt.wrong_form import wrong_forms
 from residual.diagnosis.gate import Tested, passed, simplest
 from residual.diagnosis.prior_scale import Selection, select
 from residual.diagnosis.search import refined, search
@@ -161,7 +162,8 @@ def _tested(logs: Logs, nominal: Nominal, selection: Selection) -> Examined:
         fitted = task.settle(task.fit(real, fitted))
     plain = task.settle(task.fit((), fitted, rounds=4))
     enough = _adequacy(logs, nominal, design, (plain, fitted))
-    kept = [t for t in tested if t not in curved and not _resembles(task, t, enough)]
+    wrong = [*curved, *wrong_forms(design, logs.sketch, fitted, tested)]
+    kept = [t for t in tested if t not in wrong and not _resembles(task, t, enough)]
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)

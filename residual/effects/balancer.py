@@ -25,6 +25,7 @@ EFFECT = Effect(
     parameters={"sin": "N m", "cos": "N m"},
     columns=local(_feature),
     family="static",
+    of_one_variable=True,
     variable=against_position,
     possible=_possible,
     portable=formula("a[0] * sin(q) + a[1] * cos(q)"),

@@ -150,6 +150,7 @@ class Effect:
             nominal bodies are hardly known.
         brakes: It is friction: it takes power from the motion of its joint.
         not_negative: Its coefficients cannot be negative in any real arm.
+        of_one_variable: Its torque is a function of its ``variable`` and nothing else.
         needs_clock: It needs the order of the logs in time.
         uses_model: Its columns depend on the model's own torque.
         remembers: Its columns depend on more than the sample: on its neighbours, or on
@@ -198,6 +199,7 @@ class Effect:
     needs_known_body: bool = False
     brakes: bool = False
     not_negative: bool = False
+    of_one_variable: bool = False
     needs_clock: bool = False
     uses_model: bool = False
     remembers: bool = False

@@ -47,6 +47,7 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values[0] * np.array([1.0, -values[1]]), ()),
     usual=_usual,
     family="static",
+    of_one_variable=True,
     variable=against_position,
     possible=_possible,
     portable=formula("a[0] * q + a[1]", joint=("stiffness", "constant")),

@@ -27,6 +27,7 @@ EFFECT = Effect(
     # A torque constant is wrong by some per cent; a free gain would imitate any
     # missing model on a joint that the nominal explains badly.
     prior_sd=lambda robot: np.array([0.1]),
+    of_one_variable=True,
     variable=_over_torque,
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
     portable=formula("a[0] * tau"),

@@ -47,12 +47,12 @@ def two_time_warmup(state: State, p: Values) -> Array:
 
 
 def leaning(load: Array, rate: float, p: Values) -> Array:
-    """Return half_gap tanh(load / a tenth of it): a reading that leans with its load.
+    """Return half_gap tanh(load / a fiftieth of its rms): a reading that leans with its load.
 
-    No flight across the play, and no stop: half of it is passed at a twentieth.
+    No flight across the play, and no stop.
     """
     usual = np.sqrt(np.mean(load**2)) + 1e-9
-    return p["half_gap"] * np.tanh(load / (0.1 * usual))
+    return p["half_gap"] * np.tanh(load / (0.02 * usual))
 
 
 def cubic_cable(state: State, p: Values) -> Array:
