@@ -21,6 +21,7 @@ DOUBT = 6.0  # nats within which two scales cannot be told apart
 LEAST_WIDE = 0.1
 PER_NAME = 2.0  # nats a name costs when scales are compared
 ROUNDS = 3  # looks at the widths of single kinds
+HILL = 50.0  # nats that given values may yet make up for
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -84,8 +85,8 @@ def select(
     """Search under the priors and keep the pair with the most evidence.
 
     Every scale of the rigid part is tried with the values as they were said to be; at
-    the best, every width for all of them; then each kind of value may go its own way;
-    then that scale's neighbours.
+    each that is a hill, every width for all of them; then each kind of value may go
+    its own way; then that scale's neighbours.
 
     Args:
         space: The priors.
@@ -107,8 +108,19 @@ def _as_said(runs: _Runs) -> Iterable[Prior]:
 
 
 def _even(runs: _Runs) -> Iterable[Prior]:
-    scale = runs.best.wide.scale
-    return [runs.space.at(scale, widths) for widths in runs.space.even]
+    """Every width at the best scale, and at others that are best beside their own.
+
+    A sharp prior with names and a wide one without are two hills of evidence.
+    """
+    scales, counted = runs.space.scales, runs.counted
+    worth = [_worth(run, counted) for run in runs.done.values()]  # one a scale, so far
+    walls = [-np.inf, *worth, -np.inf]
+    tops = [
+        scale
+        for i, scale in enumerate(scales)
+        if worth[i] >= max(walls[i], walls[i + 2]) and worth[i] > max(worth) - HILL
+    ]
+    return [runs.space.at(s, widths) for s in tops for widths in runs.space.even]
 
 
 def _by_kind(runs: _Runs) -> Iterable[Prior]:

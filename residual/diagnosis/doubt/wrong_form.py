@@ -2,7 +2,7 @@
 
 A sensor with a dead zone looks like one of less gain, a stop that is leaned on like a
 spring, as long as only the error is asked. Over the variable that it is drawn against
-the name then leaves a curve that every log repeats, a third of what it explains or more.
+the name then leaves a curve that every log repeats, a third of what it explains.
 No author's form of the same effect leaves so much.
 """
 
