@@ -145,7 +145,9 @@ def _form_doubt(examined: Examined, fitted: Fit, group: Group) -> Array:
     own = np.asarray(effect.values(fitted.of(group), group.shape, robot), dtype=float)
     anchor = group.joints[0] if group.joints else 0
     forms = {shape[1:] for shape in effect.shapes(examined.logs.span, anchor)}
-    doubt = np.zeros_like(own)
+    units = np.array(list(effect.parameters.values()))
+    sizes = [np.linalg.norm(own[units == unit]) for unit in units]
+    doubt = effect.inexact * np.array(sizes)
     for form in sorted(forms - {group.shape[1:]}):
         shape = (group.shape[0], *form)
         made = task.design.add([(effect, group.joints, shape)])

@@ -25,6 +25,7 @@ EFFECT = Effect(
     parameters={"sin": "N m", "cos": "N m"},
     columns=local(_feature),
     family="static",
+    inexact=0.1,
     of_one_variable=True,
     variable=against_position,
     possible=_possible,

@@ -170,6 +170,8 @@ class Effect:
             that it usually comes; None where the first alone or a plain vector says it.
         far_fetched: Where two effects of one size explain the same, the one with the
             smaller number is named first.
+        inexact: By how much, of its size, values differ that other authors' forms of
+            it lead to where logs see only a part of its range: one standard deviation.
         if_refuted: What to ask the user where held-out logs refute it.
         family: Effects of one family on one joint exclude each other.
         groupable: It is also tried on all joints at once.
@@ -210,6 +212,7 @@ class Effect:
     combined: Callable[[Array, Robot], Mapping[str, tuple[float, str]]] | None = None
     usual: Callable[[Sequence[State], Joints], Sequence[Array]] | None = None
     far_fetched: float = 0.0
+    inexact: float = 0.0
     if_refuted: str = ""
     family: str = ""
     groupable: bool = False

@@ -38,6 +38,7 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.array([2e-4]),
     possible=lambda theta, shape, limits: bool(1 / HARD < theta[0] < 1 / SOFT),
     family="geometry",
+    inexact=0.2,
     variable=_over_load,
     portable=Portable(why_not=FUTURE),
 )

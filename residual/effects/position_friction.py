@@ -18,6 +18,7 @@ EFFECT = Effect(
     sentence="dry friction whose size varies with the joint's position",
     parameters={"cos": "N m", "sin": "N m"},
     columns=local(_feature),
+    inexact=0.2,
     variable=against_position,
     possible=within_torque,
     brakes=True,
