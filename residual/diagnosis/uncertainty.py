@@ -98,7 +98,11 @@ def _doubt(
     variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in wide]
     std = np.sqrt(np.maximum.reduce([*variance, form**2]))
     k = len(theta)
-    chance = max(chance_of(theta, c[:k, :k], FLAT) for c in (best, best + between))
+    # A structure must stand out though bodies may be off by as much as logs allow;
+    # that a value is wrong is asked of this value, the others as good as they are.
+    least = best if group.effect.is_parameter else by_noise
+    told = (least, least + between)
+    chance = max(chance_of(theta, c[:k, :k], FLAT) for c in told)
     before = np.diag(scaled_inverse(group.precision))
     after = np.maximum.reduce([np.diag(c)[:k] for c in wide])
     deviations = np.sqrt(np.maximum([after, before], 0.0))

@@ -254,7 +254,7 @@ def test_a_late_report_is_the_torque_of_a_while_ago(late):
 def test_a_delay_is_one_only_where_it_bends_as_its_size_does():
     possible = registry()["delay"].possible
     assert possible(np.array([0.011]), (0.01,), None)
-    assert possible(np.array([-0.011]), (-0.01,), None)
+    assert not possible(np.array([-0.011]), (-0.01,), None)
     assert not possible(np.array([-0.011]), (0.01,), None)
     assert not possible(np.array([0.03]), (0.004,), None)
 
@@ -306,10 +306,11 @@ def test_bristles_are_forgotten_far_from_a_reversal():
     assert np.abs(column).max() > 0.5
 
 
-@pytest.mark.parametrize("late", [1e-3, 6e-3, 0.02, 0.03, 0.045, -0.03])
+@pytest.mark.parametrize("late", [1e-3, 6e-3, 0.02, 0.03, 0.045])
 def test_the_search_for_a_delay_starts_where_it_may_go_on(late):
     """What no start allows to be so large would never be looked at."""
     delay = registry()["delay"]
     starts = delay.shapes(None, 0)
     assert any(delay.possible(np.array([late]), shape, None) for shape in starts)
-    assert not any(delay.possible(np.array([0.2]), shape, None) for shape in starts)
+    for never in (0.2, -0.03):
+        assert not any(delay.possible(np.array([never]), s, None) for s in starts)
