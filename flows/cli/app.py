@@ -44,6 +44,7 @@ _COMMANDS = {
         "calibrate-null": ("null:calibrate_null", _LOGS),
         "validate": ("experiment:validate", None),
         "monitor": ("monitor:monitor", "MODEL RUN..."),
+        "predict": ("predict:predict", "LOG... --model MODEL"),
         "export": ("export:export", "MODEL --to TARGET --out DIR"),
     },
     "Your experiments": {
