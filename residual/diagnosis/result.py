@@ -8,7 +8,7 @@ from residual.check.report import CheckReport
 from residual.diagnosis.alternative import Alternative, Place
 from residual.diagnosis.change import Change
 from residual.diagnosis.drift import Drift
-from residual.diagnosis.edit import Edit
+from residual.diagnosis.edit.edits import Edit
 from residual.diagnosis.leftover.remainder import Number, Unexplained
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected

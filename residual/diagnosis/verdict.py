@@ -11,7 +11,7 @@ from residual.check.report import from_json as read_report
 from residual.diagnosis.alternative import Alternative
 from residual.diagnosis.change import Change
 from residual.diagnosis.drift import Drift
-from residual.diagnosis.edit import Edit
+from residual.diagnosis.edit.edits import Edit
 from residual.diagnosis.leftover.remainder import Dependence
 from residual.diagnosis.result import (
     Detectable,
