@@ -46,7 +46,9 @@ def edit_rows(
         log = make_edited(arm, others)
         moving = sealed_edit(place, models, [log], MOVING)
         row = asdict(sealed_edit(place, models, [log]))
-        out.append(row | {"moving": [moving.error, moving.reference]})
+        out.append(
+            row | {"moving": [moving.error, moving.reference, moving.least_squares]}
+        )
     return out
 
 

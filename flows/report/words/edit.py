@@ -23,7 +23,7 @@ def baseline_sentences(verdict: Verdict) -> list[str]:
         if not known(edit.error):
             continue
         named = sentence_case(phrase(Place(edit.name, edit.joints)))
-        words = f"{named}: take it out again: error {percent(edit.error)} of torque"
+        words = f"{named}, taken out again: error {percent(edit.error)} of torque"
         if known(edit.kept):
             words += f" on the baseline, {percent(edit.kept)} with it"
         if known(edit.least_squares):
