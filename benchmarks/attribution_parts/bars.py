@@ -112,15 +112,16 @@ def edit_figures(rows: Rows) -> Figures:
         "edit_error": _quantile(left[0], 0.5, None),
         "edit_error_of_least_squares": _quantile(left[1], 0.5, None),
     }
-    each = {
-        name: [e["error"] / e["reference"] for e in edits if e["name"] == name]
-        for name in sorted({e["name"] for e in edits})
-    }
-    out["edit_over_oracle"] |= {
-        "per_name": {
-            k: [len(v), round(float(np.median(v)), 3)] for k, v in each.items()
-        }
-    }
+    moving = [e["moving"] for e in edits if e["moving"][1]]
+    over = [error / reference for error, reference, _ in moving]
+    out["edit_over_oracle_moving"] = _quantile(over, 0.5, None)
+    over = [e["moving"][0] / e["moving"][2] for e in bodies]
+    out["edit_over_least_squares_moving"] = _quantile(over, 0.5, None)
+    each: dict[str, list[float]] = {}
+    for one in edits:
+        each.setdefault(one["name"], []).append(one["error"] / one["reference"])
+    per_name = {k: [len(v), float(np.median(v))] for k, v in sorted(each.items())}
+    out["edit_over_oracle"] |= {"per_name": per_name}
     return out
 
 

@@ -36,7 +36,7 @@ ROW = {
             "error": 1.05,
             "reference": 1.0,
             "least_squares": 8.0,
-            "moving": [1, 1],
+            "moving": [1, 1, 9],
         }
         for n in ("payload", "coulomb")
     ],

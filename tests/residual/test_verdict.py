@@ -128,7 +128,7 @@ EFFECT = {
 }
 EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value", "splits"}
 LATER = {"log_check", "contradictions", "drift", "background", "changes"}
-LATER |= {"alternatives"}  # of later versions
+LATER |= {"alternatives", "edit"}  # of later versions
 DEPENDENCE = {"joint", "on", "of", "form", "share", "frequency"}
 EXPECTED = {
     "none": "none",
