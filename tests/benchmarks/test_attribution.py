@@ -1,5 +1,7 @@
 """Groups, draws and bars of the benchmark of what changed."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -85,6 +87,42 @@ def test_a_verdict_without_the_list_of_values_is_no_miss():
     told = bars.case_figures({"changed": rows(0, 2, **old)}, deciding=True)
     assert told["moved_told"]["ok"] is None
     assert told["moved_told"]["why"]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What of a verdict is judged here."""
+
+    changes: tuple
+
+
+def test_a_value_is_due_beyond_its_detectable_size_and_five_per_cent(monkeypatch):
+    entry = {"joints": [2], "beyond": True}
+    told = [
+        {"name": "coulomb", **entry},
+        {"name": "coulomb", **entry, "joints": [3]},
+        {"name": "viscous", **entry, "beyond": False},
+    ]
+    monkeypatch.setattr(judge, "to_json", lambda verdict: {"changes": verdict.changes})
+    # As a kept row has them: lists, not tuples.
+    sizes = [
+        Detectable(name, [j], 0.5, "")
+        for name in ("coulomb", "viscous")
+        for j in (1, 2, 3)
+    ]
+    values = {
+        ("coulomb", 1): (4.0, 4.4),  # not detectable
+        ("coulomb", 2): (4.0, 5.0),
+        ("coulomb", 3): (40.0, 40.6),  # under 5 %
+        ("viscous", 2): (4.0, 5.0),
+        ("viscous", 9): (4.0, 9.0),  # of no known size
+    }
+    found = judge.moved(Told(told), values, sizes, True)
+    assert found["moved_due"] == [["coulomb", 2], ["viscous", 2], ["body", 0]]
+    assert found["moved_told"] == [["coulomb", 2]]
+    assert found["moved_false"] == [["coulomb", 3]]
+    told.append({"name": "inertial", "joints": [4], "beyond": True})
+    assert ["body", 0] in judge.moved(Told(told), values, sizes, True)["moved_told"]
 
 
 def test_an_edit_is_held_against_the_truth_and_against_least_squares():
