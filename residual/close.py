@@ -15,6 +15,8 @@ from residual.diagnosis.doubt.held_out import Verdicts, three_models, unproven
 from residual.diagnosis.doubt.impossible import contradictions
 from residual.diagnosis.doubt.standing import Standing, stand
 from residual.diagnosis.drift import Drift
+from residual.diagnosis.edit.dense import dense_fit
+from residual.diagnosis.edit.edits import baseline_edits
 from residual.diagnosis.examine import (
     Examined,
     Progress,
@@ -25,7 +27,7 @@ from residual.diagnosis.fold import folded
 from residual.diagnosis.leftover.examine import Remains, examine_leftover
 from residual.diagnosis.null_key import key_of
 from residual.diagnosis.null_record import Null, choose_null, null_sentences
-from residual.diagnosis.result import Diagnosis
+from residual.diagnosis.result import Diagnosis, Verdict
 from residual.diagnosis.task import Rules
 from residual.diagnosis.warnings import signal_notes, warnings
 from residual.errors import InputError
@@ -124,7 +126,7 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         p_value=asked.null.p_value if asked.null else None,
     )
     return Diagnosis(
-        verdict=conclude(case),
+        verdict=_with_edits(conclude(case), models, examined, asked),
         models=models,
         proofs=proofs,
         clouds=clouds(examined, judged.fit, listed),
@@ -132,6 +134,17 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in listed),
     )
+
+
+def _with_edits(
+    verdict: Verdict, models: dict, examined: Examined, asked: _Asked
+) -> Verdict:
+    """Take the names out again where logs of before can tell whether that is right."""
+    if not asked.baseline:
+        return verdict
+    dense = dense_fit(examined.task.design)
+    found = verdict.effects, verdict.background
+    return replace(verdict, edit=baseline_edits(models, dense, found, asked.baseline))
 
 
 def _warned(

@@ -34,7 +34,7 @@ HELD_OUT = ("fourier", "cyclic")
 EDITED = "edited"  # name of the log of the arm that never had a change
 _QUICK_FIT, _QUICK_HELD_OUT = ("fourier", "cyclic", "move_stop_move"), ("fourier",)
 _NOISE = 0.003  # of the torque range, white; a third of it slow
-_STEP = {SIX: 1e-4, SEVEN: 2.5e-5}  # rad, of the encoders: 16 and 18 bits a turn
+_STEP = 2.5e-5  # rad, of the encoders: 18 bits a turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,7 @@ def record(arm: Arm, plant: Plant, name: str, moved: Motion, start: float) -> Re
     span = sizes(arm.robot).torque * _NOISE / WHITE_TORQUE
     noise = torque_noise(len(moved.t), span, RATE, stream(arm.noise, f"torque/{name}"))
     rng = stream(arm.noise, f"encoder/{name}")
-    q = encoder(torque.reading, rng, _STEP[arm.kind])
+    q = encoder(torque.reading, rng, _STEP)
     log = Recording(name, arm.robot.name, moved.t, q, torque.tau + noise)
     return replace(log, t=start + moved.t)
 

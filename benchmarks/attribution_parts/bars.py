@@ -2,6 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
+from benchmarks.attribution_parts.changes import BODIES
 from benchmarks.figures import Figures, figure, missing
 from benchmarks.seeded import Rows, crash_figures, group_figures, undecided
 from flows.blind.sums import wilson
@@ -23,7 +26,7 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     }
     figures = group_figures(rows, makers)
     every = [r for group in rows.values() for r in group if "outcome" in r]
-    figures |= _moved(every) | crash_figures(rows)
+    figures |= _moved(every) | edit_figures(every) | crash_figures(rows)
     return figures if deciding else undecided(figures)
 
 
@@ -88,6 +91,44 @@ def _moved(rows: Rows) -> Figures:
         "moved_told": _at_least(_share(told, due), 0.98) | {"missed": _count(lost)},
         "moved_told_within_5_percent": figure(false, None, len(known), why=_NO_BAR),
     }
+
+
+def edit_figures(rows: Rows) -> Figures:
+    """Return what is left of changes that were named and taken out again.
+
+    Of changes under their very name: what has another cannot be taken out by it.
+    """
+    edits = [e for r in rows for e in r["edits"]]
+    if not edits:
+        return {}
+    sparse = [e["error"] / e["reference"] for e in edits if e["reference"]]
+    bodies = [e for e in edits if e["name"] in BODIES and e["least_squares"]]
+    dense = [e["error"] / e["least_squares"] for e in bodies]
+    left = [e["error"] for e in bodies], [e["least_squares"] for e in bodies]
+    out = {
+        "edit_over_oracle": _quantile(sparse, 0.5, 1.1),
+        "edit_over_oracle_90": _quantile(sparse, 0.9, 1.5),
+        "edit_over_least_squares": _quantile(dense, 0.5, 0.2),
+        "edit_error": _quantile(left[0], 0.5, None),
+        "edit_error_of_least_squares": _quantile(left[1], 0.5, None),
+    }
+    moving = [e["moving"] for e in edits if e["moving"][1]]
+    over = [error / reference for error, reference, _ in moving]
+    out["edit_over_oracle_moving"] = _quantile(over, 0.5, None)
+    over = [e["moving"][0] / e["moving"][2] for e in bodies]
+    out["edit_over_least_squares_moving"] = _quantile(over, 0.5, None)
+    each: dict[str, list[float]] = {}
+    for one in edits:
+        each.setdefault(one["name"], []).append(one["error"] / one["reference"])
+    per_name = {k: [len(v), float(np.median(v))] for k, v in sorted(each.items())}
+    out["edit_over_oracle"] |= {"per_name": per_name}
+    return out
+
+
+def _quantile(values: Sequence[float], share: float, bar: float | None) -> dict:
+    value = float(np.quantile(values, share)) if len(values) else None
+    entry = figure(value, bar, len(values))
+    return entry | ({"why": _NO_BAR} if bar is None else {})
 
 
 def _rate(rows: Rows, hit: Callable[[Mapping], bool]) -> dict:

@@ -5,7 +5,8 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 
 from benchmarks.attribution_parts.arms import KINDS, OFF, SEVEN, Arm, make, moved_values
-from benchmarks.attribution_parts.changes import LINK, PAYLOAD, draw_changes
+from benchmarks.attribution_parts.changes import BODIES, draw_changes
+from benchmarks.attribution_parts.edits import edit_rows
 from benchmarks.attribution_parts.judge import judged, moved
 from benchmarks.seeded import guarded
 from flows.blind.score import Name
@@ -110,10 +111,11 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     arm, effects = task.made_of, changes_of(task, minimum)
     made = make(arm, effects)
     begun = perf_counter()
-    verdict = close_the_loop(made.robot, made.fit, (), made.held_out).verdict
+    found = close_the_loop(made.robot, made.fit, (), made.held_out)
     seconds = round(perf_counter() - begun, 2)
+    verdict = found.verdict
     sizes = least or list(verdict.minimum_detectable)
-    body = any(e.name in (PAYLOAD, LINK) for e in effects)
+    body = any(e.name in BODIES for e in effects)
     names = planted(effects, arm)
     row = {
         **asdict(task),
@@ -126,6 +128,7 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
         ],
         **judged(verdict, names),
         **moved(verdict, moved_values(arm, effects), sizes, body),
+        "edits": edit_rows(arm, effects, names, made, found),
         "errors": dict(verdict.error.overall_filtered),
         "outcome": "",
     }

@@ -15,7 +15,7 @@ from sim.records import PlantEffect
 
 Rng = np.random.Generator
 
-PAYLOAD, LINK = "payload", "link_inertia"
+BODIES = PAYLOAD, LINK = "payload", "link_inertia"
 DRIVES = {"rotor_inertia": "inertia", "coulomb": "level", "viscous": "coefficient"}
 STRUCTURAL = ("stribeck", "load_friction", "spring", "offset", "torque_gain")
 _KINDS = (PAYLOAD, LINK, "rotor_inertia", "coulomb", "viscous", "structural")

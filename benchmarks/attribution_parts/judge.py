@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from flows.blind.score import Name, members
+from flows.blind.size import smallest
 from residual.diagnosis.result import Detectable, Verdict
 from residual.diagnosis.verdict import to_json
 
@@ -122,12 +123,9 @@ def moved(
 def _is_due(
     key: tuple[str, int], pair: tuple[float, float], minimum: Sequence[Detectable]
 ) -> bool:
-    name, joint = key
-    least = next(
-        (d.value for d in minimum if d.name == name and d.joints == (joint,)), None
-    )
+    least = smallest(minimum, key[0], key[1:])
     large = _share(*pair) > _MOVED
-    return large and least is not None and abs(pair[1] - pair[0]) > float(least)
+    return large and least is not None and abs(pair[1] - pair[0]) > float(least.value)
 
 
 def _share(given: float, true: float) -> float:

@@ -44,9 +44,9 @@ def _judged(asked: Demo, store: Path) -> dict:
     begun = perf_counter()
     runs = demo.run_experiments(asked, pool=Here())
     ran = perf_counter()
-    _, proof = diagnose_runs(request_of(runs, store))
+    diagnosis, proof = diagnose_runs(request_of(runs, store))
     done = perf_counter()
-    hidden = demo.open_seal(runs, store)
+    hidden = demo.open_seal(runs, diagnosis, store)
     verdict = read_outcome(store, proof).verdict
     truth = [hidden[0]["name"], sorted(hidden[0]["joints"])] if hidden else None
     return {

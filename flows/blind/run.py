@@ -149,7 +149,8 @@ def conclude(
     known, failed = rest
     if not done:
         raise RunError(f"No case came to its end: {failed[0] if failed else 'none'}")
-    rows = [{"validation_id": i, **read_record(store, i)["row"]} for i in done]
+    cases = {id: read_record(store, id) for id in done}
+    rows = [{"validation_id": id, **case["row"]} for id, case in cases.items()]
     figures = summary(rows)
     record = {
         "robot": asked.robot,
@@ -160,6 +161,8 @@ def conclude(
         "duration": asked.duration,
         "background": asked.background,
         "summary": figures,
+        # Cases of earlier versions have no edit test.
+        "edits": [edit for case in cases.values() for edit in case.get("edits", ())],
         "failed": list(failed),
     }
     parents = {"case": list(done)}

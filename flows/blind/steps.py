@@ -7,7 +7,7 @@ the seal.
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -26,10 +26,12 @@ from flows.keep.null import method_hash
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of
+from flows.steps.edit import sealed_edits
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable
 from residual.diagnosis.verdict import to_json
 from residual.effects import registry, reported_joints
+from residual.plain import plain
 from sim.records import PlantEffect
 from sim.streams import stream
 from warehouse import seal
@@ -186,7 +188,14 @@ def judge(
         "method_hash": method_hash(),
         "diagnosis_id": ids[0],
     }
-    record = {"robot": asked.robot, "kind": CASE, "key": case.key, "row": row}
+    edits = sealed_edits(runs, ids[0], plant, store)
+    record = {
+        "robot": asked.robot,
+        "kind": CASE,
+        "key": case.key,
+        "row": row,
+        "edits": plain([asdict(edit) for edit in edits]),
+    }
     table = pa.Table.from_pylist([row], schema=arrow_schema(VIEWS["blind"][1:]))
     parents = {"diagnosis": [ids[0]], "proof": [ids[1]]}
     return commit_record(store, "validations", record, {"blind": table}, parents)

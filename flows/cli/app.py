@@ -44,7 +44,8 @@ _COMMANDS = {
         "calibrate-null": ("null:calibrate_null", _LOGS),
         "validate": ("experiment:validate", None),
         "monitor": ("monitor:monitor", "MODEL RUN..."),
-        "export": ("export:export", "MODEL --to TARGET --out DIR"),
+        "predict": ("models.predict:predict", "LOG... --model MODEL"),
+        "export": ("models.export:export", "MODEL --to TARGET --out DIR"),
     },
     "Your experiments": {
         "trajectory": ("trajectory:trajectory", None),

@@ -45,7 +45,7 @@ def run_plain(asked: Demo, progress: Progress | None = None) -> Made:
     store = store_folder(asked.store)
     runs = steps.run_experiments(asked, progress)
     ids = diagnose_runs(request_of(runs, store), progress)
-    hidden = steps.open_seal(runs, store)
+    hidden = steps.open_seal(runs, ids[0], store)
     return Made(*ids, hidden, demo_page(ids, runs["fit"][0], hidden, store))
 
 

@@ -1,12 +1,13 @@
 """Diagnose from Python: the core's result, with its page and its JSON."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets
+from flows.keep.null import of_this_version
 from flows.outputs import write_all
 from flows.report.page.diagnosis import render, summary
 from flows.steps.check import checked
@@ -69,6 +70,7 @@ def diagnose(  # noqa: PLR0913  called from outside, by keyword
     check_distinct([*fit, *held_out, *baseline])
     sets = LogSets(robot, tuple(fit), tuple(baseline), tuple(held_out))
     report = checked(sets, declared, trust_log)
+    nulls, outdated = of_this_version([null] if null else (), robot)
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
         found = close_the_loop(
@@ -78,7 +80,9 @@ def diagnose(  # noqa: PLR0913  called from outside, by keyword
             held_out=held_out,
             declared=declared,
             progress=progress,
-            null=null,
+            null=nulls[0] if nulls else None,
         )
     found = with_check(found, report)
+    warned = replace(found.verdict, warnings=(*outdated, *found.warnings))
+    found = replace(found, verdict=warned)
     return Diagnosis(*(getattr(found, field.name) for field in fields(found)))

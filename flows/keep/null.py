@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Self
@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from residual.diagnosis.null_record import Null, from_record, to_record
 from residual.errors import InputError
+from residual.robot.robot import Robot
 from warehouse.commit import read_record
 from warehouse.query.store import open_store
 
@@ -55,6 +56,7 @@ class _Record(BaseModel):
     block: list[int]
     seed: int
     scale: _Size | None
+    method: str = ""
 
 
 def read_null(path: str) -> Null:
@@ -102,6 +104,31 @@ def nulls_in(store: Path) -> tuple[Null, ...]:
     """Return all nulls of a store, those with most draws and the latest first."""
     found = [_checked(record, id) for id, record in null_records(store)]
     return tuple(sorted(found, key=lambda n: -len(n.net)))
+
+
+def of_this_version(
+    nulls: Sequence[Null], robot: Robot
+) -> tuple[tuple[Null, ...], tuple[str, ...]]:
+    """Return the nulls that this version of the method made, and what to say of others.
+
+    What chance gives is what the search makes of it: another search, another null.
+
+    Args:
+        nulls: Those that there are.
+        robot: The arm to be diagnosed; nothing is said of nulls of others.
+    """
+    if not nulls:
+        return (), ()
+    now = method_hash()
+    old = [n for n in nulls if n.method != now and n.key.robot == robot.content_hash]
+    good = tuple(n for n in nulls if n.method == now)
+    if not old or any(n.key.robot == robot.content_hash for n in good):
+        return good, ()
+    said = old[0].method or "which it does not name"
+    return good, (
+        f"null {old[0].id} is not used: it was calibrated with another version of the "
+        f"method ({said}, this is {now}); make it again with modelgap calibrate-null",
+    )
 
 
 def null_records(store: Path) -> list[tuple[str, Mapping]]:

@@ -10,6 +10,7 @@ from flows.outputs import json_text
 from flows.report.page.diagnosis import render
 from flows.report.words.staged import Hidden, Staged
 from flows.report.words.verdict import sentences
+from residual.diagnosis.edit.edits import Edit
 from residual.diagnosis.verdict import to_json
 from sim.engine.render import gif_of
 from warehouse.runs import read_run
@@ -85,5 +86,12 @@ def words(proof: str, store: Path) -> str:
 def as_hidden(found: Sequence[Mapping]) -> tuple[Hidden, ...]:
     """Return what a seal held as the report takes it."""
     return tuple(
-        Hidden(e["name"], tuple(e["joints"]), dict(e["parameters"])) for e in found
+        Hidden(
+            e["name"], tuple(e["joints"]), dict(e["parameters"]), _edit(e.get("edit"))
+        )
+        for e in found
     )
+
+
+def _edit(entry: Mapping | None) -> Edit | None:
+    return entry and Edit(**{**entry, "joints": tuple(entry["joints"])})

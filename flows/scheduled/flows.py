@@ -259,7 +259,7 @@ def demo(
     """
     runs = tasks.demo_experiments(Demo(seed, effect, store, background))
     ids = tasks.diagnose(runs, store)
-    hidden = tasks.open_seal(runs, store)
+    hidden = tasks.open_seal(runs, ids[0], store)
     page = tasks.demo_report(ids, runs, hidden, store)
     return {"diagnosis": ids[0], "proof": ids[1], "hidden": hidden, "page": page}
 

@@ -176,9 +176,9 @@ def demo_experiments(asked: requests.Demo) -> dict:
 
 
 @task(name="open-seal", task_run_name="open-seal", tags=["report"])
-def open_seal(runs: dict, store: str) -> list[dict]:
+def open_seal(runs: dict, diagnosis: str, store: str) -> list[dict]:
     """Read what was hidden, after the verdict is stored."""
-    return demo.open_seal(runs, Path(store))
+    return demo.open_seal(runs, diagnosis, Path(store))
 
 
 @task(name="demo-report", task_run_name="report {ids[0]}", tags=["report"])

@@ -5,6 +5,7 @@ no fit will see; they are stored, diagnosed from the store, and reported; only t
 the seal opened.
 """
 
+from dataclasses import asdict
 from pathlib import Path
 
 from flows.errors import RunError
@@ -14,11 +15,13 @@ from flows.requests import Demo
 from flows.settings import store_folder
 from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps.campaign import run_all
-from flows.steps.experiment import plan
+from flows.steps.edit import sealed_edits
+from flows.steps.experiment import plan, plant_of
 from flows.workers.pool import Here, Pool
 from residual.effects import reported_joints
 from residual.errors import InputError
 from residual.names import check_name
+from residual.plain import plain
 from sim.experiment import draw_hidden
 from sim.records import BACKGROUNDS
 from sim.streams import HIDDEN, stream
@@ -88,21 +91,31 @@ def run_experiments(
     return {"fit": ids[: len(FIT)], "held_out": ids[len(FIT) :]}
 
 
-def open_seal(runs: Runs, store: Path) -> list[dict]:
+def open_seal(runs: Runs, diagnosis: str, store: Path) -> list[dict]:
     """Return what the arm had and its model does not have.
 
+    Args:
+        runs: Ids of the runs by role.
+        diagnosis: Id of their diagnosis: the verdict is stored by now.
+        store: The store.
+
     Returns:
-        Name, joints and parameters of each effect, as JSON can hold it.
+        Name, joints and parameters of each effect, as JSON can hold it; and the edit
+        test (`flows.steps.edit`) where it was named, else None.
     """
     dof = load(ROBOT).dof
-    found = seal.open_seal(store, runs["fit"][0]).spec["effects"]
+    plant = plant_of(seal.open_seal(store, runs["fit"][0]).spec)
+    edits = sealed_edits(runs, diagnosis, plant, store)
     return [
         {
-            "name": effect["name"],
-            "joints": list(reported_joints(effect["name"], effect["joints"], dof)),
-            "parameters": dict(effect["parameters"]),
+            "name": effect.name,
+            "joints": list(reported_joints(effect.name, effect.joints, dof)),
+            "parameters": dict(effect.parameters),
+            "edit": next(
+                (plain(asdict(e)) for e in edits if e.name == effect.name), None
+            ),
         }
-        for effect in found
+        for effect in plant.effects
     ]
 
 

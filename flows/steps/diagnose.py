@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load, robot_of
 from flows.keep.diagnosis import store_outcome
-from flows.keep.null import nulls_in, read_null
+from flows.keep.null import nulls_in, of_this_version, read_null
 from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
@@ -52,7 +52,9 @@ def diagnose(
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
     report = checked(logs, request.declared, request.trust_log)
-    null = read_null(request.null) if request.null else None
+    wanted = (read_null(request.null),) if request.null else None
+    nulls = wanted or nulls_in(store_folder(request.store))
+    nulls, outdated = of_this_version(nulls, logs.robot)
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
         found = close_the_loop(
@@ -62,8 +64,9 @@ def diagnose(
             held_out=logs.held_out,
             declared=request.declared,
             progress=progress,
-            null=null or nulls_in(store_folder(request.store)),
+            null=nulls[0] if wanted and nulls else nulls,
         )
+    logs = replace(logs, warnings=(*logs.warnings, *outdated))
     return _with_reading(with_check(found, report), logs)
 
 

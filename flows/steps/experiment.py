@@ -244,7 +244,7 @@ def _robot(name: str) -> Robot:
 def _simulate(spec: ExperimentSpec, robot: Robot) -> tuple:
     rates, clock = spec.log_rates(), [perf_counter()]
     with threadpool_limits(1, user_api="blas"):
-        reference = _reference(robot, spec.reference(), rates.control)
+        reference = reference_of(robot, spec.reference(), rates.control)
         clock.append(perf_counter())
         made = run_experiment(robot, reference, spec.plant_spec(), rates, spec.start)
         clock.append(perf_counter())
@@ -254,7 +254,7 @@ def _simulate(spec: ExperimentSpec, robot: Robot) -> tuple:
 
 
 @lru_cache(maxsize=12)
-def _reference(robot: Robot, spec: TrajectorySpec, rate: float) -> Reference:
+def reference_of(robot: Robot, spec: TrajectorySpec, rate: float) -> Reference:
     """Return a motion; kept, since many arms may be asked to do the same."""
     return make_reference(robot, spec, rate)
 

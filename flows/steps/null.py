@@ -128,6 +128,7 @@ def _keep(asked: Request, done: Mapping[int, Mapping], ids: Sequence[str]) -> Nu
         "seed": asked.seed,
         "key": first["key"],
         "scale": first["scale"],
+        "method": method_hash(),
         "block": [b for b in blocks for _ in done[b]["net"]],
     }
     for name in ("nats", "net", "named"):

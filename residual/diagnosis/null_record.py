@@ -31,6 +31,8 @@ class Null:
         block: Per draw, which recording of encoder noise it shares.
         seed: Seed of the draws.
         scale: Relative scale by which the nominal model was redrawn.
+        method: Version of the method that searched the draws; empty where the record
+            does not say.
     """
 
     id: str
@@ -41,6 +43,7 @@ class Null:
     block: tuple[int, ...]
     seed: int
     scale: float | None
+    method: str = ""
 
     def p_value(self, nats: float) -> float:
         """Chance of as much evidence where nothing is missing.
@@ -169,7 +172,7 @@ def null_sentences(null: Null | None, least: float) -> tuple[list[str], list[str
 def to_record(null: Null) -> dict:
     """A null as JSON can hold it."""
     key = {f.name: getattr(null.key, f.name) for f in fields(Key)}
-    own = ("nats", "net", "named", "block", "seed", "scale")
+    own = ("nats", "net", "named", "block", "seed", "scale", "method")
     return {"key": key, **{name: getattr(null, name) for name in own}}
 
 
@@ -186,7 +189,8 @@ def from_record(record: Mapping, id: str) -> Null:
     try:
         key = {f.name: _frozen(record["key"][f.name]) for f in fields(Key)}
         draws = [tuple(record[name]) for name in ("nats", "net", "named", "block")]
-        null = Null(id, Key(**key), *draws, record["seed"], record["scale"])
+        rest = record["seed"], record["scale"], record.get("method", "")
+        null = Null(id, Key(**key), *draws, *rest)
     except (KeyError, TypeError) as error:
         raise InputError(
             f"{id} is no null: {error}. Make one with modelgap calibrate-null."

@@ -8,6 +8,7 @@ from residual.check.report import CheckReport
 from residual.diagnosis.alternative import Alternative, Place
 from residual.diagnosis.change import Change
 from residual.diagnosis.drift import Drift
+from residual.diagnosis.edit.edits import Edit
 from residual.diagnosis.leftover.remainder import Number, Unexplained
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
@@ -188,6 +189,7 @@ class Verdict:
         background: What any arm has a little of, folded: no reason to look.
         changes: Every value that the model was given beside what the logs make of it.
         alternatives: Sets of effects that these logs cannot tell from ``effects``.
+        edit: What is left of each effect, taken out again; None without a baseline.
     """
 
     robot: str
@@ -206,6 +208,7 @@ class Verdict:
     background: tuple[Finding, ...] = ()
     changes: tuple[Change, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    edit: tuple[Edit, ...] | None = None
 
     @property
     def trusted(self) -> bool:

@@ -11,6 +11,7 @@ from residual.check.report import from_json as read_report
 from residual.diagnosis.alternative import Alternative
 from residual.diagnosis.change import Change
 from residual.diagnosis.drift import Drift
+from residual.diagnosis.edit.edits import Edit
 from residual.diagnosis.leftover.remainder import Dependence
 from residual.diagnosis.result import (
     Detectable,
@@ -53,6 +54,7 @@ def to_json(verdict: Verdict) -> dict:
             "background": [_effect(f) for f in verdict.background],
             "changes": [asdict(c) for c in verdict.changes],
             "alternatives": [asdict(a) for a in verdict.alternatives],
+            "edit": None if verdict.edit is None else [asdict(e) for e in verdict.edit],
         }
     )
 
@@ -95,6 +97,7 @@ def from_json(document: Mapping) -> Verdict:
             background=tuple(map(_read_effect, document.get("background", ()))),
             changes=tuple(map(_read_change, document.get("changes", ()))),
             alternatives=tuple(map(_read_set, document.get("alternatives", ()))),
+            edit=_read_edit(document.get("edit")),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {error!r}.") from error
@@ -117,6 +120,12 @@ def _read_drift(entry: Mapping | None) -> Drift | None:
     if entry is None:
         return None
     return Drift(**{**entry, "joints": tuple(entry["joints"])})
+
+
+def _read_edit(entries: list | None) -> tuple[Edit, ...] | None:
+    if entries is None:
+        return None
+    return tuple(Edit(**{**e, "joints": tuple(e["joints"])}) for e in entries)
 
 
 def _effect(finding: Finding) -> dict:

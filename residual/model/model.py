@@ -9,8 +9,8 @@ import numpy as np
 
 from residual.effects.base import State
 from residual.errors import InputError
+from residual.model.edit import taken_out, with_values
 from residual.model.term import Term
-from residual.names import check_name
 from residual.recording import Array, Recording
 from residual.robot import dynamics
 from residual.robot.robot import Robot, robot_from_texts
@@ -208,6 +208,8 @@ class Model:
     def without(self, name: str, joints: Sequence[int] | None = None) -> "Model":
         """The same model with an effect taken out; nothing else is refitted.
 
+        What was found goes; what the nominal model has goes back to its value there.
+
         Args:
             name: Name of the effect.
             joints: Joints from 1 to take it from; None for all.
@@ -215,13 +217,14 @@ class Model:
         Raises:
             InputError: If the model does not have it there.
         """
-        out = self._terms_of(name, joints)
-        return replace(self, terms=tuple(t for t in self.terms if t not in out))
+        return replace(self, terms=taken_out(self.terms, name, joints))
 
     def with_parameters(
         self, name: str, joints: Sequence[int] | None = None, **values: float
     ) -> "Model":
         """The same model with other values of an effect's physical parameters.
+
+        A value is all that there is of it, also where a change of it was found.
 
         Args:
             name: Name of the effect.
@@ -232,26 +235,8 @@ class Model:
             InputError: If the model does not have the effect there.
             UnknownNameError: If it has no such parameter.
         """
-        changed = {}
-        for term in self._terms_of(name, joints):
-            for key in values:
-                check_name(key, term.effect.parameters, f"parameter of {name}")
-            known = term.parameters(self.robot) | values
-            numbers = np.array([float(known[k]) for k in term.effect.parameters])
-            theta, shape = term.effect.from_values(numbers, self.robot)
-            theta = np.asarray(theta, dtype=float)
-            changed[id(term)] = replace(term, theta=theta, shape=tuple(shape))
-        return replace(self, terms=tuple(changed.get(id(t), t) for t in self.terms))
-
-    def _terms_of(self, name: str, joints: Sequence[int] | None) -> list[Term]:
-        names = dict.fromkeys(t.effect.name for t in self.terms)
-        check_name(name, names, "effect of this model")
-        own = [t for t in self.terms if t.effect.name == name]
-        if joints is not None:
-            own = [t for t in own if {j + 1 for j in t.joints} <= set(joints)]
-        if not own:
-            raise InputError(f"The model has no {name} on joints {list(joints or ())}.")
-        return own
+        terms = with_values(self.terms, self.robot, (name, joints), values)
+        return replace(self, terms=terms)
 
     def to_record(self) -> dict:
         """The whole model as plain values: it is read back without any file."""

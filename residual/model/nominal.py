@@ -131,7 +131,7 @@ def _given(effect: Effect, joints: Joints, values, robot: Robot) -> Term:
         for k in effect.parameters
     ]
     theta, shape = effect.from_values(np.array(numbers), robot)
-    return Term(effect, joints, shape, np.asarray(theta, dtype=float))
+    return Term(effect, joints, shape, np.asarray(theta, dtype=float)).as_nominal()
 
 
 def _free(effect: Effect, joints: Joints, span: Span, robot: Robot) -> list[Term]:
@@ -143,7 +143,8 @@ def _free(effect: Effect, joints: Joints, span: Span, robot: Robot) -> list[Term
             f"{effect.name} is declared without values, and its shape cannot be "
             f"fitted blindly. Give {', '.join(effect.parameters)} in robot.toml."
         )
-    return [Term(effect, joints, s, np.zeros(_width(effect, robot))) for s in shapes]
+    nothing = np.zeros(_width(effect, robot))
+    return [Term(effect, joints, s, nothing).as_nominal() for s in shapes]
 
 
 def _width(effect: Effect, robot: Robot) -> int:

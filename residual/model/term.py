@@ -1,7 +1,7 @@
 """One effect of a model, with its coefficients."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,12 +22,18 @@ class Term:
         joints: Joints it sits on, from 0.
         shape: Its nonlinear parameters.
         theta: Coefficients of its columns. Shape (k,).
+        nominal: The same effect as the nominal model has it; None where it has not.
     """
 
     effect: Effect
     joints: Joints
     shape: Shape
     theta: Array
+    nominal: "Term | None" = None
+
+    def as_nominal(self) -> "Term":
+        """The same as a part of a nominal model, to which an edit goes back."""
+        return replace(self, nominal=replace(self, nominal=None))
 
     def torque(self, state: State) -> Array:
         """Torque of this effect on all joints [N m]. Shape (n, dof)."""
@@ -44,9 +50,12 @@ class Term:
 
     def to_record(self) -> dict:
         """The term as plain values; joints from 1."""
+        known = {} if self.nominal is None else {"nominal": self.nominal._values()}
+        joints = [j + 1 for j in self.joints]
+        return {"name": self.effect.name, "joints": joints, **self._values(), **known}
+
+    def _values(self) -> dict:
         return {
-            "name": self.effect.name,
-            "joints": [j + 1 for j in self.joints],
             "shape": [float(x) for x in self.shape],
             "theta": self.theta.tolist(),
         }
@@ -57,4 +66,9 @@ class Term:
         known = registry() | TABLES
         effect = known[check_name(record["name"], known, "effect")]
         joints = tuple(j - 1 for j in record["joints"])
-        return cls(effect, joints, tuple(record["shape"]), np.array(record["theta"]))
+        own, *nominal = (
+            cls(effect, joints, tuple(values["shape"]), np.array(values["theta"]))
+            for values in (record, record.get("nominal"))
+            if values is not None
+        )
+        return replace(own, nominal=nominal[0] if nominal else None)

@@ -63,7 +63,7 @@ def _wrong_term(term: Term, model: Model) -> str | None:
             replace(model, terms=(term,)).torque(*np.zeros((3, 1, dof)))
     except (IndexError, TypeError, ValueError):
         return f"{name} has another number of coefficients or joints than it takes"
-    return None
+    return None if term.nominal is None else _wrong_term(term.nominal, model)
 
 
 def _numbers(shape) -> bool:

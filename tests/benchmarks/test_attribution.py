@@ -1,14 +1,21 @@
 """Groups, draws and bars of the benchmark of what changed."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from benchmarks.attribution_parts import bars, cases, changes, judge
 from benchmarks.attribution_parts.arms import Arm, make, moved_values, six
+from benchmarks.attribution_parts.edits import true_arm
 from benchmarks.attribution_parts.light import light_arm
 from flows.blind.score import Name
+from residual.diagnosis.edit.edits import MOVING, errors_on
 from residual.diagnosis.result import Detectable
+from residual.model.nominal import prepare_logs, start_nominal
+from residual.signals.track import Filters
+from sim.records import PlantEffect
 
 ROW = {
     "arm": "six",
@@ -25,6 +32,16 @@ ROW = {
     "moved_due": [["coulomb", 2]],
     "moved_told": [["coulomb", 2]],
     "moved_false": [],
+    "edits": [
+        {
+            "name": n,
+            "error": 1.05,
+            "reference": 1.0,
+            "least_squares": 8.0,
+            "moving": [1, 1, 9],
+        }
+        for n in ("payload", "coulomb")
+    ],
 }
 FALSE = {
     "exact": False,
@@ -70,6 +87,76 @@ def test_a_verdict_without_the_list_of_values_is_no_miss():
     told = bars.case_figures({"changed": rows(0, 2, **old)}, deciding=True)
     assert told["moved_told"]["ok"] is None
     assert told["moved_told"]["why"]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What of a verdict is judged here."""
+
+    changes: tuple
+
+
+def test_a_value_is_due_beyond_its_detectable_size_and_five_per_cent(monkeypatch):
+    entry = {"joints": [2], "beyond": True}
+    told = [
+        {"name": "coulomb", **entry},
+        {"name": "coulomb", **entry, "joints": [3]},
+        {"name": "viscous", **entry, "beyond": False},
+    ]
+    monkeypatch.setattr(judge, "to_json", lambda verdict: {"changes": verdict.changes})
+    # As a kept row has them: lists, not tuples.
+    sizes = [
+        Detectable(name, [j], 0.5, "")
+        for name in ("coulomb", "viscous")
+        for j in (1, 2, 3)
+    ]
+    values = {
+        ("coulomb", 1): (4.0, 4.4),  # not detectable
+        ("coulomb", 2): (4.0, 5.0),
+        ("coulomb", 3): (40.0, 40.6),  # under 5 %
+        ("viscous", 2): (4.0, 5.0),
+        ("viscous", 9): (4.0, 9.0),  # of no known size
+    }
+    found = judge.moved(Told(told), values, sizes, True)
+    assert found["moved_due"] == [["coulomb", 2], ["viscous", 2], ["body", 0]]
+    assert found["moved_told"] == [["coulomb", 2]]
+    assert found["moved_false"] == [["coulomb", 3]]
+    told.append({"name": "inertial", "joints": [4], "beyond": True})
+    assert ["body", 0] in judge.moved(Told(told), values, sizes, True)["moved_told"]
+
+
+def test_an_edit_is_held_against_the_truth_and_against_least_squares():
+    good = bars.case_figures({"changed": rows(3, 0)}, deciding=True)
+    assert good["edit_over_oracle"]["ok"] is True
+    assert good["edit_over_oracle"]["n"] == 6
+    assert good["edit_over_least_squares"]["value"] == pytest.approx(1.05 / 8)
+    assert good["edit_over_least_squares"]["n"] == 3  # of bodies alone
+    off = {**ROW["edits"][0], "error": 4.0}
+    bad = [{**ROW, "edits": [off]}] * 5
+    told = bars.case_figures({"changed": bad}, deciding=True)
+    missed = ("edit_over_oracle", "edit_over_oracle_90", "edit_over_least_squares")
+    assert [told[name]["ok"] for name in missed] == [False] * 3
+    none = [{**ROW, "edits": []}]
+    assert "edit_over_oracle" not in bars.case_figures({"changed": none}, True)
+
+
+def test_the_true_arm_predicts_its_own_log():
+    arm = Arm("six", 0.1, 5, 6, True)
+    drawn = [
+        PlantEffect("coulomb", (2,), (("level", 5.0),)),
+        PlantEffect("offset", (3,), (("torque", 2.0),)),
+        PlantEffect("link_inertia", (2,), (("scale", 0.3),)),
+    ]
+    made = make(arm, drawn)
+    logs = prepare_logs(arm.robot, made.fit, None, Filters())
+    nominal = start_nominal(logs, tuple(arm.robot.declared)).model
+    errors = errors_on(
+        {"true": true_arm(arm, drawn, nominal), "nominal": nominal},
+        made.held_out,
+        MOVING,
+    )
+    assert errors["true"] < 1.0
+    assert errors["nominal"] > 3 * errors["true"]
 
 
 def test_a_name_gives_way_to_one_that_has_no_other_change_to_stand_for():

@@ -14,6 +14,7 @@ from flows.workers.pool import Here
 from tests.flows.blind_rows import row
 from tests.verdict_documents import whole
 from warehouse import seal
+from warehouse.commit import read_record
 from warehouse.query.store import open_store
 
 # Short motions that need no optimisation, so that all of it takes some seconds.
@@ -111,6 +112,11 @@ def _right(study, store):
         kinds = there.sql("SELECT kind, count(*) FROM validations GROUP BY ALL")
     assert [r["drawn"] for r in rows] == ["none", "single"]
     assert rows[1]["joints"] == single["joints"]
+    # The gain was named, and is taken out again; least squares has none to set back.
+    (edit,) = read_record(store, study.id)["edits"]
+    assert (edit["name"], edit["joints"]) == ("torque_gain", single["joints"])
+    assert edit["error"] < 1.2 * edit["reference"] < edit["kept"]
+    assert edit["least_squares"] is None
     assert set(kinds.column(0).to_pylist()) == {
         "held_out",
         "blind",

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,11 @@ import pytest
 from flows.cli import main
 from flows.progress import progress_bar
 from flows.report.terminal.diagnosis import print_truth
+from flows.report.words.edit import baseline_sentences
 from flows.report.words.staged import Hidden, Staged, judge
 from flows.requests import Demo
 from flows.steps import demo as steps
+from residual.diagnosis.edit.edits import Edit
 from tests.verdict_documents import typed
 
 ROOT = Path(__file__).parents[2]
@@ -47,9 +50,15 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     assert (done.returncode, done.stderr) == (0, "")
     assert "The model lacks a payload at the flange" in done.stdout
     assert "The first name is what was hidden." in done.stdout
+    assert "Take it out again: error" in done.stdout
     assert "prefect" not in done.stdout.lower()
     page = Path(done.stdout.splitlines()[-1].removeprefix("report: "))
     assert "data:image/gif;base64," in page.read_text()
+    assert "Take it out again: error" in page.read_text()
+    (truth,) = json.loads((page.parent / "truth.json").read_text())
+    edit = truth["edit"]
+    assert edit["error"] < 0.5 * edit["least_squares"]
+    assert edit["error"] < 0.5 * edit["kept"]
     verdict = json.loads((page.parent / "verdict.json").read_text())
     assert verdict["effects"][0]["name"] == "payload"
     assert (tmp_path / "store" / "_prefect" / "prefect.db").exists()
@@ -137,6 +146,24 @@ def test_the_truth_stands_beside_the_verdict(capsys):
     assert "stiffness 4 N m/rad 4.12 ± 0.21 N m/rad" in rows
     assert "rest 0.1 rad –" in rows
     assert "The first name is what was hidden." in shown
+    assert "again" not in shown
+
+
+def test_what_is_left_after_an_edit_is_said(capsys):
+    edit = Edit("spring", (2,), 0.93, 8.2, 14.2, None)
+    hidden = replace(SPRING, edit=edit)
+    said = Staged(b"", "", (hidden,), typed({"effects": [found("spring", [2])]})).edits
+    words = "Take it out again: error 0.9 % of torque; least squares 14.2 %."
+    assert said == [words]
+    verdict = typed({"effects": [found("spring", [2])]})
+    told = baseline_sentences(
+        replace(verdict, edit=(replace(edit, least_squares=None, reference=0.8),))
+    )
+    assert told == [
+        "A spring on joint 2, taken out again: error 0.9 % of torque on the baseline, "
+        "8.2 % with it; the baseline's own model 0.8 %."
+    ]
+    assert baseline_sentences(verdict) == []
 
 
 def test_there_is_no_bar_where_nobody_looks():

@@ -1,10 +1,13 @@
 """A null from the command line: made, kept, gone on with, and found by a diagnosis."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from flows.inputs.robots import load
+from flows.keep import null as keep
 from flows.keep.null import null_json, nulls_in, read_null
 from flows.requests import Null
 from flows.steps import null as steps
@@ -129,3 +132,33 @@ def test_a_diagnosis_finds_the_null_of_its_logs_in_the_store(place, capsys):
     assert "is a constant" in capsys.readouterr().out
     other = json.loads((place / "w.json").read_text())
     assert not any(w.startswith("null ") for w in other["warnings"])
+
+
+def test_a_null_of_another_version_of_the_method_is_not_used(place, monkeypatch):
+    from flows.cli import main
+
+    null = steps.calibrate_null(asked(place, draws=4), pool=Here()).null
+    assert null.method == keep.method_hash()
+    (place / "n.json").write_text(null_json(null))
+    words = [*asked(place).logs, "--robot", str(place / "arm.urdf")]
+    monkeypatch.setattr(keep, "method_hash", lambda: "0123456789abcdef")
+    for more in ([], ["--null", str(place / "n.json")]):
+        assert main(["diagnose", *words, *more, "--json", str(place / "v.json")]) == 0
+        verdict = json.loads((place / "v.json").read_text())
+        told = [w for w in verdict["warnings"] if w.startswith("null ")]
+        assert len(told) == 1
+        assert f"null {null.id} is not used" in told[0]
+        assert null.method in told[0]
+        assert "this is 0123456789abcdef" in told[0]
+        assert all(e["evidence"]["p_value"] is None for e in verdict["effects"])
+
+
+def test_nothing_is_said_of_nulls_of_other_robots(place):
+    null = steps.calibrate_null(asked(place, draws=4), pool=Here()).null
+    other = replace(null, method="")
+    assert keep.of_this_version([other], load("irb140")) == ((), ())
+    used, said = keep.of_this_version([other], load(str(place / "arm.urdf")))
+    assert used == ()
+    assert "which it does not name" in said[0]
+    both = keep.of_this_version([other, null], load(str(place / "arm.urdf")))
+    assert both == ((null,), ())

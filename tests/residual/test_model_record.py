@@ -199,6 +199,48 @@ def test_a_parameter_is_set_and_the_others_stay():
         model.with_parameters("payload", weight=1.0)
 
 
+def changed_friction() -> Model:
+    """A model whose declared friction was refitted, with a change found beside it."""
+    coulomb, viscous = registry()["coulomb"], registry()["viscous"]
+    nominal = [Term(coulomb, (j,), (), np.array([4.0])).as_nominal() for j in (0, 1)]
+    free = Term(viscous, (1,), (), np.zeros(1)).as_nominal()
+    terms = [replace(t, theta=np.array([4.2])) for t in nominal]
+    terms.append(replace(free, theta=np.array([0.7])))
+    terms.append(Term(coulomb, (1,), (), np.array([3.0])))
+    return replace(model_of([]), terms=tuple(terms))
+
+
+def test_a_declared_value_goes_back_to_the_nominal_one():
+    model = changed_friction()
+    less = model.without("coulomb", [2])
+    assert [t.theta.tolist() for t in less.terms] == [[4.2], [4.0], [0.7]]
+    every = model.without("coulomb")
+    assert [t.theta.tolist() for t in every.terms] == [[4.0], [4.0], [0.7]]
+    again = every.without("coulomb")
+    assert [t.theta.tolist() for t in again.terms] == [[4.0], [4.0], [0.7]]
+    # Of what no value was given, nothing is the nominal value.
+    assert [t.effect.name for t in model.without("viscous").terms] == 3 * ["coulomb"]
+
+
+def test_a_new_value_is_the_whole_one_where_a_change_was_found():
+    model = changed_friction()
+    set_ = model.with_parameters("coulomb", [2], level=5.0)
+    assert [t.theta.tolist() for t in set_.terms] == [[4.2], [5.0], [0.7]]
+    assert set_.without("coulomb", [2]).terms[1].theta.tolist() == [4.0]
+
+
+def test_a_record_keeps_what_an_edit_goes_back_to():
+    model = changed_friction()
+    again = from_record(json.loads(json.dumps(to_record(model))))
+    log = log_of(model.robot)
+    back, there = again.without("coulomb"), model.without("coulomb")
+    np.testing.assert_array_equal(back.predict(log), there.predict(log))
+    damaged = json.loads(json.dumps(to_record(model)))
+    damaged["terms"][0]["nominal"]["theta"] = ["much"]
+    with pytest.raises(InputError, match="damaged"):
+        from_record(damaged)
+
+
 # -- at single states --------------------------------------------------------------
 
 

@@ -93,6 +93,7 @@ FORM = {
         "background",
         "changes",
         "alternatives",
+        "edit",
     },
     "unexplained": {
         "joints",
@@ -127,7 +128,7 @@ EFFECT = {
 }
 EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value", "splits"}
 LATER = {"log_check", "contradictions", "drift", "background", "changes"}
-LATER |= {"alternatives"}  # of later versions
+LATER |= {"alternatives", "edit"}  # of later versions
 DEPENDENCE = {"joint", "on", "of", "form", "share", "frequency"}
 EXPECTED = {
     "none": "none",
@@ -278,6 +279,20 @@ def test_what_was_found_shows_in_a_line(outcome_of):
     assert re.search(r"; held-out [\d.]+ % -> [\d.]+ %\)$", shown)
     assert "nothing found; held-out" in repr(outcome_of("none"))
     assert "something without a name on joint 2;" in repr(outcome_of("unknown"))
+
+
+def test_the_edit_test_needs_a_baseline_and_is_passed_by_a_right_name(outcome_of):
+    assert to_json(outcome_of("payload").verdict)["edit"] is None
+    verdict = to_json(outcome_of("baseline").verdict)
+    (entry,) = verdict["edit"]
+    assert (entry["name"], entry["joints"]) == ("coulomb", [2])
+    assert entry["error"] < 1.1 * entry["reference"]
+    assert entry["kept"] > 1.5 * entry["error"]
+    assert entry["least_squares"] > 0
+    assert (
+        from_json(json.loads(json.dumps(verdict))).edit
+        == outcome_of("baseline").verdict.edit
+    )
 
 
 def test_the_effect_taken_out_of_the_model_is_missed(outcome_of):

@@ -6,6 +6,7 @@ from flows.report.page import charts
 from flows.report.page.base import Tile, environment
 from flows.report.words import given, outlook, rows
 from flows.report.words import verdict as words
+from flows.report.words.edit import baseline_sentences
 from flows.report.words.phrases import sentence_case
 from flows.report.words.sets import other_sets
 from flows.report.words.staged import Staged
@@ -45,6 +46,7 @@ def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:
         "cutoff": quantity.number(verdict.error.cutoff_hz),
         "tiles": _tiles(verdict, named),
         "findings": [(f, charts.clouds_of(clouds, f)) for f in named],
+        "edits": baseline_sentences(verdict),
         "has_p": any(f.p_value != quantity.MISSING for f in named),
         "has_clouds": bool(clouds),
         "clouds_left": clouds_left,

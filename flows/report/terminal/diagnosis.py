@@ -9,6 +9,7 @@ from rich.text import Text
 
 from flows.report.words import given, outlook
 from flows.report.words import rows as tables
+from flows.report.words.edit import baseline_sentences
 from flows.report.words.rows import METRICS, ErrorRow, FindingRow
 from flows.report.words.sets import other_sets
 from flows.report.words.staged import Staged
@@ -32,7 +33,8 @@ def print_diagnosis(found: Diagnosis, console: Console, verbose: bool = False) -
     """
     _line(console, "")
     _line(console, headline(found.verdict), "bold")
-    for part in (_findings, _given, _errors, _left_over, _detectable, _warnings, _next):
+    answer = (_findings, _edits, _given, _errors)
+    for part in (*answer, _left_over, _detectable, _warnings, _next):
         part(found, console)
     if verbose and not found.effects:
         for pair in outlook.confusable_pairs(found.verdict):
@@ -51,7 +53,8 @@ def print_truth(staged: Staged, console: Console) -> None:
     for row in staged.rows:
         _row(console, table, map(Text, row))
     _print(console, table)
-    _line(console, staged.judged)
+    for line in (staged.judged, *staged.edits):
+        _line(console, line)
     if staged.forms:
         _line(console, staged.forms)
 
@@ -87,6 +90,11 @@ def _given(found: Diagnosis, console: Console) -> None:
     _print(console, table)
     if more := given.hidden_rows(found.verdict):
         _line(console, f"and {more} more: 'changes' in the JSON has all of them.")
+
+
+def _edits(found: Diagnosis, console: Console) -> None:
+    for line in baseline_sentences(found.verdict):
+        _line(console, line)
 
 
 def _effect_cell(finding: FindingRow) -> Text:

@@ -4,7 +4,9 @@ import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from flows.report.words.edit import edit_sentence
 from flows.report.words.phrases import effect_named, phrase, sentence_case
+from residual.diagnosis.edit.edits import Edit
 from residual.diagnosis.result import Finding, Place, Verdict
 from residual.quantity import MISSING, measured
 
@@ -33,11 +35,14 @@ class Hidden:
         name: Its name.
         joints: Its joints as the verdict counts them, from 1.
         parameters: Value of each parameter, SI.
+        edit: What is left of it, taken out of the model again; None where it was not
+            named.
     """
 
     name: str
     joints: tuple[int, ...]
     parameters: Mapping[str, float]
+    edit: Edit | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +75,11 @@ class Staged:
     def forms(self) -> str:
         """Why sizes need not agree; empty where nothing was found."""
         return FORMS if self.hidden and self.verdict.effects else ""
+
+    @property
+    def edits(self) -> list[str]:
+        """What is left of each effect once it is taken out again, in sentences."""
+        return [edit_sentence(h.edit) for h in self.hidden if h.edit is not None]
 
     @property
     def rows(self) -> list[tuple[str, str, str]]:

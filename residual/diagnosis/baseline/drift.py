@@ -221,7 +221,8 @@ def _free_to_fade(nominal: Nominal, logs: Logs, levels: Array, own: float) -> No
     if not shapes:
         return nominal
     shape = shapes[len(shapes) // 2]
-    terms = [Term(kinds[0], (int(j),), shape, np.zeros(1)) for j in joints]
+    none = np.zeros(1)
+    terms = [Term(kinds[0], (int(j),), shape, none).as_nominal() for j in joints]
     size = levels[joints]
     alone = max(own, USUAL * FADES)  # each joint has a heat of its own
     spread = FADES**2 * np.outer(size, size) + alone**2 * np.diag(size**2)

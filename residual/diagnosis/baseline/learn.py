@@ -44,8 +44,10 @@ def from_baseline(
 
 
 def _learnt(first: Examined, logs: Logs) -> Nominal:
+    learnt = first.model(first.fit, tables=True)
     model = replace(
-        first.model(first.fit, tables=True),
+        learnt,
+        terms=tuple(term.as_nominal() for term in learnt.terms),
         speed_floor=logs.speed_floor,
         clock=logs.clock,
     )

@@ -1,0 +1,1 @@
+"""Commands about a model: its torque, and other programs."""

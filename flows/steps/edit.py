@@ -1,0 +1,144 @@
+"""The edit test on an arm of our own: simulated without what the verdict named.
+
+Only for a verdict that is stored, since the seal of its runs is open by then.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from threadpoolctl import threadpool_limits
+
+from flows.inputs.robots import load
+from flows.keep.diagnosis import read_models, read_verdict
+from flows.steps.experiment import reference_of
+from residual.diagnosis.edit.dense import dense_model
+from residual.diagnosis.edit.edits import Edit, sealed_edit
+from residual.diagnosis.result import Place, Verdict
+from residual.effects import registry, reported_joints
+from residual.model.model import Model
+from residual.model.term import Term
+from residual.recording import Recording
+from residual.robot.dynamics import inertial_parameters
+from sim.catalogue import acting, changed, kinds
+from sim.experiment import run_experiment
+from sim.plant.arm import build_arm
+from sim.records import PlantEffect, PlantSpec, Rates, TrajectorySpec
+from warehouse.runs import read_manifest, read_run
+
+Drives = Mapping[tuple[str, int], float]  # true values by name and joint from 1
+
+
+def sealed_edits(
+    runs: Mapping[str, Sequence[str]], diagnosis: str, plant: PlantSpec, store: Path
+) -> tuple[Edit, ...]:
+    """Take each effect that was rightly named out of the model, and ask the arm.
+
+    The arm without that effect, and with whatever else it hides, follows the reference
+    of the first held-out run.
+
+    Args:
+        runs: Ids of the runs by role: fit and held_out.
+        diagnosis: Id of their diagnosis, which has its verdict.
+        plant: The arm, from its seal.
+        store: The store.
+    """
+    verdict = read_verdict(store, diagnosis)
+    manifest = read_manifest(store, runs["held_out"][0])
+    dof = load(manifest["robot"]).dof
+    wanted = [
+        (effect, place)
+        for effect in plant.effects
+        for place in [Place(effect.name, _joints(effect, dof))]
+        if is_named(place, verdict)
+    ]
+    if not wanted:
+        return ()
+    models = {k: m for k, m in read_models(store, diagnosis).items() if k != "plsr"}
+    fit = [read_run(store, id) for id in runs["fit"]]
+    out = []
+    with threadpool_limits(1, user_api="blas"):
+        models["dense"] = dense_model(models["nominal"], fit)
+        for effect, place in wanted:
+            others = tuple(e for e in plant.effects if e is not effect)
+            arm = replace(plant, effects=others)
+            models["oracle"] = _truth(manifest, arm, models["augmented"])
+            out.append(sealed_edit(place, models, [_simulated(manifest, arm)]))
+    return tuple(out)
+
+
+def is_named(place: Place, verdict: Verdict) -> bool:
+    """Whether a verdict names an effect by its very name, on all of its joints."""
+    return any(
+        found.name == place.name and set(place.joints) <= set(found.joints)
+        for found in verdict.effects
+    )
+
+
+def with_truth(
+    like: Model, body: pin.Model, drives: Drives, effects: Sequence[PlantEffect]
+) -> Model:
+    """Return a model with the true parameters of an arm.
+
+    Args:
+        like: A model of the arm, for its signals and its declared effects.
+        body: The true rigid body, loads and changed links included.
+        drives: True friction and rotors, changes included.
+        effects: What the arm has; those of bodies and drives are in the others, and
+            those without a name no model can have.
+    """
+    terms = [
+        replace(t, theta=np.array([drives[t.effect.name, t.joints[0] + 1]]))
+        for t in like.terms
+        if t.nominal is not None and (t.effect.name, t.joints[0] + 1) in drives
+    ]
+    for effect in effects:
+        what = kinds()[effect.name]
+        if what.named and what.body is None and not what.of_drive:
+            terms.append(_term(effect, like))
+    inertial = inertial_parameters(body)
+    return replace(like, inertial=inertial, terms=tuple(terms), tables=())
+
+
+def changed_drives(base: Drives, effects: Sequence[PlantEffect]) -> Drives:
+    """Return friction and rotors with what effects change of them."""
+    out = dict(base)
+    for effect in effects:
+        what = kinds()[effect.name]
+        for joint in effect.joints if what.of_drive else ():
+            out[effect.name, joint] += dict(effect.parameters)[what.amount[0]]
+    return out
+
+
+def _term(effect: PlantEffect, like: Model) -> Term:
+    known = registry()[effect.name]
+    p = {**kinds()[effect.name].defaults, **dict(effect.parameters)}
+    numbers = np.array([float(p[key]) for key in known.parameters])
+    theta, shape = known.from_values(numbers, like.robot)
+    joints = tuple(j - 1 for j in effect.joints)
+    return Term(known, joints, tuple(shape), np.asarray(theta, dtype=float))
+
+
+def _truth(manifest: Mapping, plant: PlantSpec, like: Model) -> Model:
+    arm = build_arm(load(manifest["robot"]), plant)
+    body = changed(arm.model, acting(plant.effects))
+    base = {
+        (name, j + 1): float(getattr(arm.base, str(what.of_drive))[j])
+        for name, what in kinds().items()
+        if what.of_drive
+        for j in range(arm.robot.dof)
+    }
+    return with_truth(like, body, changed_drives(base, plant.effects), plant.effects)
+
+
+def _simulated(manifest: Mapping, plant: PlantSpec) -> Recording:
+    robot, spec = load(manifest["robot"]), manifest["spec"]
+    rates = Rates(**spec["rates"])
+    reference = reference_of(robot, TrajectorySpec(**spec["trajectory"]), rates.control)
+    return run_experiment(robot, reference, plant, rates, spec["start"]).log
+
+
+def _joints(effect: PlantEffect, dof: int) -> tuple[int, ...]:
+    return reported_joints(effect.name, effect.joints, dof)

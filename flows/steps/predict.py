@@ -1,0 +1,128 @@
+"""Torque of a model on logs, whole and with effects taken out of it."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pc
+import pyarrow.parquet as pq
+from threadpoolctl import threadpool_limits
+
+from flows.inputs.logs import LogSets, need_logs, read_sets
+from flows.keep.export import read_model
+from flows.model_requests import Predict
+from flows.settings import store_folder
+from residual.diagnosis.conclude import error_tables
+from residual.diagnosis.result import ErrorTables
+from residual.errors import InputError
+from residual.export.exported import Whole, body_of
+from residual.model.prediction import EDITED, WHOLE, Edits, Prediction
+from residual.model.prediction import predict as core_predict
+from residual.plain import plain
+
+_NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
+FORMS = (".csv", ".parquet")
+
+
+def read(request: Predict) -> tuple[Whole, LogSets]:
+    """Read the model and every log once.
+
+    Args:
+        request: What is wanted.
+
+    Raises:
+        InputError: If there is no such model, or a log is not usable.
+    """
+    need_logs(request.logs, "to predict", "predict")
+    store = store_folder(request.store)
+    model = read_model(store, request.model, request.which)
+    sets = (request.logs, (), ())
+    return model, read_sets(sets, body_of(model).robot, request.columns, store)
+
+
+def predict(request: Predict, model: Whole, logs: LogSets) -> Prediction:
+    """Compute the torque of the model on the logs.
+
+    Args:
+        request: What is wanted.
+        model: The model (`read`).
+        logs: The logs (`read`).
+
+    Raises:
+        InputError: If an effect to take out is not in the model.
+    """
+    with threadpool_limits(1, user_api="blas"):
+        return core_predict(model, logs.fit, parse_edits(request.without))
+
+
+def parse_edits(words: Sequence[str]) -> Edits:
+    """Return names and joints of "NAME" or "NAME@JOINT[,JOINT]".
+
+    Raises:
+        InputError: If a joint is no whole number.
+    """
+    out = []
+    for word in words:
+        name, at, joints = word.partition("@")
+        try:
+            numbers = tuple(int(joint) for joint in joints.split(",")) if at else ()
+        except ValueError as error:
+            raise InputError(
+                f"--without {word}: expected NAME or NAME@JOINT, as coulomb@3."
+            ) from error
+        out.append((name, numbers))
+    return out
+
+
+def tables(made: Prediction) -> ErrorTables:
+    """Return the errors against what was measured, by model [%]."""
+    ids = [log.id for log in made.logs]
+    return error_tables(dict(made.errors), made.cutoff, ids)
+
+
+def document(made: Prediction, request: Predict) -> dict:
+    """Return errors as plain values, in the form that a verdict has them."""
+    return {
+        "schema": 1,
+        "model": repr(made.models[WHOLE]),
+        "without": list(request.without),
+        "error": plain(asdict(tables(made))),
+    }
+
+
+def samples(made: Prediction) -> pa.Table:
+    """Return log, time, measured torque and that of each model, a row per sample."""
+    parts = []
+    for log, torque in zip(made.logs, made.torque, strict=True):
+        columns = {"log": [log.id] * len(log.t), "t": log.t}
+        for name, values in (("tau", log.tau), *torque.items()):
+            head = _NAMES.get(name, name)
+            columns |= {
+                f"{head}{j + 1}": np.ascontiguousarray(values[:, j])
+                for j in range(log.dof)
+            }
+        parts.append(pa.table(columns))
+    return pa.concat_tables(parts)
+
+
+def check_form(path: Path) -> None:
+    """Refuse a file of another form than can be written.
+
+    Raises:
+        InputError: If it is neither CSV nor Parquet.
+    """
+    if path.suffix not in FORMS:
+        raise InputError(f"--out {path}: expected a file *.csv or *.parquet.")
+
+
+def written(made: Prediction, path: Path) -> bytes:
+    """Return the samples in the form that a file name asks for."""
+    sink = io.BytesIO()
+    if path.suffix == ".csv":
+        pc.write_csv(samples(made), sink)
+    else:
+        pq.write_table(samples(made), sink, compression="zstd")
+    return sink.getvalue()

@@ -1,0 +1,101 @@
+"""modelgap predict: the torque of a model on logs, whole and edited."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.csv as pc
+import pyarrow.parquet as pq
+import pytest
+
+from benchmarks.export_parts.models import model_with, robot_of
+from flows.cli import main
+from residual.model.corrected import Corrected
+from residual.model.model import Model
+from residual.model.prediction import EDITED, WHOLE, predict
+from residual.recording import Recording
+from tests.residual.arms import smooth_motion
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A saved model, and the log of an arm that has all of it."""
+    monkeypatch.chdir(tmp_path)
+    robot = robot_of("irb140")
+    model = model_with(robot, "payload", "viscous", "spring")
+    t = np.arange(1500) / 250
+    q, qd, qdd = smooth_motion(robot, t)
+    tau = model.along(t, (q, qd, qdd))
+    heads = ["t", *(f"{c}{j}" for c in ("q", "tau") for j in range(1, 7))]
+    rows = np.column_stack([t, q, tau])
+    head = ",".join(heads)
+    np.savetxt("log.csv", rows, delimiter=",", header=head, comments="", fmt="%.10g")
+    model.save("model.json")
+    return model, Recording("log", robot.name, t, q, tau)
+
+
+def _errors(file):
+    return json.loads(file.read_text())["error"]
+
+
+def test_the_error_of_a_model_and_of_the_edited_one(place, tmp_path, capsys):
+    words = ["log.csv", "--model", "model.json", "--json", "e.json"]
+    assert main(["predict", *words]) == 0
+    whole = _errors(tmp_path / "e.json")
+    assert whole["overall_filtered"][WHOLE] < 0.5
+    assert EDITED not in whole["overall"]
+    assert main(["predict", *words, "--without", "payload", "spring"]) == 0
+    both = json.loads((tmp_path / "e.json").read_text())
+    assert both["without"] == ["payload", "spring"]
+    assert both["error"]["overall_filtered"][WHOLE] < 0.5
+    assert both["error"]["overall_filtered"][EDITED] > 5
+    told = capsys.readouterr().out
+    assert "Error in % of torque (log)" in told
+    assert "edited: Model(irb140: rigid body, viscous" in told
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_samples_are_those_of_the_model_in_python(place, tmp_path, form):
+    model, log = place
+    out = tmp_path / f"o.{form}"
+    words = ["log.csv", "--model", "model.json", "--without", "payload"]
+    assert main(["predict", *words, "--out", str(out)]) == 0
+    rows = pq.read_table(out) if form == "parquet" else pc.read_csv(out)
+    heads = [f"{c}{j}" for c in ("tau", "tau_model", "tau_edited") for j in range(1, 7)]
+    assert rows.column_names == ["log", "t", *heads]
+    for head, one in (("tau_model", model), ("tau_edited", model.without("payload"))):
+        got = np.column_stack([rows[f"{head}{j}"] for j in range(1, 7)])
+        np.testing.assert_allclose(got, one.predict(log), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("more", "word"),
+    [
+        (["--without", "stribeck"], "Valid: payload, spring, viscous"),
+        (["--without", "spring@x"], "expected NAME or NAME@JOINT"),
+        (["--without", "payload@2"], "no payload on joints [2]"),
+        (["--out", "o.txt"], "*.csv or *.parquet"),
+        (["--which", "nominal"], "--which chooses"),
+    ],
+)
+def test_what_cannot_be_done_is_said(place, capsys, more, word):
+    assert main(["predict", "log.csv", "--model", "model.json", *more]) == 2
+    assert word in capsys.readouterr().err
+    assert main(["predict", "--model", "model.json"]) == 2
+
+
+def test_without_tables_stay_and_a_joint_is_enough(place):
+    model, log = place
+    viscous = [replace(t, theta=t.theta + 1.0) for t in model.terms]
+    whole = Corrected(replace(model, terms=tuple(viscous)), ())
+    (joint,) = {
+        j + 1 for t in model.terms if t.effect.name == "viscous" for j in t.joints
+    }
+    made = predict(whole, [log], [("viscous", (joint,))])
+    assert isinstance(made.models[EDITED], Corrected)
+    edited = made.models[EDITED].model
+    assert isinstance(edited, Model)
+    assert [t.effect.name for t in edited.terms] == ["payload", "spring"]
+    assert made.errors[EDITED].overall("filtered") != made.errors[WHOLE].overall(
+        "filtered"
+    )

@@ -1,0 +1,94 @@
+"""Taken out again: a right cause leaves the arm as it was, dense least squares not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.diagnosis.edit.dense import dense_model, set_back
+from residual.diagnosis.edit.edits import baseline_edits, edited, errors_on, sealed_edit
+from residual.diagnosis.result import Place
+from residual.effects import registry
+from residual.errors import UnknownNameError
+from residual.model.nominal import prepare_logs, start_nominal
+from residual.model.term import Term
+from residual.robot.robot import load_robot
+from residual.signals.track import Filters
+from sim.records import Hidden
+from sim.synthetic.logs import LogPlan, make
+from sim.synthetic.plant import Plant
+
+LOAD = {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
+
+
+@pytest.fixture(scope="module")
+def world():
+    """Logs of an arm with a load and without, and its models: nominal, true, dense."""
+    robot = load_robot("irb140")
+    plan = [
+        LogPlan(f"fit_{f}", "fit", f, duration=10.0, rate=125.0)
+        for f in ("fourier", "cyclic")
+    ]
+    loaded, bare = (
+        make(Plant(robot, hidden, 3, scatter=0.0), tuple(plan), 3)
+        for hidden in ((Hidden("payload", (6,), LOAD),), ())
+    )
+    logs = prepare_logs(robot, loaded, None, Filters())
+    nominal = start_nominal(logs, tuple(robot.declared)).model
+    numbers = [LOAD.get(key, 0.0) for key in registry()["payload"].parameters]
+    theta, shape = registry()["payload"].from_values(np.array(numbers), robot)
+    load = Term(registry()["payload"], (5,), shape, theta)
+    augmented = replace(nominal, terms=(*nominal.terms, load))
+    models = {"nominal": nominal, "augmented": augmented}
+    return models | {"dense": dense_model(nominal, loaded)}, loaded, bare
+
+
+def test_dense_least_squares_fits_as_well_and_fails_the_edit(world):
+    models, loaded, bare = world
+    fitted = errors_on(models, loaded)
+    assert fitted["dense"] < 1.1 * fitted["augmented"]
+    edit = sealed_edit(Place("payload", (6,)), models, bare)
+    assert edit.error < 1.1 * errors_on(models, bare)["nominal"]
+    assert edit.least_squares > 3 * edit.error
+    assert edit.kept > 3 * edit.error
+    assert edit.reference is None
+
+
+def test_dense_parameters_go_back_by_what_stands_for_an_effect(world):
+    models, _, _ = world
+    dense, nominal = models["dense"], models["nominal"]
+    changed = dense.inertial != nominal.inertial
+    assert changed[-10:].any()
+    body = set_back(dense, nominal, Place("payload", (6,)))
+    np.testing.assert_array_equal(body.inertial[-10:], nominal.inertial[-10:])
+    np.testing.assert_array_equal(body.inertial[:-10], dense.inertial[:-10])
+    link = set_back(dense, nominal, Place("link_inertia", (2,)))
+    np.testing.assert_array_equal(link.inertial[10:20], nominal.inertial[10:20])
+    dry = set_back(dense, nominal, Place("coulomb", (3,)))
+    own = [t for t in dry.terms if t.effect.name == "coulomb" and t.joints == (2,)]
+    before = [t for t in nominal.terms if t.effect.name == "coulomb"][2]
+    assert own[0].theta == before.theta
+    assert set_back(dense, nominal, Place("spring", (3,))) is None
+
+
+def test_an_edit_takes_out_what_is_there(world):
+    models, _, _ = world
+    bare = edited(models["augmented"], [Place("payload", (6,))])
+    assert [t.effect.name for t in bare.terms] == [
+        t.effect.name for t in models["nominal"].terms
+    ]
+    with pytest.raises(UnknownNameError):
+        edited(models["augmented"], [Place("spring", (1,))])
+
+
+def test_against_a_baseline_all_that_was_found_goes(world):
+    models, _, bare = world
+    spring = Term(registry()["spring"], (1,), (), np.array([30.0, 0.0]))
+    wrong = replace(models["augmented"], terms=(*models["augmented"].terms, spring))
+    found = ([Place("payload", (6,))], [Place("spring", (2,))])
+    (edit,) = baseline_edits(
+        {"nominal": models["nominal"], "augmented": wrong}, models["dense"], found, bare
+    )
+    assert edit.error == pytest.approx(edit.reference, rel=0.01)
+    assert edit.least_squares > 3 * edit.error
+    assert edit.kept > 3 * edit.error
