@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 
 from residual.diagnosis.baseline.drift import drifted
 from residual.diagnosis.baseline.learn import from_baseline
+from residual.diagnosis.causes.edit.dense import dense_fit
+from residual.diagnosis.causes.edit.edits import baseline_edits
 from residual.diagnosis.conclude import Case, conclude
 from residual.diagnosis.doubt.angle_noise import noise_notes
 from residual.diagnosis.doubt.held_out import Verdicts, three_models, unproven
 from residual.diagnosis.doubt.impossible import contradictions
 from residual.diagnosis.doubt.standing import Standing, stand
 from residual.diagnosis.drift import Drift
-from residual.diagnosis.edit.dense import dense_fit
-from residual.diagnosis.edit.edits import baseline_edits
 from residual.diagnosis.examine import (
     Examined,
     Progress,

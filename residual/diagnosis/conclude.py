@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.alternative import LOAD, MOTION, Alternative, Place
-from residual.diagnosis.changes import changes
+from residual.diagnosis.causes.alternative import LOAD, MOTION, Alternative, Place
+from residual.diagnosis.causes.changes import changes
+from residual.diagnosis.causes.sets import rivals
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.doubt.held_out import Verdicts, judgement
 from residual.diagnosis.doubt.splits import Splits
@@ -26,7 +27,6 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from residual.diagnosis.sets import rivals
 from residual.evidence.priors import Space
 from residual.model.compare import Errors
 from residual.plain import plain

@@ -7,12 +7,12 @@ import numpy as np
 
 from residual.diagnosis.adequacy import Adequacy, adequacy, carried
 from residual.diagnosis.candidates import Candidates, every_candidate, renewed
+from residual.diagnosis.causes.sets import best_set
 from residual.diagnosis.doubt.curves_only import only_curves
 from residual.diagnosis.doubt.wrong_form import wrong_forms
 from residual.diagnosis.gate import Tested, passed, simplest
 from residual.diagnosis.prior_scale import Selection, select
 from residual.diagnosis.search import refined, search
-from residual.diagnosis.sets import best_set
 from residual.diagnosis.task import Rules, Task
 from residual.effects import registry
 from residual.evidence.background import learnt_tables, usual_background, with_tables

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from residual.check.report import CheckReport
-from residual.diagnosis.alternative import Alternative, Place
-from residual.diagnosis.change import Change
+from residual.diagnosis.causes.alternative import Alternative, Place
+from residual.diagnosis.causes.change import Change
+from residual.diagnosis.causes.edit.edits import Edit
 from residual.diagnosis.drift import Drift
-from residual.diagnosis.edit.edits import Edit
 from residual.diagnosis.leftover.remainder import Number, Unexplained
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected

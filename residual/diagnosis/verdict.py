@@ -8,10 +8,10 @@ from dataclasses import asdict
 
 from residual.check.report import CheckReport
 from residual.check.report import from_json as read_report
-from residual.diagnosis.alternative import Alternative
-from residual.diagnosis.change import Change
+from residual.diagnosis.causes.alternative import Alternative
+from residual.diagnosis.causes.change import Change
+from residual.diagnosis.causes.edit.edits import Edit
 from residual.diagnosis.drift import Drift
-from residual.diagnosis.edit.edits import Edit
 from residual.diagnosis.leftover.remainder import Dependence
 from residual.diagnosis.result import (
     Detectable,

@@ -47,7 +47,7 @@ def two_time_warmup(state: State, p: Values) -> Array:
 
 
 def leaning(load: Array, rate: float, p: Values) -> Array:
-    """Return half_gap tanh(load / a fiftieth of its rms): a reading that leans with its load.
+    """Return half_gap tanh(load / a fiftieth of its rms): a reading that leans.
 
     No flight across the play, and no stop.
     """

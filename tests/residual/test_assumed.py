@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis.changes import changes
+from residual.diagnosis.causes.changes import changes
 from residual.model.nominal import declared_names
 from residual.robot.robot import load_robot
 from sim.experiment import run_experiment

@@ -1,7 +1,8 @@
 """The edit test in words."""
 
+from residual.diagnosis.causes.edit.edits import Edit
+
 from flows.report.words.phrases import phrase, sentence_case
-from residual.diagnosis.edit.edits import Edit
 from residual.diagnosis.result import Place, Verdict
 from residual.quantity import known, percent
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from flows.report.words.phrases import count, joint_words, listing
-from residual.diagnosis.change import Change
+from residual.diagnosis.causes.change import Change
 from residual.diagnosis.result import Verdict
 from residual.quantity import known, measured, number, unit_text
 

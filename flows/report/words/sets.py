@@ -1,7 +1,7 @@
 """Other sets of effects that the logs cannot tell from the one named, in words."""
 
 from flows.report.words.phrases import listing, phrase
-from residual.diagnosis.alternative import LOAD, Alternative, Place
+from residual.diagnosis.causes.alternative import LOAD, Alternative, Place
 from residual.diagnosis.result import Verdict
 
 _SHOWN = 3

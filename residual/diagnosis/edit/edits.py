@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from residual.diagnosis.edit.dense import set_back
+from residual.diagnosis.causes.edit.dense import set_back
 from residual.model.compare import compare, prepare_held_out
 from residual.model.model import Model
 from residual.plain import plain

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from residual.diagnosis.change import Change
+from residual.diagnosis.causes.change import Change
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.uncertainty import between_logs, values_jacobian
 from residual.effects.base import Effect

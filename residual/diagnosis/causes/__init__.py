@@ -1,0 +1,1 @@
+"""What else may have done it, and what moved: values, sets, and the edit test."""
