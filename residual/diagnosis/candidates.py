@@ -11,7 +11,7 @@ from residual.diagnosis.habit import Habit
 from residual.effects import registry
 from residual.effects.base import Effect, Span
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, scaled_inverse
+from residual.evidence.fit import FEWEST_ROWS, Fit, scaled_inverse
 from residual.evidence.group import union
 from residual.evidence.priors import forbidden, priors
 from residual.model.nominal import Nominal
@@ -192,7 +192,18 @@ def every_candidate(
     given = nominal.kinds
     kept = [g for g in every.groups if not any(p.effect.name in given for p in g.parts)]
     every = replace(every, groups=tuple(kept))
-    return replace(every, habits=nominal.habits)
+    return replace(_on_live_joints(design, every), habits=nominal.habits)
+
+
+def _on_live_joints(design: Design, every: Candidates) -> Candidates:
+    """Without what sits on joints of which the logs say nothing; bodies are carried."""
+    dead = set(np.flatnonzero(design.rows < FEWEST_ROWS))
+    kept = (
+        g
+        for g in every.groups
+        if g.effect.portable.bodies is not None or not dead & set(g.joints)
+    )
+    return replace(every, groups=tuple(kept))
 
 
 def _of_one_drive(groups: Sequence[Group]) -> list[Group]:

@@ -187,6 +187,7 @@ def prepare_logs(
     """Prepare the signals of the fit logs; long ones in pieces, unless whole."""
     recordings = recordings if whole else in_pieces(recordings, filters.torque)
     tracks, floor = prepare(recordings, filters)
+    tracks = _without_dead(tracks)
     q = np.concatenate([t.q for t in tracks])
     qd = np.concatenate([t.qd for t in tracks])
     tau = np.concatenate([t.tau for t in tracks])
@@ -202,6 +203,14 @@ def prepare_logs(
     some = [recordings[i] for i in shown], [tracks[i] for i in shown]
     moved = shaken(*some, filters, floor)
     return Logs(robot, tracks, clock, span, floor, filters, moved)
+
+
+def _without_dead(tracks: tuple[Track, ...]) -> tuple[Track, ...]:
+    """Rows of joints that log no torque do not count: that is no torque of zero."""
+    alive = np.any([np.any(t.tau != 0, axis=0) for t in tracks], axis=0)
+    if alive.all():
+        return tracks
+    return tuple(replace(t, moving=t.moving & alive) for t in tracks)
 
 
 def start_nominal(logs: Logs, names: Sequence[str]) -> Nominal:
