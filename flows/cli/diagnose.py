@@ -17,7 +17,6 @@ from flows.say import say
 from flows.steps import diagnose as steps
 from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.verdict import to_json
-from residual.robot.robot import Robot
 
 
 def diagnose(
@@ -101,7 +100,7 @@ def diagnose(
     # Those of the logs were printed before the work.
     say(console, *found.notes[len(read.lines) :])
     text = json_text(to_json(found.verdict))
-    page = {"--report": _page(found, read.robot)} if report else {}
+    page = {"--report": _page(found)} if report else {}
     contents = {"--json": text} | page
     write_all({path: contents[option] for option, path in files.items()})
     print_diagnosis(found, console, verbose)
@@ -110,10 +109,8 @@ def diagnose(
         print(text, end="")
 
 
-def _page(found: Diagnosis, robot: Robot) -> str:
+def _page(found: Diagnosis) -> str:
     # Here, since who wants no page need not wait for a plotting library.
-    from flows.report.page.diagnosis import render
-    from flows.report.page.next import motion_chart
+    from flows.report.page.next import page_with_motion
 
-    motion = motion_chart(robot, found.verdict.next_experiment)
-    return render(found, found.verdict.robot, motion=motion)
+    return page_with_motion(found)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flows.report.page import diagnosis
 from flows.report.page.base import Tile, environment
 from flows.report.page.charts import Chart
 from flows.report.page.plots import as_uri, blank, figure_style, rule
@@ -12,6 +13,7 @@ from flows.report.words.next import case_words, from_one_another, same_words
 from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design
 from flows.steps.planning.suggest import apart_by_no_motion
+from residual.diagnosis.result import Diagnosis
 from residual.quantity import number, percent
 from residual.robot.robot import Robot
 from sim.records import Reference, TrajectorySpec
@@ -42,15 +44,21 @@ class Sheet:
     command: str
 
 
-def motion_chart(robot: Robot, plan: Mapping | None) -> Chart | None:
-    """Return the picture of the motion that a verdict proposes; None for none."""
-    if not plan:
+def page_with_motion(found: Diagnosis) -> str:
+    """Return the page of a diagnosis, with the motion that it proposes drawn."""
+    return diagnosis.render(found, found.verdict.robot, motion=motion_chart(found))
+
+
+def motion_chart(found: Diagnosis) -> Chart | None:
+    """Return the picture of the motion that a diagnosis proposes; None for none."""
+    plan, nominal = found.verdict.next_experiment, found.models.get("nominal")
+    if not plan or nominal is None:
         return None
     told = plan["parameters"]
     spec = TrajectorySpec.from_record(
         {"kind": plan["family"], "duration": plan["seconds"], **told}
     )
-    return angles_chart(make_reference(robot, spec, _RATE))
+    return angles_chart(make_reference(nominal.robot, spec, _RATE))
 
 
 def angles_chart(reference: Reference) -> Chart:

@@ -23,6 +23,7 @@ from flows.inputs.logs import is_run
 from flows.keep.diagnosis import read_verdict
 from flows.outputs import check_writable, json_text, read_files, write_all
 from flows.progress import Progress, progress_bar
+from flows.report.page.next import Sheet, render_sheet
 from flows.report.terminal.next import comparison, nothing_open, told
 from flows.report.words.verdict import sentences
 from flows.say import say
@@ -190,9 +191,6 @@ def _write(
 def _page(
     asked: Asked, made: Design, reference: Reference, program: Path | None
 ) -> str:
-    # Here, since who wants no page need not wait for a plotting library.
-    from flows.report.page.next import Sheet, render_sheet
-
     request = asked.request
     words = ["modelgap", "diagnose", *request.logs, "NEW_LOG", "--robot", request.robot]
     for option, more in (
