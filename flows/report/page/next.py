@@ -1,6 +1,6 @@
 """The next experiment as a page for who runs it, and its motion as a picture."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
