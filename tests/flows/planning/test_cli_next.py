@@ -38,7 +38,7 @@ def place(tmp_path_factory):
 def here(place, monkeypatch):
     monkeypatch.chdir(place)
     monkeypatch.setattr("flows.steps.planning.design.MANY", 4)
-    monkeypatch.setattr("flows.steps.planning.design._LOOKS", 30)
+    monkeypatch.setattr("flows.steps.planning.design._LOOKS", 70)
     return place
 
 
