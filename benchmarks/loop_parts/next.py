@@ -1,11 +1,11 @@
 """Does one designed experiment settle what a first verdict left open, and how soon?
 
-An arm in the physics engine hides one effect. Its first log is short and poor, so that
-the verdict names a class; arms whose class some motion can part are cases. The designed
-motion is run on the arm and all logs are diagnosed together. For the seconds, a random
-and a D-optimal Fourier motion of the same length and limits are run on the same arm,
-and the log Bayes factor that each log did bring between the truth and the rival that is
-nearest to it is followed along it, that of the first log included.
+An arm in the physics engine hides one effect. Its first log is short and moves little;
+arms whose verdict names a class of which some motion can part some are cases. The
+designed motion is run on the arm and all logs are diagnosed together. For the seconds,
+a random and a D-optimal Fourier motion of the same length and limits are run on the
+same arm, and the log Bayes factor that each log did bring between the truth and the
+rival that is nearest to it is followed along it, that of the first log included.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,15 +34,15 @@ from sim.experiment import run_experiment
 from sim.records import PlantEffect, PlantSpec, Rates, TrajectorySpec
 from sim.streams import stream
 from sim.trajectories import make_reference
-from sim.trajectories.fourier import arena, draw
+from sim.trajectories.fourier import arena, draw, shrunk
 from sim.trajectories.given import written
 
 SEEDS = range(9001, 9051)  # of the deciding run
-SECONDS, FIRST = 20.0, 8.0  # s, of an experiment, and of the first log
+SECONDS, FIRST = 20.0, 10.0  # s, of an experiment, and of the first log
+POOR = 0.25  # of the size that the limits allow: how far the first log moves the arm
 ENOUGH = 6.0  # nats
 SETTLED, FASTER_RANDOM, FASTER_D = 0.80, 3.0, 1.5
-_POOR = ("welding", "cyclic", "move_stop_move")
-_TRIES = 12  # arms drawn until the verdict of one is open
+_TRIES = 30  # arms drawn until the verdict of one is open
 _STEP = 0.5  # s
 DESIGNED, RANDOM, D_OPTIMAL = "designed", "random", "d_optimal"
 
@@ -84,7 +84,7 @@ def _row(seed: int) -> dict:
     made = design(case.search)
     motions = {
         DESIGNED: made.best.spec,
-        RANDOM: _random(seed),
+        RANDOM: _fourier(stream(seed, "random"), SECONDS, 1.0),
         D_OPTIMAL: TrajectorySpec("fourier", SECONDS, 2, derived_seed(seed, "d")),
     }
     logs = {name: _log(case.plant, spec, 60.0) for name, spec in motions.items()}
@@ -114,12 +114,13 @@ def _drawn(seed: int) -> Case | None:
         name = str(rng.choice(usual_effects()))
         effect = draw_hidden(robot, rng, name)
         plant = PlantSpec(effects=(effect,), seed=derived_seed(seed, f"plant/{number}"))
-        kind = _POOR[(seed + number) % len(_POOR)]
-        specs = [TrajectorySpec(kind, FIRST, 1, 2 * seed + i) for i in range(2)]
+        specs = [_fourier(rng, FIRST, POOR) for _ in range(2)]
         logs = tuple(_log(plant, s, 30.0 * i) for i, s in enumerate(specs))
         heard = Listener()
         found = close_the_loop(robot, logs[:1], held_out=logs[1:], inside=heard)
-        if heard.question is None or not heard.question.contests:
+        if heard.question is None or not found.effects:
+            continue
+        if not heard.question.contests:
             continue
         search = with_twins(Search(heard.question, robot, SECONDS, seed))
         if _can_be_parted(search):
@@ -178,7 +179,10 @@ def _lead(question: Question, pair: Pair, gram, products) -> float:
 
 
 def _pairs(search: Search, truth: Place) -> list[Pair]:
-    """Pairs of the truth, or of its twin, and a rival that can be told from it."""
+    """Pairs of the truth, or of its twin, and a rival that can be told from it.
+
+    Those that the first log has told apart already are left out.
+    """
     names = {truth, *_same(search, truth)}
     return [
         (c, a, b)
@@ -187,6 +191,7 @@ def _pairs(search: Search, truth: Place) -> list[Pair]:
         if contest.rivals[a].place in names
         and contest.rivals[b].place not in names
         and (c, a, b) not in search.twins
+        and contest.rivals[a].nats - contest.rivals[b].nats < ENOUGH
     ]
 
 
@@ -197,11 +202,11 @@ def _classes(found: Diagnosis) -> list:
     ]
 
 
-def _random(seed: int) -> TrajectorySpec:
-    """A random Fourier motion, as large as the limits let it, by its numbers."""
-    rng = stream(seed, "random")
-    place = arena(_robot(), SECONDS / 2)
-    return TrajectorySpec("fourier", SECONDS, 2, 0, written(draw(place, rng)))
+def _fourier(rng: np.random.Generator, seconds: float, size: float) -> TrajectorySpec:
+    """A random Fourier motion by its numbers, of a share of the size it may have."""
+    place = arena(_robot(), seconds / 2)
+    series = shrunk(draw(place, rng), size)
+    return TrajectorySpec("fourier", seconds, 2, 0, written(series))
 
 
 def _log(plant: PlantSpec, spec: TrajectorySpec, start: float) -> Recording:

@@ -1,6 +1,6 @@
 """The motion that answers a question best, and what the usual ones would do."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,14 +55,14 @@ class Design:
         best: The motion.
         chance: Chance that it settles the question.
         seconds: After how long of it every pair is expected to have enough [s]; None
-            where all of it is not enough.
+            where all of it is not enough, or nobody looked.
         compared: What others would do; empty for a hint.
     """
 
     search: Search
     best: Motion
     chance: float
-    seconds: float | None
+    seconds: float | None = None
     compared: tuple[Compared, ...] = ()
 
     @property
@@ -112,7 +112,8 @@ def design(search: Search, tell: Progress | None = None) -> Design:
     named = {RANDOM: usual, **others}
     compared = [_compared(search, name, m) for name, m in named.items() if m]
     tell("better motions", 1.0)
-    return _design(search, best, tuple(compared))
+    seconds = seconds_to(search, best)
+    return replace(_design(search, best), seconds=seconds, compared=tuple(compared))
 
 
 def _families(search: Search) -> dict[str, Motion | None]:
@@ -130,17 +131,9 @@ def _families(search: Search) -> dict[str, Motion | None]:
     return out
 
 
-def _design(
-    search: Search, best: Motion, compared: tuple[Compared, ...] = ()
-) -> Design:
-    question, rng = search.question, stream(search.seed, "next/chance")
-    return Design(
-        search,
-        best,
-        chance(question, best.gram, search.twins, rng),
-        seconds_to(search, best),
-        compared,
-    )
+def _design(search: Search, best: Motion) -> Design:
+    rng = stream(search.seed, "next/chance")
+    return Design(search, best, chance(search.question, best.gram, search.twins, rng))
 
 
 def _compared(search: Search, name: str, motion: Motion) -> Compared:
