@@ -3,8 +3,6 @@
 To be imported after `flows.settings.prepare_prefect`.
 """
 
-from pathlib import Path
-
 from prefect import flow
 from threadpoolctl import threadpool_limits
 
@@ -20,15 +18,14 @@ from residual.planning.outlook import HOPELESS
 
 
 @tasks.task(name="settle", task_run_name="settle {id}", tags=["simulation"])
-def settle(id: str, seconds: float, seed: int, store: str) -> list[str]:
+def settle(id: str, request: Next) -> list[str]:
     """Design the motion, run it, diagnose all logs; returns diagnosis and proof."""
     tell = surroundings().progress
-    request = Next(id, seconds=seconds, seed=seed, store=Path(store))
     asked = ask.ask(request, tell)
     if not asked.question.contests:
         raise InputError(f"Diagnosis {id} leaves nothing open.")
     with threadpool_limits(1, user_api="blas"):
-        wanted = Search(asked.question, asked.robot, seconds, seed)
+        wanted = Search(asked.question, asked.robot, request.seconds, request.seed)
         made = design(with_twins(wanted), tell)
     if made.best.seen.worth < HOPELESS:
         raise InputError(f"No motion tells apart what diagnosis {id} leaves open.")
@@ -39,12 +36,17 @@ def settle(id: str, seconds: float, seed: int, store: str) -> list[str]:
 
 @flow(name="next", flow_run_name="next {diagnosis}", timeout_seconds=6 * tasks.HOUR)
 def next_experiment(
-    diagnosis: str, seconds: float = 20.0, seed: int = 0, store: str | None = None
+    diagnosis: str,
+    want: str | None = None,
+    seconds: float = 20.0,
+    seed: int = 0,
+    store: str | None = None,
 ) -> str:
     """Run the motion that settles a diagnosis of simulated runs, and diagnose again.
 
     Args:
         diagnosis: Its id.
+        want: An effect that is to be seen, as "payload>=0.5"; None for what is open.
         seconds: Length of the motion [s].
         seed: Seed of the search.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
@@ -52,5 +54,6 @@ def next_experiment(
     Returns:
         The page of the new diagnosis.
     """
-    place = str(store_folder(store))
-    return tasks.report(settle(diagnosis, seconds, seed, place), place)
+    place = store_folder(store)
+    request = Next(diagnosis, want=want, seconds=seconds, seed=seed, store=place)
+    return tasks.report(settle(diagnosis, request), str(place))

@@ -75,7 +75,7 @@ def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:
         "confusable_pairs": outlook.confusable_pairs(verdict),
         "never": any(outlook.NEVER in row for row in sizes) and outlook.NEVER,
         "warnings": verdict.warnings,
-        "plan": following.next_words(verdict.next_experiment),
+        "plan": following.next_words(verdict),
         "notes": found.notes,
     }
 

@@ -209,7 +209,7 @@ def _warnings(found: Diagnosis, console: Console) -> None:
 
 
 def _next(found: Diagnosis, console: Console) -> None:
-    lines = following.next_words(found.verdict.next_experiment)
+    lines = following.next_words(found.verdict)
     if lines:
         _line(console, "\nNext experiment:", "bold")
     for line in lines:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from flows.report.words.phrases import listing, phrase
-from residual.diagnosis.result import Place
+from residual.diagnosis.result import Place, Verdict
 from residual.planning.question import NOTHING
 from residual.quantity import known, number, percent
 
@@ -14,15 +14,18 @@ _FAMILIES = {
     "move_stop_move": "a pick-and-place motion",
 }
 
+_OFFER = (
+    "modelgap next looks for a motion that tells apart what these logs cannot, and "
+    "says where none does"
+)
 
-def next_words(plan: Mapping | None) -> list[str]:
-    """Return what a verdict proposes, a sentence each.
 
-    Args:
-        plan: Its `next_experiment`; None for nothing.
-    """
+def next_words(verdict: Verdict) -> list[str]:
+    """Return what a verdict proposes, a sentence each; none where nothing is open."""
+    plan = verdict.next_experiment
     if not plan:
-        return []
+        alike = any(finding.equivalent for finding in verdict.effects)
+        return [_OFFER] if alike else []
     periods = plan["parameters"].get("periods")
     times = f" in {periods} periods" if periods else ""
     family = _FAMILIES.get(plan["family"], f"a motion of kind {plan['family']}")
