@@ -2,14 +2,17 @@
 
 An arm in the physics engine hides one effect. Its first log is short and moves little;
 arms whose verdict names a class of which some motion can part some are cases. The
-designed motion is run on the arm and all logs are diagnosed together. For the seconds,
-a random and a D-optimal Fourier motion of the same length and limits are run on the
-same arm, and the log Bayes factor that each log did bring between the truth and the
-rival that is nearest to it is followed along it, that of the first log included.
+designed motion is run on the arm and all logs are diagnosed together.
+
+For the seconds, a motion is designed for a quarter of that length, and goes on from
+there. A random and a D-optimal Fourier motion within the same limits are run on the
+same arm: as they are planned by default, and with periods as short as those of the
+design. The log Bayes factor that each log did bring between the truth and the rival
+that is nearest to it is followed along it, that of the first log included.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -38,13 +41,15 @@ from sim.trajectories.fourier import arena, draw, shrunk
 from sim.trajectories.given import written
 
 SEEDS = range(9001, 9051)  # of the deciding run
-SECONDS, FIRST = 20.0, 10.0  # s, of an experiment, and of the first log
+SECONDS, SHORT, FIRST = 20.0, 5.0, 10.0  # s, of an experiment, and of the first log
 POOR = 0.25  # of the size that the limits allow: how far the first log moves the arm
 ENOUGH = 6.0  # nats
+_LATER = 60.0  # s from the beginning of the first log to the experiment
 SETTLED, FASTER_RANDOM, FASTER_D = 0.80, 3.0, 1.5
 _TRIES = 30  # arms drawn until the verdict of one is open
-_STEP = 0.5  # s
+_STEP = 0.1  # s
 DESIGNED, RANDOM, D_OPTIMAL = "designed", "random", "d_optimal"
+FAST_RANDOM, FAST_D = "random of short periods", "d_optimal of short periods"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -82,14 +87,9 @@ def _row(seed: int) -> dict:
         tuple(reported_joints(case.effect.name, case.effect.joints, _robot().dof)),
     )
     made = design(case.search)
-    motions = {
-        DESIGNED: made.best.spec,
-        RANDOM: _fourier(stream(seed, "random"), SECONDS, 1.0),
-        D_OPTIMAL: TrajectorySpec("fourier", SECONDS, 2, derived_seed(seed, "d")),
-    }
-    logs = {name: _log(case.plant, spec, 60.0) for name, spec in motions.items()}
-    fit = (case.logs[0], logs[DESIGNED])
+    fit = (case.logs[0], _log(case.plant, made.best.spec, _LATER))
     after = close_the_loop(_robot(), fit, held_out=case.logs[1:])
+    logs = {k: _log(case.plant, m, _LATER) for k, m in _motions(case, seed).items()}
     return {
         "seed": seed,
         "open": True,
@@ -104,6 +104,23 @@ def _row(seed: int) -> dict:
         "family": made.best.spec.kind,
         "worth": {c.name: c.nats for c in made.compared},
         "seconds": {n: _seconds(case.search, truth, log) for n, log in logs.items()},
+    }
+
+
+def _motions(case: Case, seed: int) -> dict[str, TrajectorySpec]:
+    """The motions that are followed, all of one length."""
+    short = design(replace(case.search, seconds=SHORT)).best.spec
+    times = round(SECONDS / SHORT)
+    if short.coefficients:
+        short = replace(short, duration=SECONDS, periods=times * short.periods)
+    fast = short.periods if short.coefficients else times
+    chance, best = stream(seed, "random"), derived_seed(seed, "d")
+    return {
+        DESIGNED: short,
+        RANDOM: _fourier(chance, SECONDS, 1.0),
+        FAST_RANDOM: _fourier(chance, SECONDS, 1.0, fast),
+        D_OPTIMAL: TrajectorySpec("fourier", SECONDS, 2, best),
+        FAST_D: TrajectorySpec("fourier", SECONDS, fast, best),
     }
 
 
@@ -202,11 +219,12 @@ def _classes(found: Diagnosis) -> list:
     ]
 
 
-def _fourier(rng: np.random.Generator, seconds: float, size: float) -> TrajectorySpec:
+def _fourier(
+    rng: np.random.Generator, seconds: float, size: float, periods: int = 2
+) -> TrajectorySpec:
     """A random Fourier motion by its numbers, of a share of the size it may have."""
-    place = arena(_robot(), seconds / 2)
-    series = shrunk(draw(place, rng), size)
-    return TrajectorySpec("fourier", seconds, 2, 0, written(series))
+    series = shrunk(draw(arena(_robot(), seconds / periods), rng), size)
+    return TrajectorySpec("fourier", seconds, periods, 0, written(series))
 
 
 def _log(plant: PlantSpec, spec: TrajectorySpec, start: float) -> Recording:
@@ -239,6 +257,8 @@ def next_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
         "next_settled": entry,
         "next_random_over_designed": _ratio(done, RANDOM, FASTER_RANDOM),
         "next_d_optimal_over_designed": _ratio(done, D_OPTIMAL, FASTER_D),
+        "next_random_of_short_periods": _ratio(done, FAST_RANDOM, None),
+        "next_d_optimal_of_short_periods": _ratio(done, FAST_D, None),
         "next_chance_said": figure(
             float(np.mean([r["chance"] for r in done])) if done else None,
             None,
@@ -252,7 +272,7 @@ def next_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
     return {k: v | {"ok": None, "why": v.get("why", FEW)} for k, v in figures.items()}
 
 
-def _ratio(rows: Sequence[Mapping], name: str, bar: float) -> dict:
+def _ratio(rows: Sequence[Mapping], name: str, bar: float | None) -> dict:
     """Median seconds of a usual motion over those of the designed one.
 
     A motion that never has enough counts with its length: the ratio is a least one.
@@ -264,4 +284,6 @@ def _ratio(rows: Sequence[Mapping], name: str, bar: float) -> dict:
     value = theirs / ours
     never = sum(s[name] >= SECONDS for s in told)
     entry = figure(value, bar, len(told), medians=[ours, theirs], never=never)
+    if bar is None:
+        return entry | {"why": "beside those with a bar"}
     return entry | {"ok": value >= bar, "at_least": True}
