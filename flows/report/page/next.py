@@ -14,7 +14,7 @@ from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design
 from flows.steps.planning.suggest import apart_by_no_motion
 from residual.diagnosis.result import Diagnosis
-from residual.quantity import number, percent
+from residual.quantity import number, probability
 from residual.robot.robot import Robot
 from sim.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
@@ -117,7 +117,7 @@ def _tiles(made: Design) -> list[Tile]:
     after = "–" if made.seconds is None else f"{made.seconds:.1f} s"
     return [
         Tile("Expected", f"{number(made.best.seen.least)} nats", "least of all pairs"),
-        Tile("Chance", percent(100 * made.chance), "that it settles the question"),
+        Tile("Chance", probability(made.chance), "that it settles the question"),
         Tile("Enough after", after, "on average"),
     ]
 

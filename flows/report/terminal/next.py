@@ -12,7 +12,7 @@ from flows.report.words.next import (
 from flows.steps.planning.design import Design
 from flows.steps.planning.suggest import apart_by_no_motion
 from residual.planning.question import Question
-from residual.quantity import number, percent
+from residual.quantity import number, probability
 
 
 def told(made: Design) -> list[str]:
@@ -27,7 +27,7 @@ def told(made: Design) -> list[str]:
         f"periods, to tell {from_one_another(made.rivals)}",
         f"expected evidence: {number(seen.least)} nats between the two that are "
         f"nearest; {after} on average",
-        f"chance that it settles the question: {percent(100 * made.chance)}",
+        f"chance that it settles the question: {probability(made.chance)}",
         *same_words(same),
         *case_words(cases),
         "range, speed, acceleration, torque, floor and self-collision checked between "

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from flows.report.words.phrases import listing, phrase
 from residual.diagnosis.result import Place, Verdict
 from residual.planning.question import NOTHING
-from residual.quantity import known, number, percent
+from residual.quantity import known, number, probability
 
 _FAMILIES = {
     "fourier": "a Fourier motion",
@@ -39,7 +39,7 @@ def next_words(verdict: Verdict) -> list[str]:
             f"{number(plan['expected_nats'])} nats"
         )
     if known(plan["chance"]):
-        sure = percent(100 * plan["chance"])
+        sure = probability(plan["chance"])
         out.append(f"chance that it settles the question: {sure}")
     if plan["program"]:
         out.append(f"program for the controller: {plan['program']}")

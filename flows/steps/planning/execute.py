@@ -1,7 +1,7 @@
 """A designed motion on the simulated arm of some runs, and all logs diagnosed."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from flows.progress import Progress
@@ -58,13 +58,7 @@ def next_spec(store: Path, request: Diagnose, motion: TrajectorySpec) -> Experim
     word = robot_word(store, first["robot"], first.get("robot_hash"))
     spec = spec_of({**first, "robot": word}, open_seal(store, ids[0]).spec)
     ends = [m["spec"]["start"] + m["spec"]["trajectory"]["duration"] for m in manifests]
-    table = TrajectoryTable(
-        kind=motion.kind,
-        duration=motion.duration,
-        periods=motion.periods,
-        seed=motion.seed,
-        coefficients=motion.coefficients,
-    )
+    table = TrajectoryTable.model_validate(asdict(motion))
     return spec.model_copy(update={"trajectory": table, "start": max(ends) + PAUSE})
 
 

@@ -11,7 +11,6 @@ from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named
 from residual.diagnosis.result import Diagnosis, Place
 from residual.evidence.fit import Fit
-from residual.plain import plain
 from residual.planning.gather import open_question
 from residual.planning.outlook import HOPELESS, Pair
 from residual.planning.question import Question
@@ -66,20 +65,20 @@ def document(made: Design, program: str | None) -> dict:
         program: File with the motion for a controller; None where none is written.
     """
     spec = made.best.spec
-    shown = {"periods": spec.periods, "seed": spec.seed}
+    shown: dict = {"periods": spec.periods}
     if spec.coefficients:
-        shown = {"periods": spec.periods, "coefficients": spec.coefficients}
-    return plain(
-        {
-            "rivals": [{"name": p.name, "joints": p.joints} for p in made.rivals],
-            "family": spec.kind,
-            "parameters": shown,
-            "seconds": spec.duration,
-            "expected_nats": round(made.best.seen.least, 3),
-            "chance": round(made.chance, 3),
-            "program": program,
-        }
-    )
+        shown["coefficients"] = [list(row) for row in spec.coefficients]
+    else:
+        shown["seed"] = spec.seed
+    return {
+        "rivals": [{"name": p.name, "joints": list(p.joints)} for p in made.rivals],
+        "family": spec.kind,
+        "parameters": shown,
+        "seconds": spec.duration,
+        "expected_nats": round(made.best.seen.least, 3),
+        "chance": round(made.chance, 3),
+        "program": program,
+    }
 
 
 def apart_by_no_motion(
