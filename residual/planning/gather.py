@@ -185,7 +185,11 @@ def _signals(basis: Basis) -> Signals:
 
 
 def _strongest(examined: Examined, fitted: Fit, joint: int) -> list[Group]:
-    """The candidates with the most evidence on a joint, one shape of each."""
+    """The candidates with the most evidence on a joint, one shape of each.
+
+    None that has no evidence beyond its price: where nothing speaks for a candidate, no
+    motion could choose among them.
+    """
     task = examined.task
     dof = task.design.dof
     groups = [
@@ -193,10 +197,13 @@ def _strongest(examined: Examined, fitted: Fit, joint: int) -> list[Group]:
         for g in task.candidates.groups
         if not g.parts and joint in g.effect.rows(g.joints, dof)
     ]
-    values = screen(task.design, task.prior, fitted, groups)
+    price = np.array([task.candidates.cost(g) for g in groups])
+    net = screen(task.design, task.prior, fitted, groups) - price
     chosen: dict[tuple, Group] = {}
     known = {g.key for g in fitted.members}
-    for i in np.argsort([task.candidates.cost(g) for g in groups] - values):
-        if groups[i].key not in known and len(chosen) < CANDIDATES:
+    for i in np.argsort(-net):
+        if net[i] <= 0 or len(chosen) == CANDIDATES:
+            break
+        if groups[i].key not in known:
             chosen.setdefault(groups[i].key, groups[i])
     return list(chosen.values())

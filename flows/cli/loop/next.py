@@ -130,7 +130,7 @@ def next_(
         said = sentences(asked.found.verdict)[0]
         say(console, f"Warning: these logs say another thing than {verdict}: {said}")
     if made is None or made.best.seen.worth < HOPELESS:
-        say(console, *nothing_open(asked.question, made))
+        say(console, *nothing_open(asked, made))
         return
     reference = make_reference(asked.robot, made.best.spec, rate)
     filled = _filled(asked, made, out)

@@ -9,9 +9,10 @@ from flows.report.words.next import (
     in_words,
     same_words,
 )
+from flows.report.words.phrases import joint_words
+from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design
 from flows.steps.planning.suggest import apart_by_no_motion
-from residual.planning.question import Question
 from residual.quantity import number, probability
 
 
@@ -48,13 +49,20 @@ def comparison(made: Design) -> Table:
     return table
 
 
-def nothing_open(question: Question, made: Design | None) -> list[str]:
+def nothing_open(asked: Asked, made: Design | None) -> list[str]:
     """Return why there is no experiment to propose.
 
     Args:
-        question: What was asked.
+        asked: The verdict, and what it leaves open.
         made: The best motion, which promises nothing; None where nothing was asked.
     """
+    question, left = asked.question, asked.found.verdict.unexplained.joints
+    if made is None and left:
+        return [
+            f"{joint_words(left)}: more remains than noise, and nothing speaks for any "
+            "candidate there, so no motion could choose among them. The page of the "
+            "diagnosis shows what it depends on."
+        ]
     if made is None:
         return [
             "nothing is open: no finding has an equivalent, and no joint keeps more "

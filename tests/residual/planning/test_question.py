@@ -1,11 +1,16 @@
 """What a diagnosis leaves open, and what motions say to that."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from residual.close import close_the_loop
 from residual.diagnosis.result import Place
 from residual.errors import InputError, UnknownNameError
+from residual.planning import gather
 from residual.planning.columns import growing_grams, logged_products, planned_gram
+from residual.planning.gather import open_question
 from residual.planning.outlook import outlook, structural_twins
 from residual.planning.question import NOTHING
 from residual.planning.wish import Wish, parse_wish
@@ -126,3 +131,24 @@ def test_wishes_are_read_or_refused():
 def test_a_wish_that_cannot_be_says_why():
     with pytest.raises(InputError, match="no candidate on joint 9"):
         asked("spring", 2, "stribeck@9>=3")
+
+
+def test_a_candidate_without_evidence_is_no_rival_of_nothing(monkeypatch):
+    """A joint is doubted, and nothing speaks for any candidate there."""
+    robot, (fit, proof) = logs("spring", 2)
+    heard = []
+
+    def inside(examined, fitted, named):
+        doubted = replace(examined, adequacy=replace(examined.adequacy, doubted=(2,)))
+        plain = examined.plain
+        heard.append(open_question(doubted, plain, []))
+        monkeypatch.setattr(gather, "screen", lambda *words: np.zeros(len(words[3])))
+        heard.append(open_question(doubted, plain, []))
+
+    close_the_loop(robot, [fit], held_out=[proof], inside=inside)
+    found, none = heard
+    (contest,) = found.contests
+    assert contest.rivals[-1].place == NOTHING
+    assert {"spring", "balancer"} & {r.place.name for r in contest.rivals}
+    assert len(contest.rivals) <= 1 + gather.CANDIDATES
+    assert none.contests == ()
