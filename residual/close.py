@@ -4,7 +4,7 @@ residual -> undeclared effect -> augmented model -> error before and after on mo
 that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PLSR).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from residual.diagnosis.baseline.drift import drifted
@@ -22,7 +22,7 @@ from residual.diagnosis.examine import (
     Progress,
     examine,
 )
-from residual.diagnosis.findings import clouds
+from residual.diagnosis.findings import Named, clouds
 from residual.diagnosis.fold import folded
 from residual.diagnosis.leftover.examine import Remains, examine_leftover
 from residual.diagnosis.null_key import key_of
@@ -40,6 +40,9 @@ from residual.robot.robot import Robot
 from residual.signals.split import hold_out_end, session_clock
 from residual.signals.track import Filters
 
+# The diagnosis, the fit of exactly what is named, and the findings.
+Inside = Callable[[Examined, Fit, Sequence[Named]], None]
+
 
 def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     robot: Robot,
@@ -49,6 +52,7 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     declared: Sequence[str] | None = None,
     progress: Progress | None = None,
     null: Null | Sequence[Null] | None = None,
+    inside: Inside | None = None,
 ) -> Diagnosis:
     """Find what a robot's model lacks, add it, and prove it on held-out motion.
 
@@ -61,6 +65,7 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
         declared: Effects that the model has; None for the robot's own list.
         progress: Told the stage and the share done.
         null: The calibrated null to go by, or several to choose a fitting one from.
+        inside: Shown what the search knows, before it is let go.
 
     Raises:
         InputError: If a log does not belong to the robot, an effect is unknown, or the
@@ -82,7 +87,8 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     if null:
         rules = replace(rules, threshold=null.threshold(rules.threshold))
     examined = examine(logs, nominal, rules, tell)
-    found = _prove(examined, _Asked(fit, baseline, held_out, same_run, null, tell))
+    asked = _Asked(fit, baseline, held_out, same_run, null, tell, inside)
+    found = _prove(examined, asked)
     tell("proof", 1.0)
     return found
 
@@ -97,6 +103,7 @@ class _Asked:
     same_run: bool
     null: Null | None
     tell: Progress
+    inside: Inside | None
 
 
 def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
@@ -107,6 +114,8 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
     examined, judged = standing.examined, standing.judged
     models, left = _models(examined, judged)
     listed, usual = folded(examined, standing.named)
+    if asked.inside:
+        asked.inside(examined, judged.fit, listed)
     drift, least = _drift(examined, judged.fit, asked)
     errors, proofs = compare(models, proof, examined.logs.filters)
     case = Case(

@@ -45,12 +45,26 @@ class TrajectorySpec:
         duration: Length [s].
         periods: Repetitions within the duration.
         seed: Seed of whatever the family draws.
+        coefficients: Of a Fourier motion that is given and not searched for: its centre
+            [rad], then the eight coefficients of every joint that rest at its ends
+            leaves free; a row has dof entries. Empty to search.
     """
 
     kind: str = "fourier"
     duration: float = 20.0
     periods: int = 2
     seed: int = 0
+    coefficients: tuple[tuple[float, ...], ...] = ()
+
+    @classmethod
+    def from_record(cls, record: Mapping) -> "TrajectorySpec":
+        """Return the reference of a record, whose lists are tuples again.
+
+        Raises:
+            TypeError: If it has another key, or a value of another kind.
+        """
+        rows = tuple(tuple(row) for row in record.get("coefficients", ()))
+        return cls(**{**record, "coefficients": rows})
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,6 +35,7 @@ _COMMANDS = {
     "First steps": {
         "demo": ("demo:demo", None),
         "diagnose": ("diagnose:diagnose", _LOGS),
+        "next": ("loop.next:next_", "VERDICT.json|ID [LOG...]"),
     },
     "Your logs": {
         "check": ("check:check", _LOGS),

@@ -111,6 +111,6 @@ def diagnose(
 
 def _page(found: Diagnosis) -> str:
     # Here, since who wants no page need not wait for a plotting library.
-    from flows.report.page.diagnosis import render
+    from flows.report.page.next import page_with_motion
 
-    return render(found, found.verdict.robot)
+    return page_with_motion(found)

@@ -10,6 +10,7 @@ from flows.inputs.robots import load
 from flows.keep.diagnosis import read_outcome, store_report
 from flows.outputs import json_text
 from flows.report.page.diagnosis import render
+from flows.report.page.next import motion_chart
 from flows.report.words.staged import Hidden, Staged
 from flows.report.words.verdict import sentences
 from residual.diagnosis.verdict import to_json
@@ -41,7 +42,7 @@ def diagnosis_page(
     found = read_outcome(store, ids[1])
     robot = found.verdict.robot
     contents = {
-        "report.html": render(found, robot, staged).encode(),
+        "report.html": render(found, robot, staged, motion_chart(found)).encode(),
         "verdict.json": json_text(to_json(found.verdict)).encode(),
         **(files or {}),
     }

@@ -26,6 +26,7 @@ from warehouse.toml import checked, read_toml
 # Strict: TOML has types, so "7" for 7 or true for 1 is a slip and not a wish. Lists
 # are the only arrays that TOML has.
 _List = BeforeValidator(lambda v: tuple(v) if isinstance(v, list) else v)
+_Row = Annotated[tuple[Annotated[float, Field(allow_inf_nan=False)], ...], _List]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -38,12 +39,16 @@ class Table(BaseModel):
 
 
 class TrajectoryTable(Table):
-    """[trajectory]: what the arm is asked to do; without a seed one is derived."""
+    """[trajectory]: what the arm is asked to do; without a seed one is derived.
+
+    `coefficients` are those of a Fourier motion that is not searched for.
+    """
 
     kind: Literal["fourier", "cyclic", "move_stop_move", "welding"] = "fourier"
     duration: Annotated[Positive, Field(le=600)] = 20.0
     periods: Annotated[int, Field(ge=1, le=100)] = 2
     seed: Seed | None = None
+    coefficients: Annotated[tuple[_Row, ...], _List] = ()
 
 
 class NoiseTable(Table):
@@ -123,7 +128,9 @@ class ExperimentSpec(Table):
         seed = table.seed
         if seed is None:
             seed = derived_seed(self.seed, "reference")
-        return TrajectorySpec(table.kind, table.duration, table.periods, seed)
+        return TrajectorySpec(
+            table.kind, table.duration, table.periods, seed, table.coefficients
+        )
 
     def log_rates(self) -> Rates:
         """Rates of controller and log."""

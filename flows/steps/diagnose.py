@@ -14,7 +14,8 @@ from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.check import checked
-from residual.close import close_the_loop
+from flows.steps.planning.suggest import Listener, suggested
+from residual.close import Inside, close_the_loop
 from residual.diagnosis.result import Diagnosis
 from residual.trust import with_check
 from warehouse.runs import read_run
@@ -41,12 +42,31 @@ def read_logs(request: Diagnose) -> LogSets:
 def diagnose(
     request: Diagnose, logs: LogSets, progress: Progress | None = None
 ) -> Diagnosis:
-    """Find what the model lacks.
+    """Find what the model lacks, and where that is left open, what to do next.
 
     Args:
         request: What is wanted.
         logs: The logs (`read_logs`).
         progress: Told the stage and the share done.
+
+    Raises:
+        InputError: If the logs are not usable together, or a fault of them is certain.
+    """
+    heard = Listener()
+    found = diagnose_heard(request, logs, progress, heard)
+    return suggested(found, heard.question, logs.robot)
+
+
+def diagnose_heard(
+    request: Diagnose, logs: LogSets, progress: Progress | None, inside: Inside
+) -> Diagnosis:
+    """Find what the model lacks, and show what the search knows.
+
+    Args:
+        request: What is wanted.
+        logs: The logs (`read_logs`).
+        progress: Told the stage and the share done.
+        inside: Shown what the search knows, before it is let go.
 
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
@@ -65,9 +85,27 @@ def diagnose(
             declared=request.declared,
             progress=progress,
             null=nulls[0] if wanted and nulls else nulls,
+            inside=inside,
         )
     logs = replace(logs, warnings=(*logs.warnings, *outdated))
     return _with_reading(with_check(found, report), logs)
+
+
+def runs_of(request: Diagnose) -> LogSets:
+    """Read runs of the store; nothing but them is read.
+
+    Args:
+        request: What is wanted; its logs are ids of runs.
+
+    Raises:
+        InputError: If a run is not there or does not belong to the robot.
+    """
+    store, robot = store_folder(request.store), load(request.robot)
+    sets = {
+        role: tuple(read_run(store, id) for id in getattr(request, name))
+        for role, name in _ROLES.items()
+    }
+    return LogSets(robot, **sets)
 
 
 def diagnose_runs(
@@ -87,13 +125,12 @@ def diagnose_runs(
     Raises:
         InputError: If a run is not there or does not belong to the robot.
     """
-    store, robot = store_folder(request.store), load(request.robot)
+    logs = runs_of(request)
+    found = diagnose(request, logs, progress)
+    asked = request.to_record() | {"robot_hash": logs.robot.content_hash}
     ids = {role: list(getattr(request, name)) for role, name in _ROLES.items()}
-    runs = {role: tuple(read_run(store, id) for id in ids[role]) for role in ids}
-    found = diagnose(request, LogSets(robot, **runs), progress)
-    asked = request.to_record() | {"robot_hash": robot.content_hash}
     parents = {role: names for role, names in ids.items() if names}
-    return store_outcome(store, found, parents, asked)
+    return store_outcome(store_folder(request.store), found, parents, asked)
 
 
 def request_of(runs: Mapping[str, Sequence[str]], store: Path) -> Diagnose:

@@ -167,11 +167,22 @@ def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
         "schema": spec.schema_,
         "robot": {"name": robot.name, "content_hash": robot.content_hash},
         "declared": sorted(robot.declared),
-        "trajectory": asdict(reference),
+        "trajectory": _motion(reference),
         "seed": reference.seed,
         "start": spec.start,
         "rates": asdict(spec.log_rates()),
     }
+
+
+def _motion(reference: TrajectorySpec) -> dict:
+    """Return a reference as its record has it: coefficients only where some are given.
+
+    So that a motion that is searched for has the id that it always had.
+    """
+    known = asdict(reference)
+    if not reference.coefficients:
+        del known["coefficients"]
+    return known
 
 
 def sealed_half(spec: ExperimentSpec) -> dict:

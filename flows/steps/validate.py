@@ -210,7 +210,8 @@ def _reference(robot: Robot, manifest: Mapping) -> Reference:
     """Make the reference of a run once more, at the rate of the controller."""
     spec = manifest["spec"]
     try:
-        wanted, rate = TrajectorySpec(**spec["trajectory"]), spec["rates"]["control"]
+        wanted = TrajectorySpec.from_record(spec["trajectory"])
+        rate = spec["rates"]["control"]
     except (KeyError, TypeError) as error:
         raise InputError(
             "The record of the run does not say which reference it had, expected "

@@ -63,6 +63,12 @@ def harmonics(free: Array) -> tuple[Array, Array]:
     return _BALANCED @ free[:half] / _ORDER, _BALANCED @ free[half:] / _ORDER**2
 
 
+def free_of(series: Series) -> Array:
+    """Return what `harmonics` made a series of. Shape (8, dof)."""
+    first, second = series.sine * _ORDER, series.cosine * _ORDER**2
+    return np.vstack([_BALANCED.T @ first, _BALANCED.T @ second])
+
+
 def sampled(series: Series, t: Array) -> tuple[Array, Array, Array]:
     """Return positions, velocities and accelerations of a series. Shapes (n, dof)."""
     q, qd, qdd = (derivative(series, t, d) for d in range(3))
@@ -134,8 +140,13 @@ def shrunk(series: Series, scale: Array | float) -> Series:
     return replace(series, sine=scale * series.sine, cosine=scale * series.cosine)
 
 
-def fit_in(place: Arena, series: Series) -> Series | None:
+def fit_in(place: Arena, series: Series, roughly: bool = False) -> Series | None:
     """Make a motion so much smaller that it keeps all limits, those of bodies too.
+
+    Args:
+        place: Robot, limits and period.
+        series: The motion.
+        roughly: Look at torque and clearance at few times only: to compare motions.
 
     Returns:
         The motion; None if little would be left of it.
@@ -145,7 +156,9 @@ def fit_in(place: Arena, series: Series) -> Series | None:
     while size > _LEAST:
         smaller = shrunk(series, size)
         # Few samples tell most of what is wrong; all of them are needed for a yes.
-        if _free(place, smaller, t[::_FEW], False) and _free(place, smaller, t, True):
+        if _free(place, smaller, t[::_FEW], False) and (
+            roughly or _free(place, smaller, t, True)
+        ):
             return smaller
         size *= _SHRINK
     return None

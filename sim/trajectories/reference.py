@@ -12,6 +12,7 @@ from sim.records import Reference, TrajectorySpec
 from sim.streams import stream
 from sim.trajectories.cyclic import RAMP, plan_cyclic
 from sim.trajectories.fourier import arena, draw, sampled
+from sim.trajectories.given import given
 from sim.trajectories.move_stop_move import plan_move_stop_move
 from sim.trajectories.plan import Plan, check, even
 from sim.trajectories.search import optimise
@@ -82,7 +83,10 @@ def _plan_fourier(
 ) -> Plan:
     period = spec.duration / spec.periods
     place = arena(robot, period)
-    series = optimise(place, rng) if optimised else draw(place, rng)
+    if spec.coefficients:
+        series = given(spec.coefficients, robot.dof, period)
+    else:
+        series = optimise(place, rng) if optimised else draw(place, rng)
     plan = Plan("fourier", lambda t: sampled(series, t), spec.duration, period, period)
     check(robot, plan)
     return plan
@@ -94,6 +98,10 @@ def _check_spec(spec: TrajectorySpec) -> None:
         raise InputError(f"duration must be above 0 s, got {spec.duration:g}.")
     if spec.periods < 1:
         raise InputError(f"periods must be 1 or more, got {spec.periods}.")
+    if spec.coefficients and spec.kind != "fourier":
+        raise InputError(
+            f"{spec.kind} has no coefficients; leave them out, or use kind fourier."
+        )
     if spec.seed < 0:
         raise InputError(f"seed must be 0 or more, got {spec.seed}.")
     ramps = 2 * RAMP if spec.kind == "cyclic" else 0.0

@@ -84,7 +84,7 @@ def calls(monkeypatch):
     def print_diagnosis(found, console, verbose=False):
         console.print(f"verdict {found.verdict.verdict}")
 
-    def render(outcome, robot_name):
+    def render(outcome, robot_name, motion=None):
         return f"<html>{robot_name} {outcome.notes}</html>"
 
     monkeypatch.setattr("flows.steps.diagnose.close_the_loop", close_the_loop)

@@ -213,10 +213,16 @@ def several() -> Diagnosis:
     result["declared"] = []
     result["minimum_detectable"] = detectable()
     result["next_experiment"] = {
-        "purpose": "tell the offset from the asymmetry on joint 4",
-        "motion": "cyclic",
-        "joints": [4],
+        "rivals": [
+            {"name": "offset", "joints": [4]},
+            {"name": "balancer", "joints": [4]},
+        ],
+        "family": "cyclic",
+        "parameters": {"periods": 2, "seed": 3},
+        "seconds": 20.0,
         "expected_nats": 14.2,
+        "chance": 0.93,
+        "program": None,
     }
     levels = COULOMB_ALL["parameters"]["level"]["value"]
     clouds = [

@@ -5,6 +5,7 @@ from typing import Any
 from flows.report.page import charts
 from flows.report.page.base import Tile, environment
 from flows.report.words import given, outlook, rows
+from flows.report.words import next as following
 from flows.report.words import verdict as words
 from flows.report.words.edit import baseline_sentences
 from flows.report.words.phrases import sentence_case
@@ -16,19 +17,26 @@ from residual.diagnosis.result import STAGES, Diagnosis, Verdict
 from residual.quantity import known
 
 
-def render(found: Diagnosis, robot_name: str, staged: Staged | None = None) -> str:
+def render(
+    found: Diagnosis,
+    robot_name: str,
+    staged: Staged | None = None,
+    motion: charts.Chart | None = None,
+) -> str:
     """Return the report page.
 
     Args:
         found: The diagnosis.
         robot_name: Robot as the reader calls it.
         staged: Picture and truth of an experiment of our own.
+        motion: Picture of the motion that is proposed.
 
     Returns:
         One self-contained HTML document; the same diagnosis gives the same bytes.
     """
     page = environment().get_template("page.html")
-    return page.render(_context(found, robot_name), staged=staged)
+    context = _context(found, robot_name)
+    return page.render(context, staged=staged, motion=motion)
 
 
 def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:
@@ -67,7 +75,7 @@ def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:
         "confusable_pairs": outlook.confusable_pairs(verdict),
         "never": any(outlook.NEVER in row for row in sizes) and outlook.NEVER,
         "warnings": verdict.warnings,
-        "plan": outlook.next_words(verdict.next_experiment),
+        "plan": following.next_words(verdict),
         "notes": found.notes,
     }
 

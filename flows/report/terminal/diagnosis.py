@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from flows.report.words import given, outlook
+from flows.report.words import next as following
 from flows.report.words import rows as tables
 from flows.report.words.edit import baseline_sentences
 from flows.report.words.rows import METRICS, ErrorRow, FindingRow
@@ -208,7 +209,7 @@ def _warnings(found: Diagnosis, console: Console) -> None:
 
 
 def _next(found: Diagnosis, console: Console) -> None:
-    lines = outlook.next_words(found.verdict.next_experiment)
+    lines = following.next_words(found.verdict)
     if lines:
         _line(console, "\nNext experiment:", "bold")
     for line in lines:

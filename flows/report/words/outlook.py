@@ -1,8 +1,5 @@
 """What the findings leave open: the rest, what was too small to see, what is next."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from flows.report.words.phrases import joint_words, listing, noun, phrase, sentence_case
 from residual.diagnosis.leftover.remainder import Dependence, Number, Unexplained
 from residual.diagnosis.result import Verdict
@@ -120,20 +117,3 @@ def _dependence(entry: Dependence) -> str:
     sign = " - " if entry.form == "difference" else " + "
     variable = sign.join(f"{entry.on}{joint}" for joint in entry.of)
     return f"{share} follows {variable}{turned}"
-
-
-def next_words(plan: Mapping | None) -> list[str]:
-    """Return the proposed next experiment as lines."""
-    return [
-        f"{key.replace('_', ' ')}: {_flat(value)}"
-        for key, value in (plan or {}).items()
-        if value is not None
-    ]
-
-
-def _flat(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_flat(item)}" for key, item in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(map(_flat, value))
-    return number(value) if isinstance(value, float) else str(value)

@@ -1,0 +1,1 @@
+"""Groups of the benchmark of the loop that closes itself."""

@@ -1,0 +1,289 @@
+"""Does one designed experiment settle what a first verdict left open, and how soon?
+
+An arm in the physics engine hides one effect. Its first log is short and moves little;
+arms whose verdict names a class of which some motion can part some are cases. The
+designed motion is run on the arm and all logs are diagnosed together.
+
+For the seconds, a motion is designed for a quarter of that length, and goes on from
+there. A random and a D-optimal Fourier motion within the same limits are run on the
+same arm: as they are planned by default, and with periods as short as those of the
+design. The log Bayes factor that each log did bring between the truth and the rival
+that is nearest to it is followed along it, that of the first log included.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from benchmarks.figures import Figures, figure
+from benchmarks.seeded import FEW, guarded
+from flows.blind.sums import wilson
+from flows.specs.experiment import derived_seed
+from flows.steps.planning.design import design, hint
+from flows.steps.planning.motions import Search, with_twins
+from flows.steps.planning.suggest import Listener
+from residual.close import close_the_loop
+from residual.diagnosis.result import Diagnosis, Place
+from residual.effects import reported_joints
+from residual.planning.columns import logged_products
+from residual.planning.outlook import HOPELESS, Pair, realised
+from residual.planning.question import Question
+from residual.recording import Recording
+from residual.robot.robot import Robot, load_robot
+from sim.draw import draw_hidden, usual_effects
+from sim.experiment import run_experiment
+from sim.records import PlantEffect, PlantSpec, Rates, TrajectorySpec
+from sim.streams import stream
+from sim.trajectories import make_reference
+from sim.trajectories.fourier import arena, draw, shrunk
+from sim.trajectories.given import written
+
+SEEDS = range(9001, 9051)  # of the deciding run
+SECONDS, SHORT, FIRST = 20.0, 5.0, 10.0  # s, of an experiment, and of the first log
+POOR = 0.25  # of the size that the limits allow: how far the first log moves the arm
+ENOUGH = 6.0  # nats
+_LATER = 60.0  # s from the beginning of the first log to the experiment
+SETTLED, FASTER_RANDOM, FASTER_D = 0.80, 3.0, 1.5
+_TRIES = 30  # arms drawn until the verdict of one is open
+_STEP = 0.1  # s
+DESIGNED, RANDOM, D_OPTIMAL = "designed", "random", "d_optimal"
+FAST_RANDOM, FAST_D = "random of short periods", "d_optimal of short periods"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Case:
+    """An arm whose first verdict is open.
+
+    Attributes:
+        plant: The arm.
+        effect: What it hides.
+        logs: The first log, and the one that is held out.
+        search: What is open, its structural twins left out.
+        found: The first diagnosis.
+        tries: How many arms were drawn before.
+    """
+
+    plant: PlantSpec
+    effect: PlantEffect
+    logs: tuple[Recording, Recording]
+    search: Search
+    found: Diagnosis
+    tries: int
+
+
+def run(seed: int) -> dict:
+    """Draw an arm whose first verdict is open, and settle it; a row, or the crash."""
+    return guarded({"seed": seed}, lambda: _row(seed))
+
+
+def _row(seed: int) -> dict:
+    case = _drawn(seed)
+    if case is None:
+        return {"seed": seed, "open": False}
+    truth = Place(
+        case.effect.name,
+        tuple(reported_joints(case.effect.name, case.effect.joints, _robot().dof)),
+    )
+    made = design(case.search)
+    fit = (case.logs[0], _log(case.plant, made.best.spec, _LATER))
+    after = close_the_loop(_robot(), fit, held_out=case.logs[1:])
+    logs = {k: _log(case.plant, m, _LATER) for k, m in _motions(case, seed).items()}
+    return {
+        "seed": seed,
+        "open": True,
+        "tries": case.tries,
+        "effect": truth.name,
+        "joints": list(truth.joints),
+        "before": _classes(case.found),
+        "after": _classes(after),
+        "settled": _settled(after, truth, case.search),
+        "expected_nats": made.best.seen.least,
+        "chance": made.chance,
+        "family": made.best.spec.kind,
+        "worth": {c.name: c.nats for c in made.compared},
+        "seconds": {n: _seconds(case.search, truth, log) for n, log in logs.items()},
+    }
+
+
+def _motions(case: Case, seed: int) -> dict[str, TrajectorySpec]:
+    """The motions that are followed, all of one length."""
+    short = design(replace(case.search, seconds=SHORT)).best.spec
+    times = round(SECONDS / SHORT)
+    if short.coefficients:
+        short = replace(short, duration=SECONDS, periods=times * short.periods)
+    fast = short.periods if short.coefficients else times
+    chance, best = stream(seed, "random"), derived_seed(seed, "d")
+    return {
+        DESIGNED: short,
+        RANDOM: _fourier(chance, SECONDS, 1.0),
+        FAST_RANDOM: _fourier(chance, SECONDS, 1.0, fast),
+        D_OPTIMAL: TrajectorySpec("fourier", SECONDS, 2, best),
+        FAST_D: TrajectorySpec("fourier", SECONDS, fast, best),
+    }
+
+
+def _drawn(seed: int) -> Case | None:
+    robot = _robot()
+    for number in range(_TRIES):
+        rng = stream(derived_seed(seed, f"arm/{number}"), "hidden")
+        name = str(rng.choice(usual_effects()))
+        effect = draw_hidden(robot, rng, name)
+        plant = PlantSpec(effects=(effect,), seed=derived_seed(seed, f"plant/{number}"))
+        specs = [_fourier(rng, FIRST, POOR) for _ in range(2)]
+        logs = tuple(_log(plant, s, 30.0 * i) for i, s in enumerate(specs))
+        heard = Listener()
+        found = close_the_loop(robot, logs[:1], held_out=logs[1:], inside=heard)
+        if heard.question is None or not found.effects:
+            continue
+        if not heard.question.contests:
+            continue
+        search = with_twins(Search(heard.question, robot, SECONDS, seed))
+        if _can_be_parted(search):
+            return Case(plant, effect, logs, search, found, number)
+    return None
+
+
+def _can_be_parted(search: Search) -> bool:
+    """Whether some motion parts some pair: the best of a few random ones does."""
+    return hint(search).best.seen.worth >= HOPELESS
+
+
+def _settled(after: Diagnosis, truth: Place, search: Search) -> bool:
+    """Whether the truth is named, beside nothing that some motion can tell from it."""
+    known = {truth, *_same(search, truth)}
+    classes = [
+        {Place(f.name, f.joints), *f.equivalent}
+        for f in after.effects
+        if {Place(f.name, f.joints), *f.equivalent} & known
+    ]
+    return any(one <= known for one in classes)
+
+
+def _same(search: Search, truth: Place) -> set[Place]:
+    """Rivals that no motion tells from the truth."""
+    contests, out = search.question.contests, set()
+    for c, a, b in search.twins:
+        if contests[c].rivals[a].place == truth:
+            out.add(contests[c].rivals[b].place)
+    return out
+
+
+def _seconds(search: Search, truth: Place, log: Recording) -> float | None:
+    """After how long the truth leads by enough; the length where it never does.
+
+    None where the truth is no rival.
+    """
+    question = search.question
+    pairs = _pairs(search, truth)
+    if not pairs:
+        return None
+    until = np.arange(_STEP, SECONDS + _STEP / 2, _STEP)
+    for end, (gram, products) in zip(
+        until, logged_products(question, log, until), strict=True
+    ):
+        if all(_lead(question, p, gram, products) >= ENOUGH for p in pairs):
+            return float(end)
+    return SECONDS
+
+
+def _lead(question: Question, pair: Pair, gram, products) -> float:
+    c, a, b = pair
+    contest = question.contests[c]
+    before = contest.rivals[a].nats - contest.rivals[b].nats
+    return before + realised(contest, gram, products, a, b)
+
+
+def _pairs(search: Search, truth: Place) -> list[Pair]:
+    """Pairs of the truth, or of its twin, and a rival that can be told from it.
+
+    Those that the first log has told apart already are left out.
+    """
+    names = {truth, *_same(search, truth)}
+    return [
+        (c, a, b)
+        for c, contest in enumerate(search.question.contests)
+        for a, b in contest.pairs
+        if contest.rivals[a].place in names
+        and contest.rivals[b].place not in names
+        and (c, a, b) not in search.twins
+        and contest.rivals[a].nats - contest.rivals[b].nats < ENOUGH
+    ]
+
+
+def _classes(found: Diagnosis) -> list:
+    return [
+        [[p.name, list(p.joints)] for p in (Place(f.name, f.joints), *f.equivalent)]
+        for f in found.effects
+    ]
+
+
+def _fourier(
+    rng: np.random.Generator, seconds: float, size: float, periods: int = 2
+) -> TrajectorySpec:
+    """A random Fourier motion by its numbers, of a share of the size it may have."""
+    series = shrunk(draw(arena(_robot(), seconds / periods), rng), size)
+    return TrajectorySpec("fourier", seconds, periods, 0, written(series))
+
+
+def _log(plant: PlantSpec, spec: TrajectorySpec, start: float) -> Recording:
+    rates = Rates()
+    reference = make_reference(_robot(), spec, rates.control)
+    log = run_experiment(_robot(), reference, plant, rates, start).log
+    return Recording(
+        f"{spec.kind}_{start:g}", log.robot, start + log.t - log.t[0], log.q, log.tau
+    )
+
+
+@lru_cache(maxsize=1)
+def _robot() -> Robot:
+    return load_robot("irb140")
+
+
+def next_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
+    """Return the figures of some rows.
+
+    Args:
+        rows: Of `run`.
+        deciding: Whether these are the seeds that decide.
+    """
+    done = [r for r in rows if r.get("open")]
+    hits = sum(r["settled"] for r in done)
+    value = hits / len(done) if done else None
+    entry = figure(value, SETTLED, len(done), interval=wilson(hits, len(done)))
+    entry |= {"ok": None if value is None else value >= SETTLED, "at_least": True}
+    figures = {
+        "next_settled": entry,
+        "next_random_over_designed": _ratio(done, RANDOM, FASTER_RANDOM),
+        "next_d_optimal_over_designed": _ratio(done, D_OPTIMAL, FASTER_D),
+        "next_random_of_short_periods": _ratio(done, FAST_RANDOM, None),
+        "next_d_optimal_of_short_periods": _ratio(done, FAST_D, None),
+        "next_chance_said": figure(
+            float(np.mean([r["chance"] for r in done])) if done else None,
+            None,
+            len(done),
+            why="beside the share that was settled",
+        ),
+        "next_crashes": figure(sum("error" in r for r in rows), 0, len(rows)),
+    }
+    if deciding:
+        return figures
+    return {k: v | {"ok": None, "why": v.get("why", FEW)} for k, v in figures.items()}
+
+
+def _ratio(rows: Sequence[Mapping], name: str, bar: float | None) -> dict:
+    """Median seconds of a usual motion over those of the designed one.
+
+    A motion that never has enough counts with its length: the ratio is a least one.
+    """
+    told = [r["seconds"] for r in rows if r["seconds"][DESIGNED] is not None]
+    if not told:
+        return figure(None, bar, 0, why="no case whose truth is a rival")
+    ours, theirs = (float(np.median([s[n] for s in told])) for n in (DESIGNED, name))
+    value = theirs / ours
+    never = sum(s[name] >= SECONDS for s in told)
+    entry = figure(value, bar, len(told), medians=[ours, theirs], never=never)
+    if bar is None:
+        return entry | {"why": "beside those with a bar"}
+    return entry | {"ok": value >= bar, "at_least": True}

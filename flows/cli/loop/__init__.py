@@ -1,0 +1,1 @@
+"""Commands of the loop: what to do after a verdict."""

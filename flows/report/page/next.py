@@ -1,0 +1,136 @@
+"""The next experiment as a page for who runs it, and its motion as a picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flows.report.page import diagnosis
+from flows.report.page.base import Tile, environment
+from flows.report.page.charts import Chart
+from flows.report.page.plots import as_uri, blank, figure_style, rule
+from flows.report.words.next import case_words, from_one_another, same_words
+from flows.steps.planning.ask import Asked
+from flows.steps.planning.design import Design
+from flows.steps.planning.suggest import apart_by_no_motion
+from residual.diagnosis.result import Diagnosis
+from residual.quantity import number, probability
+from residual.robot.robot import Robot
+from sim.records import Reference, TrajectorySpec
+from sim.trajectories import make_reference
+from sim.trajectories.limits import plan_limits
+from sim.trajectories.usage import usage
+
+_RATE = 50.0  # Hz, of what is drawn
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#222222", "#e69f00", "#56b4e9")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sheet:
+    """All that the page of an experiment is made of.
+
+    Attributes:
+        asked: The verdict and what it leaves open.
+        made: The motion.
+        reference: Its samples.
+        program: File with them; None where none was written.
+        command: What diagnoses the log of it together with the others.
+    """
+
+    asked: Asked
+    made: Design
+    reference: Reference
+    program: str | None
+    command: str
+
+
+def page_with_motion(found: Diagnosis) -> str:
+    """Return the page of a diagnosis, with the motion that it proposes drawn."""
+    return diagnosis.render(found, found.verdict.robot, motion=motion_chart(found))
+
+
+def motion_chart(found: Diagnosis) -> Chart | None:
+    """Return the picture of the motion that a diagnosis proposes; None for none."""
+    plan, nominal = found.verdict.next_experiment, found.models.get("nominal")
+    if not plan or nominal is None:
+        return None
+    told = plan["parameters"]
+    spec = TrajectorySpec.from_record(
+        {"kind": plan["family"], "duration": plan["seconds"], **told}
+    )
+    return angles_chart(make_reference(nominal.robot, spec, _RATE))
+
+
+def angles_chart(reference: Reference) -> Chart:
+    """Return the angles of a motion over time, a line a joint."""
+    step = max(1, len(reference.t) // 1000)
+    t, q = reference.t[::step], np.degrees(reference.q[::step])
+    with figure_style():
+        figure = blank(9.0, 3.0)
+        axes = figure.subplots()
+        for joint, column in enumerate(q.T):
+            colour = _COLOURS[joint % len(_COLOURS)]
+            axes.plot(t, column, color=colour, linewidth=1.3, label=f"J{joint + 1}")
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("angle [deg]")
+        axes.margins(x=0)
+        axes.legend(ncols=q.shape[1], loc="lower right", bbox_to_anchor=(1, 1))
+        rule(axes)
+        figure.subplots_adjust(0.08, 0.17, 0.985, 0.88)
+        uri = as_uri(figure)
+    alt = (
+        f"Angles of {q.shape[1]} joints over {reference.t[-1]:g} s, from "
+        f"{q.min():.0f} to {q.max():.0f} degrees."
+    )
+    return Chart(uri, alt, "Angles of the motion; it begins and ends at rest.")
+
+
+def render_sheet(sheet: Sheet) -> str:
+    """Return the page: what the motion settles, how to run it, and what to do then."""
+    page = environment().get_template("next.html")
+    return page.render(_context(sheet))
+
+
+def _context(sheet: Sheet) -> dict:
+    made, robot = sheet.made, sheet.asked.robot
+    same, cases = apart_by_no_motion(made.search.question, made.search.twins)
+    told = from_one_another(made.rivals)
+    return {
+        "robot": robot.name,
+        "headline": f"{made.best.spec.duration:g} s of motion to tell {told}",
+        "tiles": _tiles(made),
+        "chart": angles_chart(sheet.reference),
+        "program": sheet.program,
+        "rate": number(1 / (sheet.reference.t[1] - sheet.reference.t[0])),
+        "start": [f"{x:.2f}" for x in np.degrees(sheet.reference.q[0])],
+        "limits": limit_rows(robot, sheet.reference),
+        "compared": [
+            (c.name, number(c.nats), "–" if c.seconds is None else f"{c.seconds:.1f}")
+            for c in made.compared
+        ],
+        "apart": [*same_words(same), *case_words(cases)],
+        "command": sheet.command,
+    }
+
+
+def _tiles(made: Design) -> list[Tile]:
+    after = "–" if made.seconds is None else f"{made.seconds:.1f} s"
+    return [
+        Tile("Expected", f"{number(made.best.seen.least)} nats", "least of all pairs"),
+        Tile("Chance", probability(made.chance), "that it settles the question"),
+        Tile("Enough after", after, "on average"),
+    ]
+
+
+def limit_rows(robot: Robot, reference: Reference) -> Sequence[tuple[str, ...]]:
+    """Return joint, angles [deg], and shares of the robot's limits in words."""
+    used, limits = usage(robot, reference), plan_limits(robot)
+    rows = []
+    for j in range(robot.dof):
+        low, high = np.degrees([reference.q[:, j].min(), reference.q[:, j].max()])
+        ends = np.degrees([limits.lower[j], limits.upper[j]])
+        shares = (used.speed[j], used.acceleration[j], used.torque[j])
+        told = ["no limit" if np.isnan(x) else f"{100 * x:.0f} %" for x in shares]
+        span = f"{low:.1f} to {high:.1f} ({ends[0]:.0f} to {ends[1]:.0f})"
+        rows.append((str(j + 1), span, *told))
+    return rows

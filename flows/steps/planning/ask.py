@@ -1,0 +1,182 @@
+"""From a verdict to what it leaves open: its logs are looked at once more."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.inputs.logs import LogSets, is_run
+from flows.keep.diagnosis import checked_verdict, read_verdict
+from flows.progress import Progress
+from flows.requests import Diagnose
+from flows.settings import store_folder
+from flows.steps.diagnose import diagnose_heard, read_logs, runs_of
+from flows.steps.planning.request import Next
+from flows.steps.planning.suggest import Listener
+from residual.diagnosis.examine import Examined
+from residual.diagnosis.findings import Named
+from residual.diagnosis.result import Diagnosis, Verdict
+from residual.errors import InputError
+from residual.evidence.fit import Fit
+from residual.names import check_nesting
+from residual.planning.question import Question
+from residual.planning.wish import Wish, parse_wish, wished_question
+from residual.robot.robot import Robot
+from warehouse.commit import read_record
+from warehouse.layout import Found, find
+from warehouse.origin.robots import robot_word
+
+SHORTEST, LONGEST = 4.0, 600.0  # s, of a motion
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Asked:
+    """A verdict and what it leaves open.
+
+    Attributes:
+        verdict: The verdict that was named.
+        found: The same logs diagnosed once more.
+        question: What is open.
+        robot: The arm.
+        request: The diagnosis.
+        lines: What the user should know of the logs.
+    """
+
+    verdict: Verdict
+    found: Diagnosis
+    question: Question
+    robot: Robot
+    request: Diagnose
+    lines: tuple[str, ...] = ()
+
+    @property
+    def same(self) -> bool:
+        """Whether the logs gave the verdict again."""
+        return _names(self.verdict) == _names(self.found.verdict)
+
+
+@dataclass(eq=False, slots=True)
+class _Wisher(Listener):
+    """Keeps the question of a wish in place of what is open."""
+
+    wish: Wish | None = None
+
+    def __call__(self, examined: Examined, fitted: Fit, named: Sequence[Named]) -> None:
+        """Keep the question."""
+        if self.wish is None:
+            Listener.__call__(self, examined, fitted, named)
+        else:
+            self.question = wished_question(examined, fitted, self.wish)
+
+
+def ask(request: Next, progress: Progress | None = None) -> Asked:
+    """Find out what a verdict leaves open, or what a wish asks for.
+
+    Args:
+        request: What is wanted.
+        progress: Told the stage and the share done.
+
+    Raises:
+        InputError: If the request, the verdict or a log is not usable.
+    """
+    if not SHORTEST <= request.seconds <= LONGEST:
+        raise InputError(
+            f"--seconds {request.seconds:g}: expected {SHORTEST:g} to {LONGEST:g}."
+        )
+    wish = None if request.want is None else parse_wish(request.want)
+    stored = is_run(request.verdict)
+    verdict, again, logs = (_of_store if stored else _of_file)(request)
+    heard = _Wisher(wish=wish)
+    found = diagnose_heard(again, logs, progress, heard)
+    assert heard.question is not None
+    return Asked(verdict, found, heard.question, logs.robot, again, logs.lines)
+
+
+def _of_store(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
+    """The verdict, request and runs of a diagnosis in the store."""
+    given = {"logs": request.logs, "--robot": request.robot, "--map": request.columns}
+    given |= {"--holdout": request.held_out, "--baseline": request.baseline}
+    if extra := [name for name, value in given.items() if value]:
+        raise InputError(
+            f"{', '.join(extra)}: a diagnosis in the store knows its own. Leave it "
+            "out, or name the JSON file of a verdict."
+        )
+    store = store_folder(request.store)
+    found = diagnosis_of(store, request.verdict)
+    verdict = read_verdict(store, found.id)
+    record = read_record(store, found.id).get("request") or {}
+    if record.get("step") != "diagnose":
+        raise InputError(
+            f"{found.id} does not say how it was made. Diagnose its runs again."
+        )
+    word = robot_word(store, record["robot"], record.get("robot_hash"))
+    again = Diagnose.from_record({**record, "robot": word}, store)
+    return verdict, again, runs_of(again)
+
+
+def diagnosis_of(store: Path, id: str) -> Found:
+    """Return a diagnosis by its id, or by that of its proof.
+
+    Raises:
+        InputError: If it is neither.
+    """
+    found = find(store, id)
+    if found.kind == "validations":
+        of = read_record(store, found.id).get("diagnosis")
+        found = find(store, of) if of else found
+    if found.kind != "diagnoses":
+        raise InputError(
+            f"{found.id} is of kind {found.kind}, expected a diagnosis. "
+            'modelgap sql "SELECT diagnosis_id FROM diagnoses" lists them.'
+        )
+    return found
+
+
+def _of_file(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
+    """The verdict of a JSON file, and the logs that were named with it."""
+    verdict = read_verdict_file(Path(request.verdict))
+    if request.robot is None or not request.logs:
+        raise InputError(
+            f"{request.verdict} has the verdict but not the logs. Name them: modelgap "
+            f"next {request.verdict} LOG... --robot R."
+        )
+    again = Diagnose(
+        logs=request.logs,
+        robot=request.robot,
+        held_out=request.held_out,
+        baseline=request.baseline,
+        declared=verdict.declared,
+        columns=request.columns,
+        store=request.store,
+    )
+    logs = read_logs(again)
+    if logs.robot.name != verdict.robot:
+        raise InputError(
+            f"{request.verdict} is of {verdict.robot}, --robot is {logs.robot.name}. "
+            "Give the robot of the verdict."
+        )
+    return verdict, again, logs
+
+
+def read_verdict_file(path: Path) -> Verdict:
+    """Return the verdict of a JSON file.
+
+    Raises:
+        InputError: If it is not there, or no verdict.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: no such verdict. Expected the id of a diagnosis, or the file of "
+            "modelgap diagnose --json."
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path.name} is no JSON: {error}.") from error
+    if not isinstance(document, dict):
+        raise InputError(f"{path.name} has no verdict: expected a JSON object.")
+    return checked_verdict(check_nesting(document, path.name))
+
+
+def _names(verdict: Verdict) -> set:
+    return {(f.name, f.joints) for f in verdict.effects} | {verdict.verdict}

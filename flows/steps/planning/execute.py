@@ -1,0 +1,96 @@
+"""A designed motion on the simulated arm of some runs, and all logs diagnosed."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from flows.progress import Progress
+from flows.requests import Diagnose
+from flows.settings import store_folder
+from flows.specs.experiment import ExperimentSpec, TrajectoryTable
+from flows.steps import experiment
+from flows.steps.diagnose import diagnose_runs
+from flows.steps.rerun.runs import spec_of
+from residual.errors import InputError
+from residual.planning.gather import PAUSE
+from sim.records import TrajectorySpec
+from warehouse.layout import SEALED, find_run
+from warehouse.origin.robots import robot_word
+from warehouse.runs import read_manifest
+from warehouse.seal import open_seal
+
+
+def execute(request: Diagnose, motion: TrajectorySpec) -> str:
+    """Run a motion on the arm that the runs of a diagnosis are of, and store it.
+
+    The arm is made from the sealed half of a run, which nothing but the simulation is
+    told; it goes on in the session of the runs.
+
+    Args:
+        request: The diagnosis; its logs are ids of runs.
+        motion: The motion.
+
+    Returns:
+        The id of the run.
+
+    Raises:
+        InputError: If the runs are of no simulated arm, or its seal is not there.
+    """
+    store = store_folder(request.store)
+    return experiment.run(next_spec(store, request, motion), store)
+
+
+def next_spec(store: Path, request: Diagnose, motion: TrajectorySpec) -> ExperimentSpec:
+    """Return the experiment of a motion after some runs.
+
+    Args:
+        store: The store.
+        request: The diagnosis of the runs.
+        motion: The motion.
+
+    Raises:
+        InputError: As of `execute`.
+    """
+    ids = [find_run(store, id).id for id in (*request.logs, *request.held_out)]
+    manifests = [read_manifest(store, id) for id in ids]
+    _check_simulated(store, ids, manifests)
+    first = manifests[0]
+    word = robot_word(store, first["robot"], first.get("robot_hash"))
+    spec = spec_of({**first, "robot": word}, open_seal(store, ids[0]).spec)
+    ends = [m["spec"]["start"] + m["spec"]["trajectory"]["duration"] for m in manifests]
+    table = TrajectoryTable.model_validate(asdict(motion))
+    return spec.model_copy(update={"trajectory": table, "start": max(ends) + PAUSE})
+
+
+def settle(
+    request: Diagnose, run_id: str, progress: Progress | None = None
+) -> tuple[str, str]:
+    """Diagnose the runs of a diagnosis with one more.
+
+    Args:
+        request: The diagnosis.
+        run_id: The run of the designed motion.
+        progress: Told the stage and the share done.
+
+    Returns:
+        The ids of the new diagnosis and of its proof.
+    """
+    logs = tuple(dict.fromkeys((*request.logs, run_id)))
+    return diagnose_runs(replace(request, logs=logs), progress)
+
+
+def _check_simulated(
+    store: Path, ids: Sequence[str], manifests: Sequence[dict]
+) -> None:
+    for id, manifest in zip(ids, manifests, strict=True):
+        if not manifest.get("sealed_sha256"):
+            raise InputError(
+                f"Run {id} is a measured log, so nothing here can move its arm. Write "
+                "the motion with --out, run it on the robot, and diagnose its log "
+                "together with the others."
+            )
+        if not (store / SEALED / f"run_id={id}").is_dir():
+            raise InputError(
+                f"The sealed half of run {id} is not in the store: its arm cannot be "
+                "made again. Use a store that has it."
+            )

@@ -1,0 +1,1 @@
+"""Which motion would tell apart what the logs so far leave open."""

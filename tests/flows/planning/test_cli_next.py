@@ -1,0 +1,120 @@
+"""modelgap next: from a verdict and its logs to a program."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows.cli import main
+from tests.residual.planning.asked import logs
+
+NAMES = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 7))]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with two logs and the verdict on them."""
+    folder = tmp_path_factory.mktemp("next")
+    _, (fit, proof) = logs("spring", 2)
+    for name, log in (("fit", fit), ("proof", proof)):
+        table = np.column_stack([log.t, log.q, log.tau])
+        np.savetxt(
+            folder / f"{name}.csv",
+            table,
+            fmt="%.6f",
+            delimiter=",",
+            header=",".join(NAMES),
+            comments="",
+        )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        words = ["diagnose", "fit.csv", "--robot", "irb140", "--holdout", "proof.csv"]
+        assert main([*words, "--json", "v.json", "--report", "v.html"]) == 0
+    return folder
+
+
+@pytest.fixture
+def here(place, monkeypatch):
+    monkeypatch.chdir(place)
+    monkeypatch.setattr("flows.steps.planning.design.MANY", 4)
+    monkeypatch.setattr("flows.steps.planning.design._LOOKS", 70)
+    return place
+
+
+GIVEN = ("v.json", "fit.csv", "--robot", "irb140", "--holdout", "proof.csv")
+
+
+def test_a_verdict_says_by_itself_what_a_motion_could_settle(place):
+    plan = json.loads((place / "v.json").read_text())["next_experiment"]
+    assert {r["name"] for r in plan["rivals"]} == {"spring", "balancer"}
+    assert plan["family"] == "fourier"
+    assert plan["program"] is None
+    assert plan["seconds"] == 20.0
+    assert plan["expected_nats"] > 1
+    assert 0 <= plan["chance"] <= 1
+    assert np.shape(plan["parameters"]["coefficients"]) == (9, 6)
+    page = (place / "v.html").read_text()
+    assert "The next experiment" in page
+    assert "Angles of 6 joints over 20 s" in page
+
+
+def test_a_program_is_found_written_and_explained(here, capsys):
+    files = ("--out", "p.csv", "--report", "p.html", "--json", "n.json")
+    assert main(["next", *GIVEN, "--seconds", "10", *files]) == 0
+    shown = capsys.readouterr().out
+    assert "next experiment: 10 s of" in shown
+    assert "random fourier" in shown
+    assert "D-optimal fourier" in shown
+    assert "wrote p.csv" in shown
+    table = np.genfromtxt("p.csv", delimiter=",", names=True)
+    assert len(table) == 2501
+    assert [n for n in table.dtype.names if n[0] == "t"] == ["t"]
+    document = json.loads(Path("n.json").read_text())
+    assert document["next_experiment"]["program"] == "p.csv"
+    assert document["effects"] == json.loads(Path("v.json").read_text())["effects"]
+    page = Path("p.html").read_text()
+    assert "modelgap diagnose fit.csv NEW_LOG --robot irb140" in page
+    assert "Tools, cables, fixtures and fences are not known here" in page
+
+
+def test_a_wish_needs_nothing_open(here, capsys):
+    words = ("--want", "payload>=0.5", "--seconds", "8", "--json", "-")
+    assert main(["next", *GIVEN, *words]) == 0
+    told = capsys.readouterr()
+    plan = json.loads(told.out)["next_experiment"]
+    assert [r["name"] for r in plan["rivals"]] == ["payload", "nothing"]
+    assert "nothing at all" in told.err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["no.json"], "no such verdict"),
+        (["fit.csv"], "is no JSON"),
+        (["v.json"], "has the verdict but not the logs"),
+        (["v.json", "fit.csv"], "has the verdict but not the logs"),
+        ([*GIVEN, "--seconds", "1"], "--seconds 1: expected 4 to 600"),
+        ([*GIVEN, "--want", "payload"], "expected NAME>=SIZE"),
+        ([*GIVEN, "--want", "paylod>=1"], "did you mean 'payload'"),
+        ([*GIVEN, "--run"], "--run takes the id of a diagnosis"),
+        ([*GIVEN, "--rate", "0"], "--rate 0: expected 1"),
+        ([*GIVEN, "--out", "v.json"], "would overwrite an input"),
+        (["abc", "--store", "nowhere"], "nowhere"),
+        (["abc", "fit.csv", "--robot", "irb140"], "knows its own"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
+    assert main(["next", *words]) == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert len(told.strip().splitlines()) <= 3
+
+
+def test_where_nothing_is_open_nothing_is_proposed(here, capsys, monkeypatch):
+    document = json.loads(Path("v.json").read_text())
+    assert document["effects"][0]["equivalent"]
+    monkeypatch.setattr("residual.planning.gather.alternatives", lambda *_: ([], 1.0))
+    assert main(["next", *GIVEN, "--out", "nothing.csv"]) == 0
+    assert "nothing is open" in capsys.readouterr().out
+    assert not Path("nothing.csv").exists()

@@ -1,0 +1,40 @@
+"""Questions that short logs of a synthetic arm leave open."""
+
+from functools import cache
+
+from residual.close import close_the_loop
+from residual.planning.gather import open_question
+from residual.planning.wish import parse_wish, wished_question
+from residual.robot.robot import load_robot
+from sim.draw import draw
+from sim.streams import stream
+from sim.synthetic.logs import LogPlan, make
+from sim.synthetic.plant import Plant
+
+FAMILY, SECONDS = "slow_cyclic", 8.0
+
+
+@cache
+def logs(effect, seed):
+    """One short log of an arm that hides an effect, and one to hold out."""
+    robot = load_robot("irb140")
+    hidden = draw(robot, effect, stream(seed, "draw"))
+    parts = (("fit", "fit"), ("proof", "held_out"))
+    plan = tuple(LogPlan(name, part, FAMILY, SECONDS) for name, part in parts)
+    return robot, make(Plant(robot, (hidden,), seed), plan, seed)
+
+
+@cache
+def asked(effect, seed, want=None):
+    """What the diagnosis of such a log leaves open, or what a wish asks of it."""
+    robot, (fit, proof) = logs(effect, seed)
+    heard = []
+
+    def inside(examined, fitted, named):
+        if want:
+            heard.append(wished_question(examined, fitted, parse_wish(want)))
+        else:
+            heard.append(open_question(examined, fitted, named))
+
+    close_the_loop(robot, [fit], held_out=[proof], inside=inside)
+    return robot, heard[0]

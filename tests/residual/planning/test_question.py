@@ -1,0 +1,154 @@
+"""What a diagnosis leaves open, and what motions say to that."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.close import close_the_loop
+from residual.diagnosis.result import Place
+from residual.errors import InputError, UnknownNameError
+from residual.planning import gather
+from residual.planning.columns import growing_grams, logged_products, planned_gram
+from residual.planning.gather import open_question
+from residual.planning.outlook import outlook, structural_twins
+from residual.planning.question import NOTHING
+from residual.planning.wish import Wish, parse_wish
+from sim.streams import stream
+from sim.synthetic.motion import make_motion
+from sim.synthetic.room import room
+from tests.residual.planning.asked import SECONDS, asked, logs
+
+RATE = 50.0  # Hz
+
+
+def motion(robot, family, seconds=10.0, seed=1):
+    made = make_motion(family, room(robot), seconds, RATE, stream(seed, family))
+    return made.q, made.qd, made.qdd
+
+
+def test_a_finding_and_its_equivalent_are_rivals():
+    _, question = asked("spring", 2)
+    (contest,) = question.contests
+    assert {r.place for r in contest.rivals} == {
+        Place("spring", (3,)),
+        Place("balancer", (3,)),
+    }
+    assert abs(contest.rivals[0].nats - contest.rivals[1].nats) < contest.enough
+    assert contest.kin == {(0, 1), (1, 0)}
+    assert contest.joint == 2
+
+
+def test_a_wide_motion_tells_more_of_them_than_the_one_before():
+    robot, question = asked("spring", 2)
+    slow, wide = (
+        planned_gram(question, motion(robot, family), RATE, 10.0)
+        for family in ("slow_cyclic", "fourier")
+    )
+    assert outlook(question, wide).least > 3 * outlook(question, slow).least
+    assert outlook(question, wide).worth > 3 * outlook(question, slow).worth
+
+
+def test_one_column_of_two_names_is_called_so():
+    robot, question = asked("coulomb_asymmetry", 4)
+    places = [r.place.name for r in question.contests[0].rivals]
+    assert {"offset", "coulomb_asymmetry"} <= set(places)
+    grams = [
+        planned_gram(question, motion(robot, "fourier", seed=seed), RATE, 10.0)
+        for seed in range(4)
+    ]
+    twins = structural_twins(question, grams)
+    a, b = places.index("offset"), places.index("coulomb_asymmetry")
+    assert {(0, a, b), (0, b, a)} <= twins
+    assert not any(places[x] == "balancer" for _, x, _ in twins)
+
+
+def test_a_planned_motion_is_seen_as_its_log_will_be():
+    """Nothing is filtered where a motion is planned; its log is, and has noise."""
+    _, question = asked("spring", 2)
+    _, (log, _) = logs("spring", 2)
+    ((seen, _),) = logged_products(question, log, [SECONDS])
+    q = np.column_stack([np.convolve(c, np.ones(9) / 9, "same") for c in log.q.T])
+    qd = np.gradient(q, 1 / 250, axis=0)
+    every = [x[10:-10:5] for x in (q, qd, np.gradient(qd, 1 / 250, axis=0))]
+    planned = planned_gram(question, every, RATE, SECONDS)
+    own = question.contests[0].rivals[0].own
+    ratio = np.diag(planned)[own] / np.diag(seen)[own]
+    # Rows within 0.1 s of a turn are a matter of a sample more or less.
+    np.testing.assert_allclose(ratio, 1.0, atol=0.15)
+
+
+def test_seconds_of_a_motion_add_up():
+    robot, question = asked("spring", 2)
+    made = motion(robot, "fourier")
+    parts = growing_grams(question, made, RATE, [2.0, 5.0, 9.5])
+    sizes = [np.trace(g) for g in parts]
+    assert 0 < sizes[0] < sizes[1] < sizes[2]
+    whole = planned_gram(question, made, RATE, 10.0)
+    # Both leave out half a second at either end, in one case by its share.
+    assert np.trace(whole) == pytest.approx(sizes[2], rel=0.1)
+
+
+def test_a_wish_asks_for_an_effect_against_nothing():
+    robot, question = asked("spring", 2, "payload>=0.5")
+    (contest,) = question.contests
+    assert [r.place for r in contest.rivals] == [Place("payload", (6,)), NOTHING]
+    values = [
+        outlook(
+            asked("spring", 2, f"payload>={mass}")[1],
+            planned_gram(question, motion(robot, "fourier"), RATE, 10.0),
+        ).nats[0, 0, 1]
+        for mass in (0.25, 0.5)
+    ]
+    assert values[1] > 2 * values[0]  # all but the Occam part grows by four
+
+
+def test_a_wish_without_a_joint_asks_on_every_joint_that_may_have_it():
+    _, question = asked("spring", 2, "stribeck>=3")
+    joints = [c.rivals[0].place.joints for c in question.contests]
+    assert joints == [(j,) for j in range(1, 7)]
+    _, one = asked("spring", 2, "stribeck@2>=3")
+    assert [c.rivals[0].place.joints for c in one.contests] == [(2,)]
+
+
+def test_wishes_are_read_or_refused():
+    assert parse_wish("payload>=0.5") == Wish("payload", None, 0.5)
+    assert parse_wish(" stribeck @ 3 >= 4e0 ") == Wish("stribeck", 3, 4.0)
+    for text in (
+        "payload",
+        "payload>=",
+        "payload>=-1",
+        "payload>=nan",
+        ">=2",
+        "a b>=1",
+    ):
+        with pytest.raises(InputError, match="expected NAME>=SIZE"):
+            parse_wish(text)
+    with pytest.raises(UnknownNameError, match="did you mean 'payload'"):
+        parse_wish("paylod>=1")
+
+
+def test_a_wish_that_cannot_be_says_why():
+    with pytest.raises(InputError, match="no candidate on joint 9"):
+        asked("spring", 2, "stribeck@9>=3")
+
+
+def test_a_candidate_without_evidence_is_no_rival_of_nothing(monkeypatch):
+    """A joint is doubted, and nothing speaks for any candidate there."""
+    robot, (fit, proof) = logs("spring", 2)
+    heard = []
+
+    def inside(examined, fitted, named):
+        doubted = replace(examined, adequacy=replace(examined.adequacy, doubted=(2,)))
+        plain = examined.plain
+        heard.append(open_question(doubted, plain, []))
+        monkeypatch.setattr(gather, "screen", lambda *words: np.zeros(len(words[3])))
+        heard.append(open_question(doubted, plain, []))
+
+    close_the_loop(robot, [fit], held_out=[proof], inside=inside)
+    found, none = heard
+    (contest,) = found.contests
+    assert contest.rivals[-1].place == NOTHING
+    assert {"spring", "balancer"} & {r.place.name for r in contest.rivals}
+    assert len(contest.rivals) <= 1 + gather.CANDIDATES
+    assert none.contests == ()
