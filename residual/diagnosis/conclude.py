@@ -1,7 +1,7 @@
 """From what was found to the verdict: findings, errors and what is left, as one."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,10 +27,14 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from residual.evidence.priors import Space
+from residual.diagnosis.uncertainty import doubtful
+from residual.effects import registry
+from residual.evidence.priors import Space, inertial_precision
 from residual.model.compare import Errors
 from residual.plain import plain
+from residual.robot.dynamics import inertial_parameters
 
+SURE_OF_LINK = 4.0  # deviations, as of a name (`doubt.standing`)
 METRIC = "100*||tau-tau_hat||/||tau||"
 
 
@@ -79,6 +83,7 @@ def conclude(case: Case) -> Verdict:
     doubtful = len(examined.adequacy.doubted) or case.contradictions
     nothing = "unknown" if doubtful else "none"
     least = minimum_detectable(task, case.judged.fit, every)
+    least = _clear_links(examined, least)
     return Verdict(
         robot=examined.logs.robot.name,
         declared=tuple(examined.nominal.names),
@@ -99,6 +104,22 @@ def conclude(case: Case) -> Verdict:
         alternatives=_alternatives(case, least),
         background=tuple(_finding(f, i, case) for i, f in enumerate(case.folded, 1)),
     )
+
+
+def _clear_links(examined: Examined, least: list[Detectable]) -> list[Detectable]:
+    """Of a link at least what its description may be off by, four times."""
+    prior = doubtful(examined)
+    if prior.scale is None:
+        return least
+    bodies = inertial_parameters(examined.logs.robot.model)
+    pull = inertial_precision(examined.logs.robot) @ np.diag(bodies)
+    rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
+    return [
+        replace(d, value=max(d.value, SURE_OF_LINK * float(rough[d.joints[0] - 1])))
+        if registry()[d.name].of_link and d.value is not None
+        else d
+        for d in least
+    ]
 
 
 def _alternatives(case: Case, least: Sequence[Detectable]) -> tuple[Alternative, ...]:

@@ -12,7 +12,8 @@ from residual.diagnosis.examine import Examined
 from residual.diagnosis.search import refined
 from residual.effects.base import Effect, Shape
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, chance_of, fit, scaled_inverse
+from residual.evidence.fit import Fit, Prior, chance_of, fit, scaled_inverse
+from residual.evidence.priors import SCALES, Space
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -65,8 +66,7 @@ def standard_deviations(
     known = fitted.counted, fitted.variance, 1
     full = fit(task.design, examined.wide, members, *known)
     covariance, between = full.covariance(), between_logs(task.design, full)
-    # Whether it is there at all was asked under the prior that the logs speak for.
-    sharp = fit(task.design, task.prior, members, *known).covariance()
+    sharp = fit(task.design, doubtful(examined), members, *known).covariance()
     out = {}
     for g in fitted.members:
         slope, (theta, doubt) = extra[id(g)], sizes[id(g)]
@@ -88,9 +88,20 @@ def standard_deviations(
     return out
 
 
-def _doubt(
-    group: Group, theta: Array, own: Sequence[Array], known: tuple[Array, ...]
-) -> Doubt:
+def doubtful(examined: Examined) -> Prior:
+    """The prior that a wrong value must stand out from: bodies one step rougher.
+
+    Their scale is an estimate from few sums of many parameters, good to such a step.
+    """
+    prior, wide = examined.task.prior, examined.wide
+    if prior.scale is None or wide.scale is None or prior.scale >= wide.scale:
+        return wide
+    rougher = min([s for s in SCALES if s > prior.scale], default=wide.scale)
+    space = Space(examined.task.design, examined.nominal)
+    return space.at(min(rougher, wide.scale), prior.widths)
+
+
+def _doubt(group: Group, theta: Array, own: Sequence[Array], known: tuple) -> Doubt:
     """Sum up the covariances of one member: by noise, between logs, and at best."""
     by_noise, between, best = own
     jacobian, form, prior = known

@@ -222,6 +222,11 @@ class Effect:
     )
     portable: Portable = NOWHERE
 
+    @property
+    def of_link(self) -> bool:
+        """Whether it says that a link of every model is another."""
+        return self.in_every_model and self.needs_known_body
+
     def candidates(self, dof: int) -> tuple[Joints, ...]:
         """Joints (from 0) on which the effect may sit, for an arm of dof joints."""
         if self.scope == "local" or self.scope == "link":

@@ -34,6 +34,8 @@ from residual.recording import Recording
 ROUNDS = 6  # searches at most; after the last, names fall and none takes their place
 HALF = 0.5  # probability under which a name is not the likeliest
 NOTHING = 0.0455  # chance of a size beyond two standard deviations
+# Beyond four: of all links of an arm one is always the worst of its description.
+OF_A_LINK = 6.3e-5
 
 NOISE = "withdrawn: noise of the angles makes all of it, or too much to believe it"
 ALONE = "withdrawn: it carries too little alone, now that others are refuted"
@@ -179,8 +181,8 @@ def _weak(
                 continue
             if sure.probability < HALF:
                 out.append((tested, "withdrawn: something else is likelier"))
-            elif sure.chance > NOTHING:
-                why = "withdrawn: its size is within two deviations of nothing"
+            elif sure.chance > (OF_A_LINK if tested.group.effect.of_link else NOTHING):
+                why = "withdrawn: its size may as well be nothing"
                 out.append((tested, why))
     return out
 
