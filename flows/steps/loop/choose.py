@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.logs import is_run
-from flows.inputs.robots import load
+from flows.inputs.robots import load, robot_of
 from flows.keep.diagnosis import read_known
 from flows.settings import store_folder
 from residual.errors import InputError
@@ -92,6 +92,24 @@ def choose(robot: Robot, wanted: Wanted) -> Choice:
 def choose_for(word: str, wanted: Wanted) -> Choice:
     """Return the model to go by for a robot by its word, as `choose` does."""
     return choose(load(word), wanted)
+
+
+def chosen_to_drive(store: Path, run: str, model: str | None) -> Choice:
+    """Return the model to drive the arm of a run by: any of the store may drive.
+
+    Args:
+        store: The store.
+        run: Id of the run.
+        model: Value of --model.
+
+    Raises:
+        InputError: If there is no such run or model.
+    """
+    if model is None or model == NOMINAL:
+        word = robot_of([run], store)
+        return choose_for(word, Wanted(model, store))
+    id = find(store, model).id
+    return Choice(id, f"model: {id[:8]}, as --model says")
 
 
 def diagnosis_of(store: Path, word: str) -> str:
