@@ -69,12 +69,12 @@ def paper_table(case: Case, nominal: Torque) -> Torque:
     fitted = case.runs[: len(FIT)]
     runs = [Run(r.log, k, r.twin) for r, k in zip(fitted, FIT, strict=True)]
     settings = Settings(paper=True, views=False, schemes=())
-    lookup = calibrate(case.robot, runs, settings).paper
-    joints = [int(joint) - 1 for joint in lookup.joints]
+    made = calibrate(case.robot, runs, settings)
+    lookup, joints = made.paper, [joint - 1 for joint in made.rows.joints]
 
     def torque(reference: Reference) -> np.ndarray:
         out = nominal(reference).copy()
-        out[:, joints] += lookup.predict(_states(reference, lookup.names))
+        out[:, joints] += lookup.predict(_states(reference, made.rows.names))
         return out
 
     return torque

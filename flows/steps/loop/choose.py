@@ -77,7 +77,8 @@ def choose(robot: Robot, wanted: Wanted) -> Choice:
         id = diagnosis_of(store_folder(wanted.store), wanted.model)
         _check_robot(robot, store_folder(wanted.store), id)
         return Choice(id, f"model: that of diagnosis {id[:8]}, as --model says")
-    in_store = wanted.store is not None or all(map(is_run, wanted.logs))
+    runs = wanted.logs and all(map(is_run, wanted.logs))
+    in_store = wanted.store is not None or runs
     last = in_store and adopted(store_folder(wanted.store), robot.name, robot.serial)
     if not last or last[1].diagnosis_id is None:
         return Choice(line=_nominal(robot, last or None))
@@ -92,6 +93,35 @@ def choose(robot: Robot, wanted: Wanted) -> Choice:
 def choose_for(word: str, wanted: Wanted) -> Choice:
     """Return the model to go by for a robot by its word, as `choose` does."""
     return choose(load(word), wanted)
+
+
+def in_force(runs: Sequence[str], store: Path) -> Choice:
+    """Return the model that the robot of some runs of a store has.
+
+    Args:
+        runs: Ids of the runs.
+        store: The store.
+
+    Raises:
+        InputError: If there is no run, or the model is of another description.
+    """
+    return choose_for(robot_of(runs, store), Wanted(store=store))
+
+
+def choose_to_watch(word: str, store: Path, nominal: bool) -> Choice:
+    """Return the model to watch by; no choice where a word names it by an id.
+
+    Args:
+        word: A robot, or the id of a diagnosis.
+        store: The store.
+        nominal: Whether the nominal model is wanted.
+
+    Raises:
+        InputError: If there is no such robot, or its model is of another description.
+    """
+    if is_run(word):
+        return Choice()
+    return choose_for(word, Wanted(NOMINAL if nominal else None, store))
 
 
 def chosen_to_drive(store: Path, run: str, model: str | None) -> Choice:
