@@ -69,34 +69,12 @@ def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights):
     assert (len(list_adoptions(store)), told) == (before, [])
 
 
-def test_the_question_suspends_without_a_process_and_the_answer_adopts(nights, server):
-    from prefect import flow, get_client
-    from prefect.flow_runs import resume_flow_run
-
-    from flows.scheduled import loop
-
-    _, (store, _, id), _ = nights
-    asked = loop.propose(id, str(store), return_state=True)
-    assert (asked.type.value, asked.name) == ("PAUSED", "Suspended")
-    run = asked.state_details.flow_run_id
-    assert adopted(store, ROBOT) is None or adopted(store, ROBOT)[1].model_id is None
-
-    @flow(name="answer")
-    def answer():
-        resume_flow_run(run, run_input={"adopt": True, "note": "looked at it"})
-
-    answer()
-    with get_client(sync_client=True) as client:
-        known = client.read_flow_run(run)
-    assert known.state.name != "Suspended"
-    keyset = asked.state_details.run_input_keyset
-    said = loop.Answer.load(keyset, flow_run_id=run)
-    assert (said.adopt, said.note) == (True, "looked at it")
-    number = in_a_flow(nights[0].adopt, id, str(store), said.note)
+def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
+    tasks, (store, _, id), _ = nights
+    number = in_a_flow(tasks.adopt, id, str(store), "looked at it")
     assert adopted(store, ROBOT)[0] == number
     assert adopted(store, ROBOT)[1].note == "looked at it"
-    # An answer that comes too late is a refusal that is told, and no failure.
-    assert in_a_flow(nights[0].adopt, id, str(store), "once more") is None
+    assert in_a_flow(tasks.adopt, id, str(store), "once more") is None
 
 
 def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(made):
