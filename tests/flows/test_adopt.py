@@ -8,7 +8,7 @@ import pytest
 from flows.cli import main
 from flows.keep.diagnosis import read_known, read_models, read_verdict
 from flows.steps.loop.adopt import Adopt, adopt, list_adoptions, roll_back
-from flows.steps.loop.choose import Wanted, choose_for
+from flows.steps.loop.choose import Wanted, choose_for, choose_to_watch
 from flows.steps.rerun import rerun as reruns
 from residual.diagnosis.doubt.worth import worth
 from residual.errors import InputError
@@ -76,6 +76,9 @@ def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     with pytest.raises(InputError, match="each say what the nominal model is"):
         choose_for(ROBOT, Wanted(id, store, first[0], "--baseline"))
     assert choose_for(ROBOT, Wanted(id[:6], store, first[0])).diagnosis == id
+    assert choose_to_watch(ROBOT, store, nominal=False).diagnosis == id
+    assert choose_to_watch(ROBOT, store, nominal=True).diagnosis is None
+    assert choose_to_watch(id[:8], store, nominal=False).line is None
 
 
 def test_the_command_names_the_model_it_goes_by_in_its_first_lines(fresh, capsys):

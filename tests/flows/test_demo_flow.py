@@ -217,6 +217,7 @@ def test_the_events_of_the_deployments_are_those_that_flows_send(server):
     assert expected == {
         ("monitor", events.COMMITTED, events.STORE),
         ("diagnose", events.ALARM, events.STORE),
+        ("propose", events.PROPOSED, events.STORE),
     }
 
 
