@@ -14,6 +14,10 @@ from warehouse.adoptions import Adoption, adopted
 from warehouse.commit import read_record
 from warehouse.runs import read_run
 
+# Times the error of the baseline's own model: what a model may leave of its logs once
+# what was found is taken out again.
+EDITED = 2.0
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judged:
@@ -81,6 +85,21 @@ def _of_verdict(verdict: Verdict) -> list[str]:
         out.append("it names nothing that the model lacks")
     if verdict.error.same_run:
         out.append("its proof is the end of a log that was fitted")
+    return [*out, *_of_edit(verdict)]
+
+
+def _of_edit(verdict: Verdict) -> list[str]:
+    """What the edit test says: without its effects a model is that of the baseline."""
+    out = []
+    for one in verdict.edit or ():
+        if None in (one.error, one.kept, one.reference):
+            continue
+        if one.error > min(one.kept, EDITED * one.reference):
+            out.append(
+                f"without {one.name} it leaves {one.error:.3g} % "
+                f"of the healthy logs' torque, with it {one.kept:.3g} %, and their own "
+                f"model {one.reference:.3g} %: the edit test is not passed"
+            )
     return out
 
 
