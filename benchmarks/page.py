@@ -22,6 +22,7 @@ PAGES = {
     "": ROOT / "docs" / "benchmarks.md",
     "tools": ROOT / "docs" / "benchmarks_tools.md",
     "used": ROOT / "docs" / "benchmarks_used.md",
+    "loop": ROOT / "docs" / "benchmarks_loop.md",
 }
 FENCES = "<!-- results -->\n", "<!-- end of results -->\n"
 _WORDS = {

@@ -72,6 +72,8 @@ class Diagnose(Request):
         null: File of a calibrated null; None for those of the store.
         store: Folder of the store, None for the usual one.
         trust_log: Whether to go on where a fault of the logs is certain.
+        model: Id of the diagnosis in the store whose model is the nominal one; None
+            for the robot as described, or of the baseline.
     """
 
     logs: tuple[str, ...]
@@ -83,6 +85,7 @@ class Diagnose(Request):
     null: str | None = None
     store: str | Path | None = None
     trust_log: bool = False
+    model: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from residual.diagnosis.baseline.drift import drifted
+from residual.diagnosis.baseline.known import learnt, on_logs
 from residual.diagnosis.baseline.learn import from_baseline
 from residual.diagnosis.causes.edit.dense import dense_fit
 from residual.diagnosis.causes.edit.edits import baseline_edits
@@ -34,7 +35,13 @@ from residual.errors import InputError
 from residual.evidence.fit import Fit
 from residual.model.compare import Errors, compare, prepare_held_out
 from residual.model.model import Model
-from residual.model.nominal import declared_names, prepare_logs, start_nominal
+from residual.model.nominal import (
+    Logs,
+    Nominal,
+    declared_names,
+    prepare_logs,
+    start_nominal,
+)
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.split import hold_out_end, session_clock
@@ -53,6 +60,7 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     progress: Progress | None = None,
     null: Null | Sequence[Null] | None = None,
     inside: Inside | None = None,
+    known: Nominal | None = None,
 ) -> Diagnosis:
     """Find what a robot's model lacks, add it, and prove it on held-out motion.
 
@@ -66,22 +74,25 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
         progress: Told the stage and the share done.
         null: The calibrated null to go by, or several to choose a fitting one from.
         inside: Shown what the search knows, before it is let go.
+        known: What an earlier diagnosis knew of this arm (`Diagnosis.known`): then that
+            is the nominal model.
 
     Raises:
-        InputError: If a log does not belong to the robot, an effect is unknown, or the
-            null was made for other logs.
+        InputError: If a log does not belong to the robot, an effect is unknown, the
+            null was made for other logs, or several say what the nominal model is.
     """
     tell = progress or (lambda stage, share: None)
-    names = declared_names(robot, declared)
+    if known is not None and (baseline or declared is not None):
+        raise InputError(
+            "A baseline, declared effects and an adopted model each say what the "
+            "nominal model is. Give one of them."
+        )
     _check_joints(robot, [*fit, *baseline, *held_out])
     same_run = not held_out
     if same_run:
         fit, held_out = hold_out_end(fit)
     logs = prepare_logs(robot, fit, session_clock([*fit, *held_out]), Filters())
-    if baseline:
-        nominal = from_baseline(robot, baseline, names, logs, tell)
-    else:
-        nominal = start_nominal(logs, names)
+    nominal = _nominal(logs, (known, baseline, declared), tell)
     null = choose_null(null, key_of(logs, nominal))
     rules = Rules()
     if null:
@@ -91,6 +102,17 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     found = _prove(examined, asked)
     tell("proof", 1.0)
     return found
+
+
+def _nominal(logs: Logs, told: tuple, tell: Progress) -> Nominal:
+    """The model to be doubted: adopted, of a baseline, or as the user gave it."""
+    known, baseline, declared = told
+    if known is not None:
+        return on_logs(known, logs)
+    names = declared_names(logs.robot, declared)
+    if baseline:
+        return from_baseline(logs.robot, baseline, names, logs, tell)
+    return start_nominal(logs, names)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -142,6 +164,7 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         notes=_noted(standing, asked, models["augmented"]),
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in listed),
+        known=learnt(examined, judged.fit if judged.kept else examined.plain),
     )
 
 
@@ -191,8 +214,8 @@ def _models(examined: Examined, judged: Verdicts) -> tuple[dict, Remains]:
 def _drift(
     examined: Examined, fitted: Fit, asked: _Asked
 ) -> tuple[Drift | None, float | None]:
-    """Only against a baseline is a change of all friction one."""
-    if not asked.baseline:
+    """Only against a baseline, or a model that was adopted, is friction a change."""
+    if examined.nominal.covariance is None:
         return None, None
     shared = session_clock([*asked.baseline, *asked.fit]) is not None
     clock = "recording time" if shared else "order"

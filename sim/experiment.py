@@ -11,7 +11,7 @@ from sim.background.torque import logged
 from sim.draw import draw_hidden
 from sim.plant import tables as at
 from sim.plant.arm import Arm, build_arm
-from sim.plant.controller import ComputedTorque
+from sim.plant.controller import ComputedTorque, Law, controller_by
 from sim.plant.stepping import Trace, simulate
 from sim.records import PlantRun, PlantSpec, Rates, Reference
 from sim.sensors import every_nth, log_of
@@ -29,6 +29,7 @@ def run_experiment(
     plant: PlantSpec,
     rates: Rates = Rates(),  # noqa: B008  frozen
     start: float = 0.0,
+    given: Array | Law | None = None,
 ) -> PlantRun:
     """Drive the arm of a spec along a reference, and its nominal twin.
 
@@ -42,6 +43,8 @@ def run_experiment(
         rates: Rates of controller and log.
         start: Time since the session began; the log's clock goes on from there, and
             the gears are as warm as after usual work for that long [s].
+        given: What drives the arm in place of the nominal model: torque along the
+            reference [N m], shape (n, dof), or a law of computed torque.
 
     Returns:
         Log, truth and twin errors.
@@ -54,6 +57,8 @@ def run_experiment(
     every, label = every_nth(rates), motion_label(reference, start)
     arm = build_arm(robot, plant)
     controller = ComputedTorque(robot, reference)
+    if given is not None:
+        controller = controller_by(robot, reference, given)
     trace = simulate(arm, reference, controller, label, start, plant.seed)
     reference = _as_far(reference, len(trace.t))
     noise = (plant.noise, plant.seed, label, start)

@@ -141,12 +141,12 @@ def commit_record(
     target = record_folder(store, kind, id)
     if _is_there(target, kind):
         return id
-    row = _row(kind, id, provenance(), record) | {"lineage": lineage}
+    row = row_of(kind, id, provenance(), record) | {"lineage": lineage}
     for view in set(known.lists) - {"lineage"}:
         row[view] = tables.pop(view).to_pylist() if view in tables else []
     told = {"record": record, "provenance": as_record(provenance())}
     texts = {k: json.dumps(v, ensure_ascii=False) for k, v in told.items()}
-    made = _one_row(kind, row, texts)
+    made = one_row(kind, row, texts)
     keep_made_with(store)
     with staged(store, id) as folder:
         for name, table in tables.items():
@@ -207,7 +207,7 @@ def _is_there(target: Path, kind: str) -> bool:
 
 def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> pa.Table:
     about = about_run(full)
-    row = _row("runs", id, provenance(), about) | {
+    row = row_of("runs", id, provenance(), about) | {
         "robot": recording.robot,
         "duration_s": recording.duration,
         "rows": len(recording.t),
@@ -222,7 +222,7 @@ def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> p
         "sealed_sha256": full["sealed_sha256"],
         "manifest": json.dumps(full, ensure_ascii=False, allow_nan=False),
     }
-    return _one_row("runs", row, extra)
+    return one_row("runs", row, extra)
 
 
 def _twin_errors(id: str, trajectory: str | None, arrays: Mapping) -> list[dict]:
@@ -236,7 +236,7 @@ def _twin_errors(id: str, trajectory: str | None, arrays: Mapping) -> list[dict]
     ]
 
 
-def _row(kind: str, id: str, known: Provenance, record: Mapping) -> dict:
+def row_of(kind: str, id: str, known: Provenance, record: Mapping) -> dict:
     """Return the columns that every kind has, and those that the record gives."""
     row = {name: record.get(name) for name in KINDS[kind].fields.names}
     return row | {
@@ -247,7 +247,17 @@ def _row(kind: str, id: str, known: Provenance, record: Mapping) -> dict:
     }
 
 
-def _one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Table:
+def one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Table:
+    """Return a catalogue row as the file of a record has it.
+
+    Args:
+        kind: Kind of record.
+        row: Its values by column.
+        extra: Further columns of text.
+
+    Raises:
+        InputError: If a value is of another type than its column.
+    """
     schema = KINDS[kind].fields
     try:
         table = pa.Table.from_pylist([dict(row)], schema=schema)

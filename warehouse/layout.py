@@ -74,6 +74,10 @@ KINDS = {
             ("errors", "alarms", "lineage", "blind"),
         ),
         Kind("reports", "reports", "report_id", "_report.parquet"),
+        # Its id is its number: nobody else can have taken that.
+        Kind(
+            "adoptions", "adoptions", "adoption_id", "_adoption.parquet", ("lineage",)
+        ),
     )
 }
 

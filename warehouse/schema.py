@@ -70,6 +70,20 @@ _CODE = (
 )
 _ROBOT = Column("robot", TEXT, "name of the robot")
 _UNIT = Column("unit", TEXT, "unit of the value")
+_ADOPTION = (
+    Column("adoption_id", TEXT, "its number, in six digits"),
+    _ROBOT,
+    Column("serial", TEXT, "serial number of the robot; null where none is given"),
+    Column("action", TEXT, "adopted, forced (against the gate) or rolled back"),
+    Column("model_id", TEXT, "the model from then on; null for the nominal one"),
+    Column("diagnosis_id", TEXT, "the diagnosis that found it"),
+    Column("parent", TEXT, "the adoption before, of which it is the next version"),
+    Column("who", TEXT, "name of the user who did it"),
+    Column("note", TEXT, "what he wrote about it"),
+    Column("before", NUMBER, "held-out error of the model before", "%"),
+    Column("after", NUMBER, "held-out error of this model", "%"),
+    _CREATED,
+)
 
 VIEWS: dict[str, tuple[Column, ...]] = {
     "runs": (
@@ -222,6 +236,8 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         _CREATED,
         *_CODE,
     ),
+    "adoptions": (*_ADOPTION, *_CODE),
+    "adopted": _ADOPTION,
     "lineage": (
         Column("child", TEXT, "id of what was made"),
         Column("parent", TEXT, "id of what it was made from"),

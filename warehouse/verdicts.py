@@ -26,6 +26,7 @@ class Rows:
         errors: Rows of the view errors, but for ``trajectory``; those without a
             ``run_id`` are over all held-out runs.
         tables: Other tables of it, such as curves.
+        nominal: Id of the diagnosis whose model was the nominal one, if any.
     """
 
     record: Mapping
@@ -33,6 +34,7 @@ class Rows:
     effects: Sequence[Mapping] = ()
     errors: Sequence[Mapping] = ()
     tables: Mapping[str, pa.Table] = field(default_factory=dict)
+    nominal: str | None = None
 
 
 def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> str:
@@ -52,7 +54,8 @@ def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> st
     roles = {role: list(ids) for role, ids in runs.items() if ids}
     motions = {id: _trajectory(store, id) for ids in roles.values() for id in ids}
     model = {"robot": rows.record["robot"], "stage": "augmented", **rows.model}
-    fitted = {role: ids for role, ids in roles.items() if role != "held_out"}
+    before = {"nominal": [rows.nominal]} if rows.nominal else {}
+    fitted = {role: ids for role, ids in roles.items() if role != "held_out"} | before
     model_id = commit_record(store, "models", model, parents=fitted)
     errors = _placed(rows.errors, roles.get("held_out", []), motions)
     tables = {
@@ -61,7 +64,7 @@ def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> st
         "effects": _table("effects", rows.effects),
     }
     record = {**rows.record, "model_id": model_id}
-    parents = {**roles, "model": [model_id]}
+    parents = {**roles, **before, "model": [model_id]}
     return commit_record(store, "diagnoses", record, tables, parents)
 
 

@@ -40,8 +40,7 @@ def faults(found: Found) -> tuple[str, ...]:
         if row.get(key) != found.id:
             return (f"its row says {row.get(key)}, its folder {found.id}",)
         _check_form(found)
-        check = _faults_of_run if found.kind == "runs" else _faults_of_record
-        return tuple(check(found, row))
+        return tuple(_CHECKS.get(found.kind, _faults_of_record)(found, row))
     except InputError as error:
         return (str(error),)
     # A row of another form is no record of ours, whatever it holds.
@@ -134,6 +133,16 @@ def _faults_of_record(found: Found, row: Mapping) -> Iterator[str]:
         if ids.digest(found.kind, record, lineage, told)[: ids.ID_DIGITS] == found.id:
             return
     yield f"{found.folder.name}: its content is not the one that its id is the hash of"
+
+
+def _faults_of_adoption(found: Found, row: Mapping) -> Iterator[str]:
+    record = json.loads(row["record"])
+    for key in ("robot", "serial", "model_id", "parent"):
+        if record[key] != row[key]:
+            yield f"{found.row.name} has another {key} than its record"
+
+
+_CHECKS = {"runs": _faults_of_run, "adoptions": _faults_of_adoption}
 
 
 def _subsets(items: Mapping[str, str]) -> Iterator[dict[str, str]]:

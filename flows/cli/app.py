@@ -54,6 +54,11 @@ _COMMANDS = {
         "campaign": ("experiment:campaign", None),
         "blind": ("blind:blind", None),
     },
+    "Your robot's model": {
+        "models": ("loop.adopt:models", None),
+        "adopt": ("loop.adopt:adopt", None),
+        "rollback": ("loop.adopt:rollback", None),
+    },
     "History": {
         "runs": ("store:runs", None),
         "show": ("store:show", None),

@@ -1,5 +1,7 @@
 """modelgap diagnose: what the model lacks, from measured logs."""
 
+from dataclasses import replace
+
 from flows.cli.options import (
     STDOUT,
     Flag,
@@ -15,6 +17,7 @@ from flows.report.terminal.diagnosis import print_diagnosis
 from flows.requests import Diagnose
 from flows.say import say
 from flows.steps import diagnose as steps
+from flows.steps.loop.choose import Wanted, choose_for
 from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.verdict import to_json
 
@@ -31,6 +34,7 @@ def diagnose(
     null: str | None = None,
     store: str | None = None,
     trust_log: Flag = False,
+    model: str | None = None,
     verbose: Flag = False,
 ) -> None:
     """Name what the model of a robot lacks, from its logs.
@@ -48,6 +52,9 @@ def diagnose(
     ```
     modelgap diagnose run.csv@:60% --robot arm.urdf --holdout run.csv@60%:
     ```
+
+    A diagnosis of runs of the store is kept there, and its model may be adopted
+    (modelgap adopt).
 
     What has changed since the robot was healthy?
 
@@ -77,6 +84,9 @@ def diagnose(
             ./store.
         trust_log: Go on although a fault of the logs is certain (modelgap check); the
             answer is then "unknown", and names nothing.
+        model: "nominal", or the id of a diagnosis whose model is to be doubted; without
+            it the model that the robot has in the store (modelgap models), where the
+            logs are runs of it or --store is given.
         verbose: List the effects that these logs could not tell apart.
     """
     request = Diagnose(
@@ -90,13 +100,17 @@ def diagnose(
         store=store,
         trust_log=trust_log,
     )
+    words = Wanted(model, store, (*logs, *holdout), _instead(baseline, declared))
+    choice = choose_for(robot, words)
+    request = replace(request, model=choice.diagnosis)
     files = named_files({"--report": report, "--json": json})
     check_writable(files, read_files((*logs, *baseline, *holdout, robot), map, null))
     console = console_beside(json)
     read = steps.read_logs(request)
-    say(console, *read.lines)
+    say(console, *read.lines[:1], *choice.lines, *read.lines[1:])
+    stored = steps.as_stored(read)
     with progress_bar() as progress:
-        found = steps.diagnose(request, read, progress)
+        found = steps.diagnose(request, stored or read, progress)
     # Those of the logs were printed before the work.
     say(console, *found.notes[len(read.lines) :])
     text = json_text(to_json(found.verdict))
@@ -105,8 +119,18 @@ def diagnose(
     write_all({path: contents[option] for option, path in files.items()})
     print_diagnosis(found, console, verbose)
     say(console, *(f"wrote {path}" for path in files.values()))
+    if stored:
+        id, _ = steps.keep(request, stored, found)
+        say(console, f"stored as a diagnosis: modelgap show {id}")
     if json == STDOUT:
         print(text, end="")
+
+
+def _instead(baseline: tuple[str, ...], declared: str | None) -> str | None:
+    """Return the option that says by itself what the nominal model is."""
+    if baseline:
+        return "--baseline"
+    return None if declared is None else "--declared"
 
 
 def _page(found: Diagnosis) -> str:

@@ -1,11 +1,14 @@
 """modelgap experiment, campaign and validate: simulated runs, and a model on a run."""
 
+from typing import Annotated
+
+from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.options import Flag
+from flows.cli.options import Flag, check_between
 from flows.errors import RunError
 from flows.progress import progress_bar
-from flows.report.terminal import validation
+from flows.report.terminal import tracking, validation
 from flows.requests import Validate
 from flows.say import say
 from flows.settings import store_folder
@@ -14,7 +17,10 @@ from flows.specs.experiment import load_spec
 from flows.steps import experiment as steps
 from flows.steps import validate as trial
 from flows.steps.campaign import run_all
+from flows.steps.loop.choose import chosen_to_drive
+from flows.steps.loop.track import Track, track
 from flows.workers.runner import chosen_runner, workers_of
+from residual.errors import InputError
 
 
 def experiment(spec: str, *, store: str | None = None, dry_run: Flag = False) -> None:
@@ -95,26 +101,53 @@ def _list(planned: list[steps.Planned], console: Console) -> None:
         say(console, f"{each.run_id}  {word:8}  {each.label}")
 
 
-def validate(run: str, /, *, window: float = 0.25, store: str | None = None) -> None:
-    """Try the nominal model on a run of the store, without fitting anything.
+def validate(
+    *runs: Annotated[str, Parameter(name="RUN")],
+    window: float = 0.25,
+    model: str | None = None,
+    seeds: int = 0,
+    store: str | None = None,
+) -> None:
+    """Try a model on runs of the store, without fitting anything.
 
     ```
     modelgap validate 3f2a
     modelgap validate 3f2a --window 0.1
+    modelgap validate 3f2a 77c0 --model 8904 --seeds 5
     ```
 
-    Open loop: under the logged torque alone, window by window, how far does the model
-    stray from what was measured? Feed-forward, on simulated runs: driven by the
-    model's torque, how well does the arm track its reference, and how well when
-    driven by its own? Root mean square per joint; the store keeps it.
+    Open loop: under the logged torque alone, window by window, how far does the nominal
+    model stray from what was measured? Feed-forward, on simulated runs: driven by the
+    model's torque, how well does the arm track its reference, and how well when driven
+    by its own? Root mean square per joint; the store keeps it.
+
+    With a model that was adopted, or with --model, the arm of the runs is then driven
+    by that model and by the nominal one: friction and effects compensated or not, with
+    torque for the acceleration or not, and as computed torque.
 
     Args:
-        run: Id of a run; the beginning is enough.
+        runs: Ids of runs; the beginning is enough. With a model, of one robot.
         window: Length of the windows in seconds; errors grow quickly with it.
+        model: Id of a diagnosis, a model or a calibration (its look-up tables) to drive
+            with; "nominal" for none. Without it the one that the robot has
+            (modelgap models).
+        seeds: With a model: how many further motions of each family to drive.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     place, console = store_folder(store), Console()
-    id, made = trial.validate(Validate(run, window, place))
-    console.print(validation.validation_table(made))
-    stored = f"stored in {place}: modelgap show {id}"
-    say(console, validation.meaning(made), *made.notes, stored)
+    check_between("--seeds", seeds, 0, 1000)
+    if not runs:
+        raise InputError("No run to validate on. Name it: modelgap validate RUN")
+    choice = chosen_to_drive(place, runs[0], model)
+    say(console, *choice.lines)
+    for run in runs:
+        id, made = trial.validate(Validate(run, window, place))
+        console.print(validation.validation_table(made))
+        stored = f"stored in {place}: modelgap show {id}"
+        say(console, validation.meaning(made), *made.notes, stored)
+    if choice.diagnosis:
+        with progress_bar() as bar:
+            id, done = track(Track(runs, choice.diagnosis, seeds, place), bar)
+        console.print(tracking.cells_table(done))
+        console.print(tracking.joints_table(done))
+        say(console, *tracking.lines(done), f"stored in {place}: modelgap show {id}")

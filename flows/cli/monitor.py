@@ -5,7 +5,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.options import Words, named_files
+from flows.cli.options import Flag, Words, named_files
 from flows.outputs import check_writable, write_all
 from flows.report.page.monitor_plot import plot as draw
 from flows.report.terminal.monitor import alarm_table, meaning
@@ -13,6 +13,7 @@ from flows.requests import Monitor
 from flows.say import say
 from flows.settings import store_folder
 from flows.steps import monitor as steps
+from flows.steps.loop.choose import choose_to_watch
 
 
 def monitor(
@@ -21,6 +22,7 @@ def monitor(
     *runs: Annotated[str, Parameter(name="RUN")],
     calibrate: Words = (),
     per_hour: float = 1.0,
+    nominal: Flag = False,
     plot: str | None = None,
     store: str | None = None,
 ) -> None:
@@ -36,19 +38,23 @@ def monitor(
     slowly is hidden: the arm follows it (docs/monitoring.md).
 
     Args:
-        model: Id of a diagnosis, or a robot (built-in name, URDF, folder) for its
-            nominal model. Its coefficients are fitted to the healthy runs.
+        model: Id of a diagnosis, or a robot (built-in name, URDF, folder) for the
+            model that it has (modelgap models). Its coefficients are fitted to the
+            healthy runs.
         runs: Ids of the runs to watch; the beginning is enough.
         calibrate: Ids of healthy runs, three or more; without it those that the
             diagnosis was made from.
         per_hour: False alarms wanted at most in an hour.
+        nominal: Of a robot take the nominal model, whatever it has.
         plot: PNG file for the scores over time.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     place, console = store_folder(store), Console()
     files = named_files({"--plot": plot})
     check_writable(files, ())
-    request = Monitor(model, runs, calibrate, per_hour, place)
+    choice = choose_to_watch(model, place, nominal)
+    say(console, *choice.lines)
+    request = Monitor(choice.diagnosis or model, runs, calibrate, per_hour, place)
     id, found, watched = steps.monitor(request)
     if any(found.alarms.values()):
         console.print(alarm_table(found, watched))

@@ -12,11 +12,13 @@ from flows.keep.diagnosis_tables import (
     from_record,
     to_record,
 )
+from residual.diagnosis.baseline import known
 from residual.diagnosis.result import Diagnosis, Verdict
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
 from residual.model.corrected import Corrected
 from residual.model.model import Model
+from residual.model.nominal import Nominal
 from residual.model.record import from_record as read_model
 from residual.model.record import to_record as model_record
 from warehouse.commit import commit_record, read_record
@@ -47,9 +49,11 @@ def store_outcome(
     """
     asked, robot = {"request": request}, found.verdict.robot
     each = errors_by_run(found) if runs.get("held_out") else []
+    kept = {"known": known.to_record(found.known)} if found.known else {}
     rows = Rows(
         record=_record(found.verdict) | asked,
-        model=asked | {"models": models_record(found.models)},
+        model=asked | {"models": models_record(found.models)} | kept,
+        nominal=(request or {}).get("model"),
         effects=list(effect_rows(found.effects)),
         errors=[*error_rows(found.errors), *each],
     )
@@ -137,6 +141,18 @@ def _kept_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]
     model_id = read_record(store, diagnosis_id)["model_id"]
     kept = read_record(store, model_id).get("models")
     return read_models_record(kept) if kept else {}
+
+
+def read_known(store: Path, diagnosis_id: str) -> Nominal:
+    """Return the augmented model of a diagnosis as the nominal one of others.
+
+    Raises:
+        InputError: If there is none of that id, or it was stored without models.
+    """
+    record = read_record(store, read_record(store, diagnosis_id)["model_id"])
+    if "known" in record:
+        return known.from_record(record["known"], record["models"]["robot"])
+    return known.given_values(read_models(store, diagnosis_id)["augmented"])
 
 
 def models_record(found: Mapping[str, Model | Corrected]) -> dict:

@@ -168,6 +168,19 @@ def report(page: Path, words: str, diagnosis: str) -> None:
     create_markdown_artifact(words, key="verdict", description=f"diagnosis {diagnosis}")
 
 
+def proposal(page: Path, words: str, diagnosis: str) -> None:
+    """Show two models side by side, and where the page of that is.
+
+    Args:
+        page: The page.
+        words: The same as text.
+        diagnosis: Id of the diagnosis of the second.
+    """
+    create_link_artifact(page.as_uri(), "proposal", key="proposal")
+    about = f"diagnosis {diagnosis}"
+    create_markdown_artifact(words, key="proposal-words", description=about)
+
+
 def study(page: Path, words: str, id: str) -> None:
     """Show the figures of a blind study, and where its page is.
 

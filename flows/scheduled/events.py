@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from prefect.events import emit_event
 
 COMMITTED, ALARM = "modelgap.run.committed", "modelgap.monitor.alarm"
+PROPOSED = "modelgap.model.proposed"
 STORE = "modelgap.store"
 _MOST = 1000  # ids in one event; the server refuses more than 1.5 MB
 
@@ -33,6 +34,15 @@ def alarm_raised(record: str, runs: Sequence[str], good: Sequence[str]) -> None:
     """
     about = {"record": record, "run_ids": list(runs), "good_ids": list(good)}
     _tell(ALARM, about)
+
+
+def model_proposed(diagnosis: str) -> None:
+    """Tell that the model of a diagnosis may be that of its robot.
+
+    Args:
+        diagnosis: Its id.
+    """
+    _tell(PROPOSED, {"diagnosis": diagnosis})
 
 
 def _tell(name: str, payload: dict) -> None:

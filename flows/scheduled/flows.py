@@ -4,21 +4,18 @@ To be imported after `flows.settings.prepare_prefect`; prefect.yaml says when ea
 started.
 """
 
-from prefect import flow, get_run_logger
+from prefect import flow
 from prefect.runtime import flow_run
-from prefect.task_runners import ProcessPoolTaskRunner
 
 from flows.requests import Campaign, Demo
-from flows.scheduled import events, tasks
-from flows.settings import cores, one_thread_each, store_folder
-from flows.steps.campaign import by_role, planned
+from flows.scheduled import loop_tasks, tasks
+from flows.scheduled.batches import in_batches
+from flows.settings import store_folder
 from flows.workers.runner import PROCESSES, chosen_runner
 from sim.records import CLEAN, WORKSHOP, BackgroundWord
 
 _LIMIT = 12 * tasks.HOUR
 _NIGHT = 24 * tasks.HOUR
-# Batches per process: some end early, and each costs Prefect a tenth of a second.
-_BATCHES = 4
 
 
 @flow(name="nightly", flow_run_name="nightly {campaign_file}", timeout_seconds=_NIGHT)
@@ -28,8 +25,12 @@ def nightly(
     store: str | None = None,
     runner: str | None = None,
     trust_network: bool = False,
+    auto: bool = False,
 ) -> str:
     """Run new motions of the night; identify, calibrate, validate, diagnose, report.
+
+    What the diagnosis finds beyond the model that the robot has is proposed as its
+    next model; the flow `propose` waits for the answer, this one does not.
 
     Args:
         campaign_file: The campaign; its seed is replaced by the date, so that every
@@ -38,6 +39,7 @@ def nightly(
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         runner: threads, processes or dask://HOST:PORT; else $MODELGAP_RUNNER.
         trust_network: Whether that host may be another machine.
+        auto: Whether to adopt it without asking.
 
     Returns:
         The page.
@@ -48,7 +50,10 @@ def nightly(
     tasks.identify(runs, place)
     tasks.calibrate(runs, place)
     tasks.validate(runs["held_out"] or runs["fit"], 0.25, place)
-    return tasks.report(tasks.diagnose(runs, place), place)
+    ids = tasks.diagnose(runs, place, loop_tasks.model_in_force(runs, place))
+    page = tasks.report(ids, place)
+    loop_tasks.adopt_or_propose(ids[0], place, auto)
+    return page
 
 
 @flow(name="experiment", flow_run_name="experiment {spec}", timeout_seconds=tasks.HOUR)
@@ -90,36 +95,6 @@ def campaign(
     if chosen_runner(runner, trust_network).kind == PROCESSES:
         return in_batches(asked)
     return tasks.campaign(asked)["fit"]
-
-
-def in_batches(asked: Campaign) -> list[str]:
-    """Run a campaign as Prefect tasks in processes of Prefect, batch by batch.
-
-    Args:
-        asked: The campaign.
-
-    Returns:
-        The ids of its runs.
-
-    Raises:
-        RunError: If none of them succeeded.
-    """
-    wanted = planned(asked)
-    missing = [p.run_id for p in wanted if not p.stored]
-    parts = [missing[i :: _BATCHES * cores()] for i in range(_BATCHES * cores())]
-    with one_thread_each(), ProcessPoolTaskRunner(max_workers=cores()) as pool:
-        futures = [
-            pool.submit(tasks.batch, {"asked": asked, "ids": ids})
-            for ids in parts
-            if ids
-        ]
-        failed = [why for future in futures for why in future.result()]
-    for why in failed:
-        get_run_logger().warning(why)
-    stored = [p.run_id for p in planned(asked) if p.stored]
-    runs = by_role(asked, wanted, stored, failed)["fit"]
-    events.runs_committed([id for id in runs if id in missing])
-    return runs
 
 
 @flow(name="identify", flow_run_name="identify {fit}", timeout_seconds=_LIMIT)

@@ -32,6 +32,7 @@ from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
 from flows.steps import verify as verification
+from flows.steps.loop.choose import in_force
 from flows.steps.monitor_model import source_of
 from flows.steps.rerun import rerun as reruns
 from flows.workers.cluster import ClusterLostError
@@ -116,9 +117,9 @@ def validate(ids: list[str], window: float, store: str) -> list[str]:
 
 
 @task(name="diagnose", task_run_name="diagnose", tags=["analysis"])
-def diagnose(runs: dict, store: str) -> list[str]:
+def diagnose(runs: dict, store: str, model: str | None = None) -> list[str]:
     """Identify, diagnose, augment, prove; the verdict goes into the store."""
-    request = diagnosis.request_of(runs, Path(store))
+    request = diagnosis.request_of(runs, Path(store), model)
     return list(diagnosis.diagnose_runs(request, surroundings().progress))
 
 
@@ -126,6 +127,8 @@ def diagnose(runs: dict, store: str) -> list[str]:
 def watch(ids: list[str], model: str | None, good: list[str], store: str) -> list[str]:
     """Watch the sensors of runs; an alarm is told as an event."""
     place = Path(store)
+    # What the robot has, else what was found of it last.
+    model = model or in_force(ids, place).diagnosis
     model = model or monitoring.latest_diagnosis(ids, place)
     if model is None:
         return _nothing("No diagnosis of this arm yet: nothing to compare with.")

@@ -107,6 +107,29 @@ class RatesTable(Table):
         return self
 
 
+NOMINAL = "nominal"
+
+
+class ControllerTable(Table):
+    """[controller]: the model that drives the arm, and how.
+
+    `model` is nominal, adopted, or the id of a diagnosis, a model or a calibration of
+    the store; `kind` says whether it closes the loop or is added to plain feedback.
+    """
+
+    kind: Literal["computed_torque", "feed_forward"] = "computed_torque"
+    model: Annotated[str, Field(pattern="^(nominal|adopted|[0-9a-f]{1,20})$")] = NOMINAL
+
+    @model_validator(mode="after")
+    def _with_a_model(self) -> "ControllerTable":
+        if self.model == NOMINAL and self.kind != "computed_torque":
+            raise ValueError(
+                "the nominal model closes the loop (computed_torque); name another "
+                "model for feed_forward"
+            )
+        return self
+
+
 class ExperimentSpec(Table):
     """One experiment: what SPEC.toml says, every default filled in.
 
@@ -121,6 +144,7 @@ class ExperimentSpec(Table):
     trajectory: TrajectoryTable = TrajectoryTable()
     plant: PlantTable = PlantTable()
     rates: RatesTable = RatesTable()
+    controller: ControllerTable = ControllerTable()
 
     def reference(self) -> TrajectorySpec:
         """The reference to make; its seed is open."""

@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load, robot_of
-from flows.keep.diagnosis import store_outcome
+from flows.keep.diagnosis import read_known, store_outcome
 from flows.keep.null import nulls_in, of_this_version, read_null
 from flows.progress import Progress
 from flows.requests import Diagnose
@@ -72,8 +72,10 @@ def diagnose_heard(
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
     report = checked(logs, request.declared, request.trust_log)
+    store = store_folder(request.store)
+    known = read_known(store, request.model) if request.model else None
     wanted = (read_null(request.null),) if request.null else None
-    nulls = wanted or nulls_in(store_folder(request.store))
+    nulls = wanted or nulls_in(store)
     nulls, outdated = of_this_version(nulls, logs.robot)
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
@@ -86,6 +88,7 @@ def diagnose_heard(
             progress=progress,
             null=nulls[0] if wanted and nulls else nulls,
             inside=inside,
+            known=known,
         )
     logs = replace(logs, warnings=(*logs.warnings, *outdated))
     return _with_reading(with_check(found, report), logs)
@@ -126,25 +129,56 @@ def diagnose_runs(
         InputError: If a run is not there or does not belong to the robot.
     """
     logs = runs_of(request)
-    found = diagnose(request, logs, progress)
-    asked = request.to_record() | {"robot_hash": logs.robot.content_hash}
-    ids = {role: list(getattr(request, name)) for role, name in _ROLES.items()}
+    return keep(request, logs, diagnose(request, logs, progress))
+
+
+def keep(request: Diagnose, logs: LogSets, found: Diagnosis) -> tuple[str, str]:
+    """Store a diagnosis of runs; one on the same runs that says the same is kept once.
+
+    Args:
+        request: What was wanted.
+        logs: The runs, called by their whole ids (`as_stored`).
+        found: The diagnosis.
+
+    Returns:
+        The ids of the diagnosis, and of the validation that has its curves.
+    """
+    ids = {role: [log.id for log in getattr(logs, role)] for role in _ROLES}
+    words = {name: tuple(ids[role]) for role, name in _ROLES.items()}
+    asked = replace(request, **words).to_record()
     parents = {role: names for role, names in ids.items() if names}
-    return store_outcome(store_folder(request.store), found, parents, asked)
+    hash = {"robot_hash": logs.robot.content_hash}
+    return store_outcome(store_folder(request.store), found, parents, asked | hash)
 
 
-def request_of(runs: Mapping[str, Sequence[str]], store: Path) -> Diagnose:
+def as_stored(logs: LogSets) -> LogSets | None:
+    """Return logs by the whole ids of their runs; None unless all are whole runs."""
+    parts = {role: getattr(logs, role) for role in _ROLES}
+    if any(log.id not in (logs.runs or {}) for part in parts.values() for log in part):
+        return None
+    named = {
+        role: tuple(replace(log, id=logs.runs[log.id]) for log in part)
+        for role, part in parts.items()
+    }
+    return replace(logs, **named)
+
+
+def request_of(
+    runs: Mapping[str, Sequence[str]], store: Path, model: str | None = None
+) -> Diagnose:
     """Return the request to diagnose runs of one robot.
 
     Args:
         runs: Ids by role: fit, and held_out and baseline where there are such.
         store: The store.
+        model: Id of the diagnosis whose model is the nominal one, None for none.
 
     Raises:
         InputError: If there is no run to fit, or it is not in the store.
     """
     words = {name: tuple(runs.get(role, ())) for role, name in _ROLES.items()}
-    return Diagnose(robot=robot_of(runs["fit"], store), **words, store=store)
+    robot = robot_of(runs["fit"], store)
+    return Diagnose(robot=robot, **words, store=store, model=model)
 
 
 def _with_reading(found: Diagnosis, logs: LogSets) -> Diagnosis:

@@ -10,7 +10,8 @@ from time import perf_counter
 from threadpoolctl import threadpool_limits
 
 from flows.inputs.robots import load
-from flows.specs.experiment import ExperimentSpec
+from flows.specs.experiment import NOMINAL, ExperimentSpec
+from flows.steps.loop.controller import given_by, settled
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -77,7 +78,8 @@ def plan(specs: Iterable[tuple[str, ExperimentSpec]], store: Path) -> list[Plann
         InputError: If an experiment asks for what its robot or the plant lacks.
     """
     planned: dict[str, Planned] = {}
-    for label, spec in specs:
+    for label, asked in specs:
+        spec = settled(asked, _robot(asked.robot), store)
         id = run_id_of(spec)
         if id not in planned:
             planned[id] = Planned(label, spec, id, is_stored(store, spec, id))
@@ -114,28 +116,34 @@ def run(spec: ExperimentSpec, store: Path) -> str:
         InputError: If the motion breaks a limit of the arm (which joint, when, by how
             much) or the simulation diverges; nothing is stored then.
     """
+    spec = settled(spec, _robot(spec.robot), store)
     id = run_id_of(spec)
     if is_stored(store, spec, id):
         return id
-    made = make(spec)
+    made = make(spec, store)
     keep_robot(store, spec.robot, checked_robot(spec))
     return keep(made, store)
 
 
-def make(spec: ExperimentSpec) -> Made:
+def make(spec: ExperimentSpec, store: Path | None = None) -> Made:
     """Run one experiment, whether or not it is stored; nothing is written.
+
+    Args:
+        spec: What to run, the model of its controller named by a whole id.
+        store: Where that model is; None where the nominal one drives.
 
     Raises:
         InputError: As `run` does.
     """
     robot = checked_robot(spec)
-    made, timings = _simulate(spec, robot)
+    made, timings = _simulate(spec, robot, store)
     manifest = {
         "spec": open_half(spec, robot),
         "robot": spec.robot,
         "robot_hash": robot.content_hash,
         "seed_streams": {"reference": spec.reference().seed, "sealed": _stream_names()},
         "timings": timings,
+        "parents": _parents(spec),
     }
     return Made(made.log, made.twin, made.truth, manifest, sealed_half(spec))
 
@@ -151,7 +159,10 @@ def keep(made: Made, store: Path, parents: Mapping | None = None) -> str:
     Returns:
         The id of the run.
     """
-    manifest = {**made.manifest, **({"parents": parents} if parents else {})}
+    lineage = {**made.manifest.get("parents", {}), **(parents or {})}
+    manifest = {**made.manifest, "parents": lineage}
+    if not lineage:
+        del manifest["parents"]
     sealed = Sealed(made.hidden, made.truth)
     return commit_run(store, made.log, manifest, sealed, made.twin)
 
@@ -162,8 +173,9 @@ def load_engine() -> None:
 
 def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
     """Return what everybody may know of an experiment, as its record has it."""
-    reference = spec.reference()
+    reference, driven = spec.reference(), spec.controller.model != NOMINAL
     return {
+        **({"controller": spec.controller.model_dump()} if driven else {}),
         "schema": spec.schema_,
         "robot": {"name": robot.name, "content_hash": robot.content_hash},
         "declared": sorted(robot.declared),
@@ -252,12 +264,19 @@ def _robot(name: str) -> Robot:
     return load(name)
 
 
-def _simulate(spec: ExperimentSpec, robot: Robot) -> tuple:
+def _parents(spec: ExperimentSpec) -> dict:
+    model = spec.controller.model
+    return {} if model == NOMINAL else {"controller": [model]}
+
+
+def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     rates, clock = spec.log_rates(), [perf_counter()]
     with threadpool_limits(1, user_api="blas"):
         reference = reference_of(robot, spec.reference(), rates.control)
+        given = given_by(spec.controller, robot, reference, store)
         clock.append(perf_counter())
-        made = run_experiment(robot, reference, spec.plant_spec(), rates, spec.start)
+        plant = spec.plant_spec()
+        made = run_experiment(robot, reference, plant, rates, spec.start, given)
         clock.append(perf_counter())
     names = ("reference_s", "plant_s")
     times = (round(b - a, 3) for a, b in pairwise(clock))

@@ -86,10 +86,10 @@ def validate(request: Request) -> tuple[str, Validation]:
     store, window = store_folder(request.store), request.window
     log = read_run(store, request.run)
     manifest = read_manifest(store, log.id)
-    robot = _robot_of(log, manifest)
+    robot = robot_of(log, manifest)
     with threadpool_limits(1, user_api="blas"):
         strayed, used = open_loop_error(robot, log, window)
-        plant, tracked = _hidden_plant(store, log.id, manifest), {}
+        plant, tracked = hidden_plant(store, log.id, manifest), {}
         if plant:
             tracked = feed_forward_errors(robot, _reference(robot, manifest), plant)
     notes = _notes(manifest, plant is not None)
@@ -185,7 +185,12 @@ def _rms(error: Array) -> Array:
     return np.sqrt(np.mean(np.square(error), axis=0))
 
 
-def _robot_of(log: Recording, manifest: Mapping) -> Robot:
+def robot_of(log: Recording, manifest: Mapping) -> Robot:
+    """Return the robot of a run, which must be described as it was then.
+
+    Raises:
+        InputError: If it is described differently now.
+    """
     name = manifest.get("robot", log.robot)
     robot = load(name)
     if robot.content_hash != manifest.get("robot_hash"):
@@ -196,7 +201,7 @@ def _robot_of(log: Recording, manifest: Mapping) -> Robot:
     return robot
 
 
-def _hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | None:
+def hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | None:
     """Return the arm of a simulated run; None where no sealed half lies."""
     # A seal that was taken out is no error, one that is broken is.
     if not manifest["sealed_sha256"]:

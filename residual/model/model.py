@@ -159,8 +159,8 @@ class Model:
             regressor=regressor,
             rigid=rigid,
             tau_model=rigid,
-            inertial=self._loaded(),
-            drive=self._drive(),
+            inertial=self.loaded(),
+            drive=self.drive(),
         )
         return replace(state, tau_model=self.torque_of_state(state, as_reported=False))
 
@@ -173,7 +173,7 @@ class Model:
                 out = out + term.torque(state)
         return out
 
-    def _loaded(self) -> Array:
+    def loaded(self) -> Array:
         """Inertial parameters with the loads that the terms add. Shape (10 dof,)."""
         out = self.inertial.copy()
         for term in self.terms:
@@ -181,7 +181,7 @@ class Model:
                 out[-len(term.theta) :] += term.theta
         return out
 
-    def _drive(self) -> Array:
+    def drive(self) -> Array:
         """What the drives take per speed and per acceleration. Shape (2, dof)."""
         out = np.zeros((2, self.robot.dof))
         for row, carried in enumerate(("speed", "acceleration")):

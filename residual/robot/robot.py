@@ -49,6 +49,7 @@ class Robot:
         motor_from_joint: Motor speeds from joint speeds. Shape (dof, dof) or None.
         declared: Effects that the nominal model has, by name; empty for a bare URDF.
         prior_scale: Relative scale of the rigid prior, None to estimate it.
+        serial: Serial number, None where its robot.toml gives none.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Robot:
     motor_from_joint: Array | None
     declared: Mapping[str, Declared]
     prior_scale: float | None
+    serial: str | None = None
 
     def __repr__(self) -> str:
         declared = ", ".join(self.declared) or "rigid body alone"
@@ -163,6 +165,7 @@ def _assemble(
         motor_from_joint=extra.motor_from_joint,
         declared=extra.declared,
         prior_scale=extra.prior_scale,
+        serial=extra.serial,
     )
 
 

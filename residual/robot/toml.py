@@ -15,8 +15,9 @@ Effects = Mapping[str, Collection[str]]
 
 LARGEST = 1e30  # no number of a robot is larger, and a product of several overflows
 SLUG = re.compile(r"[a-z0-9_-]{1,40}")
+SERIAL = re.compile(r"[A-Za-z0-9._-]{1,40}")
 _TABLES = {
-    "robot": ("name", "gravity"),
+    "robot": ("name", "serial", "gravity"),
     "joints": (
         "gear_ratio",
         "torque_per_unit",
@@ -51,6 +52,7 @@ class RobotToml:
 
     Attributes:
         name: Slug of the robot.
+        serial: Serial number of this one, which tells it from others of its kind.
         gravity: Acceleration of gravity in the base frame [m/s^2]. Shape (3,).
         joints: Arrays of the table joints by key. Shapes (dof,).
         motor_from_joint: Motor speeds from joint speeds. Shape (dof, dof).
@@ -59,6 +61,7 @@ class RobotToml:
     """
 
     name: str | None = None
+    serial: str | None = None
     gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
     joints: Mapping[str, Array] = field(default_factory=dict)
     motor_from_joint: Array | None = None
@@ -110,6 +113,7 @@ def read_robot_toml(
         "motor_from_joint": _coupling(content.get("couplings", {}), dof, where),
         "prior_scale": _scale(content.get("prior", {}), where),
         "name": _name(content.get("robot", {}), where),
+        "serial": _serial(content.get("robot", {}), where),
     }
     if "gravity" in content.get("robot", {}):
         gravity = content["robot"]["gravity"]
@@ -188,6 +192,17 @@ def _name(table: dict, where: str) -> str | None:
             f"{where}: name is {name!r}, expected 1 to 40 of a-z, 0-9, '_' and '-'."
         )
     return name
+
+
+def _serial(table: dict, where: str) -> str | None:
+    serial = table.get("serial")
+    usable = isinstance(serial, str) and SERIAL.fullmatch(serial)
+    if serial is not None and not usable:
+        raise RobotError(
+            f"{where}: serial is {serial!r}, expected a text of 1 to 40 letters, "
+            "digits, '.', '_' and '-'."
+        )
+    return serial
 
 
 def _array(value: object, shape: tuple[int, ...], what: str) -> Array:

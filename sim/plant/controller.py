@@ -6,6 +6,7 @@ a_q = qdd* - Kp (q - q*) - Kd (qd - qd*)                       (paper eq. 9)
 The paper prints the inverse of M in eq. 8; it must be M.
 """
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -71,6 +72,45 @@ class FeedForward:
         q, qd, _ = self._wanted[k]
         push = KP * (q - reading) + KD * (qd - rate)
         return self._given[k] + self._inertia * push
+
+
+# From step, position, speed and the acceleration that reference and feedback want
+# (eq. 9) to torque [N m]. Shapes (dof,).
+Law = Callable[[int, Array, Array, Array], Array]
+
+
+class ByLaw:
+    """Computed torque by a law that is handed in, from whatever model.
+
+    Args:
+        reference: The motion.
+        law: The law.
+    """
+
+    def __init__(self, reference: Reference, law: Law) -> None:
+        self._wanted, self._law = wanted(reference), law
+
+    def torque(self, k: int, reading: Array, rate: Array) -> Array:
+        """Return the commands of step k [N m]. Shape (dof,)."""
+        q, qd, qdd = self._wanted[k]
+        demand = qdd + KP * (q - reading) + KD * (qd - rate)
+        return self._law(k, reading, rate, demand)
+
+
+def controller_by(
+    robot: Robot, reference: Reference, given: Array | Law
+) -> ByLaw | FeedForward:
+    """Return a controller by what some model gives.
+
+    Args:
+        robot: Description of the arm.
+        reference: The motion.
+        given: Torque along the reference [N m], shape (n, dof), which goes with plain
+            feedback; or a law, which closes the loop.
+    """
+    if callable(given):
+        return ByLaw(reference, given)
+    return FeedForward(robot, reference, given)
 
 
 class Replay:

@@ -17,6 +17,7 @@ from flows.requests import Demo
 from flows.scheduled.surroundings import Surroundings, surrounded
 from flows.service import server as server_of
 from flows.steps import calibrate, campaign, demo, diagnose, identify, validate
+from flows.steps.loop.choose import Choice
 from tests.flows.blind_rows import row
 from tests.waiting import until
 
@@ -42,7 +43,7 @@ def flows(server):
 @pytest.fixture
 def order(flows, monkeypatch, tmp_path):
     """Replace the steps of both flows; returns the order in which they are taken."""
-    from flows.scheduled import artifacts, tasks
+    from flows.scheduled import artifacts, loop_tasks, tasks
 
     page = tmp_path / "report.html"
     page.write_text("<html>")
@@ -65,7 +66,12 @@ def order(flows, monkeypatch, tmp_path):
     take(stored, "diagnosis_page", page)
     take(stored, "words", "Nothing is missing.")
     take(campaign, "run_campaign", campaign.Ran(runs, ("aa",), ("one failed",)))
-    monkeypatch.setattr(diagnose, "request_of", lambda runs, store: (runs, store))
+    monkeypatch.setattr(diagnose, "request_of", lambda *asked: asked)
+    for module, name, answer in (
+        (loop_tasks, "in_force", Choice("11" * 10, "model: adoption 3")),
+        (loop_tasks, "judge", SimpleNamespace(doubts=("nothing new",))),
+    ):
+        take(module, name, answer)
     take(diagnose, "diagnose_runs", ("dd", "ee"))
     monkeypatch.setattr(tasks, "robot_of", lambda runs, store: "irb140")
     for module in (identify, calibrate):
@@ -119,8 +125,10 @@ def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
     assert (asked.path, asked.held_out) == ("examples/nightly.toml", "welding")
     assert 20260101 < asked.seed < 21000101
     assert asked.store == str(tmp_path)
-    verbs = ["identify", "calibrate", "validate", "diagnose_runs", "diagnosis_page"]
-    assert [name for name, _ in rest][:5] == verbs
+    verbs = ["identify", "calibrate", "validate", "in_force", "diagnose_runs"]
+    assert [name for name, _ in rest] == [*verbs, "diagnosis_page", "words", "judge"]
+    # The diagnosis goes by the model that the robot has.
+    assert dict(rest)["diagnose_runs"][0][2] == "11" * 10
     assert rest[2][1][0].run == "cc"  # what was held out is validated
 
 
@@ -209,6 +217,7 @@ def test_the_events_of_the_deployments_are_those_that_flows_send(server):
     assert expected == {
         ("monitor", events.COMMITTED, events.STORE),
         ("diagnose", events.ALARM, events.STORE),
+        ("propose", events.PROPOSED, events.STORE),
     }
 
 

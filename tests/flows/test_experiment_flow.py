@@ -50,7 +50,7 @@ def simulated(monkeypatch):
     """Replace plant and motion by noise; returns the specs that were simulated."""
     made = []
 
-    def simulate(spec, robot):
+    def simulate(spec, robot, store):
         made.append(spec)
         rng = np.random.default_rng(spec.seed)
         q, tau, error = rng.normal(size=(3, 50, robot.dof))
@@ -113,7 +113,7 @@ def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
 ):
     from sim.plant.stepping import DivergedError
 
-    def diverge(spec, robot):
+    def diverge(spec, robot, store):
         raise DivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
 
     monkeypatch.setattr(experiment, "_simulate", diverge)

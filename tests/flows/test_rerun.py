@@ -55,7 +55,7 @@ def plant(monkeypatch):
     """Replace plant and motion by noise of the seeds; more is added to its torque."""
     more = {"tau": 0.0}
 
-    def simulate(spec, robot):
+    def simulate(spec, robot, store):
         rng = np.random.default_rng([spec.reference().seed, spec.plant_spec().seed])
         q, tau, error = rng.normal(size=(3, 50, robot.dof))
         tau[20:, 2] += more["tau"]

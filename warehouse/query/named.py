@@ -149,6 +149,48 @@ NAMED = {
         ORDER BY robot, joint, name, created, source_id
         """,
     ),
+    "error_by_model": (
+        "held-out error [%] of the model that the robot had, diagnosis by diagnosis",
+        """
+        WITH version AS (
+            SELECT diagnosis_id AS parent, min(adoption_id) AS adoption
+            FROM adoptions WHERE action <> 'rolled back' GROUP BY ALL
+        ), proof AS (
+            SELECT source_id, stage,
+                   coalesce(any_value(value) FILTER (run_id IS NULL), avg(value)) AS v
+            FROM errors WHERE metric = 'filtered' AND joint IS NULL GROUP BY ALL
+        )
+        SELECT created, robot, coalesce(adoption, 'nominal') AS version, diagnosis_id,
+               verdict, round(any_value(v) FILTER (stage = 'nominal'), 2) AS before,
+               round(any_value(v) FILTER (stage = 'augmented'), 2) AS with_findings
+        FROM diagnoses JOIN proof ON source_id = diagnosis_id
+        LEFT JOIN lineage ON child = diagnosis_id AND role = 'nominal'
+        LEFT JOIN version USING (parent)
+        GROUP BY ALL ORDER BY robot, created, diagnosis_id
+        """,
+    ),
+    "control_limits": (
+        "identified parameters, night by night, and which are beyond three sigma",
+        """
+        WITH nights AS (
+            SELECT robot, joint, name, created, model_id, value, unit,
+                   row_number() OVER one AS night,
+                   abs(value - lag(value) OVER one) AS moved
+            FROM parameters JOIN models USING (model_id) WHERE status = 'fitted'
+            WINDOW one AS (PARTITION BY robot, joint, name ORDER BY created, model_id)
+        ), usual AS (
+            -- Of individual values sigma is the mean moving range over 1.128.
+            SELECT robot, joint, name, count(*) AS n, avg(value) AS centre,
+                   avg(moved) / 1.128 AS sigma
+            FROM nights WHERE night <= 10 GROUP BY ALL
+        )
+        SELECT robot, joint, name, night, created, model_id, value, unit, centre,
+               centre - 3 * sigma AS lower, centre + 3 * sigma AS upper,
+               night > n AND abs(value - centre) > 3 * sigma AS beyond
+        FROM nights JOIN usual USING (robot, joint, name)
+        WHERE n >= 5 ORDER BY beyond DESC, robot, joint, name, night
+        """,
+    ),
     "calibration_errors": (
         "error of validation of the correction tables [%], by scheme and form",
         """

@@ -25,6 +25,7 @@ def catalogue_views() -> dict[str, str]:
         "FROM catalogue.runs"
     )
     views["channels"] = _channels()
+    views["adopted"] = _adopted()
     for view in ("parameters", "effects", "errors", "alarms", "lineage", "blind"):
         kinds = [kind for kind in KINDS.values() if view in kind.lists]
         parts = [_unnested(view, kind.name, kind.key) for kind in kinds]
@@ -112,6 +113,15 @@ def _channels() -> str:
             JOIN catalogue.signals USING (signal)
         )
     """
+
+
+def _adopted() -> str:
+    # The number decides, not the clock of who wrote it.
+    columns = ", ".join(_quoted(c) for c in VIEWS["adopted"])
+    return (
+        f"SELECT {columns} FROM catalogue.adoptions QUALIFY row_number() OVER "
+        "(PARTITION BY robot, serial ORDER BY adoption_id DESC) = 1"
+    )
 
 
 def _quoted(column: Column) -> str:

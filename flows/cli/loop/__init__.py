@@ -1,1 +1,1 @@
-"""Commands of the loop: what to do after a verdict."""
+"""Commands that close the loop: which model a robot has, and what follows from it."""

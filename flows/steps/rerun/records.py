@@ -19,6 +19,7 @@ from flows.inputs.robots import instead
 from flows.requests import Calibrate, Diagnose, Identify, Monitor, Validate
 from flows.steps import calibrate, identify
 from flows.steps.diagnose import diagnose_runs
+from flows.steps.loop.track import KIND, Track, track
 from flows.steps.monitor import monitor
 from flows.steps.twin import with_twins
 from flows.steps.validate import validate
@@ -134,7 +135,8 @@ def _share(folder: Path, target: Path) -> None:
 def _tracks(store: Path, found: Found) -> bool:
     """Whether a record was made with the hidden half of a run: feed-forward is."""
     kind = read_record(store, found.id).get("kind") or ""
-    return found.kind == "validations" and "feed_forward" in kind
+    drives = "feed_forward" in kind or kind == KIND
+    return found.kind == "validations" and drives
 
 
 def _counterpart(own: Path, found: Found, before: set[str]) -> Found:
@@ -186,12 +188,17 @@ def _monitor(record: Mapping, own: Path) -> None:
     monitor(Monitor.from_record(record, own))
 
 
+def _track(record: Mapping, own: Path) -> None:
+    track(Track.from_record(record, own))
+
+
 _STEPS = {
     "diagnose": _diagnose,
     "identify": _identify,
     "calibrate": _calibrate,
     "validate": _validate,
     "monitor": _monitor,
+    "track": _track,
 }
 
 

@@ -42,7 +42,7 @@ def again(store: Path, run_id: str, manifest: Mapping) -> Made:
     halves = plain(sealed_half(spec)), plain(open_half(spec, checked_robot(spec)))
     if halves != (hidden, manifest["spec"]):
         raise InputError(f"Run {run_id} cannot be made again: {_OTHER}")
-    made = make(spec)
+    made = make(spec, store)
     return replace(made, manifest={**made.manifest, "robot": manifest["robot"]})
 
 
@@ -70,6 +70,7 @@ def spec_of(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
             {
                 **{key: half[key] for key in ("schema", "seed", "start")},
                 **{key: half[key] for key in ("trajectory", "rates")},
+                "controller": half.get("controller", {}),
                 "robot": manifest["robot"],
                 "plant": {
                     **seeds,

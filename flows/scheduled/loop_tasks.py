@@ -1,0 +1,71 @@
+"""Tasks that close the loop: which model is in force, and what becomes of another."""
+
+from pathlib import Path
+
+from prefect import get_run_logger
+
+from flows.report.page.proposal import markdown, render
+from flows.report.terminal.adoptions import adoption_lines
+from flows.scheduled import artifacts, events
+from flows.scheduled.tasks import task
+from flows.steps.loop.adopt import Adopt
+from flows.steps.loop.adopt import adopt as give
+from flows.steps.loop.choose import in_force
+from flows.steps.loop.judge import judge
+from flows.steps.loop.propose import keep_proposal, known_already, proposal_of
+from residual.errors import InputError
+
+
+@task(name="model-in-force", task_run_name="model-in-force", tags=["analysis"])
+def model_in_force(runs: dict, store: str) -> str | None:
+    """Say which model the robot of a night has; returns the id of its diagnosis."""
+    choice = in_force(runs["fit"], Path(store))
+    get_run_logger().info(choice.line or "model: the nominal one")
+    return choice.diagnosis
+
+
+@task(name="adopt-or-propose", task_run_name="adopt-or-propose", tags=["analysis"])
+def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
+    """Adopt what a night found, or propose it; returns the adoption or the page."""
+    place, log = Path(store), get_run_logger()
+    judged = judge(place, diagnosis)
+    if judged.doubts:
+        log.info(f"nothing to propose: {'; '.join(judged.doubts)}")
+        return None
+    if auto:
+        return _adopt(diagnosis, place, "found by a night, adopted by itself")
+    proposal = proposal_of(place, judged)
+    before = known_already(place, proposal)
+    if before:
+        log.info(f"proposed already: modelgap show {before}")
+        return None
+    page = keep_proposal(place, proposal, render(proposal).encode())
+    artifacts.proposal(page, markdown(proposal), diagnosis)
+    events.model_proposed(diagnosis)
+    return str(page)
+
+
+def question(diagnosis: str, store: str) -> str:
+    """Return a proposal as text, two models side by side; what the gate says now."""
+    place = Path(store)
+    return markdown(proposal_of(place, judge(place, diagnosis)))
+
+
+@task(name="adopt", task_run_name="adopt {diagnosis}", tags=["analysis"])
+def adopt(diagnosis: str, store: str, note: str) -> str | None:
+    """Adopt a model that was proposed; a refusal is told, and no failure."""
+    try:
+        return _adopt(diagnosis, Path(store), note)
+    except InputError as error:
+        get_run_logger().warning(str(error))
+        artifacts.record("adoption", (), str(error))
+        return None
+
+
+def _adopt(diagnosis: str, store: Path, note: str) -> str:
+    number, judged = give(Adopt(diagnosis, note, store=store))
+    lines = adoption_lines(number, judged)
+    for line in lines:
+        get_run_logger().info(line)
+    artifacts.record("adoption", (diagnosis,), "\n\n".join(lines))
+    return number

@@ -1,0 +1,38 @@
+"""Nights of an arm with a spring that its model lacks, for tests of the loop."""
+
+from flows.requests import Diagnose
+from flows.specs.experiment import experiment_of
+from flows.steps import experiment
+from flows.steps.diagnose import diagnose_runs
+
+ROBOT = "irb140"
+SPRING = {"name": "spring", "joints": [2], "stiffness": 60.0}
+FIT, HELD_OUT = ("fourier", "cyclic", "fourier"), ("welding",)
+SECONDS = 8.0
+
+
+def spec(kind, night, number, effects=(SPRING,)):
+    motion = {"kind": kind, "duration": SECONDS, "periods": 1}
+    return {
+        "start": number * (SECONDS + 10.0),
+        "trajectory": motion | {"seed": 100 * night + number},
+        "plant": {"seed": 5, "effect": list(effects)},
+    }
+
+
+def night(store, number, effects=(SPRING,)):
+    """Run the motions of one night; the ids to fit, and those held out."""
+    ids = [
+        experiment.run(
+            experiment_of(spec(kind, number, i, effects), "SPEC.toml"), store
+        )
+        for i, kind in enumerate((*FIT, *HELD_OUT))
+    ]
+    return tuple(ids[: len(FIT)]), tuple(ids[len(FIT) :])
+
+
+def diagnosed(store, runs, model=None):
+    """Diagnose a night; the id of the diagnosis."""
+    fit, held_out = runs
+    asked = Diagnose(fit, ROBOT, held_out, store=store, model=model)
+    return diagnose_runs(asked)[0]

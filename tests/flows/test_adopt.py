@@ -1,0 +1,184 @@
+"""From a diagnosis to the model of a robot, and back again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flows.cli import main
+from flows.keep.diagnosis import read_known, read_models, read_verdict
+from flows.steps.loop.adopt import Adopt, adopt, list_adoptions, roll_back
+from flows.steps.loop.choose import Wanted, choose_for, choose_to_watch
+from flows.steps.rerun import rerun as reruns
+from residual.diagnosis.doubt.worth import worth
+from residual.errors import InputError
+from tests.flows.adopted_arm import ROBOT, diagnosed, night
+from warehouse.adoptions import adopted
+from warehouse.commit import read_record
+from warehouse.query.store import open_store
+from warehouse.runs import read_run
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, compiled_plant):
+    """A store, two nights in it, and the diagnosis of the first."""
+    store = tmp_path_factory.mktemp("store")
+    first, second = night(store, 1), night(store, 2)
+    return store, first, second, diagnosed(store, first)
+
+
+@pytest.fixture
+def fresh(made):
+    """The same with the nominal model in force: tests leave nothing adopted."""
+    store = made[0]
+    yield made
+    while (last := adopted(store, ROBOT)) and last[1].model_id:
+        roll_back(None, store=store)
+
+
+def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, capsys):
+    store, _first, second, id = fresh
+    assert [e.name for e in read_verdict(store, id).effects] == ["spring"]
+    number, judged = adopt(Adopt(id, "seen twice", store=store))
+    assert judged.worth.after < 0.2 * judged.worth.before
+    again = diagnosed(store, second, model=id)
+    assert read_verdict(store, again).effects == ()
+    assert "spring" in read_verdict(store, again).declared
+    # Against the nominal model the same night still shows it.
+    against = read_verdict(store, diagnosed(store, second))
+    assert [e.name for e in against.effects] == ["spring"]
+    with open_store(store) as opened:
+        asked = "SELECT adoption_id, diagnosis_id, note FROM adopted"
+        assert opened.sql(asked).to_pylist() == [
+            {"adoption_id": number, "diagnosis_id": id, "note": "seen twice"}
+        ]
+        kin = f"SELECT parent FROM lineage WHERE child = '{again}' AND role = 'nominal'"
+        assert opened.sql(kin).column(0).to_pylist() == [id]
+
+
+def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
+    store, first, _, id = fresh
+    adopt(Adopt(id, store=store))
+    on_runs = choose_for(ROBOT, Wanted(store=store, logs=first[0]))
+    assert on_runs.diagnosis == id
+    assert "adoption" in on_runs.line
+    assert id[:8] in on_runs.line
+    assert choose_for(ROBOT, Wanted(logs=("A.csv",))).diagnosis is None
+    assert choose_for(ROBOT, Wanted(store=store, logs=("A.csv",))).diagnosis == id
+    nominal = choose_for(ROBOT, Wanted("nominal", store, first[0]))
+    assert nominal.diagnosis is None
+    assert "nominal" in nominal.line
+    healthy = choose_for(ROBOT, Wanted(None, store, first[0], "--baseline"))
+    assert healthy.diagnosis is None
+    assert "--baseline" in healthy.line
+    with pytest.raises(InputError, match="each say what the nominal model is"):
+        choose_for(ROBOT, Wanted(id, store, first[0], "--baseline"))
+    assert choose_for(ROBOT, Wanted(id[:6], store, first[0])).diagnosis == id
+    assert choose_to_watch(ROBOT, store, nominal=False).diagnosis == id
+    assert choose_to_watch(ROBOT, store, nominal=True).diagnosis is None
+    assert choose_to_watch(id[:8], store, nominal=False).line is None
+
+
+def test_the_command_names_the_model_it_goes_by_in_its_first_lines(fresh, capsys):
+    store, _, second, id = fresh
+    adopt(Adopt(id, store=store))
+    words = ["diagnose", *second[0], "--robot", ROBOT, "--holdout", *second[1]]
+    assert main([*words, "--store", str(store)]) == 0
+    told = capsys.readouterr().out
+    assert "model: adoption" in "\n".join(told.splitlines()[:2])
+    stored = told.split("modelgap show ")[1].split()[0]
+    assert read_record(store, stored)["request"]["model"] == id
+    assert main([*words, "--store", str(store), "--model", "nominal"]) == 0
+    assert "spring" in capsys.readouterr().out
+
+
+def test_a_rerun_goes_by_the_model_of_then(fresh):
+    store, _, second, id = fresh
+    again = diagnosed(store, second, model=id)
+    adopt(Adopt(id, store=store))
+    roll_back(ROBOT, store=store)
+    made = reruns.rerun(again, store, True)
+    assert (list(made.apart), made.cause) == ([], None)
+
+
+def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
+    store, _, _, id = fresh
+    before = list_adoptions(store)
+    number, _ = adopt(Adopt(id, store=store))
+    back, now = roll_back(None, "too many alarms", store)
+    assert (now.parent, now.model_id, now.note) == (number, None, "too many alarms")
+    listed = [n for n, *_ in list_adoptions(store)]
+    assert listed == [*(n for n, *_ in before), number, back]
+    line = choose_for(ROBOT, Wanted(store=store)).line
+    assert f"to which adoption {int(back)} went back" in line
+    with pytest.raises(InputError, match="nothing to go back from"):
+        roll_back(None, store=store)
+
+
+def test_what_names_nothing_is_refused_unless_forced_with_a_reason(fresh):
+    store, _, second, id = fresh
+    nothing = diagnosed(store, second, model=id)
+    with pytest.raises(InputError, match="names nothing"):
+        adopt(Adopt(nothing, store=store))
+    with pytest.raises(InputError, match="needs a --note"):
+        adopt(Adopt(nothing, force=True, store=store))
+    adopt(Adopt(nothing, "asked for by the line", True, store))
+    assert adopted(store, ROBOT)[1].action == "forced"
+    adopt(Adopt(id, "over it", True, store))
+    with pytest.raises(InputError, match="has that model already"):
+        adopt(Adopt(id, store=store))
+    _, back = roll_back(ROBOT, store=store)
+    assert back.diagnosis_id == nothing
+
+
+def _wrong(model, how):
+    """The model with its spring of another sign, on another joint, or twice."""
+    (spring,) = [t for t in model.terms if t.effect.name == "spring"]
+    changed = {
+        "right": spring,
+        "sign": replace(spring, theta=-spring.theta),
+        "joint": replace(spring, joints=(0,)),
+        "twice": replace(spring, theta=2 * spring.theta),
+    }[how]
+    return replace(
+        model, terms=tuple(changed if t is spring else t for t in model.terms)
+    )
+
+
+@pytest.mark.parametrize(
+    ("how", "part"), [("right", 1.0), ("sign", -1.0), ("joint", 0.0), ("twice", 0.5)]
+)
+def test_a_wrong_correction_is_refused_on_motion_of_another_night(made, how, part):
+    store, _, second, id = made
+    before = read_models(store, id)["nominal"]
+    model = _wrong(read_known(store, id).model, how)
+    seen = worth(model, before, [read_run(store, run) for run in second[1]])
+    (spring,) = seen.effects
+    assert spring.part == pytest.approx(part, abs=0.15)
+    assert seen.passed == (how == "right")
+
+
+def test_the_model_is_whole_and_its_posterior_is_one(made):
+    store, *_, id = made
+    known = read_known(store, id)
+    augmented = read_models(store, id)["augmented"]
+    size = len(augmented.coefficients())
+    assert np.array_equal(known.model.coefficients(), augmented.coefficients())
+    assert known.covariance.shape == (size, size)
+    assert np.array_equal(known.covariance, known.covariance.T)
+    assert np.linalg.eigvalsh(known.covariance / known.covariance.max()).min() > -1e-9
+
+
+def test_the_list_says_which_model_is_in_force(fresh, capsys):
+    store, *_, id = fresh
+    assert main(["adopt", id[:8], "--note", "why", "--store", str(store)]) == 0
+    assert "held-out motion" in capsys.readouterr().out
+    assert main(["models", "--robot", ROBOT, "--store", str(store)]) == 0
+    told = capsys.readouterr().out
+    assert "adopted" in told
+    assert "why" in told
+    assert " *" in told
+    assert main(["rollback", "--store", str(store)]) == 0
+    assert "nominal model again" in capsys.readouterr().out

@@ -1,0 +1,98 @@
+"""The night closes the loop: it proposes or adopts, and the next finds nothing."""
+
+from pathlib import Path
+
+import pytest
+
+from flows.report.page.proposal import markdown, render
+from flows.steps.loop.adopt import Adopt, adopt, list_adoptions, roll_back
+from flows.steps.loop.choose import in_force
+from flows.steps.loop.judge import judge
+from flows.steps.loop.propose import keep_proposal, known_already, proposal_of
+from tests.flows.adopted_arm import ROBOT, diagnosed, night
+from warehouse.adoptions import adopted
+
+pytestmark = [pytest.mark.prefect, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, compiled_plant):
+    store = tmp_path_factory.mktemp("store")
+    first = night(store, 1)
+    return store, first, diagnosed(store, first)
+
+
+@pytest.fixture
+def nights(server, made, monkeypatch):
+    """The tasks of a night; events are told to a list."""
+    from flows.scheduled import loop_tasks
+
+    told = []
+    monkeypatch.setattr(loop_tasks.events, "model_proposed", told.append)
+    yield loop_tasks, made, told
+    store = made[0]
+    while (last := adopted(store, ROBOT)) and last[1].model_id:
+        roll_back(None, store=store)
+
+
+def in_a_flow(task, *given):
+    from prefect import flow
+
+    return flow(lambda: task(*given), name="night")()
+
+
+def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
+    tasks, (store, _, id), told = nights
+    page = in_a_flow(tasks.adopt_or_propose, id, str(store), False)
+    assert "Side by side" in Path(page).read_text(encoding="utf-8")
+    assert told == [id]
+    assert adopted(store, ROBOT) is None or adopted(store, ROBOT)[1].model_id is None
+    # The same finding of another night, unanswered as yet, is no new proposal.
+    assert in_a_flow(tasks.adopt_or_propose, id, str(store), False) is None
+    assert told == [id]
+
+
+def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights):
+    tasks, (store, _, id), told = nights
+    number = in_a_flow(tasks.adopt_or_propose, id, str(store), True)
+    assert adopted(store, ROBOT)[0] == number
+    second = night(store, 2)
+    model = in_a_flow(tasks.model_in_force, {"fit": list(second[0])}, str(store))
+    assert model == id
+    again = diagnosed(store, second, model)
+    assert judge(store, again).doubts == (
+        "it names nothing that the model lacks",
+        *judge(store, again).doubts[1:],
+    )
+    before = len(list_adoptions(store))
+    assert in_a_flow(tasks.adopt_or_propose, again, str(store), True) is None
+    assert (len(list_adoptions(store)), told) == (before, [])
+
+
+def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
+    tasks, (store, _, id), _ = nights
+    number = in_a_flow(tasks.adopt, id, str(store), "looked at it")
+    assert adopted(store, ROBOT)[0] == number
+    assert adopted(store, ROBOT)[1].note == "looked at it"
+    assert in_a_flow(tasks.adopt, id, str(store), "once more") is None
+
+
+def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(made):
+    store, _, id = made
+    proposal = proposal_of(store, judge(store, id))
+    for text in (render(proposal), markdown(proposal)):
+        assert "nominal model" in text
+        assert "spring on joint 2: stiffness" in text
+        assert "is there 1.0" in text or "is there 0.9" in text
+    assert f"modelgap adopt {id}" in render(proposal)
+
+
+def test_the_same_proposal_is_known_until_the_robot_has_another_model(made):
+    store, _, id = made
+    proposal = proposal_of(store, judge(store, id))
+    keep_proposal(store, proposal, b"page")
+    assert known_already(store, proposal) is not None
+    adopt(Adopt(id, store=store))
+    assert known_already(store, proposal_of(store, judge(store, id))) is None
+    assert in_force(made[1][0], store).diagnosis == id
+    roll_back(None, store=store)

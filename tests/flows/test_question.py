@@ -1,0 +1,66 @@
+"""The flow that asks: suspended without a process, resumed with an answer."""
+
+import pytest
+
+pytestmark = pytest.mark.prefect
+
+
+@pytest.fixture
+def asked(server, monkeypatch, tmp_path):
+    """A flow run of a deployment, as an event starts it; and what was adopted."""
+    from prefect import get_client
+    from prefect.exceptions import Pause
+    from prefect.flow_engine import run_flow
+
+    from flows.scheduled import loop
+
+    given = []
+    monkeypatch.setattr(loop.loop_tasks, "question", lambda *about: "| now | then |")
+    monkeypatch.setattr(loop.loop_tasks, "adopt", lambda *it: given.append(it) or "7")
+    words = {"diagnosis": "ab" * 10, "store": str(tmp_path)}
+    with get_client(sync_client=True) as client:
+        place = client.create_deployment(client.create_flow(loop.propose), "propose")
+        run = client.create_flow_run_from_deployment(place, parameters=words)
+
+        def go():
+            now = client.read_flow_run(run.id)
+            try:
+                return run_flow(
+                    loop.propose, flow_run=now, parameters=words, return_type="state"
+                )
+            except Pause as suspended:  # so its process ends
+                return suspended.state
+
+        yield run.id, go, given
+
+
+def answered(run, **answer):
+    from prefect.flow_runs import resume_flow_run
+
+    resume_flow_run(run, run_input=answer)
+
+
+def test_nothing_is_adopted_and_nothing_runs_until_somebody_answers(asked):
+    _, go, given = asked
+    state = go()
+    assert (state.type.value, state.name) == ("PAUSED", "Suspended")
+    assert state.state_details.run_input_keyset
+    assert given == []
+
+
+def test_yes_adopts_with_the_note_of_who_answered(asked):
+    run, go, given = asked
+    go()
+    answered(run, adopt=True, note="looked at it")
+    state = go()
+    assert state.type.value == "COMPLETED"
+    ((diagnosis, _, note),) = given
+    assert (diagnosis, note) == ("ab" * 10, "looked at it")
+
+
+def test_no_ends_it(asked):
+    run, go, given = asked
+    go()
+    answered(run, adopt=False, note="")
+    assert go().type.value == "COMPLETED"
+    assert given == []
