@@ -11,6 +11,7 @@ from residual.effects.base import State
 from residual.errors import InputError
 from residual.model.edit import taken_out, with_values
 from residual.model.term import Term
+from residual.names import shown
 from residual.recording import Array, Recording
 from residual.robot import dynamics
 from residual.robot.robot import Robot, robot_from_texts
@@ -262,8 +263,8 @@ class Model:
         """
         if record.get("form") != FORM:
             raise InputError(
-                f"A model of form {record.get('form')!r}, expected {FORM}. Make it "
-                "again with this version."
+                f"A model of form {shown(record.get('form'))}, expected {FORM}. Make "
+                "it again with this version."
             )
         try:
             floor = record["speed_floor"]
