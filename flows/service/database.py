@@ -11,30 +11,32 @@ from prefect.settings import PREFECT_API_DATABASE_CONNECTION_URL
 from sqlalchemy.ext.asyncio import AsyncSession, AsyncSessionTransaction
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-_WAITS: ContextVar[bool] = ContextVar("waits", default=False)
+# Whether somebody asked over HTTP, and asks again by himself.
+_ASKED: ContextVar[bool] = ContextVar("asked", default=False)
 
 
 class Patient(AioSqliteConfiguration):
-    """Lets what comes by a WebSocket wait for its turn to write.
+    """Lets all but requests over HTTP wait for their turn to write.
 
     Prefect begins a transaction as a reader. If another one writes before it does,
     SQLite cannot let it write any more and refuses at once, however long its limit for
     waiting is (https://www.sqlite.org/isolation.html). A request over HTTP is then
-    answered 503 and made again; a worker's sign of life on its WebSocket is lost.
+    answered 503 and made again; a worker's sign of life on its WebSocket is lost, and
+    so is the event that a service of the server weighs against its automations.
     """
 
     @asynccontextmanager
     async def begin_transaction(
         self, session: AsyncSession, with_for_update: bool = False
     ) -> AsyncIterator[AsyncSessionTransaction]:
-        """Begin one; of who waits for it, as a writer from the start."""
-        writes = with_for_update or _WAITS.get()
+        """Begin one; where nobody would ask again, as a writer from the start."""
+        writes = with_for_update or not _ASKED.get()
         async with super().begin_transaction(session, with_for_update=writes) as begun:
             yield begun
 
 
 def patient(app: ASGIApp) -> ASGIApp:
-    """Return an application whose WebSockets wait; for PostgreSQL nothing changes.
+    """Return an application that can wait; for PostgreSQL nothing changes.
 
     Args:
         app: That of Prefect, before it has begun to serve.
@@ -44,8 +46,8 @@ def patient(app: ASGIApp) -> ASGIApp:
         MODELS_DEPENDENCIES["database_config"] = Patient(url)
 
     async def marked(scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "websocket":
-            _WAITS.set(True)  # in this task and those that it starts
+        if scope["type"] == "http":
+            _ASKED.set(True)  # in this task and those that it starts
         await app(scope, receive, send)
 
     return marked

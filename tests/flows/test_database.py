@@ -1,4 +1,4 @@
-"""What comes by a WebSocket is not lost to "database is locked"."""
+"""What nobody asks for again is not lost to "database is locked"."""
 
 import asyncio
 import sqlite3
@@ -53,20 +53,25 @@ def signs(path):
         return [who for (who,) in made.execute("SELECT who FROM signs")]
 
 
-def test_a_transaction_that_begins_as_a_reader_is_refused_when_another_wrote(path):
+def test_a_request_over_http_begins_as_a_reader_and_is_refused_when_another_wrote(path):
+    async def asked(scope, receive, send):
+        await read_then_write(path, lambda: another_writes(path))
+
     with pytest.raises(OperationalError, match="database is locked"):
-        asyncio.run(read_then_write(path, lambda: another_writes(path)))
+        asyncio.run(patient(asked)({"type": "http"}, None, None))
     assert signs(path) == ["theirs"]
 
 
-def test_one_that_comes_by_a_websocket_is_a_writer_from_the_start(path):
+@pytest.mark.parametrize("kind", ["websocket", "lifespan"])
+def test_a_sign_of_life_and_a_service_are_writers_from_the_start(path, kind):
     def refused():
         with pytest.raises(sqlite3.OperationalError, match="database is locked"):
             another_writes(path)
 
-    async def sign_of_life(scope, receive, send):
-        await read_then_write(path, refused)
+    async def nobody_asks_again(scope, receive, send):
+        # A service runs in a task that the start of the server makes.
+        await asyncio.create_task(read_then_write(path, refused))
 
-    asyncio.run(patient(sign_of_life)({"type": "websocket"}, None, None))
+    asyncio.run(patient(nobody_asks_again)({"type": kind}, None, None))
     another_writes(path)
     assert signs(path) == ["ours", "theirs"]
