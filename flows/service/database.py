@@ -11,28 +11,33 @@ from prefect.settings import PREFECT_API_DATABASE_CONNECTION_URL
 from sqlalchemy.ext.asyncio import AsyncSession, AsyncSessionTransaction
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-# Whether somebody asked over HTTP, and asks again by himself.
-_ASKED: ContextVar[bool] = ContextVar("asked", default=False)
+_WAITS: ContextVar[bool] = ContextVar("waits", default=False)
 
 
 class Patient(AioSqliteConfiguration):
-    """Lets all but requests over HTTP wait for their turn to write.
+    """Lets what comes by a WebSocket, and events, wait for their turn to write.
 
     Prefect begins a transaction as a reader. If another one writes before it does,
     SQLite cannot let it write any more and refuses at once, however long its limit for
     waiting is (https://www.sqlite.org/isolation.html). A request over HTTP is then
     answered 503 and made again; a worker's sign of life on its WebSocket is lost, and
-    so is the event that a service of the server weighs against its automations.
+    an event fills the log with what is read as an error. All others go on as readers:
+    who waits holds a connection, and there are fifteen.
     """
 
     @asynccontextmanager
     async def begin_transaction(
         self, session: AsyncSession, with_for_update: bool = False
     ) -> AsyncIterator[AsyncSessionTransaction]:
-        """Begin one; where nobody would ask again, as a writer from the start."""
-        writes = with_for_update or not _ASKED.get()
+        """Begin one; of who waits for it, as a writer from the start."""
+        writes = with_for_update or _WAITS.get()
         async with super().begin_transaction(session, with_for_update=writes) as begun:
             yield begun
+
+
+def wait_to_write() -> None:
+    """Let this task, and those that it starts, wait for their turn from now on."""
+    _WAITS.set(True)
 
 
 def patient(app: ASGIApp) -> ASGIApp:
@@ -46,8 +51,8 @@ def patient(app: ASGIApp) -> ASGIApp:
         MODELS_DEPENDENCIES["database_config"] = Patient(url)
 
     async def marked(scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http":
-            _ASKED.set(True)  # in this task and those that it starts
+        if scope["type"] == "websocket":
+            wait_to_write()
         await app(scope, receive, send)
 
     return marked

@@ -6,9 +6,16 @@ from contextlib import closing
 
 import pytest
 from prefect.server.database.dependencies import MODELS_DEPENDENCIES
+from prefect.server.utilities.messaging import (
+    StopConsumer,
+    create_consumer,
+    create_publisher,
+)
+from prefect.settings import PREFECT_MESSAGING_BROKER, temporary_settings
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
+from flows.service import messages
 from flows.service.database import Patient, patient
 
 
@@ -62,16 +69,34 @@ def test_a_request_over_http_begins_as_a_reader_and_is_refused_when_another_wrot
     assert signs(path) == ["theirs"]
 
 
-@pytest.mark.parametrize("kind", ["websocket", "lifespan"])
-def test_a_sign_of_life_and_a_service_are_writers_from_the_start(path, kind):
-    def refused():
-        with pytest.raises(sqlite3.OperationalError, match="database is locked"):
-            another_writes(path)
+def refused(path):
+    with pytest.raises(sqlite3.OperationalError, match="database is locked"):
+        another_writes(path)
 
-    async def nobody_asks_again(scope, receive, send):
-        # A service runs in a task that the start of the server makes.
-        await asyncio.create_task(read_then_write(path, refused))
 
-    asyncio.run(patient(nobody_asks_again)({"type": kind}, None, None))
+def test_one_that_comes_by_a_websocket_is_a_writer_from_the_start(path):
+    async def sign_of_life(scope, receive, send):
+        await read_then_write(path, lambda: refused(path))
+
+    asyncio.run(patient(sign_of_life)({"type": "websocket"}, None, None))
     another_writes(path)
     assert signs(path) == ["ours", "theirs"]
+
+
+def test_a_service_that_is_handed_an_event_is_a_writer_from_the_start(path):
+    async def handed(message):
+        await read_then_write(path, lambda: refused(path))
+        raise StopConsumer(ack=True)
+
+    async def told():
+        # As the server does it, which finds the broker by the name of its module.
+        consumer = create_consumer("events", concurrency=1)
+        assert isinstance(consumer, messages.Consumer)
+        async with create_publisher("events") as publisher:
+            await publisher.publish_data(b"{}", {})
+        await consumer.run(handed)
+        await consumer.cleanup()
+
+    with temporary_settings({PREFECT_MESSAGING_BROKER: messages.__name__}):
+        asyncio.run(told())
+    assert signs(path) == ["ours"]
