@@ -59,8 +59,8 @@ def merged(
         groups: All groups that there are, in order.
 
     Returns:
-        Figures of all groups, and of each from which run its are (`by_group`). The other
-        facts are those of this run.
+        Figures of all groups, and of each from which run they are (`by_group`). The
+        other facts are those of this run.
     """
     kept = {
         name: (run, {key: earlier["figures"][key] for key in run["figures"]})
