@@ -147,7 +147,8 @@ def _samples(
 ) -> tuple[Recording, tuple[Doubt, ...]]:
     """Return the samples that are numbers, and what is wrong with the log."""
     name, chosen, columns, robot = meant.file, meant.chosen, meant.columns, meant.robot
-    t = table[chosen.time] * (TIME_UNITS[columns.time_unit] * columns.time_scale)
+    with np.errstate(over="ignore", invalid="ignore"):
+        t = table[chosen.time] * (TIME_UNITS[columns.time_unit] * columns.time_scale)
     keep, doubts = whole_rows(t, name)
     at = _rows(keep)
     if window is not None:
