@@ -13,7 +13,7 @@ import numpy as np
 
 from flows.specs.experiment import ExperimentSpec, derived_seed, experiment_of
 from residual.errors import InputError
-from residual.names import check_keys, shown
+from residual.names import check_keys, shortened, shown
 from warehouse.toml import read_toml
 
 MOST = 10_000  # runs; more is a slip of a list, and weeks of work
@@ -68,8 +68,7 @@ def _crossed(grid: Any) -> list[Change]:
     for keys, values in axes:
         if not isinstance(values, list) or not values:
             raise InputError(
-                f"[grid] {'.'.join(keys)} is {shown(values)}, expected a list of "
-                "values."
+                f"{_where('grid', keys)} is {shown(values)}, expected a list of values."
             )
     count = prod(len(values) for _, values in axes)
     if not axes or count > MOST:
@@ -104,7 +103,7 @@ def _drawn(draws: Any, content: dict) -> list[Change]:
 def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
     if isinstance(values, list) and values:
         return values[int(rng.integers(len(values)))]
-    where = f"[random] {'.'.join(keys)}"
+    where = _where("random", keys)
     if not isinstance(values, dict):
         raise InputError(
             f"{where} is {shown(values)}, expected a list or {{low, high}}."
@@ -122,6 +121,10 @@ def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
     if type(low) is int and type(high) is int:
         return int(rng.integers(low, high + 1))
     return float(rng.uniform(low, high))
+
+
+def _where(table: str, keys: tuple[str, ...]) -> str:
+    return f"[{table}] {shortened('.'.join(keys))}"
 
 
 def _leaves(table: Any, where: str) -> Iterator[tuple[tuple[str, ...], Any]]:

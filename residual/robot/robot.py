@@ -187,7 +187,8 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
         if path.exists() or path.suffix or len(path.parts) > 1:
             raise RobotError(
                 f"No file or folder '{shortened(spec)}' for a robot. Give a URDF file, "
-                f"a folder with one, or a built-in name ({', '.join(built_in_robots())})."
+                "a folder with one, or a built-in name "
+                f"({', '.join(built_in_robots())})."
             )
     name = check_name(str(spec), built_in_robots(), "robot")
     return _only_urdf(_robots_folder() / name)
