@@ -1,7 +1,8 @@
 """The command line that benchmarks of several groups share."""
 
 import argparse
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 
@@ -12,6 +13,8 @@ from benchmarks.figures import (
     one_blas_thread,
     save,
 )
+
+_OF_A_RUN = ("commit", "dirty", "code_hash", "date", "cores", "quick")
 
 
 def run_groups(
@@ -32,15 +35,49 @@ def run_groups(
     args = _arguments(about, groups)
     # Before NumPy is loaded, here and in what this starts.
     one_blas_thread()
-    figures: Figures = {}
+    made: dict[str, Figures] = {}
     for name in args.groups:
         start = perf_counter()
-        figures |= measure(name, args.quick)
+        made[name] = measure(name, args.quick)
         print(f"{name}: {perf_counter() - start:.1f} s", flush=True)
     if args.full_json:
         about_run = circumstances(quick=args.quick, **facts)
-        save(args.full_json, {**about_run, "figures": figures})
-    return finish(figures)
+        earlier = _read(args.full_json)
+        save(args.full_json, merged(earlier, made, about_run, groups))
+    return finish({name: f for own in made.values() for name, f in own.items()})
+
+
+def merged(
+    earlier: Mapping, made: Mapping[str, Figures], about: Mapping, groups: Sequence[str]
+) -> dict:
+    """Return a results file with the groups of this run in place of their old ones.
+
+    Args:
+        earlier: The file as it was; empty where there was none.
+        made: Figures of the groups that were measured now.
+        about: Circumstances of this run (`circumstances`).
+        groups: All groups that there are, in order.
+
+    Returns:
+        Figures of all groups, and of each from which run they are (`by_group`). The
+        other facts are those of this run.
+    """
+    kept = {
+        name: (run, {key: earlier["figures"][key] for key in run["figures"]})
+        for name, run in earlier.get("by_group", {}).items()
+        if name not in made
+    }
+    run = {key: about[key] for key in _OF_A_RUN}
+    fresh = {name: ({**run, "figures": list(own)}, own) for name, own in made.items()}
+    every = kept | fresh
+    order = [name for name in groups if name in every]
+    figures = {key: f for name in order for key, f in every[name][1].items()}
+    runs = {name: every[name][0] for name in order}
+    return {**about, "by_group": runs, "figures": figures}
+
+
+def _read(path: Path) -> dict:
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
 def _arguments(about: str, groups: Sequence[str]) -> argparse.Namespace:
@@ -49,5 +86,10 @@ def _arguments(about: str, groups: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
     parser.add_argument("--groups", nargs="+", choices=groups, default=groups)
-    parser.add_argument("--full-json", type=Path, metavar="OUT", help="results file")
+    parser.add_argument(
+        "--full-json",
+        type=Path,
+        metavar="OUT",
+        help="results file; what it has of other groups stays",
+    )
     return parser.parse_args()

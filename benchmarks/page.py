@@ -193,8 +193,17 @@ def _arms(measured: list[Mapping]) -> str:
 
 def _origin(content: Mapping) -> str:
     seeds = f", seeds {content['seeds']}" if content.get("seeds") else ""
-    dirty = " with changes" if content["dirty"] else ""
-    return f"commit {content['commit'][:7]}{dirty}, {content['date'][:10]}{seeds}"
+    runs: dict[str, list[str]] = {}
+    for name, run in content.get("by_group", {}).items():
+        runs.setdefault(_of_run(run), []).append(name)
+    if len(runs) > 1:  # each group has the circumstances of the run that it is from
+        return "; ".join(f"{', '.join(own)}: {run}" for run, own in runs.items())
+    return _of_run(content) + seeds
+
+
+def _of_run(run: Mapping) -> str:
+    dirty = " with changes" if run["dirty"] else ""
+    return f"commit {run['commit'][:7]}{dirty}, {run['date'][:10]}"
 
 
 def _incomplete(entry: Mapping) -> str:

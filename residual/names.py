@@ -45,6 +45,14 @@ def shortened(value: object) -> str:
     return text if len(text) <= LINE else f"{text[: LINE - 3]}..."
 
 
+def shown(value: object) -> str:
+    """Return a value as Python writes it, shortened: texts in quotes, others bare."""
+    try:
+        return shortened(repr(value))
+    except ValueError:  # Python writes no number of more than 4300 digits
+        return "a number of thousands of digits"
+
+
 def check_keys(table: Iterable[str], known: Iterable[str], where: str) -> None:
     """Check every key of one table of a TOML file.
 

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from residual.errors import InputError
-from residual.names import check_name, check_nesting, shortened
+from residual.names import check_name, check_nesting, shortened, shown
 
 Record = TypeVar("Record")
 
@@ -82,7 +82,7 @@ def _words(record: Any, fault: dict[str, Any]) -> str:
     if expected is None:
         text = fault["msg"].removeprefix("Input should be ")
         expected = text[:1].lower() + text[1:]
-    given = shortened(repr(fault["input"]))
+    given = shown(fault["input"])
     return f"{_named(fault['loc'])} is {given}, expected {expected}."
 
 
@@ -112,7 +112,7 @@ def _inner(annotation: Any) -> Any:
 
 
 def _place(tables: list | tuple) -> str:
-    words = [str(t) for t in tables if not isinstance(t, int)]
+    words = [shortened(t) for t in tables if not isinstance(t, int)]
     counts = [t + 1 for t in tables if isinstance(t, int)]
     if not words:
         return "the file's head"
@@ -125,4 +125,5 @@ def _named(loc: tuple) -> str:
     *tables, key = loc
     if isinstance(key, int) and tables:
         return f"{_named(tuple(tables))} (entry {key + 1})"
-    return f"{_place(tables)} {key}" if tables else str(key)
+    name = shortened(key)
+    return f"{_place(tables)} {name}" if tables else name

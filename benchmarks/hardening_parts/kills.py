@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.hardening_parts.made import answers, damaged, filled, records, run
+from benchmarks.hardening_parts.reruns import old_runs, rerun_old
 from benchmarks.store_parts.kills import kill_figures as campaign_figures
 from benchmarks.store_parts.made import DOF, folder, small
 from residual.recording import Recording
@@ -38,7 +39,12 @@ def kill_figures(kills: int) -> Figures:
         _bundle(place / "shared")
         for number in range(others):
             name = list(_WORK)[number % len(_WORK)]
-            wrong = _killed(place / f"store-{number}", _WORK[name], rng)
+            store, calm = place / f"store-{number}", place / f"calm-{number}"
+            for each in (store, calm):
+                filled(each)
+                if name == "rerun":
+                    old_runs(each)
+            wrong = _killed(store, calm, _WORK[name], rng)
             bad += [f"{name}: {line}" for line in wrong]
     entry = figure(len(bad), 0, others, told=bad[:5], operations=list(_WORK))
     if kills < FULL:
@@ -48,10 +54,8 @@ def kill_figures(kills: int) -> Figures:
     return {"kills_not_whole": entry} | campaigns
 
 
-def _killed(store: Path, work: Callable, rng: random.Random) -> list[str]:
-    filled(store)
-    calm = store.with_name(f"{store.name}-calm")
-    filled(calm)
+def _killed(store: Path, calm: Path, work: Callable, rng: random.Random) -> list[str]:
+    """Return what is wrong after a kill, and after the same work once more."""
     start = perf_counter()
     work(calm)
     whole = perf_counter() - start
@@ -122,4 +126,5 @@ _WORK = {
     "record": _records,
     "compact": _compact,
     "unbundle": _unbundle,
+    "rerun": rerun_old,
 }

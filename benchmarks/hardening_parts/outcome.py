@@ -80,7 +80,7 @@ def _same_samples(place: Path, content: bytes, fewer: bool) -> bool:
     (id,) = list_folders(store, "runs")
     got = read_run(store, id)
     text = content.decode("utf-8-sig", errors="replace")
-    rows = list(csv.reader(io.StringIO(text)))
+    rows = list(csv.reader(io.StringIO(text, newline=None)))
     names = [name.strip() for name in rows[0]]
     body = [row for row in rows[1:] if row]
     if fewer:

@@ -67,6 +67,8 @@ def read_null(path: str) -> Null:
     """
     try:
         record = json.loads(Path(path).read_text(encoding="utf-8"))
+        # Half a character can stand in JSON, and be written nowhere else.
+        json.dumps(record, ensure_ascii=False).encode()
     except OSError as error:
         raise InputError(f"--null {path}: cannot be read, {error.strerror}.") from error
     except RecursionError as error:

@@ -15,12 +15,14 @@ _WAITS: ContextVar[bool] = ContextVar("waits", default=False)
 
 
 class Patient(AioSqliteConfiguration):
-    """Lets what comes by a WebSocket wait for its turn to write.
+    """Lets what comes by a WebSocket, and events, wait for their turn to write.
 
     Prefect begins a transaction as a reader. If another one writes before it does,
     SQLite cannot let it write any more and refuses at once, however long its limit for
     waiting is (https://www.sqlite.org/isolation.html). A request over HTTP is then
-    answered 503 and made again; a worker's sign of life on its WebSocket is lost.
+    answered 503 and made again; a worker's sign of life on its WebSocket is lost, and
+    an event fills the log with what is read as an error. All others go on as readers:
+    who waits holds a connection, and there are fifteen.
     """
 
     @asynccontextmanager
@@ -33,8 +35,13 @@ class Patient(AioSqliteConfiguration):
             yield begun
 
 
+def wait_to_write() -> None:
+    """Let this task, and those that it starts, wait for their turn from now on."""
+    _WAITS.set(True)
+
+
 def patient(app: ASGIApp) -> ASGIApp:
-    """Return an application whose WebSockets wait; for PostgreSQL nothing changes.
+    """Return an application that can wait; for PostgreSQL nothing changes.
 
     Args:
         app: That of Prefect, before it has begun to serve.
@@ -45,7 +52,7 @@ def patient(app: ASGIApp) -> ASGIApp:
 
     async def marked(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
-            _WAITS.set(True)  # in this task and those that it starts
+            wait_to_write()
         await app(scope, receive, send)
 
     return marked

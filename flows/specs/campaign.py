@@ -13,7 +13,7 @@ import numpy as np
 
 from flows.specs.experiment import ExperimentSpec, derived_seed, experiment_of
 from residual.errors import InputError
-from residual.names import check_keys
+from residual.names import check_keys, shortened, shown
 from warehouse.toml import read_toml
 
 MOST = 10_000  # runs; more is a slip of a list, and weeks of work
@@ -68,7 +68,7 @@ def _crossed(grid: Any) -> list[Change]:
     for keys, values in axes:
         if not isinstance(values, list) or not values:
             raise InputError(
-                f"[grid] {'.'.join(keys)} is {values!r}, expected a list of values."
+                f"{_where('grid', keys)} is {shown(values)}, expected a list of values."
             )
     count = prod(len(values) for _, values in axes)
     if not axes or count > MOST:
@@ -83,11 +83,11 @@ def _crossed(grid: Any) -> list[Change]:
 def _drawn(draws: Any, content: dict) -> list[Change]:
     count = draws.pop("count", None) if isinstance(draws, dict) else None
     if type(count) is not int or not 1 <= count <= MOST:
-        raise InputError(f"[random] count is {count!r}, expected 1 to {MOST}.")
+        raise InputError(f"[random] count is {shown(count)}, expected 1 to {MOST}.")
     axes = list(_leaves(draws, "random"))
     seed = content.get("seed", 0)
     if type(seed) is not int or seed < 0:
-        raise InputError(f"seed is {seed!r}, expected a whole number, 0 or more.")
+        raise InputError(f"seed is {shown(seed)}, expected a whole number, 0 or more.")
     changes = []
     for i in range(count):
         change: Change = [(("seed",), derived_seed(seed, f"random/{i}"))]
@@ -103,15 +103,17 @@ def _drawn(draws: Any, content: dict) -> list[Change]:
 def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
     if isinstance(values, list) and values:
         return values[int(rng.integers(len(values)))]
-    where = f"[random] {'.'.join(keys)}"
+    where = _where("random", keys)
     if not isinstance(values, dict):
-        raise InputError(f"{where} is {values!r}, expected a list or {{low, high}}.")
+        raise InputError(
+            f"{where} is {shown(values)}, expected a list or {{low, high}}."
+        )
     check_keys(values, _RANGE, where)
     low, high = values.get("low"), values.get("high")
     numbers = all(type(v) in (int, float) and abs(v) < _LARGEST for v in (low, high))
     if not numbers or not low < high or (values.get("log") and low <= 0):
         raise InputError(
-            f"{where} is low {low!r} to high {high!r}, expected low < high"
+            f"{where} is low {shown(low)} to high {shown(high)}, expected low < high"
             f"{' and low > 0 for log' if values.get('log') else ''}."
         )
     if values.get("log"):
@@ -121,9 +123,13 @@ def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
     return float(rng.uniform(low, high))
 
 
+def _where(table: str, keys: tuple[str, ...]) -> str:
+    return f"[{table}] {shortened('.'.join(keys))}"
+
+
 def _leaves(table: Any, where: str) -> Iterator[tuple[tuple[str, ...], Any]]:
     if not isinstance(table, dict):
-        raise InputError(f"{where} is {table!r}, expected a table.")
+        raise InputError(f"{where} is {shown(table)}, expected a table.")
     for key, value in table.items():
         if isinstance(value, dict) and not {"low", "high"} & set(value):
             yield from (((key, *rest), v) for rest, v in _leaves(value, where))

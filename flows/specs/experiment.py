@@ -209,6 +209,13 @@ def experiment_of(content: dict, path: str | Path) -> ExperimentSpec:
             )
     spec = checked(ExperimentSpec, content, Path(path).name)
     beside = Path(path).parent / spec.robot
-    if beside.exists() and not Path(spec.robot).is_absolute():
+    if not Path(spec.robot).is_absolute() and _exists(beside):
         return spec.model_copy(update={"robot": str(beside)})
     return spec
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a name that no file can have, such as a very long one
+        return False

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from residual.calibration.cut import cut_single, shorten
 from residual.calibration.methods import (
     EFFECTS,
     Choices,
@@ -28,7 +29,7 @@ from residual.calibration.pictures import (
     plane_of,
     unseen_run,
 )
-from residual.calibration.rows import PAPER, Rows, Run, cut_single
+from residual.calibration.rows import PAPER, Rows, Run
 from residual.calibration.scores import (
     UNSEEN,
     Scheme,
@@ -155,7 +156,7 @@ def calibrate(
 
     Args:
         robot: The arm as described.
-        runs: Its logs; a single one is cut into parts.
+        runs: Its logs; a single one is cut into parts, and all to 15 min.
         settings: How.
         named: What a diagnosis found, for the model with named effects.
         progress: Told the stage and the share done.
@@ -166,7 +167,7 @@ def calibrate(
     """
     settings, tell = settings or Settings(), progress or (lambda stage, share: None)
     notes = (_CUT,) if len(runs) == 1 else ()
-    runs = cut_single(runs)
+    runs, less = shorten(cut_single(runs))
     tell("nominal model", 0.0)
     asked = Asked(settings.paper, settings.declared, settings.joints)
     source = Source(robot, runs, asked, tuple(named))
@@ -196,7 +197,7 @@ def calibrate(
         _paper_lookup(training, settings, levels),
         source.nominal,
         source.declared,
-        notes=(*notes, *more, *source.notes),
+        notes=(*notes, *less, *more, *source.notes),
     )
     if not settings.views:
         return made

@@ -7,8 +7,7 @@ identified without the held-out runs.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from residual.tables.pca import state_block, state_names
 PAPER, MEASURED = "paper", "measured"
 PAPER_JOINTS = 3  # section 2.4 of the paper
 PAPER_HZ, MEASURED_HZ = 125.0, 60.0  # a higher rate repeats rows and changes nothing
-PARTS = 5  # of a single log
 _REPEATED = 1e-3  # squared distance to the previous period, as a share of chance's
 _LEFT = 0.5  # ... beyond which a motion has left its start
 
@@ -95,19 +93,6 @@ class Rows:
             q = self.X[self.run == number, : len(self.names) // 3]
             out[number] = repeat_period(q) or len(q)
         return out
-
-
-def cut_single(runs: Sequence[Run]) -> tuple[Run, ...]:
-    """Cut a single log into parts, so that there is something to leave out."""
-    if len(runs) != 1:
-        return tuple(runs)
-    (run,) = runs
-    count = len(run.log.t)
-    ends = np.linspace(0, count, PARTS + 1).astype(int)
-    return tuple(
-        _part(run, slice(a, b), f"part {i}")
-        for i, (a, b) in enumerate(pairwise(ends), 1)
-    )
 
 
 def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows:
@@ -208,16 +193,6 @@ def repeat_period(q: Array) -> int | None:
     end = np.flatnonzero(np.diff(near) > 1)
     valley = near[: end[0] + 1] if len(end) else near
     return int(valley[np.argmin(distance[valley])])
-
-
-def _part(run: Run, rows: slice, label: str) -> Run:
-    log = run.log
-    cut = {"t": log.t[rows], "q": log.q[rows], "tau": log.tau[rows]}
-    for name in ("qd", "qdd", "q_ref"):
-        if getattr(log, name) is not None:
-            cut[name] = getattr(log, name)[rows]
-    twin = {name: values[rows] for name, values in run.twin.items()}
-    return replace(run, log=replace(log, id=f"{log.id} {label}", **cut), twin=twin)
 
 
 def _check_paper(run: Run) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from residual.errors import InputError
-from residual.names import joints_listed
+from residual.names import joints_listed, shown
 
 SCHEMA = 1
 
@@ -103,7 +103,7 @@ def from_json(document: Mapping) -> CheckReport:
     """
     if document.get("schema") != SCHEMA:
         raise InputError(
-            f"A check of schema {document.get('schema')!r}, expected {SCHEMA}."
+            f"A check of schema {shown(document.get('schema'))}, expected {SCHEMA}."
         )
     try:
         return CheckReport(

@@ -11,8 +11,12 @@ from residual.recording import Array
 class Spool:
     """Blocks of columns by shelf, written once and read in the order of writing.
 
-    The file vanishes with the last use of this object; it lies where the system keeps
-    such files (TMPDIR).
+    The one place of the core that touches a disk. It is memory that happens to lie
+    there, as the system's own swap does: no path comes in or goes out, nobody else can
+    open the file, nothing is left of it, and a result does not depend on it. Made in
+    here, since which columns a search adds is known to the search alone. It vanishes
+    with the last use of this object, and lies where the system keeps such files
+    (TMPDIR).
     """
 
     def __init__(self) -> None:

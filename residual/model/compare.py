@@ -7,8 +7,8 @@ import numpy as np
 
 from residual.effects.base import State
 from residual.model.corrected import Corrected
+from residual.model.later import Later
 from residual.model.model import Model
-from residual.model.observed import Later
 from residual.recording import Array, Recording
 from residual.signals.pieces import are_long, in_pieces, logs_of, overlap, spread
 from residual.signals.track import Filters, Track, at_samples, prepare

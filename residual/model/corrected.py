@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from residual.effects.base import State
+from residual.model.later import read_late
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.track import Track, at_samples, prepare
@@ -74,7 +75,8 @@ class Corrected:
         """Torque on a recorded motion, as ``Model.predict`` [N m]. Shape (n, dof)."""
         own = self.model
         (track,), _ = prepare([recording], own.filters, own.speed_floor, True)
-        return at_samples(self.torque_of_state(self.observe(track)), track, recording)
+        torque = self.torque_of_state(self.observe(track, read_late(own.robot, track)))
+        return at_samples(torque, track, recording)
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
         """Torque along a motion that is known, as ``Model.along`` [N m]. (n, dof)."""

@@ -10,7 +10,9 @@ import numpy as np
 from residual.effects.base import State
 from residual.errors import InputError
 from residual.model.edit import taken_out, with_values
+from residual.model.later import read_late
 from residual.model.term import Term
+from residual.names import shown
 from residual.recording import Array, Recording
 from residual.robot import dynamics
 from residual.robot.robot import Robot, robot_from_texts
@@ -69,7 +71,7 @@ class Model:
             Joint torque [N m]. Shape (n, dof).
         """
         (track,), _ = prepare([recording], self.filters, self.speed_floor, True)
-        torque = self.torque_of_state(self.observe(track))
+        torque = self.torque_of_state(self.observe(track, read_late(self.robot, track)))
         return at_samples(torque, track, recording)
 
     def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
@@ -261,10 +263,8 @@ class Model:
             InputError: If it is of another form, or damaged.
         """
         if record.get("form") != FORM:
-            raise InputError(
-                f"A model of form {record.get('form')!r}, expected {FORM}. Make it "
-                "again with this version."
-            )
+            told = shown(record.get("form"))
+            raise InputError(f"A model of form {told}, expected {FORM}: make it anew.")
         try:
             floor = record["speed_floor"]
             return cls(

@@ -10,6 +10,7 @@ from residual.model.term import Term
 from residual.recording import Array
 from residual.signals.direction import CHOICES
 
+SLOWEST = 1e-3  # Hz: a period of a quarter of an hour is no filter of a motion
 FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it
 
 
@@ -41,7 +42,8 @@ def _wrong(model: Model) -> str | None:
         return "clock is no number"
     if not all(_is(np.array(f), ()) and 0 <= f < FASTEST for f in filters):
         return "filters has a value that no signal path has"
-    if not all(f > 0 for f in (model.filters.kinematics, model.filters.rate)):
+    own = model.filters
+    if not all(f > SLOWEST for f in (own.kinematics, own.torque, own.rate)):
         return "filters has a cut-off or rate of 0"
     terms = (word for term in model.terms if (word := _wrong_term(term, model)))
     return next(terms, None)

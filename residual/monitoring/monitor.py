@@ -18,6 +18,7 @@ from residual.monitoring.scores import Scale, Scores
 from residual.monitoring.sight import fit, sight_of
 from residual.monitoring.track import Rows, rows_of
 from residual.monitoring.usual import all_scores, limits_of, peaks_of, rest_of, usual
+from residual.names import shown
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 
@@ -240,7 +241,7 @@ def from_record(record: Mapping) -> Monitor:
     """
     if record.get("form") != FORM or "model" not in record:
         raise InputError(
-            f"A monitor of form {record.get('form')!r}, expected {FORM} with its "
+            f"A monitor of form {shown(record.get('form'))}, expected {FORM} with its "
             "model. Calibrate it again."
         )
     scale = Scale(**{f.name: np.array(record["scale"][f.name]) for f in fields(Scale)})

@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from residual.effects.base import State
+from residual.model.later import Later
 from residual.model.model import Model
-from residual.model.observed import Later
 from residual.monitoring.track import Rows, period_of, rows_of
 from residual.recording import Array, Recording
 

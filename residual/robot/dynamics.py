@@ -61,9 +61,9 @@ def mass_matrix(model: pin.Model, q: Array) -> Array:
     q = _rows(q)
     data, out = model.createData(), np.empty((len(q), model.nv, model.nv))
     for i in range(len(q)):
-        upper = np.triu(pin.crba(model, data, q[i]))
-        out[i] = upper + np.triu(upper, 1).T
-    return out
+        out[i] = pin.crba(model, data, q[i])
+    upper = np.triu(out)  # it fills no more
+    return upper + np.triu(upper, 1).transpose(0, 2, 1)
 
 
 def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import RobotError
-from residual.names import check_name
+from residual.names import check_name, shortened
 from residual.robot.toml import (
     Declared,
     Effects,
@@ -177,14 +177,21 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
     """Return the URDF and the robot.toml that the words of the user stand for."""
     path = Path(spec)
     if str(spec) not in built_in_robots():
+        try:
+            path.stat()
+        except (FileNotFoundError, NotADirectoryError, ValueError):
+            pass  # said below
+        except OSError as error:
+            raise RobotError(f"Robot '{shortened(spec)}': {error.strerror}.") from error
         if path.is_dir():
             return _only_urdf(path)
         if path.is_file():
             return path, None
         if path.exists() or path.suffix or len(path.parts) > 1:
             raise RobotError(
-                f"No file or folder '{spec}' for a robot. Give a URDF file, a folder "
-                f"with one, or a built-in name ({', '.join(built_in_robots())})."
+                f"No file or folder '{shortened(spec)}' for a robot. Give a URDF file, "
+                "a folder with one, or a built-in name "
+                f"({', '.join(built_in_robots())})."
             )
     name = check_name(str(spec), built_in_robots(), "robot")
     return _only_urdf(_robots_folder() / name)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from residual.errors import InputError, RobotError
-from residual.names import check_keys, check_name, check_nesting
+from residual.names import check_keys, check_name, check_nesting, shown
 
 Array = np.ndarray
 Effects = Mapping[str, Collection[str]]
@@ -179,8 +179,8 @@ def _scale(table: dict, where: str) -> float | None:
     number = isinstance(scale, int | float) and not isinstance(scale, bool)
     if not number or not 0 < scale < LARGEST:
         raise RobotError(
-            f"{where}: prior scale is {scale!r}, expected 'estimate' or a positive "
-            "number such as 0.03."
+            f"{where}: prior scale is {shown(scale)}, expected 'estimate' or a "
+            "positive number such as 0.03."
         )
     return float(scale)
 
@@ -189,7 +189,8 @@ def _name(table: dict, where: str) -> str | None:
     name = table.get("name")
     if name is not None and not (isinstance(name, str) and SLUG.fullmatch(name)):
         raise RobotError(
-            f"{where}: name is {name!r}, expected 1 to 40 of a-z, 0-9, '_' and '-'."
+            f"{where}: name is {shown(name)}, expected 1 to 40 of a-z, 0-9, "
+            "'_' and '-'."
         )
     return name
 

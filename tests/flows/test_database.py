@@ -1,4 +1,4 @@
-"""What comes by a WebSocket is not lost to "database is locked"."""
+"""What nobody asks for again is not lost to "database is locked"."""
 
 import asyncio
 import sqlite3
@@ -6,9 +6,16 @@ from contextlib import closing
 
 import pytest
 from prefect.server.database.dependencies import MODELS_DEPENDENCIES
+from prefect.server.utilities.messaging import (
+    StopConsumer,
+    create_consumer,
+    create_publisher,
+)
+from prefect.settings import PREFECT_MESSAGING_BROKER, temporary_settings
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
+from flows.service import messages
 from flows.service.database import Patient, patient
 
 
@@ -53,20 +60,43 @@ def signs(path):
         return [who for (who,) in made.execute("SELECT who FROM signs")]
 
 
-def test_a_transaction_that_begins_as_a_reader_is_refused_when_another_wrote(path):
+def test_a_request_over_http_begins_as_a_reader_and_is_refused_when_another_wrote(path):
+    async def asked(scope, receive, send):
+        await read_then_write(path, lambda: another_writes(path))
+
     with pytest.raises(OperationalError, match="database is locked"):
-        asyncio.run(read_then_write(path, lambda: another_writes(path)))
+        asyncio.run(patient(asked)({"type": "http"}, None, None))
     assert signs(path) == ["theirs"]
 
 
-def test_one_that_comes_by_a_websocket_is_a_writer_from_the_start(path):
-    def refused():
-        with pytest.raises(sqlite3.OperationalError, match="database is locked"):
-            another_writes(path)
+def refused(path):
+    with pytest.raises(sqlite3.OperationalError, match="database is locked"):
+        another_writes(path)
 
+
+def test_one_that_comes_by_a_websocket_is_a_writer_from_the_start(path):
     async def sign_of_life(scope, receive, send):
-        await read_then_write(path, refused)
+        await read_then_write(path, lambda: refused(path))
 
     asyncio.run(patient(sign_of_life)({"type": "websocket"}, None, None))
     another_writes(path)
     assert signs(path) == ["ours", "theirs"]
+
+
+def test_a_service_that_is_handed_an_event_is_a_writer_from_the_start(path):
+    async def handed(message):
+        await read_then_write(path, lambda: refused(path))
+        raise StopConsumer(ack=True)
+
+    async def told():
+        # As the server does it, which finds the broker by the name of its module.
+        consumer = create_consumer("events", concurrency=1)
+        assert isinstance(consumer, messages.Consumer)
+        async with create_publisher("events") as publisher:
+            await publisher.publish_data(b"{}", {})
+        await consumer.run(handed)
+        await consumer.cleanup()
+
+    with temporary_settings({PREFECT_MESSAGING_BROKER: messages.__name__}):
+        asyncio.run(told())
+    assert signs(path) == ["ours"]

@@ -13,6 +13,7 @@ from residual.diagnosis.null_key import Key
 from residual.diagnosis.null_record import Null
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
+from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.model.record import from_record, load_model, to_record
 from residual.model.term import Term
@@ -55,7 +56,7 @@ def _read_model(data: bytes, place: Path) -> None:
     record = to_record(model)
     assert same_json(record, to_record(from_record(record)))
     assert repr(model)
-    robot = model.robot
+    robot = model.model.robot if isinstance(model, Corrected) else model.robot
     if robot.dof == 2:
         assert model.predict(_log()).shape == (400, 2)
     model.save(place / "again.json")

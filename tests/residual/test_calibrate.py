@@ -8,7 +8,9 @@ import pytest
 
 from flows.report.words.calibration import sentences
 from residual.calibration import calibrate as core
+from residual.calibration import cut
 from residual.calibration.calibrate import Settings, calibrate
+from residual.calibration.cut import cut_single, shorten
 from residual.calibration.methods import (
     CHOSEN,
     DEFAULT,
@@ -24,7 +26,7 @@ from residual.calibration.methods import (
 )
 from residual.calibration.nominal import identified_without, prepare_runs
 from residual.calibration.parts import GUARD
-from residual.calibration.rows import Run, cut_single, paper_rows, repeat_period
+from residual.calibration.rows import Run, paper_rows, repeat_period
 from residual.calibration.scores import (
     BLOCK,
     FAMILY,
@@ -370,3 +372,24 @@ def test_named_effects_keep_their_shapes_and_are_fitted_anew():
     (term,) = [t for t in model.terms if t.effect is named.effect]
     assert (term.joints, term.shape) == ((1,), (0.05, 2.0))
     assert abs(term.theta[0]) < 20
+
+
+def test_of_logs_that_are_too_long_the_middles_are_taken_in_step_with_their_twins(
+    monkeypatch,
+):
+    runs = paper_runs()
+    assert shorten(runs) == (runs, ())
+    total = sum(run.log.duration for run in runs)
+    monkeypatch.setattr(cut, "MOST", 0.4 * total)
+    kept, (note,) = shorten(runs)
+    assert "the middle 40 %" in note
+    for run, own in zip(runs, kept, strict=True):
+        assert own.log.id == run.log.id
+        assert len(own.log.t) == int(0.4 * len(run.log.t))
+        first = int(np.searchsorted(run.log.t, own.log.t[0]))
+        rows = slice(first, first + len(own.log.t))
+        np.testing.assert_array_equal(own.log.tau, run.log.tau[rows])
+        np.testing.assert_array_equal(own.log.q_ref, run.log.q_ref[rows])
+        np.testing.assert_array_equal(own.twin["e_tau"], run.twin["e_tau"][rows])
+        beside = len(run.log.t) - rows.stop - first
+        assert abs(beside) <= 1  # as much before as behind

@@ -15,9 +15,11 @@ from residual.evidence.long_design import LongDesign, design_of
 from residual.evidence.spool import Spool
 from residual.identification.identify import identify
 from residual.identification.validation import acceleration_error
+from residual.model import later
 from residual.model.compare import compare, prepare_held_out
+from residual.model.later import Later
 from residual.model.nominal import prepare_logs, start_nominal
-from residual.model.observed import Later, Observed
+from residual.model.observed import Observed
 from residual.monitoring import scores as monitoring
 from residual.monitoring.usual import block_maxima, peaks_of
 from residual.recording import Recording
@@ -158,6 +160,21 @@ def test_what_a_model_sees_of_pieces_is_what_it_sees(short, log):
         theirs = model.observe(track)
         assert_allclose(mine.tau_model, theirs.tau_model, atol=1e-9)
         assert_allclose(np.asarray(mine.regressor), theirs.regressor)
+
+
+def test_a_prediction_of_many_rows_keeps_no_regressor_of_them(log, monkeypatch):
+    logs = prepare_logs(arm(), [log], None, Filters())
+    model = start_nominal(logs, NAMES).model
+    whole, asked = model.predict(log), []
+
+    def counted(model, q, qd, qdd):
+        asked.append(len(q))
+        return regressor(model, q, qd, qdd)
+
+    monkeypatch.setattr(later, "MANY", 100)
+    monkeypatch.setattr(later, "regressor", counted)
+    assert_allclose(model.predict(log), whole, atol=1e-9)
+    assert sum(asked) == 0  # the recursive algorithm makes the torque
 
 
 def test_a_spool_gives_back_all_that_was_written(rng):

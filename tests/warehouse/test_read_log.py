@@ -11,6 +11,7 @@ from residual.errors import InputError
 from residual.robot.robot import load_robot
 from warehouse.logs import ColumnMap, read_log
 from warehouse.logs.columns import CsvFormat
+from warehouse.logs.convert import shorten
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 
@@ -288,3 +289,17 @@ def test_what_is_not_a_file_is_refused(robot, tmp_path, monkeypatch, spec, messa
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=message):
         read_log(spec, robot)
+
+
+@pytest.mark.parametrize(
+    ("names", "line"),
+    [
+        ("q1 q2 q3 q4 tau1 tau2", "q1..4 tau1..2"),
+        ("../x q1 q2", "../x q1..2"),
+        ("q1..3 q4", "q1..3 q4"),
+        ("a..1 a..2 a..3", "a..1..3"),
+        ("J01 J02", "J01 J02"),
+    ],
+)
+def test_names_that_are_numbered_on_are_one_word(names, line):
+    assert shorten(names.split()) == line

@@ -22,6 +22,7 @@ def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
     Returns:
         Which rows to keep, shape (n,); and what is wrong with the others.
     """
+    t = np.where(np.abs(t) < LARGEST, t, np.nan)
     try:
         check_time(t, where)
     except RecordingError as error:

@@ -157,17 +157,16 @@ class Understood:
 def shorten(columns: Iterable[str]) -> str:
     """Return names in one line: q1 q2 q3 tau1 tau2 as "q1..3 tau1..2"."""
     words: list[str] = []
+    first, last = "", ("", None)  # of the word that the next number may go on from
     for name in columns:
         stem, number = _split(name)
-        if words and number is not None:
-            # Goes on where the last word ended: q1..3 and q4 are q1..4.
-            start, _, end = words[-1].partition("..")
-            last_stem, first = _split(start)
-            last = int(end) if end else first
-            if last_stem == stem and last is not None and number == last + 1:
-                words[-1] = f"{start}..{number}"
-                continue
-        words.append(name)
+        # Goes on where the last word ended: q1..3 and q4 are q1..4.
+        if number is not None and last == (stem, number - 1):
+            words[-1] = f"{first}..{number}"
+        else:
+            words.append(name)
+            first = name
+        last = stem, number
     return " ".join(words)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from residual.errors import InputError, RecordingError
 from residual.recording import Recording
@@ -147,7 +148,8 @@ def _samples(
 ) -> tuple[Recording, tuple[Doubt, ...]]:
     """Return the samples that are numbers, and what is wrong with the log."""
     name, chosen, columns, robot = meant.file, meant.chosen, meant.columns, meant.robot
-    t = table[chosen.time] * (TIME_UNITS[columns.time_unit] * columns.time_scale)
+    with np.errstate(over="ignore", invalid="ignore"):
+        t = table[chosen.time] * (TIME_UNITS[columns.time_unit] * columns.time_scale)
     keep, doubts = whole_rows(t, name)
     at = _rows(keep)
     if window is not None:
@@ -171,6 +173,8 @@ def _samples(
         t=put_away(t[at][kept]),
         **{k: put_away(signals.pop(k)[kept]) for k in tuple(signals)},
     )
+    # Arrow keeps what a text took while it was read: of an hour 700 MB.
+    pa.default_memory_pool().release_unused()
     with np.errstate(over="ignore"):
         doubts = (*doubts, *broken, *check_samples(recording, robot))
     return recording, doubts

@@ -107,7 +107,8 @@ def limited(
     timer.start()
     try:
         yield
-    except (duckdb.Error, pa.ArrowException) as error:
+    except (duckdb.Error, pa.ArrowException, OSError) as error:
+        # Between two batches of an answer Arrow says OSError of it.
         if late.is_set():
             raise InputError(
                 f"The query was stopped after {seconds:g} s. Ask for less, or give it "

@@ -1,0 +1,39 @@
+"""A results file whose groups were measured one by one."""
+
+from benchmarks.groups import merged
+
+GROUPS = ("one", "two", "three")
+
+
+def about(commit):
+    keys = ("dirty", "code_hash", "date", "cores", "quick")
+    return {"commit": commit, **dict.fromkeys(keys, 0)}
+
+
+def test_groups_measured_now_take_the_place_of_their_old_figures_and_no_others():
+    first = merged({}, {"two": {"b": 1, "gone": 2}}, about("aa"), GROUPS)
+    second = merged(first, {"one": {"a": 3}}, about("bb"), GROUPS)
+    assert list(second["figures"].items()) == [("a", 3), ("b", 1), ("gone", 2)]
+    assert [(k, v["commit"]) for k, v in second["by_group"].items()] == [
+        ("one", "bb"),
+        ("two", "aa"),
+    ]
+    third = merged(second, {"two": {"b": 4}}, about("cc"), GROUPS)
+    assert third["figures"] == {"a": 3, "b": 4}
+    assert {k: v["commit"] for k, v in third["by_group"].items()} == {
+        "one": "bb",
+        "two": "cc",
+    }
+
+
+def test_figures_of_a_group_that_is_no_more_are_dropped():
+    earlier = merged({}, {"old": {"x": 1}}, about("aa"), ("old",))
+    assert merged(earlier, {"one": {"a": 2}}, about("bb"), GROUPS)["figures"] == {
+        "a": 2
+    }
+
+
+def test_a_file_that_does_not_say_whose_figures_are_whose_is_written_anew():
+    earlier = {"commit": "aa", "figures": {"x": 1}}
+    made = merged(earlier, {"one": {"a": 2}}, about("bb"), GROUPS)
+    assert made["figures"] == {"a": 2}
