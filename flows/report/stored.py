@@ -4,8 +4,6 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from residual.diagnosis.causes.edit.edits import Edit
-
 from flows.inputs.robots import load
 from flows.keep.diagnosis import read_outcome, store_report
 from flows.outputs import json_text
@@ -13,6 +11,7 @@ from flows.report.page.diagnosis import render
 from flows.report.page.next import motion_chart
 from flows.report.words.staged import Hidden, Staged
 from flows.report.words.verdict import sentences
+from residual.diagnosis.causes.edit.edits import Edit
 from residual.diagnosis.verdict import to_json
 from sim.engine.render import gif_of
 from warehouse.runs import read_run

@@ -26,6 +26,7 @@ from residual.diagnosis.result import (
     Verdict,
 )
 from residual.errors import InputError
+from residual.names import shown
 from residual.plain import plain
 
 SCHEMA = 1
@@ -100,7 +101,7 @@ def from_json(document: Mapping) -> Verdict:
             edit=_read_edit(document.get("edit")),
         )
     except (AttributeError, KeyError, TypeError) as error:
-        raise InputError(f"This is no whole verdict: {error!r}.") from error
+        raise InputError(f"This is no whole verdict: {shown(error)}.") from error
 
 
 def _read_check(entry: Mapping | None) -> CheckReport | None:
