@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from residual.diagnosis.causes.edit.dense import dense_model
-from residual.diagnosis.causes.edit.edits import MOVING, sealed_edit
-
 from benchmarks.attribution_parts.arms import Arm, Made, make_edited, moved_values
 from flows.blind.score import Name
 from flows.steps.edit import is_named, with_truth
+from residual.diagnosis.causes.edit.dense import dense_model
+from residual.diagnosis.causes.edit.edits import MOVING, sealed_edit
 from residual.diagnosis.result import Diagnosis, Place
 from residual.model.model import Model
 from sim.catalogue import acting, changed

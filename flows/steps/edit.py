@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from residual.diagnosis.causes.edit.dense import dense_model
-from residual.diagnosis.causes.edit.edits import Edit, sealed_edit
 from threadpoolctl import threadpool_limits
 
 from flows.inputs.robots import load
 from flows.keep.diagnosis import read_models, read_verdict
 from flows.steps.experiment import reference_of
+from residual.diagnosis.causes.edit.dense import dense_model
+from residual.diagnosis.causes.edit.edits import Edit, sealed_edit
 from residual.diagnosis.result import Place, Verdict
 from residual.effects import registry, reported_joints
 from residual.model.model import Model

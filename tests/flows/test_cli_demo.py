@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from residual.diagnosis.causes.edit.edits import Edit
 
 from flows.cli import main
 from flows.progress import progress_bar
@@ -17,6 +16,7 @@ from flows.report.words.edit import baseline_sentences
 from flows.report.words.staged import Hidden, Staged, judge
 from flows.requests import Demo
 from flows.steps import demo as steps
+from residual.diagnosis.causes.edit.edits import Edit
 from tests.verdict_documents import typed
 
 ROOT = Path(__file__).parents[2]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from residual.diagnosis.causes.edit.dense import dense_model, set_back
 from residual.diagnosis.causes.edit.edits import (
     baseline_edits,
@@ -11,7 +12,6 @@ from residual.diagnosis.causes.edit.edits import (
     errors_on,
     sealed_edit,
 )
-
 from residual.diagnosis.result import Place
 from residual.effects import registry
 from residual.errors import UnknownNameError

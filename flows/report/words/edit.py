@@ -1,8 +1,7 @@
 """The edit test in words."""
 
-from residual.diagnosis.causes.edit.edits import Edit
-
 from flows.report.words.phrases import phrase, sentence_case
+from residual.diagnosis.causes.edit.edits import Edit
 from residual.diagnosis.result import Place, Verdict
 from residual.quantity import known, percent
 

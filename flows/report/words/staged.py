@@ -4,10 +4,9 @@ import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from residual.diagnosis.causes.edit.edits import Edit
-
 from flows.report.words.edit import edit_sentence
 from flows.report.words.phrases import effect_named, phrase, sentence_case
+from residual.diagnosis.causes.edit.edits import Edit
 from residual.diagnosis.result import Finding, Place, Verdict
 from residual.quantity import MISSING, measured
 
