@@ -136,7 +136,8 @@ def _truth(manifest: Mapping, plant: PlantSpec, like: Model) -> Model:
 def _simulated(manifest: Mapping, plant: PlantSpec) -> Recording:
     robot, spec = load(manifest["robot"]), manifest["spec"]
     rates = Rates(**spec["rates"])
-    reference = reference_of(robot, TrajectorySpec(**spec["trajectory"]), rates.control)
+    wanted = TrajectorySpec.from_record(spec["trajectory"])
+    reference = reference_of(robot, wanted, rates.control)
     return run_experiment(robot, reference, plant, rates, spec["start"]).log
 
 

@@ -44,10 +44,9 @@ def off_words(verdict: Verdict) -> str:
         what = "sum" if sums == 1 else "sums"
         parts.append(f"{count(sums)} {what} of masses and inertias")
     verb = "is" if len(every) == 1 else "are"
-    values = "value" if len(every) == 1 else "values"
     start = "Besides, " if verdict.effects else "But "
     many = count(len(every))
-    return f"{start}{many} of its {values} {verb} off: {listing(parts)}."
+    return f"{start}{many} of its values {verb} off: {listing(parts)}."
 
 
 def off_rows(verdict: Verdict) -> list[GivenRow]:

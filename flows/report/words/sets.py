@@ -1,6 +1,6 @@
 """Other sets of effects that the logs cannot tell from the one named, in words."""
 
-from flows.report.words.phrases import listing, phrase
+from flows.report.words.phrases import count, listing, phrase, sentence_case
 from residual.diagnosis.causes.alternative import LOAD, Alternative, Place
 from residual.diagnosis.result import Verdict
 
@@ -22,7 +22,9 @@ def other_sets(verdict: Verdict) -> list[str]:
     ]
     lines = [f"As likely: {_set(a, verdict)}." for a in others[:_SHOWN]]
     if len(others) > _SHOWN:
-        lines.append(f"{len(others) - _SHOWN} more sets: 'alternatives' in the JSON.")
+        more = len(others) - _SHOWN
+        words = f"{count(more)} more {'set' if more == 1 else 'sets'}"
+        lines.append(f"{sentence_case(words)}: 'alternatives' in the JSON.")
     if others:
         lines.append("Another motion would tell them apart.")
     return lines + _mixed(loads, verdict)

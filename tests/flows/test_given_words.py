@@ -1,0 +1,158 @@
+"""Given values that are off, and sets that are as good, in sentences."""
+
+import pytest
+
+from flows.report.words.given import hidden_rows, off_rows, off_words
+from flows.report.words.sets import other_sets
+from residual.diagnosis.result import Verdict
+from tests.flows.report_outcomes import effect, parameter
+from tests.verdict_documents import typed
+
+DRIVES = ("viscous", "coulomb", "rotor_inertia")
+KEYS = dict(zip(DRIVES, ("coefficient", "level", "inertia"), strict=True))
+SPRING = {"name": "spring", "joints": [2]}
+BALANCER = {"name": "balancer", "joints": [2]}
+STRIBECK = {"name": "stribeck", "joints": [3]}
+PAYLOAD = effect("payload", [6], {"mass": parameter(2.0, 0.1, "kg")})
+MOTION, TELLS = "motion", "Another motion would tell them apart."
+
+
+def given(name: str, joint: int, nominal=4.0, identified=4.6, **more) -> dict:
+    """Return one entry of verdict["changes"]."""
+    told = {"parameter": KEYS.get(name, "m3 + m4"), "unit": "N m", "std": 0.1}
+    told |= {"sigma": 6.0, "beyond": True, "explained": False} | more
+    numbers = {"nominal": nominal, "identified": identified}
+    return {"name": name, "joints": [joint], **numbers, **told}
+
+
+def another(*places: dict, by: str = MOTION) -> dict:
+    """Return one entry of verdict["alternatives"]."""
+    return {"set": list(places), "nats": -2.0, "separated_by": by}
+
+
+def verdict(*effects: dict, **part: object) -> Verdict:
+    return typed({"declared": DRIVES, "effects": list(effects), **part})
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ([], ""),
+        ([given("coulomb", 1, beyond=False)], ""),
+        ([given("coulomb", 1, explained=True)], ""),
+        (
+            [given("coulomb", 1)],
+            "But one of its values is off: coulomb level of joint 1 (4 → 4.6 N m).",
+        ),
+        (
+            [given("inertial", 3), given("coulomb", 2)],
+            "But two of its values are off: coulomb level of joint 2 (4 → 4.6 N m) and "
+            "one sum of masses and inertias.",
+        ),
+        (
+            [given("inertial", 3), given("inertial", 4)],
+            "But two of its values are off: two sums of masses and inertias.",
+        ),
+    ],
+)
+def test_values_that_are_off_are_counted_and_named(changes, sentence):
+    assert off_words(verdict(changes=changes)) == sentence
+
+
+def test_beside_a_finding_they_come_besides():
+    said = off_words(verdict(PAYLOAD, changes=[given("viscous", 1)]))
+    assert said.startswith("Besides, one of its values is off: viscous coefficient of")
+
+
+@pytest.mark.parametrize(("count", "named"), [(3, 3), (4, 4), (5, 3), (6, 3)])
+def test_of_many_the_worst_are_named(count, named):
+    off = [given("coulomb", j, identified=4.0 + 0.5 * j) for j in range(1, count + 1)]
+    said = off_words(verdict(changes=off))
+    shown = [j for j in range(1, count + 1) if f"of joint {j} (" in said]
+    assert shown == list(range(count - named + 1, count + 1))
+    assert ("more." in said) is (named < count)
+
+
+@pytest.mark.parametrize(
+    ("change", "cells"),
+    [
+        (given("coulomb", 1), ("coulomb level of joint 1", "4 N m", "+15 %")),
+        (given("rotor_inertia", 2), ("rotor inertia of joint 2", "4 N m", "+15 %")),
+        (
+            given("viscous", 3, 0.0, 1.0),
+            ("viscous coefficient of joint 3", "0 N m", ""),
+        ),
+        (given("inertial", 2, -4.0, -5.0), ("m3 + m4", "-4 N m", "-25 %")),
+        (
+            given("inertial", 2, parameter="m3 + m4 + m5"),
+            ("m3 + m4 + ...", "4 N m", "+15 %"),
+        ),
+    ],
+)
+def test_a_row_says_what_it_is_as_given_and_by_how_much_it_is_off(change, cells):
+    (row,) = off_rows(verdict(changes=[change]))
+    assert (row.what, row.given.replace("−", "-"), row.off.replace("−", "-")) == cells
+
+
+def test_a_table_of_twelve_says_how_many_it_leaves_out():
+    off = [given(name, j) for name in DRIVES for j in range(1, 6)]
+    assert len(off_rows(verdict(changes=off))) == 12
+    assert hidden_rows(verdict(changes=off)) == 3
+    assert hidden_rows(verdict(changes=off[:12])) == 0
+
+
+@pytest.mark.parametrize(
+    ("sets", "lines"),
+    [
+        ([], []),
+        (
+            [another(BALANCER, STRIBECK)],
+            [
+                "As likely: a balancer on joint 2 and Stribeck friction on joint 3.",
+                TELLS,
+            ],
+        ),
+        ([another()], ["As likely: nothing.", TELLS]),
+    ],
+)
+def test_other_sets_are_said_one_by_one(sets, lines):
+    found = verdict(effect("spring", [2], {}), alternatives=sets)
+    assert other_sets(found) == lines
+
+
+def test_a_set_that_an_equivalent_says_already_is_not_said_again():
+    found = effect("spring", [2], {}, equivalent=[BALANCER])
+    assert other_sets(verdict(found, alternatives=[another(BALANCER)])) == []
+    several = effect("coulomb", [1, 2], {"level": parameter([1, 2], [0, 0], "N m")})
+    swap = another(
+        {"name": "coulomb", "joints": [1]}, {"name": "coulomb", "joints": [2]}, SPRING
+    )
+    said = other_sets(
+        verdict(
+            several,
+            effect("balancer", [2], {}, equivalent=[SPRING]),
+            alternatives=[swap],
+        )
+    )
+    assert said == []
+
+
+@pytest.mark.parametrize(("count", "more"), [(3, ""), (4, "One more set"), (5, "Two")])
+def test_of_many_sets_three_are_said(count, more):
+    sets = [another({"name": "spring", "joints": [j]}) for j in range(1, count + 1)]
+    lines = other_sets(verdict(effect("balancer", [6], {}), alternatives=sets))
+    assert sum(line.startswith("As likely: ") for line in lines) == 3
+    assert [line for line in lines[3:-1] if line.startswith(more)] == lines[3:-1]
+    assert len(lines) == (5 if more else 4)
+    assert lines[-1] == TELLS
+
+
+def test_bodies_that_move_alike_want_a_balance():
+    link = {"name": "link_inertia", "joints": [5]}
+    load = {"name": "payload", "joints": [6]}
+    (line,) = other_sets(
+        verdict(PAYLOAD, alternatives=[another(load, link, by="load")])
+    )
+    assert "a payload" not in line
+    assert line.endswith("Weigh the load, or log the arm without it.")
+    assert "link 5" in line
