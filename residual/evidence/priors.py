@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.effects import registry
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior
+from residual.evidence.fit import Fit, Prior, scaled_inverse
 from residual.model.model import Model
 from residual.model.nominal import ASSUMED, GIVEN, Nominal
 from residual.recording import Array
@@ -106,7 +106,10 @@ class Space:
 
 
 def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
-    """The priors to compare first: one per scale, or one where the scale is settled."""
+    """The priors to compare first: each even width at each scale, the widest last.
+
+    One alone where a baseline settled both.
+    """
     space = Space(design, nominal)
     return tuple(space.at(s, widths) for widths in space.even for s in space.scales)
 
@@ -153,9 +156,7 @@ def _posterior(nominal: Nominal) -> Prior:
     sizes = [inertial_sd(model.robot), *(np.abs(t.theta) for t in model.terms)]
     floor = POSTERIOR_FLOOR * np.concatenate(sizes)
     covariance = nominal.covariance + np.diag(floor**2 + TINY**2)
-    scale = np.sqrt(np.diag(covariance))
-    inner = np.linalg.inv(covariance / np.outer(scale, scale))
-    return _prior(inner / np.outer(scale, scale), None)
+    return _prior(scaled_inverse(covariance), None)
 
 
 def _prior(precision: Array, scale: float | None) -> Prior:

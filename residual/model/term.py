@@ -66,9 +66,10 @@ class Term:
         known = registry() | TABLES
         effect = known[check_name(record["name"], known, "effect")]
         joints = tuple(j - 1 for j in record["joints"])
-        own, *nominal = (
-            cls(effect, joints, tuple(values["shape"]), np.array(values["theta"]))
-            for values in (record, record.get("nominal"))
-            if values is not None
-        )
-        return replace(own, nominal=nominal[0] if nominal else None)
+        nominal = record.get("nominal")
+
+        def read(values: Mapping, before: Term | None = None) -> Term:
+            shape, theta = tuple(values["shape"]), np.array(values["theta"])
+            return cls(effect, joints, shape, theta, before)
+
+        return read(record, None if nominal is None else read(nominal))

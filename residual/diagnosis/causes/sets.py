@@ -148,7 +148,7 @@ def _twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
     the price of one more name.
     """
     heavy = [g for g in fitted.members if g.effect.portable.bodies is not None]
-    taken = {(g.effect.name, g.joints) for g in fitted.members}
+    taken = _places(fitted.members)
     others = [
         g
         for g in task.candidates.groups

@@ -211,16 +211,15 @@ def _gains(
     A joint whose error a name raises beyond chance counts against it, whichever.
     """
     with_all, power = examined.error(fitted, held_out), moving_power(held_out)
-    out = []
+    rms, out = examined.task.design.rms, []
     for one in tested:
         rest = refit(examined, [t for t in tested if t is not one])
-        without = examined.error(rest, held_out)
-        harm = rises(with_all, without, power, HARM_SURE).max(initial=0.0)
-        if harm > 0 and not _pays(examined, with_all, without):
+        less = examined.error(rest, held_out)
+        harm = rises(with_all, less, power, HARM_SURE).max(initial=0.0)
+        if harm > 0 and not _pays(examined, with_all, less):
             out.append(round(-float(harm), ROUND))
             continue
-        rms = examined.task.design.rms
-        fall = _fall(one, with_all, without, rms)
+        fall = _fall(one, with_all, less, rms)
         if fall < CONFIRMED and (stiff := _at_nominal(examined, tested, one)):
             # The refit imitates it: then it is held against the value as given.
             fall = _fall(one, with_all, examined.error(stiff, held_out), rms)

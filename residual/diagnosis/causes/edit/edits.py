@@ -13,16 +13,16 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from residual.diagnosis.causes.edit.dense import set_back
+from residual.diagnosis.leftover.remainder import Number
 from residual.model.compare import compare, prepare_held_out
 from residual.model.model import Model
 from residual.plain import plain
 from residual.recording import Recording
 
-Number = float | None
 FILTERED, MOVING = "filtered", "moving"
 
 
-class Place(Protocol):
+class Placed(Protocol):
     """Whatever has a name and joints from 1: a finding, or what was hidden."""
 
     @property
@@ -56,7 +56,7 @@ class Edit:
     reference: Number
 
 
-def edited(model: Model, effects: Sequence[Place]) -> Model:
+def edited(model: Model, effects: Sequence[Placed]) -> Model:
     """Return a model without some effects; nothing is refitted.
 
     Raises:
@@ -90,7 +90,7 @@ def errors_on(
 def baseline_edits(
     models: Mapping[str, Model],
     dense: Model,
-    found: tuple[Sequence[Place], Sequence[Place]],
+    found: tuple[Sequence[Placed], Sequence[Placed]],
     baseline: Sequence[Recording],
 ) -> tuple[Edit, ...]:
     """Take what was found out of the augmented model, and predict the baseline.
@@ -127,7 +127,7 @@ def baseline_edits(
 
 
 def sealed_edit(
-    effect: Place,
+    effect: Placed,
     models: Mapping[str, Model],
     logs: Sequence[Recording],
     kind: str = FILTERED,
