@@ -46,6 +46,23 @@ def test_a_value_of_which_the_logs_hold_nothing_is_never_off():
     assert said.std > 50
 
 
+@pytest.mark.parametrize(
+    ("added", "before", "told"),
+    [([[1.0, 0.0]], [0.0025, 1.0], False), ([[1.0, 1.0]], [1e-6, 1.0], True)],
+    ids=["no finding on it", "a finding says it"],
+)
+def test_only_a_finding_explains_a_value_that_is_off(added, before, told):
+    """What its prior held back of a value is as little explained as the rest."""
+    row, before = np.array(added), np.diag(before)
+    theta, after = known((400 * row.T @ row, 400 * 0.25 * row[0]), before)
+    state = _State(theta, before, after, np.zeros((2, 2)), False)
+    slope, names = np.eye(2)[:1, :1], (("v", (1,), "k", "1"),)
+    (said,) = _told(state, _Asked(names, np.ones(1), np.ones(1), slope, row), 3.0)
+    assert said.identified == pytest.approx(1.25, abs=1e-3)
+    assert abs(theta[0]) < 3 * said.std  # the fit alone would not show it
+    assert (said.beyond, said.explained) == (True, told)
+
+
 def every(problem, effects):
     return [
         group

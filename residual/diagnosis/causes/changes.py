@@ -17,7 +17,7 @@ from residual.diagnosis.causes.change import Change
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.uncertainty import between_logs, values_jacobian
 from residual.effects.base import Effect
-from residual.evidence.fit import Fit
+from residual.evidence.fit import Fit, scaled_inverse
 from residual.evidence.priors import inertial_sd
 from residual.model.term import Term
 from residual.plain import plain
@@ -80,10 +80,10 @@ class _State:
         task = examined.task
         before = np.zeros((len(fitted.ids), len(fitted.ids)))
         p = len(task.design.nominal)
-        before[:p, :p] = _inverse(task.prior.precision)
+        before[:p, :p] = scaled_inverse(task.prior.precision)
         for g in fitted.members:
             at = fitted.slots(g)
-            before[np.ix_(at, at)] = _inverse(g.precision)
+            before[np.ix_(at, at)] = scaled_inverse(g.precision)
         return cls(
             fitted.theta,
             before,
@@ -94,20 +94,19 @@ class _State:
 
 
 def _told(state: _State, asked: _Asked, sure: float) -> Iterator[Change]:
-    a = asked.added
-    after = _inverse(a @ state.after @ a.T)
+    a, p = asked.added, asked.slope.shape[1]
+    after = scaled_inverse(a @ state.after @ a.T)
     prior = a @ state.before @ a.T
-    information = _positive(after - _inverse(prior), prior)
+    information = _positive(after - scaled_inverse(prior), prior)
     covariance = np.linalg.inv(information)
     gap = covariance @ (after @ (a @ state.theta))
     # Logs that disagree pull a value that its prior holds by less than a free one.
     freed = covariance @ after
     variance = np.diag(covariance + freed @ (a @ state.between @ a.T) @ freed.T)
     if state.drawn:
-        p = asked.slope.shape[1]
-        own = asked.slope @ state.before[:p, :p] @ asked.slope.T
-        variance = variance + np.diag(own)
-    own = asked.slope @ state.theta[: asked.slope.shape[1]]
+        drawn = asked.slope @ state.before[:p, :p] @ asked.slope.T
+        variance = variance + np.diag(drawn)
+    own = asked.slope @ state.theta[:p]  # of the gap what no finding says
     for i, (name, joints, parameter, unit) in enumerate(asked.names):
         sd = float(np.sqrt(variance[i]))
         least = max(LEAST * asked.size[i], sure * sd)
@@ -121,9 +120,7 @@ def _told(state: _State, asked: _Asked, sure: float) -> Iterator[Change]:
             unit=unit,
             sigma=plain(gap[i] / sd),
             beyond=bool(abs(gap[i]) > least),
-            explained=bool(
-                not np.array_equal(a[i, : len(own)], a[i]) and abs(own[i]) < least
-            ),
+            explained=bool(a[i, p:].any() and abs(own[i]) < least),
         )
 
 
@@ -202,11 +199,6 @@ def _bodies(examined: Examined, fitted: Fit) -> list[_Asked]:
 def _without_findings(added: Array, fitted: Fit) -> Array:
     members = sum(len(g.ids) for g in fitted.members)
     return added[:, : len(fitted.ids) - members]
-
-
-def _inverse(matrix: Array) -> Array:
-    size = np.sqrt(np.diag(matrix))
-    return np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
 
 
 def _positive(information: Array, prior: Array) -> Array:
