@@ -22,7 +22,7 @@ from flows.blind.size import Hidden, draw_sized, measured
 from flows.errors import RunError
 from flows.inputs.robots import load
 from flows.keep.diagnosis import read_outcome
-from flows.keep.null import method_hash
+from flows.keep.method import method_hash
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of

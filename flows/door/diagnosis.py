@@ -7,7 +7,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets
-from flows.keep.null import of_this_version
+from flows.keep.method import of_this_version
 from flows.outputs import write_all
 from flows.report.page.diagnosis import render, summary
 from flows.steps.check import checked

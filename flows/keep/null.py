@@ -1,9 +1,7 @@
 """Nulls of the store and of files: what chance alone showed, of one kind of logs."""
 
-import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -11,7 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from residual.diagnosis.null_record import Null, from_record, to_record
 from residual.errors import InputError
-from residual.robot.robot import Robot
 from warehouse.commit import read_record
 from warehouse.query.store import open_store
 
@@ -108,31 +105,6 @@ def nulls_in(store: Path) -> tuple[Null, ...]:
     return tuple(sorted(found, key=lambda n: -len(n.net)))
 
 
-def of_this_version(
-    nulls: Sequence[Null], robot: Robot
-) -> tuple[tuple[Null, ...], tuple[str, ...]]:
-    """Return the nulls that this version of the method made, and what to say of others.
-
-    What chance gives is what the search makes of it: another search, another null.
-
-    Args:
-        nulls: Those that there are.
-        robot: The arm to be diagnosed; nothing is said of nulls of others.
-    """
-    if not nulls:
-        return (), ()
-    now = method_hash()
-    old = [n for n in nulls if n.method != now and n.key.robot == robot.content_hash]
-    good = tuple(n for n in nulls if n.method == now)
-    if not old or any(n.key.robot == robot.content_hash for n in good):
-        return good, ()
-    said = old[0].method or "which it does not name"
-    return good, (
-        f"null {old[0].id} is not used: it was calibrated with another version of the "
-        f"method ({said}, this is {now}); make it again with modelgap calibrate-null",
-    )
-
-
 def null_records(store: Path) -> list[tuple[str, Mapping]]:
     """Return ids and records of all nulls, the latest first."""
     if not (store / "validations").is_dir():
@@ -144,20 +116,3 @@ def null_records(store: Path) -> list[tuple[str, Mapping]]:
     with open_store(store) as opened:
         ids = opened.sql(query).column(0).to_pylist()
     return [(id, read_record(store, id)) for id in ids]
-
-
-_JUDGES = ("steps.py", "row.py", "score.py", "size.py")
-
-
-@cache
-def method_hash() -> str:
-    """Return the hash of the code that diagnoses and judges, 16 hex digits."""
-    root, total = Path(__file__).parents[2], hashlib.sha256()
-    files = [
-        *(root / "residual").rglob("*.py"),
-        *(root / "flows" / "blind" / f for f in _JUDGES),
-    ]
-    for path in sorted(files):
-        total.update(path.relative_to(root).as_posix().encode())
-        total.update(path.read_bytes())
-    return total.hexdigest()[:16]

@@ -9,7 +9,8 @@ from threadpoolctl import threadpool_limits
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load, robot_of
 from flows.keep.diagnosis import read_known, store_outcome
-from flows.keep.null import nulls_in, of_this_version, read_null
+from flows.keep.method import of_this_version
+from flows.keep.null import nulls_in, read_null
 from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder

@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load
-from flows.keep.null import KIND, method_hash, null_records
+from flows.keep.method import method_hash
+from flows.keep.null import KIND, null_records
 from flows.progress import Progress
 from flows.requests import Null as Request
 from flows.settings import cores, store_folder

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flows.inputs.robots import load
-from flows.keep import null as keep
+from flows.keep import method as keep
 from flows.keep.null import null_json, nulls_in, read_null
 from flows.requests import Null
 from flows.steps import null as steps
