@@ -29,7 +29,7 @@ from benchmarks.figures import (
     one_blas_thread,
 )
 from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
-from flows.keep.null import method_hash
+from flows.keep.method import method_hash
 from flows.workers.pool import Here, Pool
 
 _SEEDS, _QUICK_SEEDS = "8001:8010", "1:1"

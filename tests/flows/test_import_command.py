@@ -159,7 +159,8 @@ def test_diagnose_takes_ids_of_runs(calls, run, place):
     code, out, _ = run(f"diagnose {one} --holdout {two} --robot arm.urdf")
     assert code == 0
     assert f"fit: {one[:8]} | baseline: – | held out: {two[:8]}" in out
-    assert [log.id for log in calls[0]["fit"]] == [one[:8]]
+    # What is stored says of which run it is, by its whole id.
+    assert [log.id for log in calls[0]["fit"]] == [one]
     code, _, err = run(f"diagnose {one} A.csv B.csv --robot arm.urdf")
     assert (code, "hold the same samples" in err) == (2, True)
 

@@ -165,7 +165,8 @@ def test_runs_of_the_store_are_checked_too(place, found, named):
     found["faults"], found["asked"] = [SIGN], []
     for verb in ("diagnose", "identify", "calibrate"):
         assert main([verb, one, two, "--robot", "arm.urdf"]) == 2
-    assert found["asked"] == 3 * [[one[:8], two[:8]]]
+    # A diagnosis is stored, and says which runs by their whole ids.
+    assert found["asked"] == [[one, two], *2 * [[one[:8], two[:8]]]]
     asked = Diagnose((one,), "arm.urdf", (two,), store=Path("store"))
     with pytest.raises(InputError, match="torque sign, joint 2"):
         diagnose_runs(asked)
