@@ -30,6 +30,7 @@ own.wait()
 print(own.url, own.process.pid, own.key, flush=True)
 sys.stdin.read()
 """
+PATIENCE = 10.0  # s that messages to a server which was killed are waited for
 JOINTS = range(1, 7)
 NAMES = ("t", *(f"q{i}" for i in JOINTS), *(f"tau{i}" for i in JOINTS))
 
@@ -65,6 +66,11 @@ def server(tmp_path_factory):
         }
         with settings.temporary_settings(updates):
             yield SimpleNamespace(url=url, process=process, owner=owner)
+            # Prefect keeps its clients for the life of a process: the next file's flows
+            # would ask this server for their slots.
+            from prefect._internal.concurrency.services import _QueueServiceBase
+
+            _QueueServiceBase.drain_all(timeout=PATIENCE, at_exit=False)
     owner.kill()
     owner.wait()
 
