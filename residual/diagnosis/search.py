@@ -37,7 +37,7 @@ def search(task: Task, members: Sequence[Group] = ()) -> Fit:
         members = (*current.members, *(chosen.parts or (chosen,)))
         current = task.settle(task.fit(refined(task, members, current), current))
         if not chosen.parts:
-            current = _swap(task, current, _rows(task, chosen))
+            current = _swap(task, current, rows_of(task, chosen))
         current = _delete(task, current)
     return current
 
@@ -79,7 +79,7 @@ def _tried(task: Task, base: Fit, group: Group) -> tuple[Group, Fit]:
     return (wide, again) if again.score > trial.score else (group, trial)
 
 
-def _rows(task: Task, group: Group) -> set[int]:
+def rows_of(task: Task, group: Group) -> set[int]:
     """Joints on which a group's columns act."""
     return set(group.effect.rows(group.joints, task.design.dof))
 
@@ -88,8 +88,8 @@ def _shortlist(task: Task, base: Fit, instead: Group | None) -> list[Group]:
     """The best shape of the most promising keys, at most a third of them per joint."""
     groups = task.candidates.groups
     if instead is not None:
-        where = _rows(task, instead)
-        groups = [g for g in groups if not g.parts and where & _rows(task, g)]
+        where = rows_of(task, instead)
+        groups = [g for g in groups if not g.parts and where & rows_of(task, g)]
     values = screen(task.design, task.prior, base, groups)
     net = task.candidates.net
     values = np.array([net(g, v) for g, v in zip(groups, values, strict=True)])
@@ -201,7 +201,7 @@ def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
     """
     for _ in range(2):
         for group in current.members:
-            if not where & _rows(task, group):
+            if not where & rows_of(task, group):
                 continue
             rest = tuple(g for g in current.members if g is not group)
             without = task.fit(rest, current)

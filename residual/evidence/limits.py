@@ -5,6 +5,7 @@ import numpy as np
 from residual.effects.base import Limits
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit
+from residual.model.term import with_slots
 from residual.recording import Array
 from residual.robot.dynamics import reach
 
@@ -58,11 +59,9 @@ def _had(design: Design, fitted: Fit, group: Group) -> Array:
     if group.effect.carries == "body":
         end = BODY * design.dof
         return now[end - BODY : end]
-    out, start = np.zeros(len(group.ids)), len(model.inertial)
-    for term in model.terms:
-        stop = start + len(term.theta)
+    out = np.zeros(len(group.ids))
+    for term, own in with_slots(model.terms, len(model.inertial)):
         same = term.effect.name == group.effect.name and term.joints == group.joints
         if same and term.shape == group.shape:
-            out = out + now[start:stop]
-        start = stop
+            out = out + now[own]
     return out

@@ -10,6 +10,7 @@ from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, scaled_inverse
 from residual.model.model import Model
 from residual.model.nominal import ASSUMED, GIVEN, Nominal
+from residual.model.term import with_slots
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -133,9 +134,8 @@ def relative_prior(
     precision = np.zeros((len(design.nominal), len(design.nominal)))
     size = len(nominal.model.inertial)
     precision[:size, :size] = inertial_precision(nominal.model.robot) / scale**2
-    start = size
-    for term, given in zip(nominal.model.terms, nominal.given, strict=True):
-        own = slice(start, start + len(term.theta))
+    placed = with_slots(nominal.model.terms, size)
+    for (term, own), given in zip(placed, nominal.given, strict=True):
         ids = design.nominal[own]
         rows = term.effect.rows(term.joints, design.dof)
         flat = design.unit_information(ids, rows)
@@ -146,7 +146,6 @@ def relative_prior(
             width = widths[term.effect.name]
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
-        start = own.stop
     return replace(_prior(precision, scale), widths=dict(widths))
 
 
@@ -195,12 +194,10 @@ def given_slots(model: Model, group: Group) -> Array:
         return np.zeros(0, dtype=int)
     if group.effect.needs_known_body:
         return np.arange(len(model.inertial))
-    start, out = len(model.inertial), []
-    for term in model.terms:
-        stop = start + len(term.theta)
+    out: list[int] = []
+    for term, own in with_slots(model.terms, len(model.inertial)):
         if term.effect.name == group.effect.name and term.joints == group.joints:
-            out += range(start, stop)
-        start = stop
+            out += range(own.start, own.stop)
     return np.array(out, dtype=int)
 
 

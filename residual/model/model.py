@@ -11,7 +11,7 @@ from residual.effects.base import State
 from residual.errors import InputError
 from residual.model.edit import taken_out, with_values
 from residual.model.later import read_late
-from residual.model.term import Term
+from residual.model.term import Term, with_slots
 from residual.names import shown
 from residual.recording import Array, Recording
 from residual.robot import dynamics
@@ -198,14 +198,10 @@ class Model:
 
     def with_coefficients(self, values: Array) -> "Model":
         """The same structure with other linear parameters. Shape (p,)."""
-        start = len(self.inertial)
-        terms = []
-        for term in self.terms:
-            stop = start + len(term.theta)
-            terms.append(replace(term, theta=values[start:stop]))
-            start = stop
         size = len(self.inertial)
-        return replace(self, inertial=values[:size], terms=tuple(terms))
+        placed = with_slots(self.terms, size)
+        terms = tuple(replace(term, theta=values[own]) for term, own in placed)
+        return replace(self, inertial=values[:size], terms=terms)
 
     def without(self, name: str, joints: Sequence[int] | None = None) -> "Model":
         """The same model with an effect taken out; nothing else is refitted.

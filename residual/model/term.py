@@ -1,6 +1,6 @@
 """One effect of a model, with its coefficients."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,3 +73,11 @@ class Term:
             return cls(effect, joints, shape, theta, before)
 
         return read(record, None if nominal is None else read(nominal))
+
+
+def with_slots(terms: Iterable[Term], start: int) -> Iterator[tuple[Term, slice]]:
+    """Terms with where their coefficients stand, behind ``start`` inertial ones."""
+    for term in terms:
+        stop = start + len(term.theta)
+        yield term, slice(start, stop)
+        start = stop

@@ -18,6 +18,7 @@ from residual.evidence.fit import Fit
 from residual.evidence.priors import posterior_of
 from residual.model.model import Model
 from residual.model.nominal import GIVEN, Logs, Nominal
+from residual.model.term import with_slots
 from residual.recording import Array
 
 
@@ -111,10 +112,8 @@ def _without_fading(
     gone = range(count - nominal.fading, count)
     if not gone:
         return model, covariance
-    keep, start = list(range(len(model.inertial))), len(model.inertial)
-    for i, term in enumerate(model.terms):
-        stop = start + len(term.theta)
-        keep += [] if i in gone else range(start, stop)
-        start = stop
+    keep = list(range(len(model.inertial)))
+    for i, (_, own) in enumerate(with_slots(model.terms, len(model.inertial))):
+        keep += [] if i in gone else range(own.start, own.stop)
     terms = tuple(t for i, t in enumerate(model.terms) if i not in gone)
     return replace(model, terms=terms), covariance[np.ix_(keep, keep)]

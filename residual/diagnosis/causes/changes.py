@@ -19,7 +19,7 @@ from residual.diagnosis.uncertainty import between_logs, values_jacobian
 from residual.effects.base import Effect
 from residual.evidence.fit import Fit, scaled_inverse
 from residual.evidence.priors import inertial_sd
-from residual.model.term import Term
+from residual.model.term import Term, with_slots
 from residual.plain import plain
 from residual.recording import Array
 from residual.robot.base_parameters import base_parameters
@@ -126,13 +126,14 @@ def _told(state: _State, asked: _Asked, sure: float) -> Iterator[Change]:
 
 def _drives(examined: Examined, fitted: Fit) -> list[_Asked]:
     """Declared values, those of the same joints together."""
-    robot, start = examined.logs.robot, 10 * examined.logs.robot.dof
+    nominal = examined.nominal
+    terms, given = zip(*nominal.declared, strict=True) if nominal.declared else ((), ())
+    placed = with_slots(terms, len(nominal.model.inertial))
     together: dict[tuple, list] = {}
-    for term, given in examined.nominal.declared:
-        own = slice(start, start + len(term.theta))
-        start = own.stop
-        if given is not None or examined.nominal.covariance is not None:
+    for (term, own), width in zip(placed, given, strict=True):
+        if width is not None or nominal.covariance is not None:
             together.setdefault(term.joints, []).append((term, own))
+    robot = examined.logs.robot
     return [_of_joint(robot, fitted, terms) for terms in together.values()]
 
 

@@ -18,7 +18,7 @@ from scipy.linalg import solve_triangular
 
 from residual.diagnosis.gate import CLASS
 from residual.diagnosis.result import Detectable
-from residual.diagnosis.search import best, refined
+from residual.diagnosis.search import best, refined, rows_of
 from residual.diagnosis.task import Task
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System
@@ -124,8 +124,7 @@ def _with(task: Task, rest: Sequence[Group], other: Group, like: Fit) -> Fit:
 
 def _meet(task: Task, one: Group, two: Group) -> bool:
     """Whether two effects act on a joint together."""
-    rows = [set(g.effect.rows(g.joints, task.design.dof)) for g in (one, two)]
-    return bool(rows[0] & rows[1])
+    return bool(rows_of(task, one) & rows_of(task, two))
 
 
 def _score(task: Task, fitted: Fit) -> float:
