@@ -12,7 +12,16 @@ from pathlib import Path
 from warehouse.origin.changes import PACKAGES, ROOT, git, is_checkout, uncommitted
 
 # Named in the manifest; all others are in the hash of the environment.
-_TOLD = ("numpy", "scipy", "numba", "pin", "pybullet", "pyarrow", "duckdb")
+_TOLD = (
+    "modelgap",
+    "numpy",
+    "scipy",
+    "numba",
+    "pin",
+    "pybullet",
+    "pyarrow",
+    "duckdb",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +34,7 @@ class Provenance:
         dirty: Whether the code differs from that commit; None where there is none.
         lock_hash: Hash of requirements.lock, None where there is none.
         environment_hash: Hash of all installed packages and their versions.
-        versions: Versions of Python and the libraries that compute.
+        versions: Versions of Python, of this program and the libraries that compute.
         program_hash: Hash of all our code, which decides what derived records say.
         uncommitted: How the code differs from the commit (``Changes.as_record``);
             None where that is unknown, for there is no checkout.

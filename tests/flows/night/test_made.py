@@ -1,0 +1,43 @@
+"""The foot of a page: where what it shows comes from."""
+
+import pytest
+
+from flows.report.made import made_of
+from flows.report.page.base import environment
+from residual.errors import InputError
+from warehouse.commit import commit_record
+
+RUN, HELD = "ab" * 10, "cd" * 10
+
+
+@pytest.fixture
+def diagnosis(tmp_path):
+    record = {"robot": "irb140", "verdict": "none", "model_id": "ee" * 10}
+    parents = {"fit": [RUN, "bc" * 10], "held_out": [HELD]}
+    return commit_record(tmp_path, "diagnoses", record, None, parents)
+
+
+def test_it_says_id_time_version_commit_data_and_what_makes_it_again(
+    tmp_path, diagnosis
+):
+    made = made_of(tmp_path, diagnosis[:6])
+    assert (made.what, made.id) == ("diagnosis", diagnosis)
+    assert made.data == {"fit": (RUN, "bc" * 10), "held out": (HELD,)}
+    assert made.command == f"modelgap rerun {diagnosis}"
+    assert made.created.startswith("20")
+    page = environment().get_template("made.html").render(made=made)
+    for word in (diagnosis, RUN, HELD, made.created, made.version, made.command):
+        assert word in page
+
+
+def test_a_report_is_shown_and_not_made_again(tmp_path, diagnosis):
+    about, parents = {"robot": "r", "kind": "demo"}, {"diagnosis": [diagnosis]}
+    id = commit_record(tmp_path, "reports", about, None, parents, {"a.html": b"a"})
+    assert made_of(tmp_path, id).command == f"modelgap show {id}"
+
+
+def test_what_is_not_stored_has_no_such_foot_and_what_is_none_is_refused(tmp_path):
+    foot = environment().get_template("made.html")
+    assert foot.render().strip() == foot.render(made=None).strip() == ""
+    with pytest.raises(InputError):
+        made_of(tmp_path, "../../etc")
