@@ -7,11 +7,12 @@ numerics, and a command loads what it needs and no more.
 import ast
 import re
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
 from cyclopts import App, Group
+
+from warehouse.origin.version import version_text
 
 _HELP = """Find what a robot's dynamic model is missing.
 
@@ -36,6 +37,7 @@ _COMMANDS = {
         "demo": ("demo:demo", None),
         "diagnose": ("diagnose:diagnose", _LOGS),
         "next": ("loop.next:next_", "VERDICT.json|ID [LOG...]"),
+        "explain": ("explain:explain", "[WORD...]"),
     },
     "Your logs": {
         "check": ("check:check", _LOGS),
@@ -79,18 +81,11 @@ _COMMANDS = {
 }
 
 
-def _version() -> str:
-    try:
-        return version("modelgap")
-    except PackageNotFoundError:
-        return "not installed"
-
-
 app = App(
     name="modelgap",
     help=_HELP,
     help_format="plaintext",  # what draws Markdown is a slow import
-    version=_version,
+    version=version_text,
     suppress_keyboard_interrupt=False,
 )
 for flag in ("--help", "--version"):

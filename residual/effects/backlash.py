@@ -49,6 +49,10 @@ EFFECT = Effect(
     name="backlash",
     noun="gear backlash",
     sentence="play in a gear, crossed when the load changes its side",
+    equation=(
+        "d tau = dtau/dq_j x + dtau/dqd_j x' + dtau/dqdd_j x'', where x'' = -load "
+        "/ inertia between the teeth, |x| <= half_gap"
+    ),
     parameters={"half_gap": "rad"},
     columns=_columns,
     scope="link",

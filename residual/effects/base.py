@@ -130,6 +130,8 @@ class Effect:
         parameters: Parameter keys with their SI units, in order.
         columns: Torque columns: (state, joints, shape) -> (n, rows, k), where the
             rows are the joints it acts on: its own, or all of them.
+        equation: Its torque [N m] by its parameters, as a line of text; empty for what
+            ``portable`` has. "d tau" is a change of the reported torque.
         noun: What a sentence calls it ("a spring"); empty for its name in words.
         place: Where a sentence puts it, by its ``{joints}`` or ``{links}`` in words.
         scope: Which joints it belongs to.
@@ -183,6 +185,7 @@ class Effect:
     sentence: str
     parameters: Mapping[str, str]
     columns: Columns
+    equation: str = ""
     noun: str = ""
     place: str = "on {joints}"
     scope: Scope = "local"
@@ -221,6 +224,11 @@ class Effect:
         f"qd{j + 1} [rad/s]",
     )
     portable: Portable = NOWHERE
+
+    @property
+    def law(self) -> str:
+        """Its equation, or the formula that other programs are told."""
+        return self.equation or "; ".join(f"tau = {f}" for f in self.portable.formula)
 
     @property
     def of_link(self) -> bool:

@@ -28,6 +28,7 @@ EFFECT = Effect(
     name="base_tilt",
     noun="a tilted base",
     sentence="gravity from another direction, as on a base that does not stand upright",
+    equation="tau = gravity torque of |g| * (tilt_x, tilt_y, 0), axes of the base",
     parameters={"tilt_x": "rad", "tilt_y": "rad"},
     columns=_columns,
     scope="global",

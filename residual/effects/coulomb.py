@@ -13,6 +13,7 @@ EFFECT = Effect(
     name="coulomb",
     noun="Coulomb friction",
     sentence="dry friction of constant size against the direction of motion",
+    equation="tau = level * sgn(qd)",
     parameters={"level": "N m"},
     columns=local(_feature),
     is_parameter=True,

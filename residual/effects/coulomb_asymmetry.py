@@ -15,6 +15,9 @@ EFFECT = Effect(
     name="coulomb_asymmetry",
     noun="Coulomb friction that differs by direction",
     sentence="dry friction that is stronger in one direction than in the other",
+    equation=(
+        "tau = level * |sgn(qd)|: the same in both directions of motion, zero at rest"
+    ),
     parameters={"level": "N m"},
     columns=local(_feature),
     far_fetched=0.5,

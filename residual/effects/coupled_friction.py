@@ -46,6 +46,10 @@ EFFECT = Effect(
     noun="coupled friction",
     place="between {joints}",
     sentence="friction and inertia of a gear that turns with both joints' motion",
+    equation=(
+        "w = qd_i + sign * qd_j; tau_i = level * sgn(w) + coefficient * w + "
+        "inertia * w'; tau_j = sign * tau_i"
+    ),
     parameters={
         "level": "N m",
         "coefficient": "N m s/rad",

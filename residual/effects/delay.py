@@ -31,6 +31,7 @@ EFFECT = Effect(
     name="delay",
     noun="a delay between torque and position",
     sentence="torque that is reported later than the angles",
+    equation="d tau(t) = tau(t - delay) - tau(t)",
     parameters={"delay": "s"},
     columns=_columns,
     scope="global",

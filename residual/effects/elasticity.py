@@ -27,6 +27,10 @@ EFFECT = Effect(
     name="elasticity",
     noun="joint elasticity",
     sentence="a gear that twists under its load",
+    equation=(
+        "d tau = dtau/dq_j x + dtau/dqd_j x' + dtau/dqdd_j x'', where x = -load / "
+        "stiffness, below 5 Hz"
+    ),
     parameters={"stiffness": "N m/rad"},
     columns=_columns,
     scope="link",

@@ -29,6 +29,10 @@ EFFECT = Effect(
     name="encoder_eccentricity",
     noun="encoder eccentricity",
     sentence="an encoder whose error repeats once per turn",
+    equation=(
+        "d tau = dtau/dq_j x + dtau/dqd_j x' + dtau/dqdd_j x'', where x = cos * "
+        "cos(q_j) + sin * sin(q_j)"
+    ),
     parameters={"cos": "rad", "sin": "rad"},
     columns=_columns,
     scope="link",

@@ -18,6 +18,7 @@ EFFECT = Effect(
     name="encoder_offset",
     noun="an encoder offset",
     sentence="an encoder that is off by a constant angle",
+    equation="d tau = dtau/dq_j * angle",
     parameters={"angle": "rad"},
     columns=_columns,
     scope="link",

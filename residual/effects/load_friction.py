@@ -18,6 +18,7 @@ EFFECT = Effect(
     name="load_friction",
     noun="friction that grows with load",
     sentence="friction that grows with the torque that the gear carries",
+    equation="tau = coefficient * |rigid-body torque| * sgn(qd)",
     parameters={"coefficient": "1"},
     columns=local(_feature),
     uses_model=True,

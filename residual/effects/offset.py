@@ -15,6 +15,7 @@ EFFECT = Effect(
     name="offset",
     noun="a constant torque offset",
     sentence="a constant torque, as from a biased current sensor",
+    equation="tau = torque",
     parameters={"torque": "N m"},
     columns=local(_feature),
     family="static",

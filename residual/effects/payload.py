@@ -95,6 +95,9 @@ EFFECT = Effect(
     noun="a payload",
     place="at the flange",
     sentence="a load on the flange that the model does not have",
+    equation=(
+        "tau = Y_flange(q, qd, qdd) * (mass, mass * com, inertia about the flange)"
+    ),
     parameters={
         "mass": "kg",
         "com_x": "m",

@@ -16,6 +16,7 @@ EFFECT = Effect(
     name="position_friction",
     noun="friction that varies with position",
     sentence="dry friction whose size varies with the joint's position",
+    equation="tau = (cos * cos(q) + sin * sin(q)) * sgn(qd)",
     parameters={"cos": "N m", "sin": "N m"},
     columns=local(_feature),
     inexact=0.2,

@@ -17,6 +17,7 @@ EFFECT = Effect(
     name="power_viscous",
     noun="viscous friction that grows less than linearly",
     sentence="viscous friction that grows less than linearly with speed",
+    equation="tau = coefficient * |qd|^exponent * sgn(qd), exponent below 1",
     parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
     columns=local(_feature),
     values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),

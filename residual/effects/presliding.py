@@ -33,6 +33,10 @@ EFFECT = Effect(
     name="presliding",
     noun="pre-sliding friction",
     sentence="dry friction that yields like a spring before it slides",
+    equation=(
+        "z' = qd * (1 - z * sgn(qd)) / displacement; tau = level * (z - sgn(qd)), "
+        "on top of level * sgn(qd)"
+    ),
     parameters={"level": "N m", "displacement": "rad"},
     columns=local(_feature),
     remembers=True,

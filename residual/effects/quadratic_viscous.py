@@ -15,6 +15,7 @@ EFFECT = Effect(
     name="quadratic_viscous",
     noun="friction that grows with the square of speed",
     sentence="resistance that grows with the square of speed (churning grease)",
+    equation="tau = coefficient * qd * |qd|",
     parameters={"coefficient": "N m s^2/rad^2"},
     columns=local(_feature),
     groupable=True,

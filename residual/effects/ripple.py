@@ -40,6 +40,7 @@ EFFECT = Effect(
     name="ripple",
     noun="torque ripple",
     sentence="a torque periodic in the joint's position (cogging or gear mesh)",
+    equation="tau = amplitude * cos(order * q + phase)",
     parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
     columns=local(_feature),
     values=_values,

@@ -17,6 +17,7 @@ EFFECT = Effect(
     name="rotor_inertia",
     noun="rotor inertia",
     sentence="inertia of the motor's rotor, multiplied by the gear ratio squared",
+    equation="tau = inertia * qdd",
     parameters={"inertia": "kg m^2"},
     columns=local(_feature),
     is_parameter=True,

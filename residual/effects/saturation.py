@@ -29,6 +29,7 @@ EFFECT = Effect(
     name="saturation",
     noun="torque saturation",
     sentence="a report of torque that ends at a certain size",
+    equation="d tau = clip(tau, -level, level) - tau",
     parameters={"level": "N m"},
     columns=local(_feature),
     values=lambda theta, shape, robot: np.array([shape[0]]),

@@ -41,6 +41,7 @@ EFFECT = Effect(
     name="spring",
     noun="a spring",
     sentence="a torque proportional to position, as from a spring or hose package",
+    equation="tau = stiffness * (q - rest)",
     parameters={"stiffness": "N m/rad", "rest": "rad"},
     columns=local(_feature),
     values=_values,

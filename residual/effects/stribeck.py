@@ -25,6 +25,7 @@ EFFECT = Effect(
     name="stribeck",
     noun="Stribeck friction",
     sentence="extra friction at low speed that fades as the joint speeds up",
+    equation="tau = level * exp(-|qd / velocity|^exponent) * sgn(qd)",
     parameters={"level": "N m", "velocity": "rad/s", "exponent": "1"},
     columns=local(_feature),
     values=lambda theta, shape, robot: np.array([theta[0], *shape]),

@@ -28,6 +28,7 @@ EFFECT = Effect(
     name="tool_force",
     noun="a constant force at the tool",
     sentence="a constant force on the flange, as from a hose or a tool that presses",
+    equation="tau = -J(q)^T * (x, y, z), axes of the base",
     parameters={"x": "N", "y": "N", "z": "N"},
     columns=_columns,
     scope="global",

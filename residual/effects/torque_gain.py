@@ -20,6 +20,7 @@ EFFECT = Effect(
     name="torque_gain",
     noun="a torque scale error",
     sentence="measured torque scaled by a wrong torque constant",
+    equation="d tau = gain * tau",
     parameters={"gain": "1"},
     columns=local(_feature),
     uses_model=True,

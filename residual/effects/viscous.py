@@ -13,6 +13,7 @@ EFFECT = Effect(
     name="viscous",
     noun="viscous friction",
     sentence="resistance proportional to the joint's speed (grease, seals)",
+    equation="tau = coefficient * qd",
     parameters={"coefficient": "N m s/rad"},
     columns=local(_feature),
     is_parameter=True,

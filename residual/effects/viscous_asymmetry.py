@@ -15,6 +15,7 @@ EFFECT = Effect(
     name="viscous_asymmetry",
     noun="viscous friction that differs by direction",
     sentence="viscous friction that is stronger in one direction than in the other",
+    equation="tau = coefficient * |qd|",
     parameters={"coefficient": "N m s/rad"},
     columns=local(_feature),
     possible=lambda theta, shape, limits: within_torque(

@@ -22,6 +22,7 @@ EFFECT = Effect(
     name="warmup",
     noun="friction that falls as the arm warms up",
     sentence="friction that falls with the time since the session began",
+    equation="tau = level * exp(-t / time_constant) * sgn(qd)",
     parameters={"level": "N m", "time_constant": "s"},
     columns=local(_feature),
     values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),
