@@ -1,0 +1,52 @@
+"use strict";
+// Draws each figure of the page from the data beside it, once it comes into sight.
+(() => {
+  const PAPER = 680; // px: width of a printed figure
+  const boxes = [...document.querySelectorAll(".plot")];
+  const config = {
+    displaylogo: false,
+    responsive: true,
+    scrollZoom: false,
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+  };
+
+  function draw(box) {
+    if (box.dataset.drawn) return;
+    box.dataset.drawn = "yes";
+    const told = JSON.parse(box.querySelector("script").textContent);
+    box.textContent = "";
+    const layout = { autosize: true, height: box.clientHeight, ...told.layout };
+    // A legend beside its figure takes a phone's whole width.
+    if (box.clientWidth < 560) layout.margin = { ...layout.margin, l: 48, r: 6 };
+    Plotly.newPlot(box, told.data, layout, config);
+  }
+
+  const seen = new IntersectionObserver(
+    (entries) => {
+      for (const entry of entries) {
+        if (!entry.isIntersecting) continue;
+        seen.unobserve(entry.target);
+        draw(entry.target);
+      }
+    },
+    { rootMargin: "400px" },
+  );
+  for (const box of boxes) seen.observe(box);
+
+  // On paper all is drawn and nothing folded, whatever was looked at before.
+  const closed = [];
+  addEventListener("beforeprint", () => {
+    for (const fold of document.querySelectorAll("details:not([open])")) {
+      closed.push(fold);
+      fold.open = true;
+    }
+    for (const box of boxes) {
+      draw(box);
+      Plotly.relayout(box, { autosize: false, width: PAPER });
+    }
+  });
+  addEventListener("afterprint", () => {
+    for (const fold of closed.splice(0)) fold.open = false;
+    for (const box of boxes) Plotly.relayout(box, { autosize: true, width: null });
+  });
+})();
