@@ -186,6 +186,10 @@ class Import(Request):
         kind: What it was recorded for.
         store: Folder of the store, None for the usual one.
         trust_log: Whether to go on where a fault of the logs is certain.
+        serial: Serial number of the arm; None for that of robot.toml, or none.
+        tags: Words, or "KEY=VALUE".
+        recorded_at: When the first sample was taken, ISO 8601 with a zone; None for
+            what the log says, or unknown.
     """
 
     logs: tuple[str, ...]
@@ -195,6 +199,9 @@ class Import(Request):
     kind: str = "log"
     store: str | Path | None = None
     trust_log: bool = False
+    serial: str | None = None
+    tags: tuple[str, ...] = ()
+    recorded_at: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,9 @@
 
 Keys that a caller gives: ``spec`` (the open half: robot, trajectory, declared effects,
 rates, reference seed), ``source``, ``kind``, ``trajectory``, ``seed``, ``robot_hash``,
-``seed_streams``, ``timings``, ``parents``; others are kept as they are. The commit adds
+``seed_streams``, ``timings``, ``parents``; of a measured run ``serial``,
+``recorded_at`` (of its first sample, ISO 8601, UTC) and ``tags`` (texts), where they
+are known; others are kept as they are. The commit adds
 ``sealed_sha256``, ``provenance``, ``data_hash``, ``truth_hash`` and ``units``.
 """
 
@@ -64,12 +66,29 @@ def about_run(manifest: Mapping) -> dict:
     motion = spec.get("trajectory") or {}
     motion = motion.get("kind") if isinstance(motion, Mapping) else motion
     simulated = "spec" in manifest
+    recorded = manifest.get("recorded_at")
     return {
+        "serial": manifest.get("serial"),
+        "recorded_at": recorded and parse_moment(recorded),
+        "tags": list(manifest.get("tags") or ()),
         "source": manifest.get("source", "simulated" if simulated else "imported"),
         "kind": manifest.get("kind", "experiment" if simulated else "log"),
         "trajectory": manifest.get("trajectory", motion),
         "seed": manifest.get("seed", spec.get("seed")),
     }
+
+
+def parse_moment(text: str) -> datetime:
+    """Return the moment of a record, UTC without saying so, as columns hold it.
+
+    Raises:
+        InputError: If it is none.
+    """
+    try:
+        moment = datetime.fromisoformat(text)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"'{text}' is no moment in ISO 8601.") from error
+    return moment.astimezone(UTC).replace(tzinfo=None)
 
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")

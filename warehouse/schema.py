@@ -70,10 +70,11 @@ _CODE = (
 )
 _ROBOT = Column("robot", TEXT, "name of the robot")
 _UNIT = Column("unit", TEXT, "unit of the value")
+_SERIAL = Column("serial", TEXT, "serial number of the robot; null where none is given")
 _ADOPTION = (
     Column("adoption_id", TEXT, "its number, in six digits"),
     _ROBOT,
-    Column("serial", TEXT, "serial number of the robot; null where none is given"),
+    _SERIAL,
     Column("action", TEXT, "adopted, forced (against the gate) or rolled back"),
     Column("model_id", TEXT, "the model from then on; null for the nominal one"),
     Column("diagnosis_id", TEXT, "the diagnosis that found it"),
@@ -99,6 +100,9 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         _CREATED,
         *_CODE,
         Column("data_hash", TEXT, "hash of the values of all samples"),
+        _SERIAL,
+        Column("recorded_at", TIME, "time of the first sample, UTC; null if unknown"),
+        Column("tags", pa.list_(TEXT), "words or KEY=VALUE that it was given"),
         Column("quarantined", FLAG, "whether a tombstone says not to use it"),
     ),
     "channels": (
@@ -144,6 +148,7 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         Column("nominal_scale", NUMBER, "how far off the nominal model was", "1"),
         Column("unexplained", NUMBER, "share of the torque left unexplained", "1"),
         *_CODE,
+        _SERIAL,
     ),
     "errors": (
         Column("source_id", TEXT, "the diagnosis, validation, model or run of it"),

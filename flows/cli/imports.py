@@ -2,7 +2,7 @@
 
 from rich.console import Console
 
-from flows.cli.options import Flag, Log
+from flows.cli.options import Flag, Log, Tags
 from flows.report.terminal.imports import lines, table
 from flows.requests import Import
 from flows.say import say
@@ -19,6 +19,9 @@ def import_(
     dry_run: Flag = False,
     store: str | None = None,
     trust_log: Flag = False,
+    serial: str | None = None,
+    tag: Tags = (),
+    recorded_at: str | None = None,
 ) -> None:
     """Put measured logs into the store, as runs like any other.
 
@@ -46,9 +49,16 @@ def import_(
         dry_run: Only show what was understood, and the id it would have.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         trust_log: Go on although a fault of the logs is certain (modelgap check).
+        serial: Serial number of the arm, as in its robot.toml: what is known of one arm
+            is then kept apart from others of its kind.
+        tag: A word, or KEY=VALUE, such as cell=4; may be given several times.
+        recorded_at: When the first sample was taken, as 2026-11-20T14:03:00+01:00;
+            without it what the log says: the clock of a bag or MCAP, a line above the
+            table, recorded_at in the metadata of Parquet, a column of time since 1970.
     """
     place, console = store_folder(store), Console()
-    request = Import(logs, robot, map, trajectory, kind, place, trust_log)
+    about = {"serial": serial, "tags": tag, "recorded_at": recorded_at}
+    request = Import(logs, robot, map, trajectory, kind, place, trust_log, **about)
     arm, read = steps.read_logs(request)
     for log in read:
         if dry_run:
@@ -60,3 +70,5 @@ def import_(
         id = steps.store_log(log, request, arm)
         word = "was in" if log.stored else "stored in"
         say(console, f"{id}  {log.known.id}: {word} {place}")
+        if log.stored and (tag or recorded_at):
+            say(console, "  its tags and time stay as they were stored")

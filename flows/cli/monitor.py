@@ -52,7 +52,7 @@ def monitor(
     place, console = store_folder(store), Console()
     files = named_files({"--plot": plot})
     check_writable(files, ())
-    choice = choose_to_watch(model, place, nominal)
+    choice = choose_to_watch(model, place, nominal, runs)
     say(console, *choice.lines)
     request = Monitor(choice.diagnosis or model, runs, calibrate, per_hour, place)
     id, found, watched = steps.monitor(request)

@@ -13,6 +13,8 @@ from residual.errors import InputError
 Flag = Annotated[bool, Parameter(negative="")]
 # Takes all following words up to the next option; at least one.
 Words = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negative="")]
+# One word at a time; the option may be given again.
+Tags = Annotated[tuple[str, ...], Parameter(negative="")]
 Log = Annotated[str, Parameter(name="LOG")]
 
 STDOUT = "-"

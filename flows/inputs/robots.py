@@ -5,10 +5,13 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
+from flows.inputs.logs import is_run
+from flows.settings import store_folder
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
 from residual.names import check_name
-from residual.robot.robot import Robot, load_robot
+from residual.robot.robot import Robot, load_robot, with_serial
+from warehouse.origin.robots import robot_of_hash
 from warehouse.runs import read_manifest
 
 _INSTEAD: ContextVar[Mapping[str, str]] = ContextVar("instead", default={})  # noqa: B039
@@ -47,7 +50,42 @@ def robot_of(runs: Sequence[str], store: Path) -> str:
     if not runs:
         raise InputError("No run given, expected one or more ids.")
     manifest = read_manifest(store, runs[0])
+    if "spec" not in manifest:
+        return robot_of_hash(store, manifest["robot_hash"])
     return manifest.get("robot") or manifest["spec"]["robot"]["name"]
+
+
+def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
+    """Load the robot of some runs, with the serial number that they were stored with.
+
+    Args:
+        word: Built-in name, URDF file or folder; it may say no serial number.
+        runs: Logs of one arm; only those that are ids of runs are asked.
+        store: The store, None for the usual one.
+
+    Raises:
+        InputError: If the runs are of arms with different serial numbers, or of another
+            one than robot.toml says; or there is no such run.
+    """
+    robot = load(word)
+    for run in filter(is_run, runs):
+        serial = serial_of(run, store)
+        if serial is not None and robot.serial not in (None, serial):
+            raise InputError(
+                f"Run {run} is of {robot.name} {serial}, expected one of {robot.name} "
+                f"{robot.serial} like the rest. Give runs of one arm."
+            )
+        robot = with_serial(robot, serial)
+    return robot
+
+
+def serial_of(run: str, store: str | Path | None) -> str | None:
+    """Return the serial number of the arm of a run, None where it has none.
+
+    Raises:
+        InputError: If there is no such run.
+    """
+    return read_manifest(store_folder(store), run).get("serial")
 
 
 def check_declared(names: Sequence[str] | None) -> None:

@@ -50,8 +50,10 @@ def store_outcome(
     asked, robot = {"request": request}, found.verdict.robot
     each = errors_by_run(found) if runs.get("held_out") else []
     kept = {"known": known.to_record(found.known)} if found.known else {}
+    serial = next((m.robot.serial for m in found.models.values()), None)
+    whose = {"serial": serial} if serial else {}
     rows = Rows(
-        record=_record(found.verdict) | asked,
+        record=_record(found.verdict) | asked | whose,
         model=asked | {"models": models_record(found.models)} | kept,
         nominal=(request or {}).get("model"),
         effects=list(effect_rows(found.effects)),

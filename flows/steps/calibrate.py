@@ -7,7 +7,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.robots import check_declared, load
+from flows.inputs.robots import check_declared, load_of
 from flows.keep.calibration import Found, found_effects, store_calibration
 from flows.progress import Progress
 from flows.requests import Calibrate
@@ -48,7 +48,7 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
     Raises:
         InputError: If the request or a log is not usable.
     """
-    robot = load(request.robot)
+    robot = load_of(request.robot, request.logs, request.store)
     check_declared(request.declared)
     need_logs(request.logs, "to calibrate on", "calibrate")
     sets = (request.logs, (), ())

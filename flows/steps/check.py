@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 from flows.inputs.follow import with_followers
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.repair import gravity_line, place_of, repair_lines
-from flows.inputs.robots import check_declared, load
+from flows.inputs.robots import check_declared, load_of
 from flows.requests import Check
 from residual.check.check import check_logs
 from residual.check.report import CheckReport, FaultReport
@@ -26,7 +26,7 @@ def read_logs(request: Check) -> LogSets:
     Raises:
         InputError: If the request or a file is not usable.
     """
-    robot = load(request.robot)
+    robot = load_of(request.robot, request.logs, request.store)
     check_declared(request.declared)
     need_logs(request.logs, "to check", "check")
     sets = (request.logs, (), ())

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.robots import check_declared, load, robot_of
+from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
+from flows.inputs.robots import check_declared, load_of, robot_of, serial_of
 from flows.keep.diagnosis import read_known, store_outcome
 from flows.keep.method import of_this_version
 from flows.keep.null import nulls_in, read_null
@@ -18,6 +18,7 @@ from flows.steps.check import checked
 from flows.steps.planning.suggest import Listener, suggested
 from residual.close import Inside, close_the_loop
 from residual.diagnosis.result import Diagnosis
+from residual.robot.robot import Robot
 from residual.trust import with_check
 from warehouse.runs import read_run
 
@@ -33,11 +34,29 @@ def read_logs(request: Diagnose) -> LogSets:
     Raises:
         InputError: If the request or a log is not usable.
     """
-    robot = load(request.robot)
+    robot = _robot(request)
     check_declared(request.declared)
     need_logs(request.logs, "to diagnose", "diagnose")
     sets = (request.logs, request.baseline, request.held_out)
-    return read_sets(sets, robot, request.columns, request.store, to_check=True)
+    read = read_sets(sets, robot, request.columns, request.store, to_check=True)
+    return replace(read, warnings=(*read.warnings, *_of_others(request, robot)))
+
+
+def _robot(request: Diagnose) -> Robot:
+    return load_of(request.robot, (*request.logs, *request.held_out), request.store)
+
+
+def _of_others(request: Diagnose, robot: Robot) -> list[str]:
+    """Say which runs of the baseline are of another arm of the kind."""
+    runs = [run for run in request.baseline if is_run(run)]
+    serials = {run: serial_of(run, request.store) for run in runs}
+    return [
+        f"baseline run {run} is of {robot.name} {serial}, not of "
+        f"{robot.serial or 'an arm without a number'}: what differs between the two "
+        "arms is found too"
+        for run, serial in serials.items()
+        if serial not in (None, robot.serial)
+    ]
 
 
 def diagnose(
@@ -104,7 +123,7 @@ def runs_of(request: Diagnose) -> LogSets:
     Raises:
         InputError: If a run is not there or does not belong to the robot.
     """
-    store, robot = store_folder(request.store), load(request.robot)
+    store, robot = store_folder(request.store), _robot(request)
     sets = {
         role: tuple(read_run(store, id) for id in getattr(request, name))
         for role, name in _ROLES.items()

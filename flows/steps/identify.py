@@ -7,7 +7,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
-from flows.inputs.robots import check_declared, load
+from flows.inputs.robots import check_declared, load_of
 from flows.keep.identification import store_identification
 from flows.requests import Identify
 from flows.settings import store_folder
@@ -26,7 +26,7 @@ def read_logs(request: Identify) -> LogSets:
     Raises:
         InputError: If the request or a log is not usable.
     """
-    robot = load(request.robot)
+    robot = load_of(request.robot, (*request.logs, *request.held_out), request.store)
     if request.consistent:
         solver()  # missing, it should be missed before the work
     check_declared(request.declared)

@@ -1,9 +1,11 @@
 """Measured logs into the store: what is understood of them, and the runs they are."""
 
 import hashlib
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 from flows.inputs.logs import LogSets, need_logs
@@ -14,14 +16,16 @@ from flows.steps.check import checked
 from residual.check.report import CheckReport
 from residual.errors import InputError
 from residual.recording import Recording
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, with_serial
 from warehouse.commit import commit_run, imported_run_id
 from warehouse.layout import record_folder
 from warehouse.logs import ColumnMap, Understood, load_columns, read_any, unique_ids
+from warehouse.logs.moment import iso, parse
 from warehouse.origin.robots import keep_robot
 from warehouse.runs import read_manifest
 
 LONGEST = 60
+_KEY = re.compile(r"[\w.-]+")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,7 +65,12 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
             raise InputError(
                 f"--{what} '{word[:LONGEST]}': expected a short name such as 'welding'."
             )
-    robot = load(request.robot)
+    robot = with_serial(load(request.robot), request.serial)
+    if request.recorded_at is not None and len(request.logs) > 1:
+        raise InputError(
+            f"--recorded-at is the time of one log, {len(request.logs)} are given. "
+            "Import them one by one."
+        )
     columns = load_columns(request.columns) if request.columns else None
     labels = unique_ids(request.logs)
     logs = [
@@ -148,9 +157,42 @@ def _read_one(spec: str, label: str, request: Import, of_all: tuple) -> Log:
             "kind": request.kind,
             "trajectory": request.trajectory,
             "robot_hash": robot.content_hash,
+            "serial": robot.serial,
+            "recorded_at": iso(_moment(request, known)),
+            "tags": check_tags(request.tags),
             "log": _about(known, columns),
         },
     )
+
+
+def _moment(request: Import, known: Understood) -> datetime | None:
+    if request.recorded_at is None:
+        return known.recorded_at
+    return parse(request.recorded_at, "--recorded-at")
+
+
+def check_tags(tags: Sequence[str]) -> list[str]:
+    """Return tags in the order of the alphabet, each once.
+
+    Args:
+        tags: Words, or "KEY=VALUE".
+
+    Raises:
+        InputError: If one is neither, or two say different values of one key.
+    """
+    values: dict[str, str] = {}
+    for tag in tags:
+        key, _, _ = tag.partition("=")
+        if not _is_word(tag) or not _KEY.fullmatch(key):
+            raise InputError(
+                f"tag '{tag[:LONGEST]}': expected a word, or KEY=VALUE, such as "
+                "cell=4; a key has letters, digits, '.', '_' and '-'."
+            )
+        if values.setdefault(key, tag) != tag:
+            raise InputError(
+                f"tags '{values[key]}' and '{tag}' say two things of one key. Keep one."
+            )
+    return sorted(values.values())
 
 
 def _about(known: Understood, columns: ColumnMap | None) -> dict:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 from threadpoolctl import threadpool_limits
 
+from flows.inputs.robots import serial_of
 from flows.requests import Monitor as Request
 from flows.settings import store_folder
 from flows.steps.monitor_model import Source, model_of, robot_of, source_of
@@ -113,11 +114,13 @@ def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
         raise InputError("No run given, expected one or more ids.")
     robot = find_run(store, runs[0]).folder.parent.name.removeprefix("robot=")
     query = (
-        f"SELECT diagnosis_id FROM diagnoses WHERE robot = '{robot}' "
+        "SELECT diagnosis_id FROM diagnoses WHERE robot = $robot AND "
+        "serial IS NOT DISTINCT FROM $serial "
         "ORDER BY created DESC, diagnosis_id LIMIT 1"
     )
     with open_store(store) as opened:
-        found = opened.sql(query).to_pylist()
+        arm = {"robot": robot, "serial": serial_of(runs[0], store)}
+        found = opened.sql(query, arm).to_pylist()
     return found[0]["diagnosis_id"] if found else None
 
 

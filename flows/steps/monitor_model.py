@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.inputs.robots import load
+from flows.inputs.robots import load_of
 from flows.keep.diagnosis import read_models
 from residual.errors import InputError
 from residual.model.model import Model
@@ -81,7 +81,8 @@ def robot_of(source: Source, run: Recording, store: Path) -> Robot:
     Raises:
         InputError: If it is another robot, or described differently now.
     """
-    robot = source.model.robot if source.model else load(source.robot)
+    known = source.model.robot if source.model else None
+    robot = known or load_of(source.robot, [run.id], store)
     if robot.name != run.robot:
         raise InputError(
             f"Run {run.id} is of {run.robot}, the model of {robot.name}. Give runs of "

@@ -12,7 +12,7 @@ from functools import lru_cache
 from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.robots import check_declared, load
+from flows.inputs.robots import check_declared, load, load_of
 from flows.keep.method import method_hash
 from flows.keep.null import KIND, null_records
 from flows.progress import Progress
@@ -112,7 +112,7 @@ def _identity(asked: Request) -> dict:
     return {
         "logs": logs,
         "baseline": len(sets.baseline),
-        "robot": load(asked.robot).content_hash,
+        "robot": load_of(asked.robot, asked.logs, asked.store).content_hash,
         "declared": None if asked.declared is None else list(asked.declared),
         "seed": asked.seed,
         "method": method_hash(),
@@ -173,4 +173,5 @@ def _read(asked: Request) -> LogSets:
         raise InputError(f"--draws is {asked.draws}, expected 1 or more; 200 is usual.")
     check_declared(asked.declared)
     sets = (asked.logs, asked.baseline, ())
-    return read_sets(sets, load(asked.robot), asked.columns, asked.store)
+    robot = load_of(asked.robot, asked.logs, asked.store)
+    return read_sets(sets, robot, asked.columns, asked.store)

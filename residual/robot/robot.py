@@ -24,7 +24,15 @@ from residual.robot.toml import (
 )
 from residual.robot.urdf import Chain, build_model, read_chain
 
-__all__ = ["Declared", "Robot", "built_in_robots", "load_robot", "robot_from_texts"]
+__all__ = [
+    "Declared",
+    "Robot",
+    "built_in_folder",
+    "built_in_robots",
+    "load_robot",
+    "robot_from_texts",
+    "with_serial",
+]
 
 Array = np.ndarray
 
@@ -91,6 +99,11 @@ def built_in_robots() -> tuple[str, ...]:
     return tuple(sorted(f.name for f in _robots_folder().iterdir() if f.is_dir()))
 
 
+def built_in_folder(name: str) -> Traversable:
+    """Return where a robot that comes with the program is described."""
+    return _robots_folder() / name
+
+
 def load_robot(spec: str | Path, effects: Effects | None = None) -> Robot:
     """Load a robot.
 
@@ -132,6 +145,31 @@ def robot_from_texts(name: str, urdf: str, toml: str) -> Robot:
     chain = read_chain(urdf, name)
     extra = read_robot_toml(json.loads(toml), len(chain.lower), name)
     return _assemble(name, chain, extra, (name, toml))
+
+
+def with_serial(robot: Robot, serial: str | None) -> Robot:
+    """Return the robot of a kind that has a serial number.
+
+    It is the robot that `serial` in its robot.toml would make: another one, with
+    another hash, than its kind without a number.
+
+    Args:
+        robot: The robot, or its kind.
+        serial: The serial number; None leaves the robot as it is.
+
+    Raises:
+        RobotError: If it has another serial number, or this one is not usable.
+    """
+    if serial is None or robot.serial == serial:
+        return robot
+    if robot.serial is not None:
+        raise RobotError(
+            f"The robot.toml of {robot.name} has serial = '{robot.serial}', expected "
+            f"'{shortened(serial)}'. Correct one of them, or describe each arm apart."
+        )
+    content = json.loads(robot.toml)
+    content.setdefault("robot", {})["serial"] = serial
+    return robot_from_texts(robot.name, robot.urdf, json.dumps(content, sort_keys=True))
 
 
 def _assemble(
@@ -194,7 +232,7 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
                 f"({', '.join(built_in_robots())})."
             )
     name = check_name(str(spec), built_in_robots(), "robot")
-    return _only_urdf(_robots_folder() / name)
+    return _only_urdf(built_in_folder(name))
 
 
 def _only_urdf(folder: Traversable) -> tuple[Traversable, Traversable | None]:

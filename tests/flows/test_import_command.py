@@ -10,10 +10,14 @@ import pytest
 
 import warehouse
 from flows.cli import main
+from flows.inputs.robots import load, robot_of
+from residual.errors import InputError
+from residual.robot.robot import with_serial
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from tests.warehouse import log_files as files
 from warehouse.commit import read_record
+from warehouse.origin.robots import keep_robot, robot_of_hash
 from warehouse.runs import read_run
 
 JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
@@ -208,3 +212,60 @@ def test_a_stored_log_is_imported_again_where_nothing_may_be_written(
     assert code == 2
     assert "is read-only here" in err
     assert "nothing was lost" in err
+
+
+def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
+    words = "import A.csv --robot arm.urdf --tag cell=4 --tag night --tag night"
+    moment = "--recorded-at 2026-11-20T14:03:00+01:00"
+    assert run(f"{words} --serial UR-1 {moment}")[0] == 0
+    assert run("import A.csv B.csv --robot arm.urdf --serial UR-2")[0] == 0
+    assert run("import A.csv --robot arm.urdf")[0] == 0
+    rows = ask("SELECT run_id, serial, recorded_at, tags, created FROM runs")
+    by = {(r["serial"], bool(r["tags"])): r for r in rows}
+    assert sorted(map(str, (r["serial"] for r in rows))) == [
+        "None",
+        "UR-1",
+        "UR-2",
+        "UR-2",
+    ]
+    first = by["UR-1", True]
+    assert first["tags"] == ["cell=4", "night"]
+    assert f"{first['recorded_at']:%Y-%m-%d %H:%M}" == "2026-11-20 13:03"
+    record = read_record(Path("store"), first["run_id"])
+    assert record["recorded_at"] == "2026-11-20T13:03:00Z"
+    # The time of the import is not passed off as that of the recording.
+    assert by["UR-2", False]["recorded_at"] is None
+    # The description that is kept says the number too, so it is found without a file.
+    (arm,) = {robot_of([first["run_id"]], Path("store"))}
+    assert load(arm).serial == "UR-1"
+    other = by["UR-2", False]["run_id"]
+    code, _, err = run(f"diagnose {first['run_id']} {other} --robot arm.urdf")
+    assert code == 2
+    assert "expected one of small_arm UR-1 like the rest" in err
+
+
+def test_a_built_in_robot_with_a_serial_number_is_kept_with_it(tmp_path):
+    robot = with_serial(load("irb140"), "AB-7")
+    keep_robot(tmp_path, "irb140", robot)
+    kept = load(robot_of_hash(tmp_path, robot.content_hash))
+    assert (kept.serial, kept.name) == ("AB-7", "irb140")
+    assert robot_of_hash(tmp_path, load("irb140").content_hash) == "irb140"
+    with pytest.raises(InputError, match="has serial = 'AB-7', expected 'AB-8'"):
+        with_serial(robot, "AB-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--recorded-at 2026-11-20T14:03:00", "expected a date with time and zone"),
+        ("--recorded-at yesterday", "expected a date with time and zone"),
+        ("--tag cell=4 --tag cell=5", "say two things of one key"),
+        ("--tag =4", "expected a word, or KEY=VALUE"),
+        ("--serial a/b", "expected a text of 1 to 40 letters"),
+    ],
+)
+def test_what_is_said_of_a_log_must_be_usable(run, place, words, message):
+    code, _, err = run(f"import A.csv --robot arm.urdf {words}")
+    assert code == 2
+    assert message in " ".join(err.split())
+    assert not Path("store").exists()

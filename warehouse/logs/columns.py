@@ -132,6 +132,11 @@ class ColumnMap:
     csv: CsvFormat = CsvFormat()
     bag: BagFormat = BagFormat()
 
+    @property
+    def time_unit_seconds(self) -> float:
+        """Seconds in one unit of the column of time [s]."""
+        return TIME_UNITS[self.time_unit] * self.time_scale
+
 
 @dataclass(frozen=True, slots=True, config=_TABLE)
 class _Time:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 
@@ -127,6 +128,7 @@ class Understood:
         notes: What was understood of the file beyond its columns.
         channels: Channel, column, unit and what else is done to it, one by one.
         doubts: Why the samples can be none of this arm; empty for a usable log.
+        recorded_at: When the first sample was taken, UTC; None where that is not said.
     """
 
     id: str
@@ -142,6 +144,7 @@ class Understood:
     notes: tuple[str, ...] = ()
     channels: tuple[tuple[str, str, str, str], ...] = ()
     doubts: tuple[Doubt, ...] = ()
+    recorded_at: datetime | None = None
 
     @property
     def text(self) -> str:

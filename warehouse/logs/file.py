@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from datetime import datetime
 
 from residual.recording import Array
 
@@ -14,12 +15,14 @@ class LogFile(ABC):
         columns: Names of all columns.
         units: Units that the file itself states, by column.
         notes: What was understood of the file, in words.
+        recorded_at: When its first sample was taken, UTC; None where it does not say.
     """
 
     name: str
     columns: tuple[str, ...]
     units: Mapping[str, str] = {}
     notes: tuple[str, ...] = ()
+    recorded_at: datetime | None = None
 
     @abstractmethod
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:

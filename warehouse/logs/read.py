@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,14 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs.broken import finite_rows, whole_rows
 from warehouse.logs.check import Doubt, check_samples, odd
-from warehouse.logs.columns import TIME_UNITS, ColumnMap
+from warehouse.logs.columns import ColumnMap
 from warehouse.logs.convert import Understood, channels_of, describe, to_link_side
 from warehouse.logs.file import LogFile
 from warehouse.logs.formats.bag import open_bag
 from warehouse.logs.formats.csv import HEAD, CsvLog, find_layout
 from warehouse.logs.formats.mcap import open_mcap
 from warehouse.logs.formats.parquet import ParquetLog
+from warehouse.logs.moment import from_seconds, later
 from warehouse.logs.put_away import put_away
 from warehouse.logs.select import Selection, check_units, select
 from warehouse.logs.window import Window, split_spec
@@ -124,6 +126,7 @@ def read_any(
     check_units(chosen, columns.time_unit, log.units, path.name)
     meant = _Meant(path.name, chosen, columns, robot)
     table = log.read(chosen.used)
+    first = _first(table[chosen.time]) * columns.time_unit_seconds
     recording, doubts = _samples(table, meant, label, window)
     understood = Understood(
         id=label,
@@ -139,8 +142,21 @@ def read_any(
         notes=log.notes,
         channels=_channels(chosen, columns),
         doubts=doubts,
+        recorded_at=_moment(log, first, recording),
     )
     return recording, understood
+
+
+def _first(t: Array) -> float:
+    finite = np.isfinite(t)
+    return float(t[finite.argmax()]) if finite.any() else np.nan
+
+
+def _moment(log: LogFile, first: float, recording: Recording) -> datetime | None:
+    """When the first sample that is kept was taken: the file says, or its own clock."""
+    if log.recorded_at is None:
+        return from_seconds(recording.t[0])
+    return later(log.recorded_at, recording.t[0] - first)
 
 
 def _samples(
@@ -149,7 +165,7 @@ def _samples(
     """Return the samples that are numbers, and what is wrong with the log."""
     name, chosen, columns, robot = meant.file, meant.chosen, meant.columns, meant.robot
     with np.errstate(over="ignore", invalid="ignore"):
-        t = table[chosen.time] * (TIME_UNITS[columns.time_unit] * columns.time_scale)
+        t = table[chosen.time] * columns.time_unit_seconds
     keep, doubts = whole_rows(t, name)
     at = _rows(keep)
     if window is not None:

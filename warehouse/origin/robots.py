@@ -5,12 +5,20 @@ is that of the robot (``Robot.content_hash``). So a run can be made again where 
 that described its robot has changed or is not at hand.
 """
 
+import json
+import re
 import shutil
+import tomllib
 from functools import lru_cache
 from pathlib import Path
 
 from residual.errors import InputError, ModelgapError
-from residual.robot.robot import Robot, built_in_robots, load_robot
+from residual.robot.robot import (
+    Robot,
+    built_in_folder,
+    built_in_robots,
+    load_robot,
+)
 from warehouse.files import publish, staged
 
 ROBOTS, TOML = "robots", "robot.toml"
@@ -25,21 +33,62 @@ def keep_robot(store: Path, word: str, robot: Robot) -> None:
         robot: What was loaded.
     """
     target = robot_folder(store, robot.content_hash)
-    if word in built_in_robots() or target.is_dir():
+    if target.is_dir() or _is_built_in(word, robot):
         return
-    path = Path(word)
+    path = Path(str(built_in_folder(word))) if word in built_in_robots() else Path(word)
     urdf = path if path.is_file() else next(path.glob("*.urdf"), path)
     with staged(store, "robot") as folder:
         try:
             shutil.copyfile(urdf, folder / f"{robot.name}.urdf")
-            if path.is_dir() and (path / TOML).is_file():
-                shutil.copyfile(path / TOML, folder / TOML)
+            text = _toml_text(path, robot)
+            if text is not None:
+                (folder / TOML).write_text(text, encoding="utf-8")
             kept = load_robot(folder)
         except (OSError, ModelgapError):
             return
         # Edited since it was loaded: then there is nothing to keep.
         if (kept.content_hash, kept.name) == (robot.content_hash, robot.name):
             publish(folder, target)
+
+
+def _is_built_in(word: str, robot: Robot) -> bool:
+    known = word in built_in_robots()
+    return known and load_robot(word).content_hash == robot.content_hash
+
+
+def _toml_text(path: Path, robot: Robot) -> str | None:
+    """The robot.toml of a robot, which says its serial number too; None for none."""
+    own = path / TOML if path.is_dir() else None
+    text = own.read_text(encoding="utf-8") if own and own.is_file() else None
+    if robot.serial is None or "serial" in tomllib.loads(text or "").get("robot", {}):
+        return text
+    line = f"serial = {json.dumps(robot.serial)}\n"
+    table = re.search(r"^\[robot\][^\n]*\n", text or "", re.MULTILINE)
+    if table:
+        return text[: table.end()] + line + text[table.end() :]
+    return f"[robot]\n{line}\n{text or ''}"
+
+
+def robot_of_hash(store: Path, content_hash: str) -> str:
+    """Return the word for the robot of a hash: a built-in name, or its kept folder.
+
+    Args:
+        store: The store.
+        content_hash: Hash of the robot's content.
+
+    Raises:
+        InputError: If no description of it was kept.
+    """
+    for name in built_in_robots():
+        if load_robot(name).content_hash == content_hash:
+            return name
+    folder = robot_folder(store, content_hash)
+    if folder.is_dir():
+        return str(folder)
+    raise InputError(
+        f"No description of the robot {content_hash[:8]} was kept in {store}. Import a "
+        "log of it again with --robot, which keeps it."
+    )
 
 
 def robot_word(store: Path, word: str, content_hash: str | None) -> str:

@@ -45,6 +45,9 @@ def lines(log: Log, robot: Robot, all: bool) -> list[str]:
         *([] if gaps else ["gaps: none"]),
         *(f"warning: {warning}" for warning in known.warnings),
         *(f"file: {note}" for note in known.notes),
+        f"recorded: {log.manifest['recorded_at'] or 'unknown; see --recorded-at'}",
+        f"serial number: {log.manifest['serial'] or 'none'}, "
+        f"tags: {' '.join(log.manifest['tags']) or 'none'}",
         f"ignored columns: {shorten(known.ignored) or 'none'}",
         f"run id: {log.run_id}, {'in the store already' if log.stored else 'new'}; "
         "a dry run stores nothing",

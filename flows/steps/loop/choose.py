@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.logs import is_run
-from flows.inputs.robots import load, robot_of
+from flows.inputs.robots import load_of, robot_of
 from flows.keep.diagnosis import read_known
 from flows.settings import store_folder
 from residual.errors import InputError
@@ -92,7 +92,7 @@ def choose(robot: Robot, wanted: Wanted) -> Choice:
 
 def choose_for(word: str, wanted: Wanted) -> Choice:
     """Return the model to go by for a robot by its word, as `choose` does."""
-    return choose(load(word), wanted)
+    return choose(load_of(word, wanted.logs, wanted.store), wanted)
 
 
 def in_force(runs: Sequence[str], store: Path) -> Choice:
@@ -105,23 +105,26 @@ def in_force(runs: Sequence[str], store: Path) -> Choice:
     Raises:
         InputError: If there is no run, or the model is of another description.
     """
-    return choose_for(robot_of(runs, store), Wanted(store=store))
+    return choose_for(robot_of(runs, store), Wanted(store=store, logs=tuple(runs)))
 
 
-def choose_to_watch(word: str, store: Path, nominal: bool) -> Choice:
+def choose_to_watch(
+    word: str, store: Path, nominal: bool, runs: Sequence[str] = ()
+) -> Choice:
     """Return the model to watch by; no choice where a word names it by an id.
 
     Args:
         word: A robot, or the id of a diagnosis.
         store: The store.
         nominal: Whether the nominal model is wanted.
+        runs: Ids of the runs to watch.
 
     Raises:
         InputError: If there is no such robot, or its model is of another description.
     """
     if is_run(word):
         return Choice()
-    return choose_for(word, Wanted(NOMINAL if nominal else None, store))
+    return choose_for(word, Wanted(NOMINAL if nominal else None, store, runs))
 
 
 def chosen_to_drive(store: Path, run: str, model: str | None) -> Choice:

@@ -19,6 +19,7 @@ from pyarrow import csv as arrow_csv
 from residual.errors import InputError
 from warehouse.logs.columns import CsvFormat
 from warehouse.logs.file import LogFile
+from warehouse.logs.moment import from_lines
 
 Array = np.ndarray
 
@@ -84,7 +85,8 @@ class CsvLog(LogFile):
         header = split(lines[found.names], found.separator)
         self.columns = tuple(name.strip() for name in header)
         self.units = found.units
-        self.notes = _notes(found)
+        self.recorded_at, unzoned = from_lines(lines[: found.names])
+        self.notes = _notes(found, unzoned)
         if all(is_number(name) for name in self.columns):
             raise InputError(
                 f"{self.name} starts with numbers, expected a line of column names "
@@ -157,8 +159,10 @@ class CsvLog(LogFile):
         return f"{self.name} is not a readable CSV file: {error.splitlines()[0][:120]}"
 
 
-def _notes(found: Layout) -> tuple[str, ...]:
+def _notes(found: Layout, unzoned: str | None) -> tuple[str, ...]:
     notes = []
+    if unzoned:
+        notes.append(f"{unzoned} has no time zone and is not used; see --recorded-at")
     if found.above:
         notes.append(f"{found.above} lines above the names")
     if found.units:

@@ -12,6 +12,7 @@ import numpy as np
 from residual.errors import InputError
 from warehouse.logs.columns import BagFormat
 from warehouse.logs.file import LogFile
+from warehouse.logs.moment import from_seconds
 
 Array = np.ndarray
 
@@ -68,6 +69,9 @@ class JointStateLog(LogFile):
             )
         kept = _complete(messages, wanted, f"{name}: topic {topic}", bool(form.joints))
         self._table = {"t": _times(kept, form.time, name)}
+        stamps = (kept[0].recorded, kept[0].stamp)
+        moments = [from_seconds(stamp / 1e9) for stamp in stamps]
+        self.recorded_at = next(filter(None, moments), None)
         others = [n for n in kept[0].names if n not in wanted]
         for k, (field, signal) in enumerate(_FIELDS):
             for joint, own in enumerate(wanted, 1):

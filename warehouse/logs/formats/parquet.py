@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 
 from residual.errors import InputError
 from warehouse.logs.file import LogFile
+from warehouse.logs.moment import FIELD, from_lines
 
 Array = np.ndarray
 BATCH = 1 << 16  # rows
@@ -25,6 +26,8 @@ class ParquetLog(LogFile):
             raise InputError(_broken(path.name)) from error
         self._schema = self._file.schema_arrow
         self.columns = tuple(self._schema.names)
+        told = (self._schema.metadata or {}).get(FIELD.encode(), b"")
+        self.recorded_at, _ = from_lines([told.decode(errors="replace")])
 
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
         """Return the values of some columns, NaN where empty."""
