@@ -16,6 +16,8 @@ from residual.model.compare import Cloud
 from residual.recording import Array
 
 DETERMINED = 0.5  # of the standard deviation before the logs
+SHOWN = 0.005  # of the torque of a joint: less of an effect is not worth a picture
+EXPLAINED = "torque that it explains [N m]"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -233,36 +235,58 @@ def _combined(examined: Examined, member: Tested, sizes, sure, known) -> dict:
 def clouds(
     examined: Examined, fitted: Fit, found: Sequence[Named]
 ) -> tuple[Cloud, ...]:
-    """One cloud per finding and joint on which it acts most."""
-    design = examined.task.design
-    out = []
-    for finding in found:
-        for tested in finding.tested:
-            group = tested.group
-            joints = group.joints if group.effect.scope == "local" else (tested.joint,)
-            for j in joints:
-                effect = _torque_on(design, fitted, group, j)
-                left = design.residual(j, fitted.ids, fitted.theta)
-                left = design.as_logged(j, left)
-                anchor = j if group.effect.scope == "local" else tested.joint
-                x, label, log = _variable(examined, group.effect, anchor, j)
-                out.append(
-                    Cloud(
-                        group.effect.name, j + 1, label, x, left + effect, effect, log
-                    )
-                )
-    return tuple(out)
+    """One cloud per finding and joint on which it acts most.
+
+    Of an effect that no one variable explains, one on every joint that it moves, over
+    the torque that it explains.
+    """
+    return tuple(
+        _cloud(examined, fitted, tested, j)
+        for finding in found
+        for tested in finding.tested
+        for j in _drawn_on(examined.task.design, fitted, tested)
+    )
+
+
+def _drawn_on(design: Design, fitted: Fit, tested: Tested) -> Sequence[int]:
+    """Joints from 0 on which a member is drawn."""
+    group = tested.group
+    if group.effect.scope == "local":
+        return group.joints
+    if group.effect.variable is not None:
+        return (tested.joint,)
+    rows = group.effect.rows(group.joints, len(design.rms))
+    shares = {
+        j: np.sqrt(np.mean(_torque_on(design, fitted, group, j) ** 2)) / design.rms[j]
+        for j in rows
+    }
+    return [j for j in rows if shares[j] > SHOWN] or [tested.joint]
+
+
+def _cloud(examined: Examined, fitted: Fit, tested: Tested, j: int) -> Cloud:
+    design, group = examined.task.design, tested.group
+    torque = _torque_on(design, fitted, group, j)
+    left = design.as_logged(j, design.residual(j, fitted.ids, fitted.theta))
+    anchor = j if group.effect.scope == "local" else tested.joint
+    x, label, log = _variable(examined, group.effect, anchor, j)
+    if x is None:
+        x = torque
+    return Cloud(group.effect.name, j + 1, label, x, left + torque, torque, log)
 
 
 def _variable(
-    examined: Examined, effect, anchor: int, j: int
-) -> tuple[Array, str, Array]:
-    """The explaining variable on the rows of joint j, and which log each is of."""
-    values, labels, label = [], [], ""
+    examined: Examined, effect: Effect, anchor: int, j: int
+) -> tuple[Array | None, str, Array]:
+    """The explaining variable on the rows of joint j, and which log each is of.
+
+    None where that is the torque that it explains.
+    """
+    values, labels, label = [], [], EXPLAINED
     states = examined.task.design.states
     for track, state in zip(examined.logs.sketch, states, strict=True):
-        x, label = effect.variable(state, anchor)
         rows = track.moving[:, j]
-        values.append(x[:: track.step][rows])
+        if effect.variable is not None:
+            x, label = effect.variable(state, anchor)
+            values.append(x[:: track.step][rows])
         labels.append(np.full(int(rows.sum()), track.id))
-    return np.concatenate(values), label, np.concatenate(labels)
+    return np.concatenate(values) if values else None, label, np.concatenate(labels)

@@ -177,7 +177,9 @@ class Effect:
         if_refuted: What to ask the user where held-out logs refute it.
         family: Effects of one family on one joint exclude each other.
         groupable: It is also tried on all joints at once.
-        variable: (state, joint) -> what the report draws it against, with label.
+        variable: (state, joint) -> what the report draws it against, with label; None
+            where no one variable explains it, as with all that has inertia: then what
+            was measured of it is drawn against what it explains, joint by joint.
         portable: How it is said in other programs.
     """
 
@@ -219,7 +221,7 @@ class Effect:
     if_refuted: str = ""
     family: str = ""
     groupable: bool = False
-    variable: Callable[[State, int], tuple[Array, str]] = lambda state, j: (
+    variable: Callable[[State, int], tuple[Array, str]] | None = lambda state, j: (
         state.qd[:, j],
         f"qd{j + 1} [rad/s]",
     )

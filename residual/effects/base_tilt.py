@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.effects._portable import Portable
 from residual.effects._sensitivity import model_of
-from residual.effects.base import Effect, against_position
+from residual.effects.base import Effect
 from residual.robot.dynamics import gravity_torque
 
 MOST = 1.2  # rad; an arm on a wall is declared as one
@@ -35,7 +35,7 @@ EFFECT = Effect(
     uses_model=True,
     # Two degrees: more is seen with the eye.
     prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
-    variable=against_position,
+    variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
     portable=Portable(gravity=_gravity),
 )

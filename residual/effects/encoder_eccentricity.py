@@ -4,7 +4,7 @@ import numpy as np
 
 from residual.effects._portable import Portable
 from residual.effects._sensitivity import turned
-from residual.effects.base import Effect, against_position
+from residual.effects.base import Effect
 
 MOST = 0.2  # rad
 SHIFT = (
@@ -39,7 +39,7 @@ EFFECT = Effect(
     uses_model=True,
     prior_sd=lambda robot: np.full(2, np.deg2rad(0.7)),
     family="geometry",
-    variable=against_position,
+    variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
     portable=Portable(shift=SHIFT),
 )

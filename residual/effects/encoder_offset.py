@@ -4,7 +4,7 @@ import numpy as np
 
 from residual.effects._portable import Portable
 from residual.effects._sensitivity import sensitivity
-from residual.effects.base import Effect, against_position
+from residual.effects.base import Effect
 
 MOST = 0.5  # rad: nobody would overlook more
 
@@ -25,7 +25,7 @@ EFFECT = Effect(
     uses_model=True,
     prior_sd=lambda robot: np.full(1, np.deg2rad(1.0)),
     family="geometry",
-    variable=against_position,
+    variable=None,
     possible=lambda theta, shape, limits: bool(abs(theta[0]) < MOST),
     portable=Portable(shift=("a[0]", "0", "0")),
 )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from residual.effects._portable import Portable
-from residual.effects.base import Effect, against_position
+from residual.effects.base import Effect
 from residual.robot.dynamics import inertial_parameters
 
 MOST = 10.0  # times the body that the model has
@@ -41,6 +41,6 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.array([0.3]),
     # No body weighs less than nothing.
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
-    variable=against_position,
+    variable=None,
     portable=Portable(bodies=_bodies),
 )

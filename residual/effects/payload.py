@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.effects._portable import Portable
-from residual.effects.base import Effect, against_position
+from residual.effects.base import Effect
 from residual.robot.dynamics import flange_placement
 
 LEAST = 0.01  # of the arm's mass: a load whose centre is not known from its mass
@@ -122,7 +122,7 @@ EFFECT = Effect(
     combined=_combined,
     usual=_usual,
     reports=_reports,
-    variable=against_position,
+    variable=None,
     possible=_possible,
     portable=Portable(bodies=_bodies),
 )

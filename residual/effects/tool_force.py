@@ -3,7 +3,7 @@
 import numpy as np
 
 from residual.effects._portable import Portable
-from residual.effects.base import Effect, against_position
+from residual.effects.base import Effect
 from residual.robot.dynamics import flange_jacobian
 
 
@@ -33,7 +33,7 @@ EFFECT = Effect(
     columns=_columns,
     scope="global",
     prior_sd=_prior_sd,
-    variable=against_position,
+    variable=None,
     possible=_possible,
     portable=Portable(force=np.array),
 )
