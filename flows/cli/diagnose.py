@@ -114,7 +114,7 @@ def diagnose(
     # Those of the logs were printed before the work.
     say(console, *found.notes[len(read.lines) :])
     text = json_text(to_json(found.verdict))
-    page = {"--report": _page(found)} if report else {}
+    page = {"--report": _page(found, request, report)} if report else {}
     contents = {"--json": text} | page
     write_all({path: contents[option] for option, path in files.items()})
     print_diagnosis(found, console, verbose)
@@ -133,8 +133,9 @@ def _instead(baseline: tuple[str, ...], declared: str | None) -> str | None:
     return None if declared is None else "--declared"
 
 
-def _page(found: Diagnosis) -> str:
-    # Here, since who wants no page need not wait for a plotting library.
+def _page(found: Diagnosis, request: Diagnose, path: str) -> str:
+    # Here, since who wants no page need not wait for what makes it.
     from flows.report.page.next import page_with_motion
+    from flows.report.page.origin import of_request
 
-    return page_with_motion(found)
+    return page_with_motion(found, of_request(request, path))

@@ -7,13 +7,16 @@ from pathlib import Path
 from flows.inputs.robots import load
 from flows.keep.diagnosis import read_outcome, store_report
 from flows.outputs import json_text
+from flows.report.made import made_of
 from flows.report.page.diagnosis import render
 from flows.report.page.next import motion_chart
+from flows.report.page.origin import of_record
 from flows.report.words.staged import Hidden, Staged
 from flows.report.words.verdict import sentences
 from residual.diagnosis.causes.edit.edits import Edit
 from residual.diagnosis.verdict import to_json
 from sim.engine.render import gif_of
+from warehouse.commit import read_record
 from warehouse.runs import read_run
 
 CLIP = 6.0  # s of motion in the picture
@@ -40,8 +43,10 @@ def diagnosis_page(
     """
     found = read_outcome(store, ids[1])
     robot = found.verdict.robot
+    origin = of_record(made_of(store, ids[0]), read_record(store, ids[0]))
+    page = render(found, robot, staged, motion_chart(found), origin)
     contents = {
-        "report.html": render(found, robot, staged, motion_chart(found)).encode(),
+        "report.html": page.encode(),
         "verdict.json": json_text(to_json(found.verdict)).encode(),
         **(files or {}),
     }
@@ -66,7 +71,7 @@ def demo_page(
     run = read_run(store, run_id)
     rows = run.t - run.t[0] <= CLIP
     gif = gif_of(load(run.robot), run.t[rows], run.q[rows])
-    caption = f"The first {CLIP:g} s of run {run_id}, in the physics engine."
+    caption = f"The first {CLIP:g} s of one experiment, in the physics engine."
     verdict = read_outcome(store, ids[1]).verdict
     staged = Staged(gif, caption, as_hidden(hidden), verdict)
     truth = (json.dumps(list(hidden), indent=2) + "\n").encode()

@@ -6,7 +6,7 @@ from typing import Any
 from flows.report.page import calibration_maps as maps
 from flows.report.page import calibration_plots as plots
 from flows.report.page.base import Tile, environment
-from flows.report.page.charts import Chart
+from flows.report.page.chart import Chart
 from flows.report.terminal.calibration import about_rows, chosen_words
 from flows.report.words.calibration import plane_words, sentences
 from residual.calibration.calibrate import Calibration

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flows.report.page import figures
-from flows.report.page.plots import LABELS
-from flows.report.words.phrases import effect_named, noun
+from flows.report.page.chart import Chart
+from flows.report.page.drawn import bars, cloud, look, spectrum, torque
+from flows.report.words.means import explained_share
+from flows.report.words.phrases import effect_named, listing, noun
 from flows.report.words.rows import (
     METRICS,
     ErrorRow,
@@ -18,86 +19,97 @@ from flows.report.words.rows import (
 )
 from residual.diagnosis.result import STAGES, Diagnosis
 from residual.model.compare import Cloud, LogProof
-from residual.quantity import bare_percent, known, percent
+from residual.quantity import bare_percent, fraction, known, percent
 
-# Each figure costs about 0.1 s; these limits keep the page within 1.5 s and 3 MB.
-_MOST_CLOUDS = 9
-_MOST_CURVES = 8
+# A point of a curve is eleven bytes of the page; so it stays within two megabytes.
+_POINTS = 80_000
+_MOST_POINTS = 2400
+MOST_LOGS = 6
 
 
-@dataclass(frozen=True, slots=True)
-class Chart:
-    """A figure with its text.
+@dataclass(frozen=True, eq=False, slots=True)
+class Motion:
+    """The figures of one held-out log.
 
     Attributes:
-        uri: The picture as a data address.
-        alt: What it shows, for readers who do not see it.
-        caption: One or two sentences below it.
-        joint: Joint it shows, None where it shows all.
-        name: Effect it shows, None where it shows none.
+        title: In words: "Held-out motion 1".
+        id: Its label.
+        focus: Joints that the findings concern.
+        others: All other joints.
     """
 
-    uri: str
-    alt: str
-    caption: str
-    joint: int | None = None
-    name: str | None = None
+    title: str
+    id: str
+    focus: tuple[Chart, ...]
+    others: tuple[Chart, ...]
 
 
 def error_charts(found: Diagnosis) -> list[Chart]:
     """Return bars of the held-out error: while moving, and over all samples."""
     joints = [row for row in error_rows(found) if row.joint is not None]
     level = found.unexplained.noise_floor
-    floor = [100 * level] if known(level) else []
+    floor = 100 * level if known(level) else None
     # As logged, the picture is that of the filtered error: the table is enough.
     metrics = [m for m in ("moving", "filtered") if has(joints, m, "identified")]
     metrics = metrics or [m for m in METRICS if has(joints, m, "identified")]
     charts = []
     for metric in metrics:
         stages = [s for s in _stages(found) if has(joints, metric, s)]
-        uri = figures.error_bars(joints, metric, stages, floor)
-        charts.append(Chart(uri, _bars_alt(joints, metric, stages), ""))
+        plot = bars.bars_plot(joints, metric, stages, floor)
+        alt = _bars_alt(joints, metric, stages)
+        charts.append(Chart("", alt, "", plot=plot, height=bars.HEIGHT))
     return charts
 
 
-def cloud_charts(found: Diagnosis) -> tuple[list[Chart], int]:
-    """Return (charts, number left out): residual over the explaining variable.
-
-    Every finding gets its first joint before any gets its second.
-    """
-    order = [finding.name for finding in findings(found)]
+def finding_charts(found: Diagnosis) -> list[tuple[FindingRow, list[Chart]]]:
+    """Return each finding with its figures: measured over what explains it."""
     usable = [c for c in found.clouds if len(c.x) > 1]
-    seen: dict[str, int] = {}
-    ranked = []
-    for cloud in usable:
-        seen[cloud.name] = seen.get(cloud.name, 0) + 1
-        place = order.index(cloud.name) if cloud.name in order else len(order)
-        ranked.append((seen[cloud.name], place, cloud))
-    ranked.sort(key=lambda entry: entry[:2])
-    kept = [cloud for _, _, cloud in ranked[:_MOST_CLOUDS]]
-    kept.sort(key=lambda cloud: cloud.joint)
-    return [_cloud_chart(cloud) for cloud in kept], len(usable) - len(kept)
+    most = max(1, len(usable))
+    charts = [_cloud_chart(c, most) for c in usable]
+    return [(finding, clouds_of(charts, finding)) for finding in findings(found)]
 
 
 def left_charts(found: Diagnosis) -> list[Chart]:
     """Return what each unexplained joint keeps, over what it depends on most."""
-    return [_left_chart(cloud) for cloud in found.left if len(cloud.x) > 1]
+    usable = [c for c in found.left if len(c.x) > 1]
+    return [_left_chart(c, len(usable)) for c in usable]
 
 
-def curve_charts(found: Diagnosis) -> tuple[list[Chart], list[Chart], int]:
-    """Return (of the joints concerned, of the others, number left out).
+def motions(found: Diagnosis) -> tuple[list[Motion], int]:
+    """Return (figures by held-out log, number of logs that are not drawn).
 
-    Every joint is drawn on the first log before any is drawn on the next.
+    Of many logs those that the model predicts worst.
     """
+    usable = [p for p in found.proofs if len(p.t) > 1]
+    kept = sorted(usable, key=_miss, reverse=True)[:MOST_LOGS]
+    kept = [p for p in usable if p in kept]
+    focus, dof = concerned(found), found.verdict.dof
+    others = [j for j in range(1, dof + 1) if j not in focus]
+    stages = _stages(found)
+    curves = max(1, len(kept) * dof * 2 * len(stages))
+    most = min(_MOST_POINTS, _POINTS // curves)
+    out = []
+    for number, proof in enumerate(kept, 1):
+        mine, rest = (
+            tuple(_curve_chart(proof, j, stages, most) for j in joints if j <= dof)
+            for joints in (focus, others)
+        )
+        many = f" {number}" if len(kept) > 1 else ""
+        out.append(Motion(f"Held-out motion{many}", proof.id, mine, rest))
+    return out, len(usable) - len(kept)
+
+
+def spectrum_charts(found: Diagnosis) -> tuple[list[Chart], list[Chart]]:
+    """Return spectra of the residual (of the joints concerned, of the others)."""
     focus = concerned(found)
     others = [j for j in range(1, found.verdict.dof + 1) if j not in focus]
-    wanted = [(p, j) for p in found.proofs for j in (*focus, *others)]
-    wanted = [(p, j) for p, j in wanted if j <= p.tau.shape[1] and len(p.t) > 1]
-    charts = [_curve_chart(found, p, j) for p, j in wanted[:_MOST_CURVES]]
-    left = len(wanted) - len(charts)
-    charts.sort(key=lambda chart: (*focus, *others).index(chart.joint))
-    mine = [chart for chart in charts if chart.joint in focus]
-    return mine, [chart for chart in charts if chart.joint not in focus], left
+    usable = [p for p in found.proofs if len(p.t) > 1]
+    stages = [s for s in _stages(found) if s not in ("nominal", "plsr")]
+    drawn = []
+    for joints in (focus, others):
+        charts = [_spectrum_chart(usable, j, stages) for j in joints]
+        drawn.append([chart for chart in charts if chart])
+    return drawn[0], drawn[1]
 
 
 def concerned(found: Diagnosis) -> list[int]:
@@ -112,6 +124,15 @@ def concerned(found: Diagnosis) -> list[int]:
     joints += _most_changed(found) if whole else []
     joints += found.unexplained.joints
     return list(dict.fromkeys(joints)) or _worst(found)
+
+
+def clouds_of(charts: Sequence[Chart], finding: FindingRow) -> list[Chart]:
+    """Return the charts of one finding; two of one name differ by their joints."""
+    mine = [chart for chart in charts if chart.name == finding.name]
+    if effect_named(finding.name).variable is None:
+        return mine
+    at_home = [c for c in mine if c.joint in finding.joints or not finding.joints]
+    return at_home or mine
 
 
 def _most_changed(found: Diagnosis) -> list[int]:
@@ -138,6 +159,13 @@ def _stages(found: Diagnosis) -> list[str]:
     return [stage for stage in STAGES if added or stage != "augmented"]
 
 
+def _miss(proof: LogProof) -> float:
+    hat = proof.tau_hat.get("augmented", proof.tau_hat.get("identified", proof.tau))
+    return float(np.linalg.norm(proof.tau - hat)) / max(
+        float(np.linalg.norm(proof.tau)), 1e-30
+    )
+
+
 def _bars_alt(rows: Sequence[ErrorRow], metric: str, stages: Sequence[str]) -> str:
     parts = []
     for row in rows:
@@ -150,41 +178,47 @@ def _bars_alt(rows: Sequence[ErrorRow], metric: str, stages: Sequence[str]) -> s
     return f"Bars of the held-out error, {METRICS[metric]}. {' '.join(parts)}"
 
 
-def _cloud_chart(cloud: Cloud) -> Chart:
-    logs = list(dict.fromkeys(cloud.log.tolist()))
-    where = f"logs {', '.join(map(str, logs))}" if len(logs) > 1 else f"log {logs[0]}"
+def _cloud_chart(shown: Cloud, many: int) -> Chart:
+    logs = len(set(shown.log.tolist()))
+    share = fraction(explained_share(shown))
+    said = f"It explains {share} of what was measured there."
     alt = (
-        f"Residual torque of joint {cloud.joint} over {cloud.variable}, {where}, with "
-        f"binned medians and the fitted {noun(cloud.name)} drawn through them. The "
-        f"residual spans {_span(cloud.residual)}, the fitted effect "
-        f"{_span(cloud.fitted)}."
+        f"Residual torque of joint {shown.joint} over {shown.variable}, "
+        f"{logs} log{'' if logs == 1 else 's'}, with medians in bins and what "
+        f"{noun(shown.name)} explains. The residual spans {_span(shown.residual)}, "
+        f"what is explained {_span(shown.fitted)}. {said}"
     )
-    return Chart(figures.over_variable(cloud), alt, "", cloud.joint, cloud.name)
+    plot = cloud.cloud_plot(shown, many)
+    return Chart("", alt, said, shown.joint, shown.name, plot, cloud.HEIGHT)
 
 
-def _left_chart(cloud: Cloud) -> Chart:
+def _left_chart(shown: Cloud, many: int) -> Chart:
     alt = (
-        f"What stays unexplained of the torque of joint {cloud.joint} over "
-        f"{cloud.variable}, with binned medians. It spans {_span(cloud.residual)}."
+        f"What stays unexplained of the torque of joint {shown.joint} over "
+        f"{shown.variable}, with medians in bins. It spans {_span(shown.residual)}."
     )
-    return Chart(figures.over_variable(cloud), alt, "", cloud.joint)
+    plot = cloud.cloud_plot(shown, many)
+    return Chart("", alt, "", shown.joint, None, plot, cloud.HEIGHT)
 
 
 def _span(values: np.ndarray) -> str:
     return f"{values.min():.3g} to {values.max():.3g} N m"
 
 
-def _curve_chart(found: Diagnosis, proof: LogProof, joint: int) -> Chart:
-    stages = [s for s in _stages(found) if s in proof.tau_hat]
+def _curve_chart(
+    proof: LogProof, joint: int, stages: Sequence[str], most: int
+) -> Chart:
+    stages = [s for s in stages if s in proof.tau_hat]
     errors = _errors(proof, joint, stages)
-    said = ", ".join(f"{LABELS[s].split(' ')[0]} {e}" for s, e in errors.items())
-    caption = f"Error over the samples shown: {said}."
+    said = listing([f"{look.LABELS[s].split(' (')[0]} {e}" for s, e in errors.items()])
+    caption = f"Joint {joint}, error over the samples shown: {said}."
     alt = (
         f"Measured torque of joint {joint} on log {proof.id} over "
         f"{proof.t[-1] - proof.t[0]:.1f} s with the predictions of "
         f"{len(stages)} models; below, what each leaves. Error: {said}."
     )
-    return Chart(figures.over_time(proof, joint, stages), alt, caption, joint)
+    plot = torque.torque_plot(proof, joint, stages, most)
+    return Chart("", alt, caption, joint, None, plot, torque.HEIGHT)
 
 
 def _errors(proof: LogProof, joint: int, stages: Sequence[str]) -> dict[str, str]:
@@ -198,8 +232,20 @@ def _errors(proof: LogProof, joint: int, stages: Sequence[str]) -> dict[str, str
     return found
 
 
-def clouds_of(charts: Sequence[Chart], finding: FindingRow) -> list[Chart]:
-    """Return the charts of one finding; two of one name differ by their joints."""
-    mine = [chart for chart in charts if chart.name == finding.name]
-    at_home = [c for c in mine if c.joint in finding.joints or not finding.joints]
-    return at_home or mine
+def _spectrum_chart(
+    proofs: Sequence[LogProof], joint: int, stages: Sequence[str]
+) -> Chart | None:
+    stages = [s for s in stages if all(s in p.tau_hat for p in proofs)]
+    plot = spectrum.spectrum_plot(proofs, joint, stages)
+    if plot is None:
+        return None
+    peaks = [_peak(proofs, joint, stage) for stage in stages]
+    said = f"Spectrum of the residual of joint {joint}: {listing(peaks)}."
+    return Chart("", said, "", joint, None, plot, spectrum.HEIGHT)
+
+
+def _peak(proofs: Sequence[LogProof], joint: int, stage: str) -> str:
+    f, amplitude = spectrum.density(proofs, joint, stage)
+    top = 1 + int(amplitude[1:].argmax())
+    label = look.LABELS[stage].split(" (")[0]
+    return f"{label} largest at {f[top]:.2g} Hz with {amplitude[top]:.3g} N m/√Hz"

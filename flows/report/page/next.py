@@ -7,8 +7,9 @@ import numpy as np
 
 from flows.report.page import diagnosis
 from flows.report.page.base import Tile, environment
-from flows.report.page.charts import Chart
-from flows.report.page.plots import as_uri, blank, figure_style, rule
+from flows.report.page.chart import Chart
+from flows.report.page.drawn import look
+from flows.report.page.origin import Origin
 from flows.report.words.next import case_words, from_one_another, same_words
 from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design
@@ -22,7 +23,7 @@ from sim.trajectories.limits import plan_limits
 from sim.trajectories.usage import usage
 
 _RATE = 50.0  # Hz, of what is drawn
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#222222", "#e69f00", "#56b4e9")
+_MOST_POINTS, _HEIGHT = 1200, 300
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -44,9 +45,10 @@ class Sheet:
     command: str
 
 
-def page_with_motion(found: Diagnosis) -> str:
+def page_with_motion(found: Diagnosis, origin: Origin | None = None) -> str:
     """Return the page of a diagnosis, with the motion that it proposes drawn."""
-    return diagnosis.render(found, found.verdict.robot, motion=motion_chart(found))
+    motion = motion_chart(found)
+    return diagnosis.render(found, found.verdict.robot, motion=motion, origin=origin)
 
 
 def motion_chart(found: Diagnosis) -> Chart | None:
@@ -63,26 +65,21 @@ def motion_chart(found: Diagnosis) -> Chart | None:
 
 def angles_chart(reference: Reference) -> Chart:
     """Return the angles of a motion over time, a line a joint."""
-    step = max(1, len(reference.t) // 1000)
-    t, q = reference.t[::step], np.degrees(reference.q[::step])
-    with figure_style():
-        figure = blank(9.0, 3.0)
-        axes = figure.subplots()
-        for joint, column in enumerate(q.T):
-            colour = _COLOURS[joint % len(_COLOURS)]
-            axes.plot(t, column, color=colour, linewidth=1.3, label=f"J{joint + 1}")
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("angle [deg]")
-        axes.margins(x=0)
-        axes.legend(ncols=q.shape[1], loc="lower right", bbox_to_anchor=(1, 1))
-        rule(axes)
-        figure.subplots_adjust(0.08, 0.17, 0.985, 0.88)
-        uri = as_uri(figure)
+    q = np.degrees(reference.q)
+    data = [
+        look.line(f"J{joint}", look.JOINTS[(joint - 1) % len(look.JOINTS)])
+        | look.over_time(reference.t, column, _MOST_POINTS)
+        for joint, column in enumerate(q.T, 1)
+    ]
+    x, y = look.axis("time (s)"), look.axis("angle (deg)")
+    layout = look.layout("Angles of the joints", x, y, hovermode="x")
     alt = (
         f"Angles of {q.shape[1]} joints over {reference.t[-1]:g} s, from "
         f"{q.min():.0f} to {q.max():.0f} degrees."
     )
-    return Chart(uri, alt, "Angles of the motion; it begins and ends at rest.")
+    caption = "Angles of the motion; it begins and ends at rest."
+    plot = {"data": data, "layout": layout}
+    return Chart("", alt, caption, plot=plot, height=_HEIGHT)
 
 
 def render_sheet(sheet: Sheet) -> str:

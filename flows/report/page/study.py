@@ -6,7 +6,7 @@ from typing import Any
 from flows.blind.score import CLASS, NOTHING, PAIR, RIGHT, SINGLE, UNKNOWN, Name
 from flows.report.page import study_plots as plots
 from flows.report.page.base import Tile, environment
-from flows.report.page.charts import Chart
+from flows.report.page.chart import Chart
 from residual.quantity import MISSING
 
 _RATES = {

@@ -51,16 +51,22 @@ def off_words(verdict: Verdict) -> str:
 
 def off_rows(verdict: Verdict) -> list[GivenRow]:
     """Return the table of the values that are off, at most twelve."""
-    every = off(verdict)
-    return [
-        GivenRow(
-            _what(c, verdict),
-            f"{number(c.nominal)} {unit_text(c.unit)}".strip(),
-            measured(c.identified, c.std, c.unit),
-            f"{100 * _share(c):+.0f} %" if abs(_share(c)) < _HUGE else "",
-        )
-        for c in every[:_ROWS]
-    ]
+    return [_row(c, verdict) for c in off(verdict)[:_ROWS]]
+
+
+def all_rows(verdict: Verdict) -> list[GivenRow]:
+    """Return the table of every value that the model was given."""
+    return [_row(c, verdict) for c in verdict.changes]
+
+
+def _row(change: Change, verdict: Verdict) -> GivenRow:
+    share = _share(change)
+    return GivenRow(
+        _what(change, verdict),
+        f"{number(change.nominal)} {unit_text(change.unit)}".strip(),
+        measured(change.identified, change.std, change.unit),
+        f"{100 * share:+.0f} %" if abs(share) < _HUGE else "",
+    )
 
 
 def hidden_rows(verdict: Verdict) -> int:

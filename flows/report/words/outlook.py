@@ -1,6 +1,13 @@
 """What the findings leave open: the rest, what was too small to see, what is next."""
 
-from flows.report.words.phrases import joint_words, listing, noun, phrase, sentence_case
+from flows.report.words.phrases import (
+    joint_words,
+    kind,
+    listing,
+    noun,
+    phrase,
+    sentence_case,
+)
 from residual.diagnosis.leftover.remainder import Dependence, Number, Unexplained
 from residual.diagnosis.result import Verdict
 from residual.quantity import MISSING, fraction, known, number, unit_text
@@ -27,7 +34,7 @@ def detectable_rows(
         if short:
             name = " ".join([*item.name.split("_"), *map(str, joints[local:])])
         else:
-            name = noun(item.name) if local else phrase(item)
+            name = kind(item.name) if local else phrase(item)
         column = joints[0] if local else _ELSEWHERE
         row = sizes.setdefault((name, unit_text(item.unit)), {})
         row[column] = _size(item.value, short)

@@ -88,6 +88,15 @@ def place(effect: At, dof: int | None = None) -> str:
     return own.place.format(joints=words, links=words.replace("joint", "link"))
 
 
+def kind(name: str) -> str:
+    """Return an effect in words without its joint: 'a spring', 'inertia of a link'."""
+    own = effect_named(name)
+    if own.place.startswith("of "):
+        where = own.place.format(joints="a joint", links="a link")
+        return f"{noun(name).removeprefix('the ')} {where}"
+    return noun(name)
+
+
 def phrase(effect: At, dof: int | None = None) -> str:
     """Return an effect with its place: 'a balancer on joint 2'."""
     return f"{noun(effect.name)} {place(effect, dof)}".strip()

@@ -7,7 +7,7 @@
     displaylogo: false,
     responsive: true,
     scrollZoom: false,
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+    modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
   };
 
   function draw(box) {
@@ -16,8 +16,8 @@
     const told = JSON.parse(box.querySelector("script").textContent);
     box.textContent = "";
     const layout = { autosize: true, height: box.clientHeight, ...told.layout };
-    // A legend beside its figure takes a phone's whole width.
-    if (box.clientWidth < 560) layout.margin = { ...layout.margin, l: 48, r: 6 };
+    // With a finger one moves the page, not a part of a figure.
+    if (matchMedia("(pointer: coarse)").matches) layout.dragmode = false;
     Plotly.newPlot(box, told.data, layout, config);
   }
 
