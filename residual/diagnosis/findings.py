@@ -256,11 +256,13 @@ def _drawn_on(design: Design, fitted: Fit, tested: Tested) -> Sequence[int]:
     if group.effect.variable is not None:
         return (tested.joint,)
     rows = group.effect.rows(group.joints, len(design.rms))
+    torques = {j: _torque_on(design, fitted, group, j) for j in rows}
     shares = {
-        j: np.sqrt(np.mean(_torque_on(design, fitted, group, j) ** 2)) / design.rms[j]
-        for j in rows
+        j: np.sqrt(np.mean(torque**2)) / design.rms[j]
+        for j, torque in torques.items()
+        if len(torque)  # a joint may log no torque
     }
-    return [j for j in rows if shares[j] > SHOWN] or [tested.joint]
+    return [j for j in shares if shares[j] > SHOWN] or [tested.joint]
 
 
 def _cloud(examined: Examined, fitted: Fit, tested: Tested, j: int) -> Cloud:
