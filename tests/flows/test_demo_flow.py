@@ -265,7 +265,7 @@ def test_an_address_that_is_none_is_no_server():
 
 
 def test_our_server_answers_and_ends_when_its_owner_is_killed(server):
-    """The last of this file: there is no server after it."""
+    """The last of this file: whoever asks for a server after it gets a new one."""
     assert server_of.answers(server.url)
     server.owner.kill()
     server.owner.wait()

@@ -1,0 +1,96 @@
+"""The one Prefect server of a test process, and what a file of tests asks it with."""
+
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from flows.service.key import CLIENT
+from flows.settings import API, quiet_prefect
+
+ROOT = Path(__file__).parents[2]
+# Ends with us, since it then has no input any more, and its server with it.
+OWNER = """
+import sys
+from pathlib import Path
+from flows.service.server import start_server
+from flows.settings import prepare_prefect
+
+home = Path(sys.argv[1])
+prepare_prefect(home)
+own = start_server(home)
+own.wait()
+print(own.url, own.process.pid, own.key, flush=True)
+sys.stdin.read()
+"""
+PATIENCE = 10.0  # s that messages to a server which was killed are waited for
+
+
+@dataclass(frozen=True)
+class Server:
+    """A server that a process of its own has started, so that a test can kill it.
+
+    Attributes:
+        home: Folder with its database.
+        url: Address of its API.
+        process: Number of the server's process.
+        key: What it asks of those who call it.
+        owner: The process that started it and that it ends with.
+    """
+
+    home: Path
+    url: str
+    process: int
+    key: str
+    owner: subprocess.Popen
+
+    @property
+    def lives(self) -> bool:
+        return self.owner.poll() is None
+
+    def end(self) -> None:
+        self.owner.kill()
+        self.owner.wait()
+
+
+def started(home: Path) -> Server:
+    owner = subprocess.Popen(
+        [sys.executable, "-c", OWNER, str(home)],
+        cwd=ROOT,
+        env={k: v for k, v in os.environ.items() if not k.startswith("PREFECT")},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    url, process, key = owner.stdout.readline().split()
+    return Server(home, url, int(process), key, owner)
+
+
+@contextmanager
+def asked(server: Server):
+    """Let flows of this process ask that server, and none once the context ends."""
+    with pytest.MonkeyPatch.context() as patch:
+        given = {API: server.url, CLIENT: server.key}
+        for name, value in {**quiet_prefect(server.home), **given}.items():
+            patch.setenv(name, value)
+        from prefect import settings
+
+        updates = {
+            settings.PREFECT_HOME: server.home,
+            settings.PREFECT_API_URL: server.url,
+            settings.PREFECT_API_AUTH_STRING: server.key,
+            settings.PREFECT_LOGGING_TO_API_ENABLED: False,  # they may come too late
+            # Without a heartbeat a flow ends when it ends, and not a second later.
+            settings.PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None,
+        }
+        with settings.temporary_settings(updates):
+            yield
+            # Prefect keeps its clients for the life of a process: flows of a later file
+            # would ask a server that may be gone for their slots.
+            from prefect._internal.concurrency.services import _QueueServiceBase
+
+            _QueueServiceBase.drain_all(timeout=PATIENCE, at_exit=False)
