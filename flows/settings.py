@@ -9,6 +9,8 @@ from pathlib import Path
 from residual.errors import InputError
 
 STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"
+# Where the server of a store serves its pages; its workers are told.
+PAGES = "MODELGAP_PAGES"
 PREFECT = "_prefect"  # folder of Prefect in the store
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
@@ -30,6 +32,17 @@ def store_folder(option: str | None = None) -> Path:
                 return place
             raise InputError(f"--store {place}: {folder} is a file, not a folder.")
     return place
+
+
+def page_link(address: str, otherwise: Path) -> str:
+    """Return where a browser finds a page of the store.
+
+    Args:
+        address: Below the first folder of the pages, such as "night/latest.html".
+        otherwise: Its file, for where no server serves it.
+    """
+    first = os.environ.get(PAGES)
+    return f"{first}/{address}" if first else otherwise.as_uri()
 
 
 def cores() -> int:

@@ -70,6 +70,7 @@ _COMMANDS = {
         "rerun": ("rerun:rerun", None),
         "bundle": ("bundle:bundle", None),
         "unbundle": ("bundle:unbundle", None),
+        "pages": ("loop.pages:pages", None),
         "compact": ("store:compact", None),
         "verify": ("store:verify", None),
     },

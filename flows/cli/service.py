@@ -78,11 +78,12 @@ def up(
     if foreground:
         stay(place, _say)
     else:
+        print(f"last night, once that is open: {running.pages}/night/latest.html")
         print("modelgap status shows what is due; modelgap down stops it")
 
 
 def status(*, json: Flag = False, store: str | None = None) -> None:
-    """Show server, workers, what is due next, and the last flow runs.
+    """Show server, workers, pages, what is due next, and the last flow runs.
 
     ```
     modelgap status
@@ -143,6 +144,7 @@ def _print_status(found: Status, store: Path) -> None:
     word = "answers" if found.server else "does not answer"
     lines = [f"server   {word}: {running.ui} (history: {running.database})"]
     lines += [f"{name:8} {state}" for name, state in (found.workers or {}).items()]
+    lines += [f"{name:8} {address}" for name, address in found.pages.items()]
     say(console, *lines)
     if found.deployments:
         rows = [(d["name"], _due(d)) for d in found.deployments]

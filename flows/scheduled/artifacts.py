@@ -1,5 +1,6 @@
 """What people see of a flow in Prefect's pages: tables, plots, the report."""
 
+import os
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from prefect.artifacts import (
 from flows.report.page.monitor_plot import plot as draw
 from flows.report.terminal.monitor import meaning
 from flows.report.words.calibration import sentences
+from flows.settings import PAGES, page_link
 from flows.steps.calibrate import Calibrated
 from flows.steps.monitor import Watched
 from flows.steps.validate import Validation
@@ -37,43 +39,33 @@ def progress(key: str, say: Callable[[str], None]) -> Callable[[str, float], Non
         key: Its name.
         say: Told each stage.
     """
-    bar, shown = create_progress_artifact(0.0, key), [monotonic()]
+    about = "share of the runs that are stored"
+    bar, shown = create_progress_artifact(0.0, key, about), [monotonic()]
 
     def tell(stage: str, share: float) -> None:
         say(stage)
         if share >= 1.0 or monotonic() - shown[0] > _PAUSE:
             shown[0] = monotonic()
-            update_progress_artifact(bar, 100 * share)
+            update_progress_artifact(bar, 100 * share, f"{about}: {stage}")
 
     return tell
 
 
-def table(key: str, rows: Rows, words: str | None = None) -> None:
-    """Show a table; none where there are no rows.
-
-    Args:
-        key: Its name: lower case, digits and dashes.
-        rows: One dict per row.
-        words: What it shows.
-    """
-    if rows:
-        create_table_artifact([dict(r) for r in rows[:_MOST]], key, words)
-
-
 def record(key: str, ids: Sequence[str], words: str, rows: Rows = ()) -> None:
-    """Show what became of a stage: its words, the ids of its records, its table.
+    """Show what became of a stage: one artifact, whose description is what it found.
 
     Args:
-        key: Name of the stage.
+        key: Name of the stage: lower case, digits and dashes.
         ids: Ids of the records that it left in the store.
         words: What it found, in sentences.
-        rows: One dict per row.
+        rows: One dict per row of its table.
     """
-    lines = [words, *(f"`modelgap show {id}`" for id in ids)]
-    text = "\n\n".join(line for line in lines if line)
-    if text:
-        create_markdown_artifact(text, f"{key}-words")
-    table(key, rows)
+    kept = ", ".join(f"`modelgap show {id}`" for id in ids)
+    about = "\n\n".join(line for line in (words, kept) if line) or key
+    if rows:
+        create_table_artifact([dict(r) for r in rows[:_MOST]], key, about)
+    else:
+        create_markdown_artifact(about, key, about.split("\n")[0])
 
 
 def identification(made: Identified, kept: str | None) -> None:
@@ -83,7 +75,8 @@ def identification(made: Identified, kept: str | None) -> None:
         for name, errors in made.errors.items()
     ]
     words = " ".join(f"{warning}." for warning in made.warnings)
-    record("identify", (kept,) if kept else (), words, rows)
+    about = f"Error on held-out motion by model, in per cent. {words}".strip()
+    record("identify", (kept,) if kept else (), about, rows)
 
 
 def calibration(done: Calibrated) -> None:
@@ -93,7 +86,8 @@ def calibration(done: Calibrated) -> None:
         for s in done.made.scores
     ]
     ids = tuple(done.kept.values())
-    record("calibrate", ids, " ".join(sentences(done.made)), rows)
+    about = f"Error by scheme and model. {' '.join(sentences(done.made))}".strip()
+    record("calibrate", ids, about, rows)
 
 
 def validations(made: Mapping[str, tuple[str, Validation]]) -> None:
@@ -114,7 +108,8 @@ def validations(made: Mapping[str, tuple[str, Validation]]) -> None:
             for name, errors in figures.items()
             if errors is not None
         ]
-    record("validate", [id for id, _ in made.values()], "", rows)
+    about = "Error of the nominal model by joint, in mrad."
+    record("validate", [id for id, _ in made.values()], about, rows)
 
 
 def monitoring(id: str, found: Watched, watched: Mapping[str, Recording]) -> None:
@@ -151,21 +146,25 @@ def plot(key: str, png: bytes, words: str) -> None:
     """
     if len(png) <= _PICTURE:
         data = b64encode(png).decode()
-        create_markdown_artifact(
-            f"{words}\n\n![{key}](data:image/png;base64,{data})", key
-        )
+        text = f"{words}\n\n![{key}](data:image/png;base64,{data})"
+        create_markdown_artifact(text, key, words)
 
 
-def report(page: Path, words: str, diagnosis: str) -> None:
-    """Show the verdict, and where its page is.
+def verdict(name: str, page: Path, words: str) -> None:
+    """Show a verdict, its page, and where the night and the robot are.
 
     Args:
+        name: Robot, number and verdict in half a line.
         page: The page.
         words: The verdict in sentences.
-        diagnosis: Id of the diagnosis.
     """
-    create_link_artifact(page.as_uri(), "report", key="report")
-    create_markdown_artifact(words, key="verdict", description=f"diagnosis {diagnosis}")
+    at = link_of(page)
+    create_link_artifact(at, "report", key="report", description=name)
+    lines = [f"**{name}**", words, f"[Report]({at})"]
+    if os.environ.get(PAGES):
+        night = page_link("night/latest.html", page)
+        lines[-1] += f" · [The night]({night})"
+    create_markdown_artifact("\n\n".join(lines), "verdict", description=name)
 
 
 def proposal(page: Path, words: str, diagnosis: str) -> None:
@@ -176,9 +175,9 @@ def proposal(page: Path, words: str, diagnosis: str) -> None:
         words: The same as text.
         diagnosis: Id of the diagnosis of the second.
     """
-    create_link_artifact(page.as_uri(), "proposal", key="proposal")
-    about = f"diagnosis {diagnosis}"
-    create_markdown_artifact(words, key="proposal-words", description=about)
+    text = f"{words}\n\n[Side by side]({link_of(page)})"
+    about = f"a new model waits for a decision: diagnosis {diagnosis}"
+    create_markdown_artifact(text, key="proposal", description=about)
 
 
 def study(page: Path, words: str, id: str) -> None:
@@ -189,8 +188,15 @@ def study(page: Path, words: str, id: str) -> None:
         words: Its figures, a line each.
         id: Id of the study.
     """
-    create_link_artifact(page.as_uri(), "blind study", key="blind")
-    create_markdown_artifact(words, key="blind-figures", description=f"study {id}")
+    text = f"{words}\n\n[All cases]({link_of(page)})"
+    about = f"study {id}: how often hidden effects were rightly named"
+    create_markdown_artifact(text, key="blind", description=about)
+
+
+def link_of(page: Path) -> str:
+    """Return where a browser finds a page that is a file of a report."""
+    id = page.parent.name.removeprefix("report_id=")
+    return page_link(f"report/{id}/{page.name}", page)
 
 
 def _row(about: dict, per_joint: np.ndarray, overall: float | None = None) -> dict:

@@ -4,7 +4,7 @@ To be imported after `flows.settings.prepare_prefect`; prefect.yaml says when ea
 started.
 """
 
-from prefect import flow
+from prefect import flow, get_run_logger
 from prefect.runtime import flow_run
 
 from flows.requests import Campaign, Demo
@@ -19,13 +19,14 @@ _NIGHT = 24 * tasks.HOUR
 
 
 @flow(name="nightly", flow_run_name="nightly {campaign_file}", timeout_seconds=_NIGHT)
-def nightly(
+def nightly(  # noqa: PLR0913  those of before stay, whoever has scheduled it
     campaign_file: str = "examples/nightly.toml",
     held_out: str = "welding",
     store: str | None = None,
     runner: str | None = None,
     trust_network: bool = False,
     auto: bool = False,
+    seed: int | None = None,
 ) -> str:
     """Run new motions of the night; identify, calibrate, validate, diagnose, report.
 
@@ -33,20 +34,24 @@ def nightly(
     next model; the flow `propose` waits for the answer, this one does not.
 
     Args:
-        campaign_file: The campaign; its seed is replaced by the date, so that every
-            night has motions of its own and the same night the same.
+        campaign_file: The campaign; its seed is replaced by the next one.
         held_out: Kind of motion that is not fitted.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         runner: threads, processes or dask://HOST:PORT; else $MODELGAP_RUNNER.
         trust_network: Whether that host may be another machine.
         auto: Whether to adopt it without asking.
+        seed: Seed of the motions, to repeat a night; without it the time of the
+            schedule to the second, so that every start has motions of its own, and one
+            that is tried again the same. It is in the record of every run.
 
     Returns:
         The page.
     """
     place = str(store_folder(store))
     where = (runner, trust_network, place)
-    runs = tasks.campaign(Campaign(campaign_file, held_out, _date(), *where))
+    seed = _second() if seed is None else seed
+    get_run_logger().info(f"to repeat this night: seed {seed}")
+    runs = tasks.campaign(Campaign(campaign_file, held_out, seed, *where))
     tasks.identify(runs, place)
     tasks.calibrate(runs, place)
     tasks.validate(runs["held_out"] or runs["fit"], 0.25, place)
@@ -266,6 +271,11 @@ def blind(
 def verify(store: str | None = None) -> list[str]:
     """Read the whole store and return what is in it; fail where a byte is another."""
     return tasks.verify(str(store_folder(store)))
+
+
+def _second() -> int:
+    """The time of the schedule as a seed: 20261122020000 for two in the morning."""
+    return int(f"{flow_run.scheduled_start_time:%Y%m%d%H%M%S}")
 
 
 def _date() -> int:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from prefect import get_run_logger
 
+from flows.keep.diagnosis import read_verdict
 from flows.report.page.proposal import markdown, render
 from flows.report.terminal.adoptions import adoption_lines
 from flows.scheduled import artifacts, events
@@ -30,7 +31,9 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     place, log = Path(store), get_run_logger()
     judged = judge(place, diagnosis)
     if judged.doubts:
-        log.info(f"nothing to propose: {'; '.join(judged.doubts)}")
+        # What was found and may not be adopted is to be seen in the morning.
+        say = log.warning if read_verdict(place, diagnosis).effects else log.info
+        say(f"nothing to propose: {'; '.join(judged.doubts)}")
         return None
     if auto:
         return _adopt(diagnosis, place, "found by a night, adopted by itself")

@@ -5,6 +5,7 @@ people want to see becomes an artifact. Prefect caches nothing: the ids of the s
 the cache.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -20,7 +21,7 @@ from flows.inputs.robots import robot_of
 from flows.report import stored
 from flows.report.page.study import headline, lines
 from flows.report.study import store_page
-from flows.scheduled import artifacts, events
+from flows.scheduled import artifacts, events, names
 from flows.scheduled.surroundings import surroundings
 from flows.specs.experiment import load_spec
 from flows.steps import calibrate as calibration
@@ -76,8 +77,6 @@ def campaign(asked: requests.Campaign) -> dict:
     for why in ran.failed:
         log.warning(why)
     events.runs_committed(ran.new)
-    rows = [{"role": role, "run": id} for role, ids in ran.runs.items() for id in ids]
-    artifacts.table("runs", rows)
     return ran.runs
 
 
@@ -142,6 +141,8 @@ def watch(ids: list[str], model: str | None, good: list[str], store: str) -> lis
     id, found, watched = monitoring.monitor(request)
     artifacts.monitoring(id, found, watched)
     alarmed = [run for run, alarms in found.alarms.items() if alarms]
+    many = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
+    names.rename(f"{found.monitor.model.robot.name}: {many} {len(new)} new runs")
     if alarmed:
         events.alarm_raised(id, alarmed, found.calibration)
     return [id]
@@ -150,6 +151,7 @@ def watch(ids: list[str], model: str | None, good: list[str], store: str) -> lis
 def _nothing(why: str) -> list[str]:
     get_run_logger().info(why)
     artifacts.record("monitor", (), f"{why} Nothing was watched.")
+    names.rename(f"monitor: nothing watched. {why}")
     return []
 
 
@@ -161,14 +163,23 @@ def rerun(id: str, verify: bool, store: str) -> bool:
     words = str(made.cause or "Bit for bit the same.")
     kept = [id for id in (made.made, made.noted) if id]
     artifacts.record("rerun", kept, words, rows)
-    return not rows and made.cause is None
+    same = not rows and made.cause is None
+    names.rename(f"rerun {id}: {'same bits' if same else 'not reproduced'}")
+    return same
 
 
 @task(name="report", task_run_name="report {ids[0]}", tags=["report"])
 def report(ids: list[str], store: str) -> str:
     """Write the page; it and the verdict in words appear among the artifacts."""
     page = stored.diagnosis_page(ids, Path(store), "nightly")
-    artifacts.report(page, stored.words(ids[1], Path(store)), ids[0])
+    return _told(page, ids, Path(store))
+
+
+def _told(page: Path, ids: Sequence[str], store: Path) -> str:
+    """Show a verdict, and give the flow run its name."""
+    name = names.of_diagnosis(ids[0], store)
+    artifacts.verdict(name, page, stored.words(ids[1], store))
+    names.rename(name)
     return str(page)
 
 
@@ -188,8 +199,7 @@ def open_seal(runs: dict, diagnosis: str, store: str) -> list[dict]:
 def demo_report(ids: list[str], runs: dict, hidden: list[dict], store: str) -> str:
     """Write the page; it appears among the artifacts."""
     page = stored.demo_page(ids, runs["fit"][0], hidden, Path(store))
-    artifacts.report(page, stored.words(ids[1], Path(store)), ids[0])
-    return str(page)
+    return _told(page, ids, Path(store))
 
 
 @task(name="study", task_run_name="study", tags=["analysis"], timeout_seconds=None)
@@ -204,6 +214,7 @@ def study(n: int, seed: int, store: str, background: BackgroundWord = CLEAN) -> 
     figures = (f"- {what}: {value}, {n}" for what, value, n in lines(made.summary))
     words = "\n".join([f"{headline(made.summary)}\n", *figures])
     artifacts.study(page, words, made.id)
+    names.rename(f"{asked.robot} blind study: {headline(made.summary)}")
     return str(page)
 
 

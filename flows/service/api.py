@@ -161,9 +161,19 @@ def deployments(api: Api) -> list[Mapping]:
 
 
 def last_runs(api: Api, most: int = 10) -> list[Mapping]:
-    """Return the latest flow runs that have begun or ended, latest first."""
+    """Return the latest flow runs that have begun or ended, latest first.
+
+    Starts that were cancelled, as one that comes while another runs is, have no result:
+    they stand after all others, and only where there is room.
+    """
+    found = _runs(api, {"not_any_": ["SCHEDULED", "CANCELLED"]}, most)
+    left = most - len(found)
+    return found + (_runs(api, {"any_": ["CANCELLED"]}, left) if left else [])
+
+
+def _runs(api: Api, types: Mapping, most: int) -> list[Mapping]:
     wanted = {
-        "flow_runs": {"state": {"type": {"not_any_": ["SCHEDULED"]}}},
+        "flow_runs": {"state": {"type": types}},
         "sort": "START_TIME_DESC",
         "limit": most,
     }

@@ -1,29 +1,40 @@
 """What a server of ours serves: Prefect, with a guard before it."""
 
+from pathlib import Path
+
 from prefect.server.api.server import create_app
 from prefect.settings import get_current_settings
 from starlette.types import ASGIApp
 
 from flows.errors import RunError
+from flows.report.night.site import Site
+from flows.service.api import Api
 from flows.service.database import patient
 from flows.service.entry import Tickets, with_entry
 from flows.service.guard import Guard
+from flows.service.pages.past import past_of
+from flows.service.pages.routes import with_pages
 from flows.service.rules import rules_for
+from flows.service.state import Running
+from flows.settings import store_folder
 
 
 def app() -> ASGIApp:
     """Return the application of `modelgap up`; where it listens is in the settings."""
     api = get_current_settings().server.api
-    return guarded(create_app(final=True), api.host, api.port)
+    return guarded(create_app(final=True), api.host, api.port, store_folder())
 
 
-def guarded(prefect: ASGIApp, host: str, port: int) -> ASGIApp:
+def guarded(
+    prefect: ASGIApp, host: str, port: int, store: Path | None = None
+) -> ASGIApp:
     """Return Prefect's application with the guard before it.
 
     Args:
         prefect: The application.
         host: Address that it listens on.
         port: Its port.
+        store: The store whose pages it serves as well; None for none.
 
     Raises:
         RunError: If Prefect was given no key: nothing is served without.
@@ -32,4 +43,8 @@ def guarded(prefect: ASGIApp, host: str, port: int) -> ASGIApp:
     if key is None or not key.get_secret_value():
         raise RunError("The server was given no key. Start it by modelgap up.")
     rules = rules_for(host, port, key.get_secret_value())
-    return Guard(with_entry(patient(prefect), rules, Tickets()), rules)
+    app = with_entry(patient(prefect), rules, Tickets())
+    if store is not None:
+        to = Api(Running(host, port, "").url, rules.key)
+        app = with_pages(app, rules, Site(store, "/", past_of(to)), Tickets())
+    return Guard(app, rules)

@@ -6,6 +6,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from flows.service.pages.policies import KNOWN, STORED
 from flows.service.rules import Rules, refusal
 
 _POLICY_VIOLATION = 1008  # close code of a WebSocket, RFC 6455 section 7.4.1
@@ -18,11 +19,12 @@ _PAGE = (
     "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
 _NOTHING = "default-src 'none'; frame-ancestors 'none'"
+_POLICY, _OPENER = "Content-Security-Policy", "Cross-Origin-Opener-Policy"
 _ALWAYS = {
     "X-Frame-Options": "DENY",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "same-origin",
-    "Cross-Origin-Opener-Policy": "same-origin",
+    _OPENER: "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 
@@ -93,7 +95,11 @@ def _with_headers(send: Send, policy: str) -> Send:
     async def sent(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
-            for name, value in {**_ALWAYS, "Content-Security-Policy": policy}.items():
+            own = headers.get(_POLICY, "")
+            always = _ALWAYS | {_POLICY: own if own in KNOWN else policy}
+            if own == STORED:  # browsers show no sandbox that asks for this as well
+                del always[_OPENER]
+            for name, value in always.items():
                 headers[name] = value
         await send(message)
 

@@ -47,6 +47,11 @@ class Running:
         return f"{self.ui}/api"
 
     @property
+    def pages(self) -> str:
+        """Address below which the pages over the store are."""
+        return f"{self.ui}/pages"
+
+    @property
     def server(self) -> Process | None:
         """The server, if it lives."""
         return next((p for p in self.alive if p.name == "server"), None)

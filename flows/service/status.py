@@ -37,6 +37,14 @@ class Status:
         online = bool(states) and all(state == "online" for state in states)
         return self.server and online and bool(self.deployments)
 
+    @property
+    def pages(self) -> Mapping[str, str]:
+        """Addresses of the pages over the store, none where no server answers."""
+        if self.running is None or not self.server:
+            return {}
+        first = self.running.pages
+        return {"night": f"{first}/night/latest.html", "reports": f"{first}/index.html"}
+
     def document(self) -> dict:
         """Return it as JSON has it; times are UTC in ISO 8601."""
         running = self.running
@@ -44,6 +52,7 @@ class Status:
             "schema": 1,
             "healthy": self.healthy,
             "ui": running.ui if running else None,
+            "pages": dict(self.pages),
             "api": running.url if running else None,
             "database": running.database if running else None,
             "server": self.server,

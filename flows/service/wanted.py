@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from flows.service.key import CLIENT, SERVER, store_key
 from flows.service.state import Running
-from flows.settings import API, STORE, is_loopback, quiet_prefect
+from flows.settings import API, PAGES, STORE, is_loopback, quiet_prefect
 from residual.errors import InputError
 
 DATABASE = "MODELGAP_DATABASE_URL"
@@ -142,6 +142,8 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
         database: Address of a PostgreSQL database, with its password.
     """
     own = {
+        # Whose pages it serves.
+        STORE: str(home.parent),
         "PREFECT_SERVER_API_HOST": running.host,
         "PREFECT_SERVER_API_PORT": str(running.port),
         SERVER: store_key(home),
@@ -178,6 +180,7 @@ def worker_environment(running: Running, store: Path, home: Path) -> dict:
         API: running.url,
         CLIENT: store_key(home),
         STORE: str(store),
+        PAGES: running.pages,
         "PATH": path,
         "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": str(BEAT),
     }

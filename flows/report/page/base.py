@@ -43,6 +43,7 @@ def environment() -> Environment:
         "percent": quantity.percent,
         "bare": quantity.bare_percent,
         "probability": quantity.probability,
+        "number": quantity.number,
         "sentence": sentence_case,
         "headings": headings,
         "as_data": script.as_data,

@@ -1,0 +1,1 @@
+"""Pages over all of a store: a night, a robot, every report, one record."""

@@ -1,0 +1,130 @@
+"""The index of all reports: nights, diagnoses, decisions, studies, models."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+
+from flows.report.night.look import Look, span_of
+from flows.report.night.place import KINDS, Place
+
+PART = 200  # entries on one page
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line of the index.
+
+    Attributes:
+        created: When, UTC.
+        kind: One of `place.KINDS`; a diagnosis is of the kind of its verdict.
+        robot: Name of the robot; None where it is of several.
+        what: What it is, such as "diagnosis".
+        title: What the link says.
+        href: Its address.
+        diagnosis: Id of the diagnosis whose words stand beside it, None for none.
+    """
+
+    created: datetime
+    kind: str
+    robot: str | None
+    what: str
+    title: str
+    href: str
+    diagnosis: str | None = None
+
+
+def entries(look: Look, place: Place) -> list[Entry]:
+    """Return all entries, the latest first."""
+    found = [*_nights(look, place), *_diagnoses(look, place), *_others(look, place)]
+    return sorted(found, key=lambda e: (e.created, e.title), reverse=True)
+
+
+def narrowed(found: list[Entry], robot: str | None, kind: str) -> list[Entry]:
+    """Return the entries of one robot and one kind; None and "any" are all."""
+    return [
+        e
+        for e in found
+        if (robot is None or e.robot == robot) and kind in ("any", e.kind)
+    ]
+
+
+def parts(count: int) -> int:
+    """Return on how many pages so many entries are."""
+    return max(1, -(-count // PART))
+
+
+def context(
+    look: Look, place: Place, robot: str | None = None, kind: str = "any", part: int = 1
+) -> dict:
+    """Return what the template `index.html` is filled with.
+
+    Args:
+        look: What the store holds.
+        place: Where the page is.
+        robot: Name of the robot to which it is narrowed; None for all.
+        kind: Kind to which it is narrowed (`place.KINDS`).
+        part: Which page of it, from 1.
+    """
+    everything = entries(look, place)
+    of_robot = narrowed(everything, robot, "any")
+    found = narrowed(of_robot, None, kind)
+    shown = found[PART * (part - 1) : PART * part]
+    counts = {k: len(narrowed(of_robot, None, k)) for k in KINDS}
+    return {
+        "title": f"modelgap: {robot or 'all'} reports",
+        "robot": robot,
+        "kind": kind,
+        "kinds": [(k, words, counts[k]) for k, words in KINDS.items() if counts[k]],
+        "count": len(found),
+        "part": part,
+        "last": parts(len(found)),
+        "rows": [(e, _words(look, e)) for e in shown],
+    }
+
+
+def _words(look: Look, entry: Entry) -> str:
+    if entry.diagnosis is None:
+        return ""
+    return ", ".join(filter(None, look.words(entry.diagnosis)))
+
+
+def _nights(look: Look, place: Place) -> Iterator[Entry]:
+    for night in look.nights:
+        inside = [d for d in look.diagnoses if _inside(d.created, night)]
+        at = max((d.created for d in inside), default=span_of(night)[0])
+        title = f"night to {night:%Y-%m-%d}"
+        yield Entry(at, "night", None, "night", title, place.night(night))
+
+
+def _inside(when: datetime, night) -> bool:
+    begin, end = span_of(night)
+    return begin <= when < end
+
+
+def _diagnoses(look: Look, place: Place) -> Iterator[Entry]:
+    for each in look.diagnoses:
+        yield Entry(
+            each.created,
+            each.verdict,
+            each.robot,
+            "diagnosis",
+            each.title,
+            place.report(each.report, each.id),
+            each.id,
+        )
+
+
+def _others(look: Look, place: Place) -> Iterator[Entry]:
+    for row in look.proposals:
+        title = f"{row['robot']}: {'waits' if row['waits'] else 'answered'}"
+        href = place.report(row["report_id"], row["id"], "proposal.html")
+        at, robot = row["created"], row["robot"]
+        yield Entry(at, "proposal", robot, "decision", title, href, row["id"])
+    for row in look.studies:
+        href = place.report(row["id"], row["id"])
+        title = f"{row['robot']}: blind study"
+        yield Entry(row["created"], "study", row["robot"], "study", title, href)
+    for row in look.models:
+        title = f"{row['robot']}: {row['stage']} model {row['id'][:8]}"
+        href = place.record(row["id"])
+        yield Entry(row["created"], "model", row["robot"], "model", title, href)

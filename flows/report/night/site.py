@@ -1,0 +1,194 @@
+"""All pages over a store by their address: on request for a server, or as files.
+
+An address is taken apart by patterns; nothing of it is ever joined to a path but an id
+of hex digits, and a file name that a record of the store has.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from flows.report.night import index, night, record, robot
+from flows.report.night.history import Past, unknown
+from flows.report.night.look import Look, look, span_of
+from flows.report.night.place import ALL, KINDS, LATEST, Place, slug
+from flows.report.page.base import environment
+from residual.errors import InputError
+from warehouse.ids import ID_DIGITS
+from warehouse.layout import find
+from warehouse.query.store import open_store
+from warehouse.sums import check_file
+from warehouse.verify import other_files
+
+_ID = f"[0-9a-f]{{6,{ID_DIGITS}}}"
+_NIGHT = re.compile(rf"night/({LATEST}|\d{{4}}-\d{{2}}-\d{{2}})\.html")
+_ROBOT = re.compile(r"robot/([a-z0-9_-]{1,40})\.html")
+_RECORD = re.compile(rf"record/({_ID})\.html")
+_INDEX = re.compile(
+    rf"reports/([a-z0-9_-]{{1,40}})/({'|'.join(KINDS)})(?:-([1-9]\d{{0,5}}))?\.html"
+)
+_STORED = re.compile(rf"report/([0-9a-f]{{{ID_DIGITS}}})/([\w-][\w.-]{{0,60}})")
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".json": "application/json",
+    ".gif": "image/gif",
+    ".png": "image/png",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What is at an address.
+
+    Attributes:
+        body: Its content.
+        type: Its media type.
+        stored: Whether it was read from a record, and not made now: it may be of
+            another store and another author.
+    """
+
+    body: bytes
+    type: str = _TYPES[".html"]
+    stored: bool = False
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Site:
+    """The pages over one store.
+
+    Attributes:
+        store: Its folder.
+        prefect: Address of Prefect's pages, None where no server runs.
+        past: What tells of flow runs.
+    """
+
+    store: Path
+    prefect: str | None = None
+    past: Past = unknown
+
+    def answer(self, address: str) -> Answer | None:
+        """Return what is at an address below the first folder; None for nothing.
+
+        Args:
+            address: Such as "night/latest.html".
+        """
+        try:
+            return self._stored(address) or self._page(address, None)
+        except InputError:
+            return None
+
+    def files(self) -> Iterator[tuple[str, bytes]]:
+        """Give every page that a link leads to, with its address: all that there is.
+
+        Raises:
+            InputError: If there is no store.
+        """
+        seen = look(self.store)
+        todo, done = ["index.html", f"night/{LATEST}.html"], set()
+        while todo:
+            address = todo.pop()
+            if address in done:
+                continue
+            done.add(address)
+            made = self._stored(address) or self._page(address, seen)
+            if made is not None:
+                yield address, made.body
+                if not made.stored:
+                    todo += _links(made.body.decode(), address)
+
+    def _stored(self, address: str) -> Answer | None:
+        match = _STORED.fullmatch(address)
+        if not match:
+            return None
+        found = find(self.store, match[1])
+        path = other_files(found).get(match[2]) if found.kind == "reports" else None
+        kind = _TYPES.get(Path(match[2]).suffix)
+        if path is None or kind is None:
+            return None
+        check_file(path)
+        return Answer(path.read_bytes(), kind, stored=True)
+
+    def _page(self, address: str, seen: Look | None) -> Answer | None:
+        address = address or "index.html"
+        place = Place("../" * address.count("/"), self.prefect, self._has_report)
+        if match := _RECORD.fullmatch(address):
+            with open_store(self.store) as opened:
+                context = record.context(opened, match[1], place)
+            return self._filled("record.html", context, place, seen)
+        seen = seen or look(self.store)
+        if address == "index.html":
+            return self._filled("index.html", index.context(seen, place), place, seen)
+        if match := _NIGHT.fullmatch(address):
+            return self._night(match[1], seen, place)
+        if match := _ROBOT.fullmatch(address):
+            name = _named(seen, match[1])
+            context = robot.context(seen, name, place)
+            return self._filled("robot.html", context, place, seen)
+        if match := _INDEX.fullmatch(address):
+            name = None if match[1] == ALL else _named(seen, match[1])
+            part = int(match[3] or 1)
+            context = index.context(seen, place, name, match[2], part)
+            if part <= context["last"]:
+                return self._filled("index.html", context, place, seen)
+        return None
+
+    def _night(self, word: str, seen: Look, place: Place) -> Answer | None:
+        try:
+            last = seen.nights[0] if seen.nights else datetime.now(UTC).date()
+            which = last if word == LATEST else date.fromisoformat(word)
+            told = self.past(*span_of(which))
+        except (ValueError, OverflowError):  # no day of any calendar
+            return None
+        context = night.context(seen, which, told, place)
+        return self._filled("night.html", context, place, seen)
+
+    def _filled(
+        self, template: str, context: Mapping, place: Place, seen: Look | None
+    ) -> Answer:
+        page = environment().get_template(template)
+        shared = {
+            "place": place,
+            "robots": seen.robots if seen else (),
+            "store": self.store.name,
+            "read": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S}",
+            "version": _version(),
+        }
+        return Answer(page.render(shared | context).encode())
+
+    def _has_report(self, id: str, file: str) -> bool:
+        try:
+            found = find(self.store, id)
+        except InputError:
+            return False
+        return found.kind == "reports" and (found.folder / file).is_file()
+
+
+def _named(seen: Look, word: str) -> str:
+    """Return the robot whose part of an address that is.
+
+    Raises:
+        InputError: If there is none.
+    """
+    for name in seen.robots:
+        if slug(name) == word:
+            return name
+    raise InputError(f"There is no robot {word} in {seen.store}.")
+
+
+def _links(page: str, address: str) -> list[str]:
+    """Return the addresses of other pages that one of ours leads to."""
+    depth = address.count("/")
+    found = re.findall(r'href="([^"#?]+)"', page)
+    up = "../" * depth
+    own = (link[len(up) :] for link in found if link.startswith(up))
+    return [link for link in own if "://" not in link and not link.startswith(".")]
+
+
+def _version() -> str:
+    try:
+        return version("modelgap")
+    except PackageNotFoundError:
+        return "of a checkout"
