@@ -6,7 +6,7 @@ from prefect.client.orchestration import get_client
 from prefect.runtime import flow_run
 
 from flows.keep.diagnosis import read_verdict
-from flows.report.night.look import number_of
+from flows.report.night.look import title_of
 from flows.report.words.brief import brief
 
 _LONGEST = 200  # characters; what is longer no list shows
@@ -19,8 +19,8 @@ def of_diagnosis(diagnosis: str, store: Path) -> str:
         diagnosis: Its id.
         store: The store.
     """
-    verdict = read_verdict(store, diagnosis)
-    return f"{verdict.robot} #{number_of(store, diagnosis)}: {brief(verdict)}"
+    words = brief(read_verdict(store, diagnosis))
+    return f"{title_of(store, diagnosis)}: {words}"
 
 
 def rename(name: str) -> None:

@@ -7,29 +7,22 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 import yaml
 
 from flows.errors import RunError
-from flows.report import stored
 from flows.requests import Demo
 from flows.scheduled.surroundings import Surroundings, surrounded
 from flows.service import server as server_of
-from flows.steps import calibrate, campaign, demo, diagnose, identify, validate
-from flows.steps.loop.choose import Choice
+from flows.settings import PAGES
+from flows.steps import demo
 from tests.flows.blind_rows import row
+from tests.flows.faked_night import NAME, faked
 from tests.waiting import until
 
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.prefect
-
-
-# What the pages of Prefect show of an identification and a calibration.
-NO_ERRORS = SimpleNamespace(errors={}, warnings=())
-SCORE = SimpleNamespace(scheme="run", model="ls", rmsev=np.array([1.0]), overall=2.0)
-SCORES = calibrate.Calibrated(SimpleNamespace(scores=[SCORE]), (), {"model": "aa"})
 
 
 @pytest.fixture
@@ -43,44 +36,7 @@ def flows(server):
 @pytest.fixture
 def order(flows, monkeypatch, tmp_path):
     """Replace the steps of both flows; returns the order in which they are taken."""
-    from flows.scheduled import artifacts, loop_tasks, tasks
-
-    page = tmp_path / "report.html"
-    page.write_text("<html>")
-    taken = []
-
-    def take(module, name, answer):
-        def step(*given):
-            taken.append((name, given))
-            if isinstance(answer, Exception):
-                raise answer
-            return answer
-
-        monkeypatch.setattr(module, name, step)
-
-    runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
-    hidden = [{"name": "spring", "joints": [2], "parameters": {"stiffness": 4.0}}]
-    take(demo, "run_experiments", runs)
-    take(demo, "open_seal", hidden)
-    take(stored, "demo_page", page)
-    take(stored, "diagnosis_page", page)
-    take(stored, "words", "Nothing is missing.")
-    take(campaign, "run_campaign", campaign.Ran(runs, ("aa",), ("one failed",)))
-    monkeypatch.setattr(diagnose, "request_of", lambda *asked: asked)
-    for module, name, answer in (
-        (loop_tasks, "in_force", Choice("11" * 10, "model: adoption 3")),
-        (loop_tasks, "judge", SimpleNamespace(doubts=("nothing new",))),
-    ):
-        take(module, name, answer)
-    take(diagnose, "diagnose_runs", ("dd", "ee"))
-    monkeypatch.setattr(tasks, "robot_of", lambda runs, store: "irb140")
-    for module in (identify, calibrate):
-        monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
-    monkeypatch.setattr(artifacts, "sentences", lambda made: ("calibrated",))
-    take(identify, "identify", (NO_ERRORS, "ff"))
-    take(calibrate, "calibrate", SCORES)
-    take(validate, "validate", ("ab", validate.Validation(0.25, np.array([0.001]))))
-    return taken
+    return faked(monkeypatch, tmp_path)
 
 
 def test_the_seal_is_opened_after_the_verdict_is_stored(flows, order, tmp_path):
@@ -123,7 +79,7 @@ def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
     assert name == "run_campaign"
     asked, _ = given
     assert (asked.path, asked.held_out) == ("examples/nightly.toml", "welding")
-    assert 20260101 < asked.seed < 21000101
+    assert 20260101_000000 < asked.seed < 21000101_000000
     assert asked.store == str(tmp_path)
     verbs = ["identify", "calibrate", "validate", "in_force", "diagnose_runs"]
     assert [name for name, _ in rest] == [*verbs, "diagnosis_page", "words", "judge"]
@@ -132,12 +88,50 @@ def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
     assert rest[2][1][0].run == "cc"  # what was held out is validated
 
 
-def test_report_and_verdict_appear_among_the_artifacts(flows, order, tmp_path):
-    from prefect.artifacts import Artifact
+def test_every_start_has_a_seed_of_its_own_and_may_be_repeated(flows, order):
+    from pendulum import datetime
 
-    flows.nightly(store=str(tmp_path))
-    assert "report.html" in Artifact.get("report").data
-    assert Artifact.get("verdict").data == "Nothing is missing."
+    seeds = []
+    for seconds in (0, 1, 86400):
+        flows.flow_run = SimpleNamespace(
+            scheduled_start_time=datetime(2026, 11, 22, 2).add(seconds=seconds)
+        )
+        seeds.append(flows._second())
+    assert seeds == [20261122020000, 20261122020001, 20261123020000]
+    flows.nightly(seed=seeds[0])
+    assert order[0][1][0].seed == seeds[0]
+
+
+def test_a_night_ends_with_its_verdict_as_its_name(flows, order, tmp_path):
+    from prefect.client.orchestration import get_client
+
+    state = flows.nightly(store=str(tmp_path), return_state=True)
+    with get_client(sync_client=True) as client:
+        run = client.read_flow_run(state.state_details.flow_run_id)
+    assert run.name == NAME
+
+
+def test_a_night_leaves_few_artifacts_and_all_say_what_they_are(
+    flows, order, tmp_path, monkeypatch
+):
+    from prefect.artifacts import Artifact
+    from prefect.client.orchestration import get_client
+    from prefect.client.schemas.filters import ArtifactFilter, ArtifactFilterFlowRunId
+
+    monkeypatch.setenv(PAGES, "http://127.0.0.1:4200/pages")
+    state = flows.nightly(store=str(tmp_path), return_state=True)
+    own = ArtifactFilterFlowRunId(any_=[state.state_details.flow_run_id])
+    with get_client(sync_client=True) as client:
+        left = client.read_artifacts(artifact_filter=ArtifactFilter(flow_run_id=own))
+    keys = ["calibrate", "campaign-progress", "identify", "report", "validate"]
+    assert sorted(a.key for a in left) == [*keys, "verdict"]
+    assert all(artifact.description for artifact in left)
+    assert Artifact.get("report").description == NAME
+    address = "http://127.0.0.1:4200/pages/"
+    assert address in Artifact.get("report").data
+    told = Artifact.get("verdict").data
+    assert "Nothing is missing." in told
+    assert f"{address}night/latest.html" in told
     assert json.loads(Artifact.get("calibrate").data) == [
         {"scheme": "run", "model": "ls", "J1": 1.0, "all": 2.0}
     ]

@@ -113,10 +113,11 @@ def ask(opened: Store, query: str, **values: object) -> list[dict]:
     return table.to_pylist()
 
 
-def number_of(store: Path, diagnosis: str) -> int:
-    """Return the number of a diagnosis among those of its robot, from 1."""
+def title_of(store: Path, diagnosis: str) -> str:
+    """Return robot and number of a diagnosis, as "irb140 #2"."""
     with open_store(store) as opened:
-        return ask(opened, questions.NUMBER, id=diagnosis)[0]["number"]
+        (row,) = ask(opened, questions.TITLE, id=diagnosis)
+    return f"{row['robot']} #{row['number']}"
 
 
 def night_of(when: datetime) -> date:

@@ -23,10 +23,11 @@ _PLAIN = re.compile(r"[a-z0-9_][a-z0-9_-]{0,39}")
 
 
 def slug(robot: str) -> str:
-    """Return the name of a robot as a part of an address; a strange one as its hash."""
+    """Return a robot as a part of an address; a strange name with its hash, no more."""
     if _PLAIN.fullmatch(robot) and robot != ALL:
         return robot
-    return f"x-{hashlib.sha256(robot.encode()).hexdigest()[:16]}"
+    plain = re.sub(r"[^a-z0-9]+", "-", robot.lower()).strip("-")[:24]
+    return f"{plain}--{hashlib.sha256(robot.encode()).hexdigest()[:12]}".lstrip("-")
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,18 @@
-"""What the pages ask of a store, in SQL over its views."""
+"""What the pages ask of a store, in SQL over its views.
+
+A robot is its name and, where it has one, its serial number: two of a kind are two.
+"""
+
+_ROBOT = "concat_ws(' ', {0}.robot, {0}.serial)"
+# Of records that have no serial number, that of the runs which they were made from.
+_UNIT = """unit AS (
+        SELECT child, any_value(concat_ws(' ', robot, serial)) AS robot
+        FROM lineage JOIN runs ON run_id = parent GROUP BY child
+    )"""
 
 # Every diagnosis with its number among those of its robot, its errors over all joints
 # (the model that the robot had, and with what was found), and its report.
-DIAGNOSES = """
+DIAGNOSES = f"""
     WITH each AS (
         SELECT source_id, stage,
                coalesce(any_value(value) FILTER (run_id IS NULL), avg(value)) AS v
@@ -19,9 +29,10 @@ DIAGNOSES = """
         SELECT diagnosis_id AS parent, min(adoption_id) AS adoption
         FROM adoptions WHERE action <> 'rolled back' GROUP BY ALL
     )
-    SELECT d.diagnosis_id AS id, d.robot, d.created, d.verdict, before, after,
-           report_id, adoption,
-           row_number() OVER (PARTITION BY d.robot ORDER BY d.created, d.diagnosis_id)
+    SELECT d.diagnosis_id AS id, {_ROBOT.format("d")} AS robot, d.created,
+           d.verdict, before, after, report_id, adoption,
+           row_number() OVER (PARTITION BY d.robot, d.serial ORDER BY d.created,
+                                  d.diagnosis_id)
                AS number
     FROM diagnoses d
     LEFT JOIN proof ON source_id = d.diagnosis_id
@@ -33,40 +44,47 @@ DIAGNOSES = """
     ORDER BY d.created DESC, d.diagnosis_id DESC
 """
 
-NUMBER = """
-    SELECT count(*) AS number FROM diagnoses d
-    JOIN diagnoses own ON own.robot = d.robot
+TITLE = f"""
+    SELECT any_value({_ROBOT.format("own")}) AS robot, count(*) AS number
+    FROM diagnoses d JOIN diagnoses own
+        ON own.robot = d.robot AND own.serial IS NOT DISTINCT FROM d.serial
     WHERE own.diagnosis_id = $id
       AND (d.created, d.diagnosis_id) <= (own.created, own.diagnosis_id)
 """
 
-EFFECTS = """
+EFFECTS = f"""
     SELECT DISTINCT diagnosis_id AS id, name, joints
-    FROM effects JOIN diagnoses USING (diagnosis_id) WHERE robot = $robot
+    FROM effects JOIN diagnoses d USING (diagnosis_id)
+    WHERE {_ROBOT.format("d")} = $robot
 """
 
 # A proposal is answered where its robot has got another model since.
-PROPOSALS = """
-    SELECT report_id, r.robot, r.created, parent AS id,
+PROPOSALS = f"""
+    SELECT report_id, {_ROBOT.format("d")} AS robot, r.created, parent AS id,
            NOT EXISTS (SELECT 1 FROM adoptions a
-                       WHERE a.robot = r.robot AND a.created > r.created) AS waits
+                       WHERE a.robot = d.robot AND a.created > r.created
+                         AND a.serial IS NOT DISTINCT FROM d.serial) AS waits
     FROM reports r JOIN lineage ON child = report_id AND role = 'diagnosis'
+    JOIN diagnoses d ON diagnosis_id = parent
     WHERE kind = 'proposal' ORDER BY r.created DESC, report_id
 """
 
-WATCHED = """
-    SELECT v.validation_id AS id, v.robot, v.created, count(a.run_id) AS alarms,
+WATCHED = f"""
+    WITH {_UNIT}
+    SELECT v.validation_id AS id, coalesce(unit.robot, v.robot) AS robot, v.created,
+           count(a.run_id) AS alarms,
            count(DISTINCT a.run_id) AS runs,
            list(DISTINCT concat('joint ', a.joint, ': ', a.sensor, ' ', a.fault))
                FILTER (a.run_id IS NOT NULL) AS what
     FROM validations v LEFT JOIN alarms a ON a.validation_id = v.validation_id
+    LEFT JOIN unit ON child = v.validation_id
     WHERE v.kind = 'monitor' GROUP BY ALL ORDER BY v.created DESC, id
 """
 
-ADOPTIONS = """
-    SELECT adoption_id AS id, robot, serial, action, diagnosis_id, who, note, before,
-           after, created
-    FROM adoptions ORDER BY adoption_id DESC
+ADOPTIONS = f"""
+    SELECT adoption_id AS id, {_ROBOT.format("a")} AS robot, action, diagnosis_id,
+           who, note, before, after, created
+    FROM adoptions a ORDER BY adoption_id DESC
 """
 
 STUDIES = """
@@ -74,27 +92,30 @@ STUDIES = """
     ORDER BY created DESC, report_id
 """
 
-MODELS = """
-    SELECT model_id AS id, robot, stage, created FROM models
+MODELS = f"""
+    WITH {_UNIT}
+    SELECT model_id AS id, coalesce(unit.robot, m.robot) AS robot, stage, created
+    FROM models m LEFT JOIN unit ON child = model_id
     WHERE stage <> 'augmented' OR model_id IN (SELECT model_id FROM adoptions)
     ORDER BY created DESC, model_id
 """
 
-RUNS = """
-    SELECT run_id AS id, robot, source, trajectory, duration_s, seed, created,
-           quarantined
+RUNS = f"""
+    SELECT run_id AS id, {_ROBOT.format("runs")} AS robot, source, trajectory,
+           duration_s, seed, created, quarantined
     FROM runs ORDER BY created DESC, run_id
 """
 
 # Individual values: sigma is the mean moving range over 1.128 (Shewhart), of the first
 # ten; nothing is said of fewer than five.
-PARAMETERS = """
-    WITH nights AS (
+PARAMETERS = f"""
+    WITH {_UNIT}, nights AS (
         SELECT joint, name, unit, created, model_id, value,
                row_number() OVER one AS night,
                abs(value - lag(value) OVER one) AS moved
-        FROM parameters JOIN models USING (model_id)
-        WHERE status = 'fitted' AND robot = $robot
+        FROM parameters JOIN models m USING (model_id)
+        LEFT JOIN unit ON child = model_id
+        WHERE status = 'fitted' AND coalesce(unit.robot, m.robot) = $robot
         WINDOW one AS (PARTITION BY joint, name ORDER BY created, model_id)
     ), usual AS (
         SELECT joint, name, count(*) AS n, avg(value) AS centre,

@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from flows.report.night import index, night, record, robot
@@ -19,6 +18,7 @@ from flows.report.page.base import environment
 from residual.errors import InputError
 from warehouse.ids import ID_DIGITS
 from warehouse.layout import find
+from warehouse.origin.version import version_text
 from warehouse.query.store import open_store
 from warehouse.sums import check_file
 from warehouse.verify import other_files
@@ -154,7 +154,7 @@ class Site:
             "robots": seen.robots if seen else (),
             "store": self.store.name,
             "read": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S}",
-            "version": _version(),
+            "version": version_text(),
         }
         return Answer(page.render(shared | context).encode())
 
@@ -185,10 +185,3 @@ def _links(page: str, address: str) -> list[str]:
     up = "../" * depth
     own = (link[len(up) :] for link in found if link.startswith(up))
     return [link for link in own if "://" not in link and not link.startswith(".")]
-
-
-def _version() -> str:
-    try:
-        return version("modelgap")
-    except PackageNotFoundError:
-        return "of a checkout"

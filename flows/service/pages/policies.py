@@ -9,7 +9,7 @@ _NO = "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 MADE = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; {_NO}"
 STORED = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; "
-    f"style-src 'unsafe-inline'; img-src data:; font-src data:; {_NO}"
+    f"style-src 'unsafe-inline'; img-src data: blob:; font-src data:; {_NO}"
 )
 # Without a key: a page with nothing in it, whose script asks for a ticket.
 DOOR = (

@@ -1,0 +1,9 @@
+import pytest
+
+from tests.flows.night.stores import fill
+
+
+@pytest.fixture(scope="session")
+def nights(tmp_path_factory):
+    """A store that no test changes."""
+    return fill(tmp_path_factory.mktemp("nights") / "store")

@@ -1,0 +1,193 @@
+"""The pages over a store as its server gives them: to whom, and what they may do."""
+
+import json
+from html.parser import HTMLParser
+
+import pytest
+
+from flows.report.night.site import Answer, Site
+from flows.service.entry import LIFE, Tickets
+from flows.service.guard import Guard
+from flows.service.pages.policies import DOOR, MADE, STORED
+from flows.service.pages.routes import with_pages
+from tests.flows.asgi import (
+    BODY,
+    JSON,
+    OURS,
+    OWN,
+    SECRET,
+    answer,
+    origin,
+    prefect,
+    scope,
+    signed,
+)
+from tests.flows.night.stores import STORED as PAGE
+
+NIGHT = "/pages/night/latest.html"
+EVIL = origin("http://evil.example")
+
+
+class Attributes(HTMLParser):
+    """All tags of a page and their attributes, as a browser takes them."""
+
+    def __init__(self):
+        super().__init__()
+        self.tags, self.names = set(), set()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.names |= {name for name, _ in attrs}
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def app(nights, clock):
+    site = Site(nights.store, "/")
+    return Guard(with_pages(prefect, OURS, site, Tickets(clock)), OURS)
+
+
+def get(app, path: str, *given, query: str = "", **more):
+    asked = scope(path=path, given=given, **more) | {"query_string": query.encode()}
+    asked |= {"raw_path": path.encode()}
+    start, *rest = answer(app, asked)
+    headers = {k.decode(): v.decode() for k, v in start["headers"]}
+    return start["status"], headers, b"".join(part["body"] for part in rest)
+
+
+def ticket(app) -> str:
+    asked = scope("POST", "/pages/ticket", given=[signed(), JSON, BODY])
+    _, body = answer(app, asked)
+    return json.loads(body["body"])["ticket"]
+
+
+def test_who_has_no_key_gets_a_page_with_nothing_in_it(app, nights):
+    shown = {get(app, path)[2] for path in (NIGHT, "/pages/index.html", "/pages/none")}
+    assert len(shown) == 1  # not even whether there is such a page
+    (door,) = shown
+    status, headers, _ = get(app, NIGHT)
+    assert (status, headers["content-security-policy"]) == (200, DOOR)
+    for secret in (SECRET, "two_link", nights.missing):
+        assert secret.encode() not in door
+
+
+def test_a_program_with_the_key_gets_the_page(app):
+    status, headers, body = get(app, NIGHT, signed())
+    assert (status, headers["content-security-policy"]) == (200, MADE)
+    assert b"two_link #1" in body
+    assert headers["cache-control"] == "no-store"
+    assert headers["x-frame-options"] == "DENY"
+    assert get(app, NIGHT, signed("modelgap:guessed"))[1][
+        "content-security-policy"
+    ] == (DOOR)
+
+
+def test_a_ticket_opens_one_page_once_and_not_for_long(app, clock):
+    given = f"ticket={ticket(app)}"
+    assert b"two_link #1" in get(app, NIGHT, query=given)[2]
+    assert b"two_link" not in get(app, NIGHT, query=given)[2]
+    late = f"ticket={ticket(app)}"
+    clock.now = LIFE + 1
+    assert b"two_link" not in get(app, NIGHT, query=late)[2]
+    assert b"two_link" not in get(app, NIGHT, query="ticket=")[2]
+
+
+def test_a_ticket_is_for_who_has_the_key(app):
+    for given in ([JSON, BODY], [signed("modelgap:guessed"), JSON, BODY]):
+        own = [origin(OWN), *given]
+        start, body = answer(app, scope("POST", "/pages/ticket", given=own))
+        assert start["status"] == 401
+        assert b"ticket" not in body["body"]
+    evil = scope("POST", "/pages/ticket", given=[EVIL, signed(), JSON, BODY])
+    assert answer(app, evil)[0]["status"] == 403
+
+
+def test_pages_of_others_and_other_names_get_none(app):
+    assert get(app, NIGHT, EVIL, signed())[0] == 403
+    assert get(app, NIGHT, origin("null"), signed())[0] == 403
+    assert get(app, NIGHT, signed(), host="evil.example:4200")[0] == 421
+
+
+def test_a_stored_page_has_no_origin_that_the_server_listens_to(app, nights):
+    path = f"/pages/report/{nights.report}/report.html"
+    status, headers, body = get(app, path, signed())
+    assert (status, body) == (200, PAGE)
+    policy = headers["content-security-policy"]
+    assert policy == STORED
+    assert policy.startswith("sandbox allow-scripts;")
+    # With it, scripts of the page would have the key and the ear of the server.
+    assert "allow-same-origin" not in policy
+    assert "connect-src" not in policy
+    assert "default-src 'none'" in policy
+    assert "cross-origin-opener-policy" not in headers  # no browser shows both
+
+
+def test_what_is_made_runs_no_script(app):
+    _, headers, body = get(app, NIGHT, signed())
+    assert "script" not in headers["content-security-policy"]
+    found = Attributes()
+    found.feed(body.decode())
+    assert {"a", "main", "h1"} <= found.tags
+    assert not {"script", "iframe", "img", "form"} & found.tags
+    assert not {name for name in found.names if name.startswith("on")}
+
+
+def test_an_application_behind_the_guard_chooses_none_but_known_policies(nights):
+    async def loose(scope, receive, send):
+        headers = [(b"content-security-policy", b"default-src *")]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        await send({"type": "http.response.body", "body": b""})
+
+    ((_, given),) = [
+        (k, v)
+        for k, v in answer(Guard(loose, OURS), scope(path="/"))[0]["headers"]
+        if k == b"content-security-policy"
+    ]
+    assert b"*" not in given
+    assert b"frame-ancestors 'none'" in given
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/pages/../api/flows",
+        "/pages//etc/passwd",
+        "/pages/report/../../_prefect/key",
+        "/pages/report/%2e%2e/key",
+        "/pages/none.html",
+    ],
+)
+def test_what_is_no_page_is_404(app, path):
+    status, headers, body = get(app, path, signed())
+    assert status == 404
+    assert headers["content-type"].startswith("text/plain")
+    assert b"index.html" in body
+
+
+def test_all_else_goes_to_prefect(app):
+    for path in ("/", "/api/flows/", "/pagesx", "/page"):
+        assert get(app, path, signed())[2] == b"reached"
+    status, headers, _ = get(app, "/pages/", signed())
+    assert (status, headers["location"]) == (307, "/pages/index.html")
+
+
+def test_other_files_of_a_report_are_no_pages(nights):
+    class Data(Site):
+        def answer(self, _):
+            return Answer(b'{"a": "<script>"}', "application/json", stored=True)
+
+    site = Data(nights.store)
+    told = get(with_pages(prefect, OURS, site, Tickets()), "/pages/a", signed())
+    assert told[1]["content-type"] == "application/json"
+    assert told[1]["content-security-policy"] == MADE
