@@ -45,8 +45,8 @@ def calls(monkeypatch):
     def print_diagnosis(found, console, verbose=False):
         console.print(f"verdict {found.verdict.verdict}")
 
-    def render(outcome, robot_name, motion=None):
-        return f"<html>{robot_name} {outcome.notes}</html>"
+    def render(outcome, robot_name, motion=None, origin=None):
+        return f"<html>{robot_name} {outcome.notes} {origin.command}</html>"
 
     monkeypatch.setattr("flows.steps.diagnose.close_the_loop", close_the_loop)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))

@@ -73,6 +73,7 @@ def test_files_are_written_and_named(folder, calls, capsys):
     page = (folder / "o.html").read_text()
     assert page.startswith("<html>irb140")
     assert "fit: A | baseline" in page
+    assert "modelgap diagnose A.csv --robot irb140 --report o.html" in page
     shown = capsys.readouterr().out
     assert "wrote o.html\nwrote o.json" in shown
     assert (folder / "o.html").stat().st_mode & 0o777 == 0o666 & ~umask()
