@@ -1,6 +1,6 @@
 """From a diagnosis to the question that it leaves open."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,15 @@ from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System
 from residual.evidence.screen import screen
 from residual.evidence.states import as_model, physical
-from residual.planning.question import NOTHING, Contest, Question, Rival, Signals
+from residual.planning.question import (
+    NOTHING,
+    TOGETHER,
+    Contest,
+    Question,
+    Rival,
+    Signals,
+)
+from residual.planning.swaps import Swap, swaps
 from residual.recording import Array
 
 CANDIDATES = 3  # of a joint that keeps more than noise: how many are looked at
@@ -56,13 +64,13 @@ class Basis:
         return self.fitted.weight(self.task.design.rows)
 
     def rival(
-        self, members: Sequence[Group], own: Group | None, joint: int, without: Fit
+        self, members: Sequence[Group], own: Sequence[Group], joint: int, without: Fit
     ) -> Rival:
         """Return what is known of one set of effects.
 
         Args:
             members: All of them.
-            own: The one that makes the difference; None for none.
+            own: Those that make the difference; empty for none.
             joint: The joint of the contest.
             without: Fit of the others alone.
         """
@@ -71,14 +79,17 @@ class Basis:
         theta, _ = system.solve(weight)
         total = np.tensordot(weight, system.gram, 1)
         nats, at = 0.0, np.zeros(0, dtype=int)
-        if own is not None:
+        if own:
             big = self.task.fit(members, self.fitted)
-            nats = self.task.net_gain(big, without, own)
-            at = np.array([self.place[int(c)] for c in own.ids])
+            # Every name after the first has to pass the threshold of a name, too.
+            more = (len(own) - 1) * self.task.rules.threshold
+            cost = sum(self.task.candidates.cost(g) for g in own[1:]) + more
+            nats = self.task.net_gain(big, without, own[0]) - cost
+            at = np.array([self.place[int(c)] for g in own for c in g.ids])
         base = System.of(design, self.task.prior, without.members)
         fall = base.squared_error(base.solve(weight)[0]) - system.squared_error(theta)
         return Rival(
-            NOTHING if own is None else Place(own.effect.name, public_joints(own)),
+            _place(own),
             np.array([self.place[int(c)] for c in system.ids]),
             at,
             theta,
@@ -103,8 +114,8 @@ class Basis:
             nothing: Whether there may be none of them.
         """
         without = self.task.fit(rest, self.fitted)
-        none = self.rival(rest, None, joint, without)
-        found = [self.rival((*rest, g), g, joint, without) for g in options]
+        none = self.rival(rest, (), joint, without)
+        found = [self.rival((*rest, g), (g,), joint, without) for g in options]
         families = [g.effect.family for g in options]
         kin = {
             (a, b)
@@ -120,8 +131,9 @@ class Basis:
 def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Question:
     """Return what a diagnosis leaves open.
 
-    A finding with equivalents is a contest between it and them. Where nothing is named
-    and a joint keeps more than noise, the strongest candidates there are rivals of one
+    A finding with equivalents is a contest between it and them, and so are some of the
+    findings with what could stand in their place together. Where nothing is named and
+    a joint keeps more than noise, the strongest candidates there are rivals of one
     another and of nothing, although none of them could be named.
 
     Args:
@@ -138,8 +150,10 @@ def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Qu
     ]
     doubted = () if named else examined.adequacy.doubted
     strong = [(j, _strongest(examined, fitted, j)) for j in doubted]
+    swapped = swaps(examined.task, fitted, wanted)
     every = [g for _, near, _ in wanted for g in near]
     every += [g for _, groups in strong for g in groups]
+    every += [g for swap in swapped for own in swap.instead for g in own]
     basis = Basis.of(examined, fitted, [*fitted.members, *every])
     contests = [
         basis.contest(
@@ -152,7 +166,30 @@ def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Qu
         for j, groups in strong
         if groups
     ]
+    seen = {t.group: t.joint for finding in named for t in finding.tested}
+    contests += [_of_sets(basis, swap, seen) for swap in swapped]
     return question_of(basis, contests)
+
+
+def _of_sets(basis: Basis, swap: Swap, seen: Mapping[Group, int]) -> Contest:
+    """The contest of some of the named effects with others in their place."""
+    gone = swap.gone
+    rest = [g for g in basis.fitted.members if g not in gone]
+    joint = next((seen[g] for g in gone if g in seen), 0)
+    without = basis.task.fit(rest, basis.fitted)
+    found = [
+        basis.rival((*rest, *own), own, joint, without) for own in (gone, *swap.instead)
+    ]
+    none = basis.rival(rest, (), joint, without)
+    return Contest(tuple(found), CLASS, joint, frozenset(), none)
+
+
+def _place(own: Sequence[Group]) -> Place:
+    """The name of a rival: that of its effect, or of several together."""
+    if not own:
+        return NOTHING
+    joints = sorted({j for g in own for j in public_joints(g)})
+    return Place(TOGETHER.join(g.effect.name for g in own), tuple(joints))
 
 
 def question_of(basis: Basis, contests: Sequence[Contest]) -> Question:

@@ -8,6 +8,7 @@ from residual.model.model import Model
 from residual.recording import Array
 
 NOTHING = Place("nothing", ())
+TOGETHER = " + "  # between the names of a rival of several effects
 Column = tuple[Effect, Joints, Shape]
 
 

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from flows.report.words.phrases import listing, phrase
 from residual.diagnosis.result import Place, Verdict
-from residual.planning.question import NOTHING
+from residual.names import joints_listed
+from residual.planning.question import NOTHING, TOGETHER
 from residual.quantity import known, number, probability
 
 _FAMILIES = {
@@ -62,7 +63,12 @@ def from_one_another(rivals: Sequence[Place]) -> str:
 
 def in_words(place: Place) -> str:
     """Return a rival in words."""
-    return "nothing at all" if place == NOTHING else phrase(place)
+    if place == NOTHING:
+        return "nothing at all"
+    if TOGETHER not in place.name:
+        return phrase(place)
+    names = listing(place.name.split(TOGETHER))
+    return f"{names} together on {joints_listed(place.joints)}"
 
 
 def same_words(pairs: Sequence[tuple[Place, Place]]) -> list[str]:

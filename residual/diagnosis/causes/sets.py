@@ -79,6 +79,20 @@ def rivals(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
     """
     if not fitted.members or any(g.fellows > 1 for g in fitted.members):
         return []
+    near, twins = near_sets(task, fitted), _twins(task, fitted, least)
+    known = {_places(r.members) for r in near}
+    return [*near, *(r for r in twins if _places(r.members) not in known)]
+
+
+def near_sets(task: Task, fitted: Fit) -> list[Rival]:
+    """Return the sets of those that another motion may tell from the one named.
+
+    Args:
+        task: What was searched.
+        fitted: Fit of the set that is named.
+    """
+    if not fitted.members or any(g.fellows > 1 for g in fitted.members):
+        return []
     own, found = _score(task, fitted), {}
     for other in _near(task, fitted):
         gap = _score(task, other) - own
@@ -87,8 +101,7 @@ def rivals(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
             known = found.get(key)
             if known is None or gap > known.nats:
                 found[key] = Rival(other.members, gap)
-    twins = [r for r in _twins(task, fitted, least) if _places(r.members) not in found]
-    return [*sorted(found.values(), key=lambda r: -r.nats), *twins]
+    return sorted(found.values(), key=lambda r: -r.nats)
 
 
 def _near(task: Task, fitted: Fit) -> Iterator[Fit]:
