@@ -78,6 +78,10 @@ KINDS = {
         Kind(
             "adoptions", "adoptions", "adoption_id", "_adoption.parquet", ("lineage",)
         ),
+        # Its id is made of its loop and its number, for the same reason.
+        Kind(
+            "decisions", "decisions", "decision_id", "_decision.parquet", ("lineage",)
+        ),
     )
 }
 

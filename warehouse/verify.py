@@ -142,7 +142,20 @@ def _faults_of_adoption(found: Found, row: Mapping) -> Iterator[str]:
             yield f"{found.row.name} has another {key} than its record"
 
 
-_CHECKS = {"runs": _faults_of_run, "adoptions": _faults_of_adoption}
+def _faults_of_decision(found: Found, row: Mapping) -> Iterator[str]:
+    record = json.loads(row["record"])
+    for key in ("loop", "number", "action", "reason", "made"):
+        if record[key] != row[key]:
+            yield f"{found.row.name} has another {key} than its record"
+    if ids.decision_id(record["loop"], record["number"]) != found.id:
+        yield f"{found.folder.name}: its id is not that of its loop and number"
+
+
+_CHECKS = {
+    "runs": _faults_of_run,
+    "adoptions": _faults_of_adoption,
+    "decisions": _faults_of_decision,
+}
 
 
 def _subsets(items: Mapping[str, str]) -> Iterator[dict[str, str]]:

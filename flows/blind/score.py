@@ -90,7 +90,7 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
     """
     said = members(verdict)
     flagged = set(verdict.unexplained.joints)
-    hits, classes, free = _matched(truths if drawn != UNKNOWN else (), said)
+    hits, classes, free = matched(truths if drawn != UNKNOWN else (), said)
     # One finding may be on several joints, and their order says nothing.
     first = [s for s in said if s.finding is said[0].finding]
     right = [s for s in first if all(s is not f for f in free)]
@@ -129,8 +129,17 @@ def _one_each(found: Finding) -> bool:
     return any(isinstance(p.value, tuple) for p in found.parameters.values())
 
 
-def _matched(truths: Sequence[Name], said: Sequence[Said]) -> tuple:
-    """Give every truth a name of its own: the same first, then one of its class."""
+def matched(truths: Sequence[Name], said: Sequence[Said]) -> tuple:
+    """Give every truth a name of its own: the same first, then one of its class.
+
+    Args:
+        truths: What is there.
+        said: What was named (`members`).
+
+    Returns:
+        By its very name and by class, an entry a truth, None for none; and the names
+        that are no truth's.
+    """
     free = list(said)
     hits: list[Said | None] = []
     for truth in truths:

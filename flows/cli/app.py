@@ -60,6 +60,7 @@ _COMMANDS = {
         "models": ("loop.adopt:models", None),
         "adopt": ("loop.adopt:adopt", None),
         "rollback": ("loop.adopt:rollback", None),
+        "close": ("loop.close:close", None),
     },
     "History": {
         "runs": ("store:runs", None),

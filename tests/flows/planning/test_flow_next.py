@@ -1,5 +1,6 @@
-"""The flow next: a diagnosis of stored runs, settled by one more run of their arm."""
+"""The flows next and close: experiments that a loop chooses, as runs of Prefect."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of
+from tests.flows.closing import scripted
 from warehouse.layout import list_folders
 
 pytestmark = [pytest.mark.prefect, pytest.mark.slow]
@@ -61,3 +63,18 @@ def test_the_flow_fails_where_nothing_is_open(server, stored, monkeypatch):
     monkeypatch.setattr("residual.planning.gather._strongest", lambda *_: [])
     with pytest.raises(Exception, match="leaves nothing open"):
         settling.next_experiment(diagnosis, seconds=5.0, store=str(store))
+
+
+def test_the_flow_close_decides_until_nothing_is_left_and_reports(
+    server, tmp_path, monkeypatch
+):
+    from flows.scheduled import closing
+
+    quiet = partial(scripted.act, script=(scripted.QUIET,))
+    monkeypatch.setattr("flows.steps.closing.close.act", quiet)
+    monkeypatch.setattr("flows.steps.closing.close.open_seal", lambda *_: [])
+    page = Path(closing.close(budget=4, seed=1, effects=0, store=str(tmp_path)))
+    text = page.read_text(encoding="utf-8")
+    assert "Nothing was hidden, and nothing was adopted" in text
+    assert len(list_folders(tmp_path, "decisions")) == text.count('<th scope="row"')
+    assert closing.close(budget=4, seed=1, effects=0, store=str(tmp_path)) == str(page)

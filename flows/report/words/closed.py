@@ -1,0 +1,142 @@
+"""What a loop that closed itself came to, in words: the same for page and terminal."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from flows.blind.score import Name, Said, matched, members
+from flows.report.words.phrases import effect_named, listing, phrase
+from flows.steps.closing.close import Closed
+from flows.steps.closing.rule import ADOPT, DRIVE, NOTHING
+from residual.diagnosis.result import Place, Verdict
+from residual.quantity import MISSING, measured
+
+RIGHT, CLASS, MISSED, FALSE = (
+    "right",
+    "one of its equivalents",
+    "not adopted",
+    "nothing of the kind was hidden",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """One effect that was hidden, or adopted, or both.
+
+    Attributes:
+        hidden: What was hidden, in words; "–" for nothing.
+        values: Its values.
+        adopted: What was adopted for it; "–" for nothing.
+        found: The estimated values.
+        judged: How they compare.
+    """
+
+    hidden: str
+    values: str
+    adopted: str
+    found: str
+    judged: str
+
+    @property
+    def right(self) -> bool:
+        """Whether what was hidden is what was adopted, or one of its class."""
+        return self.judged in (RIGHT, CLASS)
+
+
+def pairs(hidden: Sequence[Mapping], verdict: Verdict | None) -> list[Pair]:
+    """Return what was hidden beside what was adopted, hidden ones first.
+
+    Args:
+        hidden: What the seal held.
+        verdict: That of the diagnosis whose model is adopted, None for none.
+    """
+    said = members(verdict) if verdict else []
+    truths = [Name(h["name"], tuple(h["joints"])) for h in hidden]
+    exact, near, free = matched(truths, said)
+    out = []
+    for truth, own, other in zip(hidden, exact, near, strict=True):
+        judged = RIGHT if own else CLASS if other else MISSED
+        out.append(Pair(*_hidden(truth), *_adopted(own or other), judged))
+    return out + [Pair(MISSING, MISSING, *_adopted(s), FALSE) for s in free]
+
+
+def headline(done: Closed, found: Sequence[Pair]) -> str:
+    """Return in a sentence what came of a loop."""
+    hidden = len(done.hidden)
+    there = sum(p.right for p in found)
+    wrong = sum(p.judged == FALSE for p in found)
+    if hidden == 0:
+        told = "Nothing was hidden, and nothing was adopted"
+        return f"{told}." if not wrong else f"Nothing was hidden; {wrong} adopted."
+    told = f"{there} of {hidden} hidden effects adopted"
+    if wrong:
+        told += f", and {wrong} that {'is' if wrong == 1 else 'are'} not there"
+    return f"{told}."
+
+
+def ended(done: Closed) -> str:
+    """Return why it ended, and what that took."""
+    last, runs = done.decisions[-1], len(done.known.runs)
+    seconds = f"{runs} experiments, {done.seconds:.0f} s of motion"
+    if last.result["why"] == NOTHING:
+        return f"It stopped after {seconds}: {last.reason}."
+    return f"It stopped after {seconds}, with questions left: {last.reason}."
+
+
+def driven(done: Closed) -> tuple[float, float] | None:
+    """Return how far it is off its path by the nominal and the last model [mrad]."""
+    last = [d for d in done.decisions if d.action == DRIVE and d.made]
+    return (last[-1].result["before"], last[-1].result["after"]) if last else None
+
+
+def versions(done: Closed) -> list[tuple[str, str, str, str]]:
+    """Return model, effects, error and path of each model that the arm had."""
+    out = []
+    for i, decision in enumerate(done.decisions):
+        if decision.action != ADOPT or not decision.made:
+            continue
+        error = decision.outcome.partition("motion ")[2]
+        after = done.decisions[i + 1 : i + 2]
+        path, told = [d for d in after if d.action == DRIVE and d.made], MISSING
+        if path:
+            ends = path[0].result
+            told = f"{ends['before']:.3g} -> {ends['after']:.3g} mrad"
+        model = f"adoption {int(decision.made)}"
+        out.append((model, listing(decision.result["effects"]), error, told))
+    return out
+
+
+def alike(verdict: Verdict | None) -> list[str]:
+    """Return what no motion that was tried tells from what is adopted."""
+    out = []
+    for finding in verdict.effects if verdict else ():
+        others = [phrase(other) for other in finding.equivalent]
+        if others:
+            out.append(
+                f"no motion tells {phrase(finding)} from {listing(others)}: the torque "
+                "is the same, and the model has the first"
+            )
+    return out
+
+
+def _hidden(truth: Mapping) -> tuple[str, str]:
+    units = effect_named(truth["name"]).parameters
+    values = [
+        f"{key.replace('_', ' ')} {measured(value, None, units.get(key))}"
+        for key, value in truth["parameters"].items()
+    ]
+    return phrase(Place(truth["name"], tuple(truth["joints"]))), ", ".join(values)
+
+
+def _adopted(said: Said | None) -> tuple[str, str]:
+    if said is None:
+        return MISSING, MISSING
+    values = []
+    for key, own in said.finding.parameters.items():
+        value, std = own.pairs[said.place or 0]
+        values.append(f"{key.replace('_', ' ')} {measured(value, std, own.unit)}")
+    name = Place(said.name.effect, said.name.joints)
+    told = phrase(name)
+    if said.alike:
+        others = [phrase(Place(a.effect, a.joints)) for a in said.alike]
+        told += f" (or {listing(others)})"
+    return told, ", ".join(values)

@@ -1,0 +1,164 @@
+"""The arm of a loop: what it hides is drawn, sealed, and looked at in the end."""
+
+import json
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.inputs.robots import load
+from flows.specs.experiment import ExperimentSpec, derived_seed
+from flows.steps.experiment import plant_of, sealed_half
+from residual.effects import reported_joints
+from residual.robot.robot import Robot
+from sim.draw import draw_hidden
+from sim.records import PlantEffect
+from sim.streams import HIDDEN, stream
+from warehouse import ids, seal
+from warehouse.origin.robots import keep_robot, robot_folder
+from warehouse.seal import sealed_hash
+
+MOST = 3  # effects
+PAUSE = 10.0  # s between experiments
+_TRIES = 50  # to draw effects that are not one thing twice
+
+
+@dataclass(frozen=True, slots=True)
+class Close:
+    """Which loop is wanted.
+
+    Attributes:
+        robot: Built-in name, URDF file or folder.
+        budget: How many experiments it may run.
+        seed: Seed of the arm, of what it hides, and of the motions.
+        effects: How many effects it hides; None to draw one to three.
+        seconds: Length of a standard motion [s].
+        store: Folder of the store, None for the usual one.
+        designed: Whether what is open is settled by a designed motion.
+        drives: Whether the arm is driven by what was adopted.
+    """
+
+    robot: str
+    budget: int = 8
+    seed: int = 7
+    effects: int | None = None
+    seconds: float = 20.0
+    store: str | Path | None = None
+    designed: bool = True
+    drives: bool = True
+
+    @property
+    def serial(self) -> str:
+        """Serial number of its arm: it is one of many of its kind."""
+        count = "" if self.effects is None else f"-{self.effects}"
+        return f"close-{self.seed}{count}"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Arm:
+    """A simulated arm with a serial number of its own.
+
+    Attributes:
+        robot: Its description, which everybody may read.
+        word: Where that description is kept.
+        plant: The sealed half of its experiments, as their file has it.
+        seal: Hash of the sealed half: the promise that it stays the same arm.
+    """
+
+    robot: Robot
+    word: str
+    plant: dict
+    seal: str
+
+
+def make_arm(asked: Close, store: Path) -> Arm:
+    """Draw an arm; the same request is the same arm.
+
+    Args:
+        asked: Which loop.
+        store: Where the description of the arm is kept.
+
+    Raises:
+        InputError: If there is no such robot.
+    """
+    word = _numbered(load(asked.robot), asked.serial, store)
+    robot = load(word)
+    plant = {
+        "effect": [
+            {"name": e.name, "joints": list(e.joints), **dict(e.parameters)}
+            for e in _hidden(robot, asked)
+        ],
+        "seed": derived_seed(asked.seed, "close/plant"),
+        "salt": f"{derived_seed(asked.seed, 'close/salt'):08x}",
+    }
+    spec = ExperimentSpec.model_validate({"robot": word, "plant": plant})
+    return Arm(robot, word, plant, sealed_hash(sealed_half(spec)))
+
+
+def loop_id(asked: Close, arm: Arm) -> str:
+    """Return the id of a loop: that of its arm, its motions and its way to choose.
+
+    The budget is no part of it: with a larger one the same loop goes on.
+    """
+    parts = arm.robot.content_hash, asked.seed, asked.effects, asked.seconds
+    return ids.digest("close", *parts, asked.designed)[: ids.ID_DIGITS]
+
+
+def open_seal(store: Path, run: str, dof: int) -> list[dict]:
+    """Return what an arm hid, once its loop has ended.
+
+    Args:
+        store: The store.
+        run: Id of one of its runs.
+        dof: Number of its joints.
+
+    Returns:
+        Name, joints as a verdict counts them, and parameters of each effect.
+    """
+    return [
+        {
+            "name": effect.name,
+            "joints": list(reported_joints(effect.name, effect.joints, dof)),
+            "parameters": dict(effect.parameters),
+        }
+        for effect in plant_of(seal.open_seal(store, run).spec).effects
+    ]
+
+
+def _hidden(robot: Robot, asked: Close) -> list[PlantEffect]:
+    """Draw what the arm hides; no effect twice on one joint."""
+    rng = stream(asked.seed, HIDDEN)
+    count = asked.effects
+    if count is None:
+        count = int(rng.integers(1, MOST + 1))
+    made: dict[tuple, PlantEffect] = {}
+    for _ in range(_TRIES):
+        if len(made) == count:
+            break
+        one = draw_hidden(robot, rng)
+        made.setdefault((one.name, one.joints), one)
+    return list(made.values())
+
+
+def _numbered(robot: Robot, serial: str, store: Path) -> str:
+    """Keep a description with a serial number in the store, and return its folder."""
+    content = json.loads(robot.toml)
+    own = {**content.get("robot", {}), "name": robot.name, "serial": serial}
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / f"{robot.name}.urdf").write_text(robot.urdf, encoding="utf-8")
+        text = "\n".join(_toml({**content, "robot": own}))
+        (Path(folder) / "robot.toml").write_text(text, encoding="utf-8")
+        made = load(folder)
+        keep_robot(store, folder, made)
+    return str(robot_folder(store, made.content_hash))
+
+
+def _toml(table: dict, path: tuple[str, ...] = ()) -> list[str]:
+    """Write tables as TOML: its numbers, texts and lists are those of JSON."""
+    own = [f"{json.dumps(k)} = {json.dumps(v)}" for k, v in _values(table)]
+    head = [f"[{'.'.join(map(json.dumps, path))}]"] if path else []
+    inner = [(k, v) for k, v in table.items() if isinstance(v, dict)]
+    return head + own + [line for k, v in inner for line in _toml(v, (*path, k))]
+
+
+def _values(table: dict) -> list[tuple[str, object]]:
+    return [(k, v) for k, v in table.items() if not isinstance(v, dict)]

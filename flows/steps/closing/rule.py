@@ -1,0 +1,195 @@
+"""What a loop does next, given what it has done: a pure function of its records.
+
+Nothing is read and nothing is run here, so every case of it is a row of a table in the
+tests, and a loop that was killed decides as it would have decided.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from flows.steps.closing.known import RUN, Known
+from warehouse.decisions import Decision
+
+DIAGNOSE, ADOPT, DRIVE, STOP = "diagnose", "adopt", "drive", "stop"
+# Why a loop ends; the first is the only one that more experiments would change.
+SPENT, NOTHING, UNDECIDED = "budget", "nothing left", "undecided"
+
+FIT, HELD_OUT = "fit", "held out"
+# What is run where nothing better is known: fast and slow, reversing and standing.
+STANDARD = ("fourier", "move_stop_move", "cyclic", "welding")
+PROOF = "cyclic"  # the family of the motion that no fit sees
+CLEAN = 2  # motions without a finding after which nothing is left
+TRIES = 2  # designed motions for one question
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """How a loop is to go on.
+
+    Attributes:
+        budget: How many experiments it may run.
+        designed: Whether what is open is settled by a designed motion; else the
+            standard ones follow in their order, whatever is open.
+    """
+
+    budget: int
+    designed: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What is to be done next.
+
+    Attributes:
+        action: run, diagnose, adopt, drive or stop.
+        reason: Why, in a sentence.
+        how: What with, as JSON can hold it.
+    """
+
+    action: str
+    reason: str
+    how: Mapping = field(default_factory=dict)
+
+
+def next_step(history: Sequence[Decision], asked: Asked) -> Step | None:
+    """Return what a loop does next; None where it has ended.
+
+    Args:
+        history: What it has done, the first one first.
+        asked: How it is to go on.
+    """
+    known = Known.of(history)
+    last = known.last
+    if last is None:
+        return _run(STANDARD[0], FIT, "nothing is known of this arm yet")
+    if last.action == STOP:
+        more = last.result["why"] == SPENT and len(known.runs) < asked.budget
+        return _more(known, asked, "more experiments are allowed now") if more else None
+    if not known.held_out:
+        return _run(PROOF, HELD_OUT, "no name counts without motion that no fit saw")
+    if last.action == RUN:
+        return _look(known)
+    if last.action == DIAGNOSE:
+        return _judge(known, last.result, asked)
+    if last.action == ADOPT and last.result["adopted"]:
+        why = "does the arm follow its path better with what was adopted?"
+        return Step(DRIVE, why, {"diagnosis": known.adopted["diagnosis"]})
+    if last.action == ADOPT:
+        return _doubt(known, asked, f"the gate refused it: {last.outcome}")
+    return _more(known, asked, "is anything left above noise, now that it is adopted?")
+
+
+def _look(known: Known) -> Step:
+    """Diagnose: all logs at first, and the new ones once a model is adopted."""
+    if known.adopted is None:
+        why = "what does the model as described lack, by all logs so far?"
+        return _diagnose(known.fit, known.held_out, None, why)
+    why = "what does the adopted model lack, by the logs since it was adopted?"
+    return _diagnose(known.since, known.held_out, known.adopted["diagnosis"], why)
+
+
+def _judge(known: Known, found: Mapping, asked: Asked) -> Step:
+    """What a diagnosis asks for."""
+    if found["verdict"] == "none":
+        return _clean(known, found, asked)
+    if found["model"] is not None:
+        why = (
+            f"{_said(found)} beside the adopted model: all logs together, from the "
+            "model as described, say whether that holds"
+        )
+        return _diagnose(known.fit, known.held_out, None, why)
+    if found["verdict"] == "unknown":
+        return _open(known, found, asked) or _doubt(known, asked, _said(found))
+    if known.adopted and _same(known.adopted["effects"], found["classes"]):
+        why = "all logs together name just what is adopted, and nothing new"
+        return _doubt(known, asked, why)
+    return _open(known, found, asked) or _settled(found)
+
+
+def _clean(known: Known, found: Mapping, asked: Asked) -> Step:
+    """Nothing was found: enough of that is the end."""
+    if known.adopted and found["model"] is None:
+        why = "all logs together name nothing, although something was adopted"
+        return _doubt(known, asked, why)
+    if len(known.since) < CLEAN:
+        why = "nothing found on one motion: another family shows other effects"
+        return _more(known, asked, why)
+    beside = "the adopted model" if known.adopted else "the model as described"
+    why = f"nothing is left above noise beside {beside}, on {len(known.since)} motions"
+    return Step(STOP, why, {"why": NOTHING})
+
+
+def _open(known: Known, found: Mapping, asked: Asked) -> Step | None:
+    """What would settle what is open; None where nothing is, or enough was tried."""
+    rivals = found["rivals"]
+    if not rivals or known.tried(rivals) >= TRIES:
+        return None
+    why = f"these logs do not tell {' from '.join(rivals)}"
+    if not asked.designed:
+        return _more(known, asked, why, rivals)
+    if len(known.runs) >= asked.budget:
+        return _spent(asked, why)
+    how = {"design": found["diagnosis"], "role": FIT, "rivals": list(rivals)}
+    return Step(RUN, f"{why}; a motion made for that should", how)
+
+
+def _settled(found: Mapping) -> Step:
+    """Let the gate judge what is named, and say what stays as good."""
+    why = _said(found)
+    if found["rivals"]:
+        told = " and ".join(found["rivals"])
+        why += f"; {told} stay as good after {TRIES} motions made to tell them apart"
+    if found["twins"]:
+        why += f"; as good on every motion: {', '.join(found['twins'])}"
+    return Step(ADOPT, why, {"diagnosis": found["diagnosis"]})
+
+
+def _doubt(known: Known, asked: Asked, why: str) -> Step:
+    """Look at one family after the other, and no further than all of them."""
+    if len(known.since) >= len(STANDARD):
+        why = f"{why}; every family of motions was tried"
+        return Step(STOP, why, {"why": UNDECIDED})
+    return _more(known, asked, why)
+
+
+def _more(known: Known, asked: Asked, why: str, rivals: Sequence[str] = ()) -> Step:
+    """Run the next standard motion, if there may be one more."""
+    if len(known.runs) >= asked.budget:
+        return _spent(asked, why)
+    kind = STANDARD[known.standard % len(STANDARD)]
+    return _run(kind, FIT, why, rivals)
+
+
+def _spent(asked: Asked, why: str) -> Step:
+    why = f"{why}; but all {asked.budget} experiments of the budget are run"
+    return Step(STOP, why, {"why": SPENT})
+
+
+def _run(kind: str, role: str, why: str, rivals: Sequence[str] = ()) -> Step:
+    return Step(RUN, why, {"kind": kind, "role": role, "rivals": list(rivals)})
+
+
+def _diagnose(
+    fit: Sequence[str], held_out: Sequence[str], model: str | None, why: str
+) -> Step:
+    runs = {"fit": list(fit), "held_out": list(held_out), "model": model}
+    return Step(DIAGNOSE, why, runs)
+
+
+def _said(found: Mapping) -> str:
+    """What a diagnosis says, in a few words."""
+    if found["effects"]:
+        return " and ".join(found["effects"])
+    joints = ", ".join(map(str, found["unexplained"]))
+    return f"something without a name{' on joint ' + joints if joints else ''}"
+
+
+def _same(adopted: Sequence[str], classes: Sequence[Sequence[str]]) -> bool:
+    """Whether each name that is adopted is one of a class, and no class is new."""
+    left = [set(own) for own in classes]
+    for name in adopted:
+        own = next((c for c in left if name in c), None)
+        if own is None:
+            return False
+        left.remove(own)
+    return not left

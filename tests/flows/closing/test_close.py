@@ -1,0 +1,164 @@
+"""A loop that is killed goes on where it stopped, and ends as it would have ended."""
+
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from functools import partial
+
+import pytest
+
+from flows.cli import main
+from flows.steps.closing import act as acting
+from flows.steps.closing import close
+from flows.steps.closing.arm import Close, loop_id, make_arm
+from residual.errors import InputError
+from sim.records import TrajectorySpec
+from tests.flows.closing import scripted
+from warehouse.decisions import commit_decision, read_decisions
+from warehouse.layout import Found, list_folders
+from warehouse.query.store import open_store
+from warehouse.verify import faults
+
+
+class KilledError(Exception):
+    """In place of a kill."""
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The decisions of a loop that nobody disturbs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(close, "act", scripted.act)
+        return scripted.play(tmp_path_factory.mktemp("whole"))
+
+
+def test_the_script_comes_to_its_end(whole):
+    actions = [d.action for d in whole]
+    assert actions.count("adopt") == 1
+    assert actions[-1] == "stop"
+    assert whole[-1].result["why"] == "nothing left"
+    assert [d.number for d in whole] == list(range(1, len(whole) + 1))
+    assert whole[-1].seconds == 20.0 * actions.count("run")
+
+
+@pytest.mark.parametrize("after", [False, True])
+def test_killed_at_any_decision_it_goes_on_to_the_same_end(
+    tmp_path, monkeypatch, whole, after
+):
+    killed = set()
+
+    def doomed(loop, step, tell=None):
+        number = len(loop.history) + 1
+        came = scripted.act(loop, step) if after else None
+        if number not in killed:
+            killed.add(number)
+            raise KilledError
+        return came or scripted.act(loop, step)
+
+    monkeypatch.setattr(close, "act", doomed)
+    for _ in whole:
+        with pytest.raises(KilledError):
+            scripted.play(tmp_path)
+    assert len(scripted.play(tmp_path)) == 1
+    loop = whole[0].loop
+    assert read_decisions(tmp_path, loop) == tuple(whole)
+    assert scripted.play(tmp_path) == []
+
+
+_DIES = """
+import os, signal, sys
+from tests.flows.closing import scripted
+from flows.steps.closing import close
+def act(loop, step, tell=None):
+    if len(loop.history) == 4:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return scripted.act(loop, step)
+close.act = act
+scripted.play(sys.argv[1])
+"""
+
+
+def test_after_kill_9_it_goes_on_to_the_same_end(tmp_path, monkeypatch, whole):
+    done = subprocess.run([sys.executable, "-c", _DIES, str(tmp_path)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert len(read_decisions(tmp_path, whole[0].loop)) == 4
+    monkeypatch.setattr(close, "act", scripted.act)
+    assert len(scripted.play(tmp_path)) == len(whole) - 4
+    assert read_decisions(tmp_path, whole[0].loop) == tuple(whole)
+
+
+def test_decisions_are_records_in_sql_and_a_number_is_taken_once(tmp_path, whole):
+    for decision in whole:
+        commit_decision(tmp_path, decision)
+    with pytest.raises(InputError, match="runs in another process"):
+        commit_decision(tmp_path, replace(whole[2], reason="another"))
+    for id, folder in list_folders(tmp_path, "decisions").items():
+        assert faults(Found("decisions", id, type(tmp_path)(folder))) == ()
+    with open_store(tmp_path) as opened:
+        asked = "SELECT number, action, reason FROM decisions ORDER BY number"
+        rows = opened.sql(asked).to_pylist()
+    assert [(r["number"], r["action"], r["reason"]) for r in rows] == [
+        (d.number, d.action, d.reason) for d in whole
+    ]
+
+
+def test_a_larger_budget_goes_on_with_the_same_loop(tmp_path, monkeypatch):
+    quiet = partial(scripted.act, script=(scripted.QUIET,))
+    monkeypatch.setattr(close, "act", quiet)
+    short = scripted.play(tmp_path, budget=3)
+    assert short[-1].result["why"] == "nothing left"
+    spent = partial(scripted.act, script=(scripted.QUIET | {"verdict": "unknown"},))
+    monkeypatch.setattr(close, "act", spent)
+    other = tmp_path / "other"
+    assert scripted.play(other, budget=3)[-1].result["why"] == "budget"
+    more = scripted.play(other, budget=4)
+    assert [d.action for d in more] == ["run", "diagnose", "stop"]
+
+
+def test_an_arm_has_a_serial_number_and_is_the_same_every_time(tmp_path):
+    asked = Close("irb140", seed=3, store=tmp_path)
+    one, again = make_arm(asked, tmp_path), make_arm(asked, tmp_path)
+    assert (one.robot.serial, one.seal) == ("close-3", again.seal)
+    assert 1 <= len(one.plant["effect"]) <= 3
+    other = make_arm(replace(asked, seed=4), tmp_path)
+    assert other.seal != one.seal
+    assert loop_id(asked, one) == loop_id(replace(asked, budget=99), again)
+    exact = make_arm(replace(asked, effects=2), tmp_path)
+    assert len(exact.plant["effect"]) == 2
+    assert make_arm(replace(asked, effects=0), tmp_path).plant["effect"] == []
+
+
+def test_records_of_another_arm_are_not_gone_on_with(tmp_path, monkeypatch, whole):
+    wrong = replace(whole[0], result={**whole[0].result, "seal": "0" * 64})
+    commit_decision(tmp_path, wrong)
+    monkeypatch.setattr(close, "act", scripted.act)
+    with pytest.raises(InputError, match="draws another arm"):
+        scripted.play(tmp_path)
+
+
+def test_a_designed_motion_is_as_long_as_is_ample():
+    spec = TrajectorySpec("fourier", 20.0, 8, 0, ((1.0,),))
+    assert acting.cut(spec, 1.0).duration == 10.0  # four periods of 2.5 s hold 8 s
+    assert acting.cut(spec, 9.0).duration == 15.0
+    assert acting.cut(spec, None) == spec
+    assert acting.cut(replace(spec, kind="cyclic"), 1.0).duration == 20.0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--budget", "2"], "--budget 2: expected 3 to 100"),
+        (["--effects", "4"], "--effects 4: expected 0 to 3"),
+        (["--seed", "-1"], "--seed"),
+        (["--robot", "irb14"], "irb140"),
+        (["--report", "nowhere/page.html"], "no folder"),
+    ],
+)
+def test_what_cannot_be_done_is_told_before_anything_is_run(
+    tmp_path, monkeypatch, capsys, words, message
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["close", *words]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "store").exists()
