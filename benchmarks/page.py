@@ -23,6 +23,7 @@ PAGES = {
     "tools": ROOT / "docs" / "benchmarks_tools.md",
     "used": ROOT / "docs" / "benchmarks_used.md",
     "loop": ROOT / "docs" / "benchmarks_loop.md",
+    "fleet": ROOT / "docs" / "benchmarks_fleet.md",
 }
 FENCES = "<!-- results -->\n", "<!-- end of results -->\n"
 _WORDS = {

@@ -2,12 +2,15 @@
 
 import ipaddress
 import os
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from residual.errors import InputError
 
+PROJECT = "modelgap.toml"  # file of a project, which names its store
+ROOT = Path(__file__).resolve().parents[1]
 STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"
 # Where the server of a store serves its pages; its workers are told.
 PAGES = "MODELGAP_PAGES"
@@ -20,12 +23,14 @@ ONE_THREAD = {
 
 
 def store_folder(option: str | None = None) -> Path:
-    """Return the store: what --store says, else $MODELGAP_STORE, else ./store.
+    """Return the store: --store, else $MODELGAP_STORE, else that of a project, ./store.
+
+    A project is a working directory with a modelgap.toml.
 
     Raises:
         InputError: If there is a file where the folder should be.
     """
-    place = Path(option or os.environ.get(STORE) or "store").resolve()
+    place = Path(option or os.environ.get(STORE) or _of_project()).resolve()
     for folder in (place, *place.parents):
         if folder.exists():
             if folder.is_dir():
@@ -43,6 +48,15 @@ def page_link(address: str, otherwise: Path) -> str:
     """
     first = os.environ.get(PAGES)
     return f"{first}/{address}" if first else otherwise.as_uri()
+
+
+def _of_project() -> str:
+    # What else is in it is checked where it is used (`flows.project.read`).
+    try:
+        named = tomllib.loads(Path(PROJECT).read_text(encoding="utf-8")).get("store")
+    except (OSError, ValueError, RecursionError):
+        named = None
+    return named if isinstance(named, str) and named else "store"
 
 
 def cores() -> int:

@@ -57,11 +57,24 @@ def checked(record: type[Record], content: dict[str, Any], where: str) -> Record
     Raises:
         InputError: On the first fault; an unknown key gets the nearest valid one.
     """
+    for words, _ in faults(record, content):
+        raise InputError(f"{where}: {words}")
+    return TypeAdapter(record).validate_python(content)
+
+
+def faults(record: type, content: dict[str, Any]) -> list[tuple[str, tuple]]:
+    """Return the faults of the content of a file, as words and the place of the key.
+
+    Args:
+        record: What the file must hold: a model or dataclass of pydantic.
+        content: What it holds.
+    """
     try:
-        return TypeAdapter(record).validate_python(content)
+        TypeAdapter(record).validate_python(content)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise InputError(f"{where}: {_words(record, first)}") from error
+        told = error.errors(include_url=False)
+        return [(_words(record, fault), fault["loc"]) for fault in told]
+    return []
 
 
 def _words(record: Any, fault: dict[str, Any]) -> str:

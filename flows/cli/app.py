@@ -76,6 +76,8 @@ _COMMANDS = {
         "verify": ("store:verify", None),
     },
     "Schedule": {
+        "init": ("projects.init:init", "[DIR]"),
+        "inbox": ("projects.inbox:inbox", None),
         "up": ("service:up", None),
         "status": ("service:status", None),
         "down": ("service:down", None),

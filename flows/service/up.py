@@ -18,7 +18,6 @@ from flows.service.state import Running, one_at_a_time, read_running, write_runn
 from flows.service.wanted import (
     DATABASE,
     PORT,
-    ROOT,
     Wanted,
     check_host,
     port_is_free,
@@ -26,7 +25,7 @@ from flows.service.wanted import (
     shown_database,
     worker_environment,
 )
-from flows.settings import prefect_home
+from flows.settings import ROOT, prefect_home
 from residual.errors import InputError
 
 Say = Callable[[str], None]

@@ -10,12 +10,11 @@ from urllib.parse import urlsplit
 
 from flows.service.key import CLIENT, SERVER, store_key
 from flows.service.state import Running
-from flows.settings import API, PAGES, STORE, is_loopback, quiet_prefect
+from flows.settings import API, PAGES, ROOT, STORE, is_loopback, quiet_prefect
 from residual.errors import InputError
 
 DATABASE = "MODELGAP_DATABASE_URL"
 PORT = 4200
-ROOT = Path(__file__).resolve().parents[2]
 _DRIVERS = {
     "postgresql": "postgresql+asyncpg",
     "postgres": "postgresql+asyncpg",

@@ -1,0 +1,1 @@
+"""Groups of the benchmark of projects, inboxes and stores of many robots."""

@@ -1,0 +1,1 @@
+"""Commands of a project of one's own."""

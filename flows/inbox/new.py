@@ -1,0 +1,148 @@
+"""Runs of a real robot that no diagnosis has taken yet: one diagnosis for all of them.
+
+What a diagnosis took stands in the store, as a record of kind "batch" with the runs as
+parents. So nothing is taken twice or forgotten, whoever is killed when: without the
+record the same runs are diagnosed again, to the same id.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from flows.keep.diagnosis import read_verdict
+from flows.project.file import RobotTable
+from flows.project.read import Project
+from flows.requests import Diagnose
+from flows.settings import store_folder
+from flows.steps.diagnose import diagnose_runs, request_of
+from flows.steps.loop.choose import in_force
+from residual.diagnosis.result import Verdict
+from residual.robot.robot import Robot
+from warehouse.commit import commit_record
+from warehouse.query.store import open_store
+
+KIND = ROLE = "batch"
+_PROOF = 3  # of so many logs one is held out for the proof
+_QUERY = """
+    SELECT run_id, list_contains(coalesce(tags, []), $healthy) AS healthy,
+           run_id IN (SELECT parent FROM lineage WHERE role = $role) AS taken
+    FROM runs
+    WHERE robot = $robot AND serial IS NOT DISTINCT FROM $serial
+          AND source = 'imported' AND NOT quarantined
+    ORDER BY coalesce(recorded_at, created), run_id
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Runs that are diagnosed together.
+
+    Attributes:
+        runs: All runs that no diagnosis has taken, in the order of their time.
+        fit: Those that are fitted: all, or as many as are taken, spread over them.
+        held_out: The one for the proof, where there are enough.
+        baseline: Healthy runs of the arm, the latest.
+        model: Id of the diagnosis whose model the robot has, None for none.
+    """
+
+    runs: tuple[str, ...]
+    fit: tuple[str, ...]
+    held_out: tuple[str, ...] = ()
+    baseline: tuple[str, ...] = ()
+    model: str | None = None
+
+    @property
+    def against(self) -> str:
+        """What they are diagnosed against, in words."""
+        if self.model:
+            return f"the adopted model, of diagnosis {self.model[:8]}"
+        if self.baseline:
+            return f"{len(self.baseline)} healthy runs"
+        return "the model as described"
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosed:
+    """What a batch of runs was diagnosed with.
+
+    Attributes:
+        batch: The runs.
+        ids: Ids of the diagnosis and of the validation with its curves.
+        verdict: What it says.
+    """
+
+    batch: Batch
+    ids: tuple[str, str]
+    verdict: Verdict
+
+
+def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
+    """Return what there is to diagnose of a robot, None for nothing.
+
+    Args:
+        store: The store.
+        arm: The robot.
+        table: What the project says of it.
+
+    Raises:
+        InputError: If its model is of another description of it.
+    """
+    if not (store / "samples").is_dir():
+        return None
+    about = {"robot": arm.name, "serial": arm.serial, "healthy": table.healthy}
+    with open_store(store) as opened:
+        rows = opened.sql(_QUERY, about | {"role": ROLE}).to_pylist()
+    healthy = [row["run_id"] for row in rows if row["healthy"]]
+    runs = [r["run_id"] for r in rows if not r["taken"] and not r["healthy"]]
+    if not runs:
+        return None
+    chosen = spread(runs, table.most)
+    proof = chosen[-1:] if len(chosen) >= _PROOF else []
+    model = in_force(chosen, store).diagnosis
+    return Batch(
+        runs=tuple(runs),
+        fit=tuple(run for run in chosen if run not in proof),
+        held_out=tuple(proof),
+        baseline=() if model else tuple(healthy[-table.most :]),
+        model=model,
+    )
+
+
+def spread(runs: Sequence[str], most: int) -> list[str]:
+    """Return so many runs at most, spread over all, the first and the last too."""
+    if len(runs) <= most:
+        return list(runs)
+    places = np.linspace(0, len(runs) - 1, most).round().astype(int)
+    return [runs[place] for place in places]
+
+
+def diagnose_new(
+    project: Project, name: str, progress: Callable[[str, float], None] | None = None
+) -> Diagnosed | None:
+    """Diagnose what has come in of a robot since the last time; None where nothing has.
+
+    Args:
+        project: The project.
+        name: Name of the robot.
+        progress: Told the stage and the share done.
+
+    Raises:
+        InputError: If the runs are not usable together, or their robot is not.
+    """
+    table, store = project.robot(name), store_folder(str(project.store))
+    arm = project.arm(table)
+    batch = new_runs(store, arm, table)
+    if batch is None:
+        return None
+    ids = diagnose_runs(_request(batch, store), progress)
+    record = {"robot": arm.name, "serial": arm.serial, "kind": KIND, "project": name}
+    parents = {"diagnosis": [ids[0]], ROLE: list(batch.runs)}
+    commit_record(store, "validations", record, parents=parents)
+    return Diagnosed(batch, ids, read_verdict(store, ids[0]))
+
+
+def _request(batch: Batch, store: Path) -> Diagnose:
+    roles = {"fit": batch.fit, "held_out": batch.held_out, "baseline": batch.baseline}
+    return replace(request_of(roles, store), model=batch.model)

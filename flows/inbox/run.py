@@ -1,0 +1,129 @@
+"""A whole inbox: what rests in it is taken, what follows is told, then it is moved."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from flows.inbox.ready import State, alone, at_rest, look
+from flows.inbox.take import REFUSED, WAITING, Job, Taken, put_away, take
+from flows.project.file import InboxTable
+from flows.project.read import Project
+from flows.requests import Import
+from flows.settings import cores
+from flows.workers.pool import Done, Here, Pool
+
+_CHUNK = 32  # logs between two moves: so many are read again after a kill
+_FEW = 4  # as many are read sooner than processes are started
+
+# Told the runs of a few logs once they are in the store, before their files are moved.
+Told = Callable[[Sequence[str]], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Inbox:
+    """An inbox of a project.
+
+    Attributes:
+        project: The project.
+        table: What its file says of the inbox.
+    """
+
+    project: Project
+    table: InboxTable
+
+    @property
+    def folder(self) -> Path:
+        """The folder, made if it is not there."""
+        place = self.project.path(self.table.folder)
+        place.mkdir(parents=True, exist_ok=True)
+        return place
+
+    def request(self, path: Path) -> Import:
+        """Return how a log of it is imported."""
+        robot = self.project.robot(self.table.robot)
+        known = {tag.partition("=")[0]: tag for tag in (*robot.tags, *self.table.tags)}
+        return Import(
+            logs=(str(path),),
+            robot=self.project.word(robot),
+            columns=str(self.project.path(self.table.map)) if self.table.map else None,
+            trajectory=self.table.trajectory or None,
+            kind=self.table.kind,
+            store=self.project.store,
+            serial=robot.serial or None,
+            tags=tuple(known.values()),
+        )
+
+
+def inboxes(project: Project) -> tuple[Inbox, ...]:
+    """Return the inboxes of a project."""
+    return tuple(Inbox(project, table) for table in project.table.inbox)
+
+
+def look_twice(of: Sequence[Inbox]) -> dict[int, Mapping[str, State]]:
+    """Return what rests in inboxes, by their place: two looks, the longest quiet apart.
+
+    Where nothing lies nobody waits.
+
+    Args:
+        of: The inboxes.
+    """
+    before = [look(inbox.folder) for inbox in of]
+    waits = [i.table.quiet for i, found in zip(of, before, strict=True) if found]
+    if not waits:
+        return {}
+    time.sleep(max(waits))
+    return {
+        place: at_rest(before[place], look(inbox.folder))
+        for place, inbox in enumerate(of)
+    }
+
+
+def take_all(inbox: Inbox, resting: Mapping[str, State], told: Told) -> Iterator[Taken]:
+    """Take what rests in an inbox, a few logs at a time.
+
+    Args:
+        inbox: The inbox.
+        resting: What rests there (`at_rest`).
+        told: Told runs that are in the store.
+
+    Yields:
+        What became of each log, once its file is where it belongs.
+    """
+    folder = inbox.folder
+    jobs = [
+        Job(folder / name, state, inbox.request(folder / name))
+        for name, state in resting.items()
+    ]
+    if not jobs:
+        return
+    with alone(folder) as ours:
+        if not ours:
+            why = "another modelgap takes from this inbox"
+            yield from (Taken(job.path, WAITING, why=why) for job in jobs)
+            return
+        for chunk in _taken(jobs):
+            runs = [taken.run for taken in chunk if taken.run]
+            if runs:
+                told(runs)
+            for taken in chunk:
+                put_away(taken)
+                yield taken
+
+
+def _taken(jobs: Sequence[Job]) -> Iterator[list[Taken]]:
+    """Take logs in other processes: one that takes its process down is refused."""
+    if len(jobs) <= _FEW:
+        yield [_outcome(jobs, done) for done in Here().run(take, jobs)]
+        return
+    with Pool(min(cores(), len(jobs))) as pool:
+        done = pool.run(take, jobs)
+        while few := [_outcome(jobs, each) for each in islice(done, _CHUNK)]:
+            yield few
+
+
+def _outcome(jobs: Sequence[Job], done: Done) -> Taken:
+    if done.error is None:
+        return done.value
+    return Taken(jobs[done.index].path, REFUSED, why=str(done.error))

@@ -1,0 +1,203 @@
+"""An inbox: what rests is stored once, or refused with the reason, at any kill."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import warehouse
+from flows.cli import main
+from flows.inbox.new import new_runs, spread
+from flows.inbox.ready import alone, at_rest, being_written, look
+from flows.inbox.run import inboxes, take_all
+from flows.inbox.take import KNOWN, STORED, WAITING, Job, take
+from flows.project.read import read_project
+from tests.residual.arms import urdf_text
+from tests.residual.identified import AXES, logs
+from warehouse.commit import commit_record
+
+NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
+TEXT = """schema = 1
+[[robot]]
+name = "cell"
+urdf = "arm.urdf"
+serial = "UR-1"
+tags = ["cell=4", "night"]
+[[inbox]]
+robot = "cell"
+folder = "in"
+quiet = 0
+tags = ["cell=5"]
+trajectory = "welding"
+"""
+
+
+@pytest.fixture(scope="module")
+def csv():
+    """Two logs as the text of a CSV file."""
+    out = []
+    for log in logs(2, noise=0.5, duration=8.0):
+        rows = np.column_stack([log.t, log.q, log.tau])
+        lines = [",".join(f"{x:.9g}" for x in row) for row in rows]
+        out.append("\n".join([",".join(NAMES), *lines, ""]))
+    return out
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A project with an inbox."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
+    (tmp_path / "modelgap.toml").write_text(TEXT)
+    (tmp_path / "in").mkdir()
+    return tmp_path
+
+
+def ask(query):
+    with warehouse.open("store") as store:
+        return store.sql(query).to_pylist()
+
+
+def test_logs_are_stored_refused_or_known_and_moved(place, csv, capsys):
+    (place / "in/a.csv").write_text(csv[0])
+    (place / "in/copy.csv").write_text(csv[0])
+    (place / "in/bad.csv").write_text("t,q1\n0,1\n")
+    (place / "in/half.csv.part").write_text(csv[1])
+    assert main(["inbox", "--once", "--import-only"]) == 0
+    assert "1 stored, 1 known, 1 refused, 0 waiting" in capsys.readouterr().out
+    (row,) = ask("SELECT serial, tags, trajectory, source FROM runs")
+    assert row == {
+        "serial": "UR-1",
+        "tags": ["cell=5", "night"],
+        "trajectory": "welding",
+        "source": "imported",
+    }
+    left = sorted(str(p.relative_to("in")) for p in Path("in").rglob("*.*"))
+    assert left == [
+        ".modelgap.lock",
+        "done/a.csv",
+        "done/copy.csv",
+        "half.csv.part",
+        "rejected/bad.csv",
+        "rejected/bad.csv.txt",
+    ]
+    assert "missing column" in (place / "in/rejected/bad.csv.txt").read_text()
+    # Renamed by its writer, it is a log.
+    (place / "in/half.csv.part").rename(place / "in/half.csv")
+    assert main(["inbox", "--once", "--import-only"]) == 0
+    assert len(ask("FROM runs")) == 2
+
+
+def test_what_grows_or_is_being_written_is_waited_for(place, csv):
+    file = place / "in/a.csv"
+    with file.open("w") as writer:
+        writer.write(csv[0])
+        writer.flush()
+        before = look(place / "in")
+        assert being_written(file)
+        writer.write("9")
+    assert at_rest(before, look(place / "in")) == {}
+    (inbox,) = inboxes(read_project(place))
+    job = Job(file, before["a.csv"], inbox.request(file))
+    file.write_text(csv[0] + "9")
+    assert take(job).what == WAITING
+    assert not Path("store/samples").exists()
+    (place / "in/empty.csv").touch()
+    assert "empty.csv" not in at_rest(look(place / "in"), look(place / "in"))
+
+
+def test_another_log_of_a_name_that_is_taken_loses_nothing(place, csv):
+    (inbox,) = inboxes(read_project(place))
+    for text in csv:
+        (place / "in/a.csv").write_text(text)
+        resting = look(place / "in")
+        (done,) = take_all(inbox, resting, lambda runs: None)
+        assert done.what == STORED
+    assert (place / "in/done/a.csv").read_text() == csv[0]
+    assert (place / "in/done/a-2.csv").read_text() == csv[1]
+
+
+def test_two_do_not_take_from_one_inbox_at_once(place, csv):
+    (place / "in/a.csv").write_text(csv[0])
+    (inbox,) = inboxes(read_project(place))
+    with alone(place / "in") as ours:
+        assert ours
+        (taken,) = take_all(inbox, look(place / "in"), lambda runs: None)
+    assert (taken.what, (place / "in/a.csv").exists()) == (WAITING, True)
+
+
+@pytest.mark.parametrize("when", ["told", "moved"])
+def test_a_kill_between_any_two_steps_loses_and_doubles_nothing(place, csv, when):
+    for name, text in zip("ab", csv, strict=True):
+        (place / f"in/{name}.csv").write_text(text)
+    (place / "in/bad.csv").write_text("t,q1\n0,1\n")
+    killed = f"""
+import os, signal
+from flows.inbox import run
+from flows.inbox.ready import look
+from flows.project.read import read_project
+def die(*_): os.kill(os.getpid(), signal.SIGKILL)
+if {when!r} == "moved":
+    put, count = run.put_away, []
+    run.put_away = lambda taken: die() if count else count.append(put(taken))
+(inbox,) = run.inboxes(read_project("."))
+for _ in run.take_all(inbox, look(inbox.folder), die if {when!r} == "told" else id):
+    pass
+"""
+    died = subprocess.run(
+        [sys.executable, "-c", killed], env=os.environ, cwd=place, check=False
+    )
+    assert died.returncode == -signal.SIGKILL
+    assert main(["inbox", "--once", "--import-only"]) == 0
+    assert len(ask("FROM runs")) == 2
+    assert sorted(p.name for p in Path("in/done").iterdir()) == ["a.csv", "b.csv"]
+    names = sorted(p.name for p in Path("in/rejected").iterdir())
+    assert names == ["bad.csv", "bad.csv.txt"]
+    assert look(place / "in") == {}
+
+
+def test_a_log_that_was_stored_before_a_kill_is_told_again(place, csv):
+    file = place / "in/a.csv"
+    file.write_text(csv[0])
+    (inbox,) = inboxes(read_project(place))
+    first = take(Job(file, look(place / "in")["a.csv"], inbox.request(file)))
+    heard = []
+    (again,) = take_all(inbox, look(place / "in"), heard.append)
+    assert (first.what, again.what, heard) == (STORED, KNOWN, [[first.run]])
+    assert (place / "in/done/a.csv").exists()
+
+
+def test_what_a_diagnosis_took_is_not_taken_again(place, csv):
+    project = read_project(place)
+    (robot,), (inbox,) = project.table.robot, inboxes(project)
+    arm = project.arm(robot)
+    assert new_runs(project.store, arm, robot) is None
+    for number, text in enumerate(csv):
+        (place / f"in/{number}.csv").write_text(text)
+    runs = [t.run for t in take_all(inbox, look(place / "in"), lambda runs: None)]
+    batch = new_runs(project.store, arm, robot)
+    assert (sorted(batch.runs), batch.held_out, batch.baseline) == (
+        sorted(runs),
+        (),
+        (),
+    )
+    about = {"robot": arm.name, "kind": "batch"}
+    commit_record(project.store, "validations", about, parents={"batch": runs[:1]})
+    assert new_runs(project.store, arm, robot).runs == tuple(runs[1:])
+    # Runs of another arm of the kind are no news of this one.
+    other = (place / "modelgap.toml").read_text().replace("UR-1", "UR-2")
+    (place / "modelgap.toml").write_text(other)
+    project = read_project(place)
+    (robot,) = project.table.robot
+    assert new_runs(project.store, project.arm(robot), robot) is None
+
+
+def test_of_many_logs_some_are_taken_from_first_to_last():
+    assert spread(["a", "b"], 3) == ["a", "b"]
+    names = [str(k) for k in range(100)]
+    assert spread(names, 3) == ["0", "50", "99"]

@@ -1,0 +1,153 @@
+"""modelgap init and modelgap.toml: every option is there, every fault has its line."""
+
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from flows.cli import main
+from flows.project import file as tables
+from flows.project.notify import Notice, tell
+from flows.project.read import read_project
+from flows.project.start import _TEMPLATE, Start, start
+from flows.settings import store_folder
+from residual.errors import InputError
+from tests.residual.arms import urdf_text
+from tests.residual.identified import AXES
+from warehouse.toml import read_toml
+
+HEAD = "schema = 1\n[[robot]]\nname = 'a'\nurdf = 'arm.urdf'\n"
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder with the URDF of an arm, to work in."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
+    return tmp_path
+
+
+def test_init_writes_a_project_that_is_usable_at_once(place, capsys):
+    assert main(["init", "--robot", "arm.urdf"]) == 0
+    project = read_project(place)
+    (robot,) = project.table.robot
+    assert (robot.name, robot.urdf, robot.simulated) == ("small_arm", "arm.urdf", False)
+    assert [i.folder for i in project.table.inbox] == ["inbox"]
+    assert (place / "inbox").is_dir()
+    assert "modelgap up" in capsys.readouterr().out
+    before = (place / "modelgap.toml").read_bytes()
+    assert main(["init"]) == 2
+    assert "is left as it is" in capsys.readouterr().err
+    assert (place / "modelgap.toml").read_bytes() == before
+
+
+def test_a_robot_from_elsewhere_is_copied_beside_the_file(place):
+    project = start(Start(place / "cell", str(place / "arm.urdf")))
+    assert (place / "cell/arm.urdf").is_file()
+    assert project.arm(project.table.robot[0]).name == "small_arm"
+
+
+def test_a_simulated_robot_has_a_campaign_and_no_inbox(place):
+    project = start(Start(place / "trial"))
+    (robot,) = project.table.robot
+    assert (robot.urdf, robot.simulated) == ("irb140", True)
+    assert project.table.inbox == ()
+    assert project.campaign(robot).is_file()
+
+
+def test_every_option_stands_in_the_file_with_its_default(tmp_path):
+    text = re.sub(r"@([A-Z]+)@", "", _TEMPLATE.read_text())
+    parts = re.split(r"^(?:# )?\[\[?(\w+)\]?\]", text, flags=re.M)
+    sections = dict(zip(["", *parts[1::2]], parts[::2], strict=True))
+    kinds = {
+        "": tables.ProjectTable,
+        "robot": tables.RobotTable,
+        "inbox": tables.InboxTable,
+        "notify": tables.NotifyTable,
+    }
+    own = {"robot", "inbox", "notify"}
+    for name, kind in kinds.items():
+        said = dict(
+            re.findall(r"^(?:# )?(\w+) = (.*?)(?:\s{2,}#.*)?$", sections[name], re.M)
+        )
+        fields = kind.__pydantic_fields__
+        assert set(said) == set(fields) - (own if name == "" else set())
+        for key, value in said.items():
+            if fields[key].is_required() or key in ("port", "simulated"):
+                continue
+            (tmp_path / "one.toml").write_text(f"key = {value}\n")
+            got = read_toml(tmp_path / "one.toml")["key"]
+            default = fields[key].default
+            assert (tuple(got) if isinstance(got, list) else got) == default, key
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "modelgap.toml: the file's head needs the key 'schema'."),
+        ("schema = 2\n", "modelgap.toml, line 1: schema is 2"),
+        (HEAD + "serail = 'x'\n", "line 5: .*'serail'.*'serial'"),
+        (HEAD + "tags = ['a', 'b c']\n", "line 5: .*expected a word or KEY=VALUE"),
+        (HEAD + "nightly = '2 o'\n", "line 5: .*expected five fields of cron"),
+        (HEAD + "timezone = 'Mars'\n", "line 5: .*such as 'Europe/Zurich'"),
+        (HEAD + "most = 1\n", r"line 5: \[\[robot\]\] 1 most is 1"),
+        (HEAD + HEAD.partition("\n")[2] + "\n", "two robots of the name 'a'"),
+        (HEAD + "[[inbox]]\nrobot = 'b'\nfolder = 'i'\n", "one of the robots that"),
+        (HEAD + "[notify]\ncommand = 'mail me'\n", "line 6: .*command is 'mail me'"),
+        (HEAD + "[notify]\non = ['alarms']\n", "line 6: .*alarm"),
+        (HEAD.replace("arm.urdf", "gone.urdf"), "robot 'a': No file or folder"),
+        (HEAD + "serial = 'a b'\n", "line 5: .*serial"),
+    ],
+)
+def test_a_fault_has_its_line_and_what_was_expected(place, text, message):
+    (place / "modelgap.toml").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_project(place)
+
+
+def test_the_second_of_two_tables_has_its_own_line(place):
+    other = "[[robot]]\nname = 'b'\nurdf = 'arm.urdf'\nmost = 0\n"
+    (place / "modelgap.toml").write_text(HEAD + other)
+    with pytest.raises(InputError, match=r"line 8: \[\[robot\]\] 2 most is 0"):
+        read_project(place)
+
+
+def test_commands_in_a_project_use_its_store(place, monkeypatch):
+    (place / "modelgap.toml").write_text("schema = 1\nstore = 'kept/here'\n")
+    assert store_folder(None) == place / "kept/here"
+    assert store_folder("other") == place / "other"
+    monkeypatch.setenv("MODELGAP_STORE", str(place / "set"))
+    assert store_folder(None) == place / "set"
+
+
+def test_a_notice_is_a_list_of_arguments_and_never_a_line_for_a_shell(place):
+    program = (
+        "import sys; open('told','w').write(repr(sys.argv[1:]) + sys.stdin.read())"
+    )
+    (place / "modelgap.toml").write_text(
+        f"{HEAD}[notify]\non = ['finding']\nfile = 'told.jsonl'\n"
+        f"command = ['{sys.executable}', '-c', \"{program}\", '{{title}}', '{{x}}']\n"
+    )
+    project = read_project(place)
+    bad = "$(touch hacked); `x` {text}"
+    notice = Notice("finding", "a", bad, "all of it", ids=("12",))
+    assert tell(project, notice) == []
+    assert (place / "told").read_text() == f"{[bad, '{x}']!r}{bad}\n\nall of it\n"
+    assert not (place / "hacked").exists()
+    assert '"ids": ["12"]' in (place / "told.jsonl").read_text()
+    assert tell(project, replace(notice, kind="alarm")) == []
+    assert len((place / "told.jsonl").read_text().splitlines()) == 1
+
+
+def test_a_notice_that_does_not_arrive_is_told_and_stops_nothing(place):
+    (place / "modelgap.toml").write_text(
+        f"{HEAD}[notify]\ncommand = ['{sys.executable}', '-c', 'exit(3)']\n"
+    )
+    (why,) = tell(read_project(place), Notice("alarm", "a", "t"))
+    assert "ended with 3" in why
+    (place / "modelgap.toml").write_text(f"{HEAD}[notify]\ncommand = ['no-such']\n")
+    (why,) = tell(read_project(Path(place)), Notice("alarm", "a", "t"))
+    assert "no-such" in why
