@@ -1,7 +1,7 @@
 # make demo and make test set everything up by themselves, in .venv, once.
 .DEFAULT_GOAL := help
 MINUTES ?= 1
-.PHONY: help demo test test-all fuzz audit lint format types lock clean
+.PHONY: help demo docs test test-all fuzz audit lint format types lock clean
 BIN := .venv/bin
 UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
 	--only-binary :all: --python-version 3.11 --python-platform x86_64-manylinux_2_28 \
@@ -9,6 +9,7 @@ UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
 
 help:
 	@echo "make demo    find an effect that a model was not told of; writes a report"
+	@echo "make docs    the pages as a site in site/, offline, links checked"
 	@echo "make test    what every change must pass (ARGS='-k signals -x' for some)"
 	@echo "make test-all  that and the long tests of pages, browser and installation"
 	@echo "make fuzz    changed files for every reader, MINUTES=10 for each of them"
@@ -21,6 +22,12 @@ help:
 
 demo: .venv/core.stamp
 	@$(BIN)/modelgap demo $(ARGS)
+
+# No network: fonts are the machine's, scripts lie in the package. A link that leads
+# nowhere fails. Bare `python` is on the path, since a hook of the site imports our code.
+docs: .venv/dev.stamp
+	NO_MKDOCS_2_WARNING=1 OMP_NUM_THREADS=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "open site/index.html, or: $(BIN)/python -m http.server -b 127.0.0.1 -d site 8000"
 
 # Files in their order: by number of tests, those that wait for a server came last, alone.
 # Three processes for two cores, since one of them mostly waits for a server.
@@ -64,7 +71,7 @@ lock:
 
 clean:
 	rm -rf .venv .pytest_cache .ruff_cache .import_linter_cache .hypothesis \
-		build *.egg-info
+		build site *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: written last, so that an interrupted set-up is taken up again.

@@ -14,14 +14,14 @@ from sim import effects as hidden
 from sim.records import Hidden
 from tests.residual.arms import arm, short_case, urdf_text
 
-PAGE = Path(__file__).parents[1] / "docs" / "effects.md"
+PAGE = Path(__file__).parents[1] / "docs" / "guide" / "add_an_effect.md"
 NAME, JOINT, SIZE = "creaking", 2, 8.0  # N m s/rad^2
 
 
 @pytest.fixture
 def new_effect(tmp_path, monkeypatch):
     """Put the examples of the page beside the files of both folders, for one test."""
-    page = PAGE.read_text(encoding="utf-8").split("## A new effect")[1]
+    page = PAGE.read_text(encoding="utf-8")
     examples = re.findall(r"```python\n(.*?)```", page, re.S)
     for folder, example in zip((sought, hidden), examples, strict=True):
         copy = tmp_path / folder.__name__
@@ -53,6 +53,8 @@ def test_an_effect_of_two_new_files_is_hidden_found_named_and_shown(tmp_path, ca
     assert abs(size["value"] - SIZE) < 4 * size["std"]
     assert "a creaking hinge on joint 2" in shown
     assert "coefficient" in shown
+    assert main(["explain", NAME]) == 0
+    assert "tau = coefficient * q * qd" in capsys.readouterr().out
     for words in ("a creaking hinge on joint 2", "grows with the angle", "coefficient"):
         assert words in page
 

@@ -1,0 +1,50 @@
+"""MkDocs hook: adds the pages that are made from code, and links into them.
+
+Links from pages to files of the repository that are no pages (code, examples) become
+text: the site stands for itself, without a server of code behind it.
+"""
+
+import re
+
+from mkdocs.structure.files import File
+
+from residual.effects import registry
+from scripts.docs_site.pages import FOLDER, generated
+
+_ROW = re.compile(r"^\| `(\w+)` \|", re.M)
+
+
+def on_config(config):
+    """List every effect in the navigation; mkdocs.yml need not know them."""
+    pages = [{name: f"{FOLDER}/{name}.md"} for name in registry()]
+    config.nav.append({"Every effect": pages})
+    return config
+
+
+def on_files(files, config):
+    """Add the generated pages before navigation is made."""
+    for place, text in generated().items():
+        files.append(File.generated(config, place, content=text))
+    return files
+
+
+def on_page_markdown(markdown, page, config, files):
+    """Link the table of effects to their pages; unlink what is no page."""
+    source = page.file.src_uri
+    if source == "effects.md":
+        markdown = _ROW.sub(_linked, markdown)
+    if source.startswith(f"{FOLDER}/"):
+        return markdown
+    return _outside(markdown, source.count("/"))
+
+
+def _linked(row: re.Match) -> str:
+    name = row[1]
+    return f"| [`{name}`]({FOLDER}/{name}.md) |" if name in registry() else row[0]
+
+
+def _outside(markdown: str, depth: int) -> str:
+    """Replace links that lead out of docs/ by the words that they have."""
+    up = "../" * (depth + 1)
+    link = re.compile(rf"\[([^\]]+)\]\({re.escape(up)}[^)]*\)")
+    return link.sub(r"\1", markdown)

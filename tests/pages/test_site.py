@@ -1,0 +1,75 @@
+"""The site of the documents: built without a network, every link leads somewhere."""
+
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+from residual.effects import registry
+from scripts.docs_site import curve, found
+from scripts.docs_site.pages import glossary
+from tests.pages.page import ROOT
+
+
+@pytest.mark.long
+def test_it_is_built_strictly_and_asks_nothing_of_a_network(tmp_path):
+    words = [
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "--quiet",
+        "--site-dir",
+        str(tmp_path),
+    ]
+    done = subprocess.run(
+        [sys.executable, *words], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    for name in registry():
+        page = (tmp_path / "effects" / f"{name}.html").read_text(encoding="utf-8")
+        assert "<svg" in page
+        assert "How often it is found" in page
+    for path in tmp_path.rglob("*.html"):
+        text = path.read_text(encoding="utf-8")
+        fetched = re.findall(
+            r"<(?:script|link|img|iframe)[^>]*(?:https?:)?//[^>]*>", text
+        )
+        assert fetched == [], path.name
+
+
+def test_every_page_stands_in_the_navigation_once():
+    listed = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
+    pages = re.findall(r"[\w/]+\.md", json.dumps(listed))
+    there = [p.relative_to(ROOT / "docs") for p in (ROOT / "docs").rglob("*.md")]
+    assert sorted(pages) == sorted(["glossary.md", *(p.as_posix() for p in there)])
+
+
+@pytest.mark.parametrize("name", sorted(registry()))
+def test_an_effect_has_a_curve_of_its_own_columns(name):
+    x, y, label = curve.points(registry()[name])
+    assert np.isfinite(x).all()
+    assert np.abs(y).max() == pytest.approx(1.0)
+    assert "[" in label
+    assert f"Torque of {name} over {label}" in curve.svg(registry()[name])
+
+
+def test_an_effect_s_rate_is_that_of_the_recorded_figure():
+    path = ROOT / "benchmarks" / "results" / "diagnosis.json"
+    figures = json.loads(path.read_text(encoding="utf-8"))["figures"]
+    for name, (right, total) in figures["singles_right"]["per_effect"].items():
+        told = f"three times its detectable size or more | {right} of {total} |"
+        assert told in found.page(name)
+
+
+def test_an_effect_that_nobody_measured_says_so():
+    assert found.page("creaking").startswith("Not measured")
+
+
+def test_the_glossary_has_a_heading_for_every_word():
+    assert "### nats" in glossary()
+    assert "### unknown" in glossary()
