@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from residual.effects import vocabulary
-from residual.effects.base import Effect, Span, State
+from residual.effects.base import Effect, Span, State, against_position
 from residual.model.nominal import build_nominal, declared_names
 from residual.model.term import Term
 from residual.robot.robot import load_robot
@@ -52,14 +52,15 @@ def points(effect: Effect) -> tuple[np.ndarray, np.ndarray, str]:
     joints = effect.candidates(state.robot.dof)
     on = joints[min(1, len(joints) - 1)]
     shapes = effect.shapes(span, on[0] if on else 1)
-    shape = shapes[len(shapes) // 2] if shapes else ()
+    shape = shapes[(len(shapes) - 1) // 2] if shapes else ()
     count = effect.columns(state, on, shape).shape[2]
     theta = effect.usual([state], on)[0] if effect.usual else np.ones(count)
     torque = Term(effect, on, shape, theta).torque(state)
     # Of an effect on many rows, the row that it moves most.
     row = int(np.argmax(np.square(torque).sum(axis=0)))
     y = torque[:, row] / max(float(np.abs(torque[:, row]).max()), 1e-12)
-    x, label = effect.variable(state, row)
+    # Where no one variable explains it, the cloud over the joint's angle says so.
+    x, label = (effect.variable or against_position)(state, row)
     return x, y, label
 
 

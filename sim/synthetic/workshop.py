@@ -1,8 +1,8 @@
 """Logs as a workshop writes them: ms, degrees, motor torque, a joint backwards.
 
-python -m sim.synthetic.workshop FOLDER SEED
+python -m sim.synthetic.workshop FOLDER SEED EFFECT JOINT KEY=VALUE...
 
-FOLDER/arm is the robot; what hangs on its second joint is not in its URDF.
+FOLDER/arm is the robot; the effect is one that neither URDF nor robot.toml has.
 """
 
 import sys
@@ -16,7 +16,6 @@ from sim.records import Hidden
 from sim.synthetic.logs import LogPlan, make
 from sim.synthetic.plant import Plant
 
-HOSE = Hidden("spring", (2,), {"stiffness": 14.0, "rest": 0.3})
 BACKWARDS = np.array([1.0, -1.0])  # joint 2 of the controller counts the other way
 ZERO = np.array([0.0, 90.0])  # deg that the controller shows where the URDF has zero
 _PLAN = tuple(
@@ -30,12 +29,13 @@ _PLAN = tuple(
 )
 
 
-def write_workshop(folder: Path, seed: int) -> list[Path]:
+def write_workshop(folder: Path, seed: int, hidden: Hidden) -> list[Path]:
     """Write four logs of the arm in that folder, in the controller's own units.
 
     Args:
         folder: Has the robot in `arm`; gets one CSV per log.
         seed: Seed of everything.
+        hidden: What the arm has and its description lacks.
 
     Returns:
         The paths of the logs.
@@ -43,7 +43,7 @@ def write_workshop(folder: Path, seed: int) -> list[Path]:
     robot = load_robot(folder / "arm")
     gear = np.abs(robot.gear_ratio)
     paths = []
-    for log in make(Plant(robot, (HOSE,), seed), _PLAN, seed):
+    for log in make(Plant(robot, (hidden,), seed), _PLAN, seed):
         paths.append(folder / f"{log.id}.csv")
         _write(paths[-1], log, gear)
     return paths
@@ -65,6 +65,8 @@ def _write(path: Path, log: Recording, gear: np.ndarray) -> None:
 
 
 if __name__ == "__main__":
-    where, number = sys.argv[1:]
-    for written in write_workshop(Path(where), int(number)):
+    where, number, effect, joint, *given = sys.argv[1:]
+    values = {key: float(value) for key, value in (word.split("=") for word in given)}
+    on = Hidden(effect, (int(joint),), values)
+    for written in write_workshop(Path(where), int(number), on):
         print(written)
