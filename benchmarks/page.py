@@ -24,6 +24,7 @@ PAGES = {
     "used": ROOT / "docs" / "benchmarks_used.md",
     "loop": ROOT / "docs" / "benchmarks_loop.md",
     "fleet": ROOT / "docs" / "benchmarks_fleet.md",
+    "peers": ROOT / "docs" / "benchmarks_peers.md",
 }
 FENCES = "<!-- results -->\n", "<!-- end of results -->\n"
 _WORDS = {
@@ -171,7 +172,15 @@ def _section(name: str, content: Mapping) -> str:
     facts += f"\\\n{words['about'].strip()}"  # a backslash breaks the line
     parts = [f"## {words['title']}", facts, content.get("note")]
     parts += [_table(rows).rstrip(), _arms(content.get("measured", ()))]
+    parts += [_titled(table) for table in content.get("tables", ())]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _titled(table: Mapping) -> str:
+    """A table that the benchmark itself has put together."""
+    head, *rows = map(tuple, table["rows"])
+    lines = [head, ("---",) * len(head), *rows]
+    return f"### {table['title']}\n\n{_table(lines).rstrip()}"
 
 
 def _arms(measured: list[Mapping]) -> str:

@@ -11,10 +11,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.attribution_parts.light import light_arm
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 from sim.catalogue import of_drives
+from sim.drawn_arm import light_arm
 from sim.records import Hidden, PlantEffect
 from sim.streams import stream
 from sim.synthetic.motion import Motion, make_motion

@@ -7,6 +7,7 @@ would still be seen there; then the cases, whose sizes are told in that unit.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from flows.blind import steps
 from flows.blind.draw import Asked, Excitation, drafts
@@ -76,17 +77,31 @@ def run_nulls(
     Returns:
         The sizes, and what failed: without sizes an excitation has no cases.
     """
-    wanted = _excitations(asked)
-    keys = {e.index: steps.key_of(steps.null_specs(asked, e)) for e in wanted}
+    return null_sizes([(asked, e) for e in _excitations(asked)], store, tell, pool)
+
+
+def null_sizes(
+    wanted: Sequence[tuple[Asked, Excitation]],
+    store: Path,
+    tell: Progress | None,
+    pool: Pool | Here,
+) -> tuple[dict[int, Sequence[Detectable]], list[str]]:
+    """Return the minimum detectable sizes of some excitations, each of a study.
+
+    Returns:
+        As ``run_nulls``.
+    """
+    keys = {e.index: steps.key_of(steps.null_specs(own, e)) for own, e in wanted}
     ids = steps.finished(store, steps.NULL)
-    todo = [e for e in wanted if keys[e.index] not in ids]
-    jobs = [(asked, e, keys[e.index], store) for e in todo]
+    todo = [(own, e) for own, e in wanted if keys[e.index] not in ids]
+    jobs = [(own, e, keys[e.index], store) for own, e in todo]
     failed = []
-    for count, (at, value, why) in enumerate(_run(_null, jobs, pool), start=1):
+    for count, (at, value, why) in enumerate(run_jobs(_null, jobs, pool), start=1):
+        number = todo[at][1].index
         if value is None:
-            failed.append(f"excitation {todo[at].index} and its cases: {why}")
+            failed.append(f"excitation {number} and its cases: {why}")
         else:
-            ids[keys[todo[at].index]] = value
+            ids[keys[number]] = value
         if tell:
             tell(f"excitation {count} of {len(todo)}", count / len(todo))
     minima = {
@@ -118,7 +133,7 @@ def run_cases(
     todo = [case for case in cases if case.key not in ids]
     failed = []
     jobs = [(asked, case, store) for case in todo]
-    for count, (at, value, why) in enumerate(_run(_case, jobs, pool), start=1):
+    for count, (at, value, why) in enumerate(run_jobs(_case, jobs, pool), start=1):
         number = todo[at].draft.index
         if value is None:
             failed.append(f"case {number}: {why}")
@@ -180,7 +195,7 @@ def _excitations(asked: Asked) -> list[Excitation]:
     return list(unique.values())
 
 
-def _run(work: Callable, jobs: Sequence, pool: Pool | Here):
+def run_jobs(work: Callable, jobs: Sequence, pool: Pool | Here):
     """Yield number, value and, where there is none, the reason."""
     for done in pool.run(work, jobs):
         why = " ".join(str(done.error).split()) if done.error else ""
@@ -188,14 +203,14 @@ def _run(work: Callable, jobs: Sequence, pool: Pool | Here):
 
 
 def _null(job: tuple) -> str:
-    return _report_failure(steps.run_null, job)
+    return report_failure(steps.run_null, job)
 
 
 def _case(job: tuple) -> str:
-    return _report_failure(steps.run_case, job)
+    return report_failure(steps.run_case, job)
 
 
-def _report_failure(work: Callable, job: tuple) -> str:
+def report_failure(work: Callable, job: Any) -> Any:
     """Do it; whatever it raises can cross to the parent process."""
     try:
         return work(job)

@@ -215,14 +215,17 @@ def _specs(
     asked: Asked, excitation: Excitation, label: str, effects: Sequence[PlantEffect]
 ) -> tuple[ExperimentSpec, ...]:
     plant = arm_of(asked, label, excitation)
-    plant["effect"] = [
-        {"name": e.name, "joints": list(e.joints), **dict(e.parameters)}
-        for e in effects
-    ]
+    plant["effect"] = [in_spec(effect) for effect in effects]
     return tuple(
         ExperimentSpec.model_validate({**motion, "plant": plant})
         for motion in motions(asked, excitation)
     )
+
+
+def in_spec(effect: PlantEffect) -> dict:
+    """Return an effect as [[plant.effect]] of a spec has it."""
+    values = dict(effect.parameters)
+    return {"name": effect.name, "joints": list(effect.joints), **values}
 
 
 def _same_thing(one: PlantEffect, other: PlantEffect) -> bool:

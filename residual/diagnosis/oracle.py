@@ -21,6 +21,7 @@ from residual.evidence.fit import Fit, fit
 from residual.evidence.priors import priors
 from residual.evidence.states import as_model, first_design, physical
 from residual.model.compare import Errors, compare, prepare_held_out
+from residual.model.model import Model
 from residual.model.nominal import (
     Logs,
     Nominal,
@@ -61,10 +62,44 @@ def oracle(
     Raises:
         UnknownNameError: If there is no such effect.
     """
-    names, filters = declared_names(robot, declared), Filters()
-    logs = prepare_logs(
-        robot, recordings, session_clock([*recordings, *held_out]), filters
-    )
+    found = _examined(robot, recordings, held_out, effects, (declared, baseline))
+    proof = prepare_held_out(held_out, found.nominal.model)
+    errors, _ = compare({"told": found.model(found.fit)}, proof, Filters())
+    return errors["told"]
+
+
+def oracle_model(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    effects: Sequence[Told],
+) -> Model:
+    """Return the model behind ``oracle``, for logs of an arm without a baseline.
+
+    Args:
+        robot: The arm as the user describes it.
+        recordings: Logs to fit.
+        held_out: Logs of the same session, for its clock only.
+        effects: Name and joints, from 1, of each missing effect.
+
+    Raises:
+        UnknownNameError: If there is no such effect.
+    """
+    found = _examined(robot, recordings, held_out, effects, (None, ()))
+    return found.model(found.fit)
+
+
+def _examined(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    effects: Sequence[Told],
+    given: tuple[Sequence[str] | None, Sequence[Recording]],
+) -> Examined:
+    declared, baseline = given
+    names = declared_names(robot, declared)
+    clock = session_clock([*recordings, *held_out])
+    logs = prepare_logs(robot, recordings, clock, Filters())
     if baseline:
         nominal = from_baseline(robot, baseline, names, logs, lambda stage, share: None)
     else:
@@ -77,12 +112,9 @@ def oracle(
         design = first_design(logs, nominal, named)
         task, fitted = _best(design, logs, nominal, wanted)
     # Without an adequacy: nobody asks this one what is left.
-    found = Examined(
+    return Examined(
         logs, nominal, task, task.prior, fitted, fitted, (), (), adequacy=None
     )
-    proof = prepare_held_out(held_out, nominal.model)
-    errors, _ = compare({"told": found.model(fitted)}, proof, filters)
-    return errors["told"]
 
 
 def _placed(told: Told, dof: int) -> list[tuple[Effect, Joints]]:

@@ -9,12 +9,12 @@ import pytest
 from benchmarks.attribution_parts import bars, cases, changes, judge
 from benchmarks.attribution_parts.arms import Arm, make, moved_values, six
 from benchmarks.attribution_parts.edits import true_arm
-from benchmarks.attribution_parts.light import light_arm
 from flows.blind.score import Name
 from residual.diagnosis.causes.edit.edits import MOVING, errors_on
 from residual.diagnosis.result import Detectable
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.signals.track import Filters
+from sim.drawn_arm import light_arm
 from sim.records import PlantEffect
 
 ROW = {

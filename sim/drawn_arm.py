@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from residual.robot.robot import Robot, robot_from_texts
+from sim.catalogue import of_drives
 from sim.streams import stream
 
 Array = np.ndarray
@@ -24,6 +25,7 @@ _EFFORT = (110.0, 110.0, 70.0, 70.0, 35.0, 30.0, 20.0)  # N m
 _COULOMB = (4.5, 5.0, 3.2, 3.0, 1.4, 1.2, 0.8)  # N m
 _VISCOUS = (6.0, 6.5, 4.0, 4.0, 1.4, 1.2, 0.7)  # N m s/rad
 _ROTOR = (0.8, 0.8, 0.5, 0.5, 0.16, 0.14, 0.09)  # kg m^2
+_DRIVE = {"N m": _COULOMB, "N m s/rad": _VISCOUS, "kg m^2": _ROTOR}
 _ROLL, _PITCH = 2.8, 1.9  # rad
 
 _LINK = """<link name="link_{i}"><inertial>
@@ -56,14 +58,14 @@ def light_arm(seed: int) -> Robot:
     urdf = [f'<robot name="{NAME}"><link name="link_0"/>']
     for i, body in enumerate(_bodies(rng)):
         urdf.append(_written(i, body))
-    usual = {
-        "coulomb": ("level", _COULOMB),
-        "viscous": ("coefficient", _VISCOUS),
-        "rotor_inertia": ("inertia", _ROTOR),
+    # By unit, since the drive's effects have their names in their own files.
+    known = {
+        unit: (e.name, key) for e in of_drives() for key, unit in e.parameters.items()
     }
     declared = {
         name: {key: (np.array(values) * np.exp(0.2 * rng.normal(size=7))).tolist()}
-        for name, (key, values) in usual.items()
+        for unit, values in _DRIVE.items()
+        for name, key in [known[unit]]
     }
     toml = json.dumps({"declared": declared}, sort_keys=True)
     return robot_from_texts(NAME, "".join([*urdf, "</robot>"]), toml)

@@ -1,0 +1,110 @@
+"""Other programs on the same sealed cases: what does each say, and is it so?
+
+    python benchmarks/peers.py --quick                          two short cases
+    python benchmarks/peers.py --seeds 1:1 --groups squares sparse      to look at
+    python benchmarks/peers.py --full-json benchmarks/results/peers.json
+
+Each seed is a study as `modelgap blind --export` writes it: twenty cases, ten of the
+built-in arm and ten of a drawn one. Programs read the folder `open` alone: ours, plain
+least squares, and a sparse selection after SAPC, which is our reading of its
+description and not that program. Seeds 8101:8102 decide and are used for nothing else;
+1 to 99 are for development. Studies and finished cases are kept in store/benchmarks, by
+a hash of the code: an interrupted run goes on where it was, and --minutes ends one with
+the last case begun in that time. The last line is one JSON object.
+"""
+
+import argparse
+import hashlib
+import sys
+from pathlib import Path
+from time import monotonic
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.diagnosis_parts.kept import Kept
+from benchmarks.figures import ROOT, code_hash, finish, one_blas_thread
+from benchmarks.peers_parts import bars, cases
+from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
+from flows.blind.draw import Asked
+from flows.blind.export.write import export_study
+from flows.keep.method import method_hash
+from flows.workers.pool import Pool
+from sim.records import BACKGROUNDS, CLEAN
+
+_SEEDS, _QUICK_SEEDS = "8101:8102", "1:1"
+_FULL, _QUICK = (20, 2, 20.0), (2, 1, 8.0)  # cases, arms, seconds of a log
+
+
+def main() -> int:
+    """Export the studies, let every program answer, and return the exit code."""
+    args = _arguments()
+    # For the pool: its processes load NumPy after this.
+    one_blas_thread()
+    until = monotonic() + 60 * args.minutes
+    place = args.keep or _kept(args.quick, args.background)
+    rows: dict[str, list] = {program: [] for program in args.groups}
+    with Kept(place, cases.words) as known, Pool(args.workers) as pool:
+        for seed in seed_range(args.seeds):
+            if monotonic() < until:
+                folder = _exported(args, seed, place.with_suffix(""), pool)
+                _answered((args.groups, seed, folder), known, pool, rows, until)
+    done = {program: own for program, own in rows.items() if own}
+    figures, tables = bars.all_figures(done), bars.tables(done)
+    save_rows(args, figures, cases=done, tables=tables)
+    for table in tables:
+        print("\n" + table["title"])
+        print("\n".join(" | ".join(row) for row in table["rows"]))
+    return finish(figures)
+
+
+def _arguments() -> argparse.Namespace:
+    quick = "two short cases"
+    parser = seeded_options(__doc__, _SEEDS, tuple(cases.PROGRAMS), quick)
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+    parser.add_argument("--minutes", type=float, default=1e6, help="of work, about")
+    text = "what all joints have beside what is hidden"
+    parser.add_argument("--background", default=CLEAN, choices=BACKGROUNDS, help=text)
+    return read_options(parser, _QUICK_SEEDS)
+
+
+def _exported(args: argparse.Namespace, seed: int, place: Path, pool: Pool) -> Path:
+    """Return the study of a seed; one that was written is not written again."""
+    folder = place / f"seed_{seed}"
+    if not folder.is_dir():
+        place.mkdir(parents=True, exist_ok=True)
+        count, arms, seconds = _QUICK if args.quick else _FULL
+        asked = Asked(count, seed, duration=seconds, background=args.background)
+        run = place / "store", pool
+        export_study(asked, arms, folder, run, lambda *told: print(told[0], flush=True))
+    return folder
+
+
+def _answered(
+    wanted: tuple, known: Kept, pool: Pool, rows: dict[str, list], until: float
+) -> None:
+    """Let the programs answer case by case, so that a run may be cut."""
+    programs, seed, folder = wanted
+    for case in cases.names(folder):
+        if monotonic() > until:
+            print(f"cut before seed {seed} {case}", flush=True)
+            return
+        tasks = [cases.Task(p, seed, case, str(folder)) for p in programs]
+        done = known.run(pool, cases.run, {task.name: task for task in tasks})
+        for task in tasks:
+            rows[task.program].append(done[task.name])
+
+
+def _kept(quick: bool, background: str) -> Path:
+    """Return where studies and cases of this very code are kept."""
+    total = hashlib.sha256(method_hash().encode())
+    parts = (ROOT / "benchmarks" / "peers_parts", ROOT / "flows" / "blind" / "export")
+    for path in sorted(path for part in parts for path in part.glob("*.py")):
+        if path.name != "bars.py":
+            total.update(path.read_bytes())
+    size = f"{background}-quick" if quick else background
+    name = f"peers-{size}-{code_hash()}-{total.hexdigest()[:8]}.jsonl"
+    return ROOT / "store" / "benchmarks" / name
+
+
+if __name__ == "__main__":
+    sys.exit(main())

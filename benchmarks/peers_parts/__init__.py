@@ -1,0 +1,1 @@
+"""Parts of benchmarks/peers.py: each program reads an exported study and no more."""

@@ -1,0 +1,125 @@
+"""A sparse selection after SAPC, from its description; not the program itself.
+
+"Fidelity Is Not Identification" (Kyung Hee University 2026) takes the residual against
+an uncorrected simulator and selects forward, a bounded number of groups (links, joints
+with friction and rotor, contact), by cross-validation over trajectories, where no
+correction is a candidate too. What follows is our reading of that: how a group is
+fitted, and by how much it must lower the error, is ours.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from benchmarks.peers_parts.linear import DRIVES, Arm, Rows
+from benchmarks.peers_parts.opened import Answer, Case
+from benchmarks.peers_parts.squares import sums
+
+Array = np.ndarray
+Group = tuple[str, int]  # kind and joint from 1
+
+MOST = 4  # groups
+LEAST = 0.05  # of the error: a group that lowers it by less is not taken
+RIDGE = 1e-6  # of a column's size
+
+
+def answer(case: Case) -> Answer:
+    """Return the groups that lower the error on trajectories that were left out."""
+    arm = Arm(case)
+    fit = _Fit(arm, [arm.rows(log) for log in case.logs("fit").values()])
+    chosen = _selected(arm, fit)
+    change = fit.change(chosen, range(len(fit.gram)))
+    findings = tuple(_finding(arm, fit, group, change) for group in chosen)
+    predictions = {}
+    for name, log in case.logs("held_out").items():
+        predictions[name] = arm.predict(log, change)
+    for name, log in case.logs("after").items():
+        columns, _ = arm.columns(log)
+        for k, group in enumerate(chosen, start=1):
+            left = change.copy()
+            left[_places(arm, group)] = 0.0
+            predictions[f"finding_{k}_{name}"] = columns @ (arm.nominal + left)
+    return Answer(findings, False, predictions)
+
+
+class _Fit:
+    """Sums of each log, weighted by the noise of each joint."""
+
+    def __init__(self, arm: Arm, logs: Sequence[Rows]) -> None:
+        self._arm = arm
+        each = [sums([log]) for log in logs]
+        gram, cross, power, rows = (sum(part) for part in zip(*each, strict=True))
+        # Noise: what is left by all parameters together.
+        noise = []
+        for j in range(arm.dof):
+            best = _solved(gram[j], cross[j])
+            noise.append((power[j] - best @ cross[j]) / rows[j])
+        weight = 1 / np.maximum(noise, 1e-9 * power / rows)
+        self.gram = [np.einsum("j,jab->ab", weight, g) for g, _, _, _ in each]
+        self.cross = [weight @ c for _, c, _, _ in each]
+        self.power = [float(weight @ p) for _, _, p, _ in each]
+
+    def change(self, groups: Sequence[Group], logs: Sequence[int]) -> Array:
+        """Return parameters fitted to some logs, zero outside of the groups."""
+        own = [i for group in groups for i in _places(self._arm, group)]
+        out = np.zeros(len(self.cross[0]))
+        if own:
+            gram = sum(self.gram[k] for k in logs)[np.ix_(own, own)]
+            out[own] = _solved(gram, sum(self.cross[k] for k in logs)[own])
+        return out
+
+    def error(self, groups: Sequence[Group]) -> float:
+        """Return the squared error on logs left out in turn, in units of noise."""
+        every, total = range(len(self.gram)), 0.0
+        for left in every:
+            change = self.change(groups, [k for k in every if k != left])
+            total += self.power[left] - 2 * change @ self.cross[left]
+            total += change @ self.gram[left] @ change
+        return total
+
+
+def _selected(arm: Arm, fit: _Fit) -> list[Group]:
+    joints = range(1, arm.dof + 1)
+    groups = [(kind, j) for kind in ("body", "drive") for j in joints] + [("force", 0)]
+    chosen: list[Group] = []
+    least = fit.error(chosen)
+    while len(chosen) < MOST:
+        tried = {g: fit.error([*chosen, g]) for g in groups if g not in chosen}
+        best = min(tried, key=lambda group: tried[group])
+        if tried[best] > (1 - LEAST) * least:
+            break
+        chosen, least = [*chosen, best], tried[best]
+    return chosen
+
+
+def _places(arm: Arm, group: Group) -> list[int]:
+    kind, joint = group
+    kinds = DRIVES if kind == "drive" else (kind,)
+    return [i for one in kinds for i in arm.places(one, joint)]
+
+
+def _solved(gram: Array, cross: Array) -> Array:
+    """Return the smallest solution, in units of the torque that each column makes."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram / np.outer(size, size) + RIDGE * np.eye(len(gram))
+    return np.linalg.solve(scaled, cross / size) / size
+
+
+def _finding(arm: Arm, fit: _Fit, group: Group, change: Array) -> dict:
+    kind, joint = group
+    if kind == "force":
+        return {"effect": "tool_force"}
+    if kind == "drive":
+        # It does not tell friction from a rotor: what makes most torque is named.
+        whole = sum(fit.gram)
+        torque = {k: _torque(whole, change, arm.places(k, joint)) for k in DRIVES}
+        most = max(torque, key=lambda name: torque[name])
+        rest = [{"effect": k, "joints": [joint]} for k in DRIVES if k != most]
+        return {"effect": most, "joints": [joint], "or": rest}
+    link = {"effect": "link_inertia", "joints": [joint]}
+    load = {"effect": "payload", "joints": [joint]}
+    return {**load, "or": [link]} if joint == arm.dof else link
+
+
+def _torque(gram: Array, change: Array, own: Sequence[int]) -> float:
+    return float(change[own] @ gram[np.ix_(own, own)] @ change[own])

@@ -1,0 +1,1 @@
+"""The sealed study as plain files, for any other program."""

@@ -1,0 +1,147 @@
+"""Write a sealed study as a folder: what programs may see, and what judges them."""
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from flows.blind.draw import Asked, Draft, drafts
+from flows.blind.export.arms import describe, drawn_arm
+from flows.blind.export.case import OPEN, SEALED, Job, write_case
+from flows.blind.export.classes import classes, words
+from flows.blind.run import null_sizes, report_failure, run_jobs
+from flows.errors import RunError
+from flows.inputs.robots import load
+from flows.progress import Progress
+from flows.workers.pool import Here, Pool
+from residual.errors import InputError
+
+FORMAT = 1  # of the folder; raised when it changes
+_HERE = Path(__file__).parent
+Part = tuple[Asked, Draft]
+
+
+def export_study(
+    asked: Asked,
+    arms: int,
+    target: Path,
+    run: tuple[Path, Pool | Here],
+    tell: Progress | None = None,
+) -> None:
+    """Write the cases of a study as plain files.
+
+    Every ten cases, which share their motions, have another arm: the built-in one, then
+    drawn ones, then the built-in one again.
+
+    Args:
+        asked: Which study.
+        arms: How many arms.
+        target: Folder to make, which must not be there.
+        run: The store for the runs, and processes.
+        tell: Told what is done and the share of it.
+
+    Raises:
+        InputError: If the folder is there already.
+        RunError: If a case did not come to its end; nothing is left then.
+    """
+    check_target(target)
+    store, pool = run
+    draft = target.with_name(target.name + ".part")
+    shutil.rmtree(draft, ignore_errors=True)
+    draft.mkdir(parents=True)
+    cases = parts(asked, arms, draft)
+    done = _written(cases, draft, store, pool, tell)
+    for word in dict.fromkeys(own.robot for own, _ in cases):
+        describe(load(word), draft / OPEN / "robots")
+        (draft / OPEN / "robots" / load(word).name / "robot.toml").unlink(True)
+    _write_rest(asked, done, draft)
+    draft.rename(target)
+
+
+def check_target(target: Path) -> None:
+    """Refuse a folder that is there already.
+
+    Raises:
+        InputError: If it is.
+    """
+    if target.exists():
+        raise InputError(f"--export {target} is there already; name a new folder.")
+    if not target.parent.is_dir():
+        raise InputError(f"--export {target}: there is no folder '{target.parent}'.")
+
+
+def parts(asked: Asked, arms: int, folder: Path) -> list[Part]:
+    """Return the cases, each with the study that has its arm.
+
+    Args:
+        asked: Which study.
+        arms: How many arms; those to be drawn are written.
+        folder: Folder of the export.
+    """
+    every = drafts(asked)
+    used = {d.excitation.index % arms for d in every}
+    robots = folder / OPEN / "robots"
+    words = {k: str(drawn_arm(robots, asked.seed, k)) for k in sorted(used - {0})}
+    own = {k: replace(asked, robot=words.get(k, asked.robot)) for k in used}
+    return [(own[d.excitation.index % arms], d) for d in every]
+
+
+def _written(
+    cases: Sequence[Part],
+    folder: Path,
+    store: Path,
+    pool: Pool | Here,
+    tell: Progress | None,
+) -> dict[str, Mapping]:
+    wanted = {d.excitation.index: (own, d.excitation) for own, d in cases}
+    minima, lost = null_sizes(list(wanted.values()), store, tell, pool)
+    if lost:
+        raise RunError(lost[0])
+    digits = max(3, len(str(len(cases))))
+    jobs = [
+        Job(
+            f"case_{draft.index + 1:0{digits}}",
+            own,
+            draft,
+            minima[draft.excitation.index],
+            folder,
+            store,
+        )
+        for own, draft in cases
+    ]
+    done = {}
+    for count, (at, value, why) in enumerate(run_jobs(_write, jobs, pool), start=1):
+        if value is None:
+            raise RunError(f"{jobs[at].name}: {why}")
+        done[jobs[at].name] = value
+        if tell:
+            tell(f"{jobs[at].name} written, {count} of {len(jobs)}", count / len(jobs))
+    return dict(sorted(done.items()))
+
+
+def _write(job: Job) -> dict:
+    return report_failure(write_case, job)
+
+
+def _write_rest(asked: Asked, done: Mapping[str, Mapping], folder: Path) -> None:
+    """Write what is not of a single case: lists, truth, words and the judge."""
+    opened = {name: case["open"] for name, case in done.items()}
+    study = {k: v for k, v in asdict(asked).items() if k != "robot"}
+    truth = {
+        "format": FORMAT,
+        "study": study,
+        "classes": classes(),
+        "cases": {name: case["sealed"] for name, case in done.items()},
+    }
+    (folder / SEALED).mkdir(exist_ok=True)
+    _json(folder / OPEN / "cases.json", {"format": FORMAT, "cases": opened})
+    _json(folder / OPEN / "classes.json", words())
+    _json(folder / SEALED / "truth.json", truth)
+    shutil.copyfile(_HERE / "README.md", folder / "README.md")
+    shutil.copyfile(_HERE / "score.py", folder / SEALED / "score.py")
+
+
+def _json(path: Path, content: Mapping) -> None:
+    text = json.dumps(content, indent=1, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
