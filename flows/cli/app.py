@@ -61,6 +61,7 @@ _COMMANDS = {
         "adopt": ("loop.adopt:adopt", None),
         "rollback": ("loop.adopt:rollback", None),
         "close": ("loop.close:close", None),
+        "wear": ("loop.wear:wear", "[RUN...] --robot ROBOT"),
     },
     "History": {
         "runs": ("store:runs", None),

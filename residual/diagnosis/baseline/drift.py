@@ -95,11 +95,27 @@ def _spread(model: Model, parts: Sequence[_Part], common: float, own: float) -> 
     return out + common**2 * np.outer(together, together)
 
 
+def change_of_each(nominal: Nominal, logs: Logs, loose: float) -> tuple[Array, Array]:
+    """Return how much the friction of each joint differs from its model in some logs.
+
+    Args:
+        nominal: The model, with the covariance of all that is not asked about.
+        logs: The logs.
+        loose: Relative deviation that a joint's friction is given.
+
+    Returns:
+        Relative change and its standard deviation; NaN without friction or motion.
+        Shapes (dof,), (dof,).
+    """
+    parts = _friction(nominal.model)
+    return _moved(_design(logs, nominal.model), nominal, parts, loose)
+
+
 def _moved(
-    design: Design, nominal: Nominal, parts: Sequence[_Part]
+    design: Design, nominal: Nominal, parts: Sequence[_Part], own: float = LOOSE
 ) -> tuple[Array, Array]:
     """Relative change of each joint's friction, and its deviation. (dof,), (dof,)."""
-    loose = nominal.covariance + _spread(nominal.model, parts, 0.0, LOOSE)
+    loose = nominal.covariance + _spread(nominal.model, parts, 0.0, own)
     (prior,) = priors(design, replace(nominal, covariance=loose))
     return changes(design, nominal.model, start(design, prior))
 

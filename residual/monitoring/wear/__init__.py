@@ -1,0 +1,1 @@
+"""Friction over days and within them: wear told from warming up."""

@@ -1,0 +1,196 @@
+"""Wear or warmth: friction that moves from day to day, or within the day.
+
+A joint's friction in log i is y_i = a + b exp(-s_i / T) + c d_i + e_i, where s_i is the
+time since its session began and d_i the days since the first log: b is what warming up
+takes off, with the time T that all joints share, c is wear. The scatter e is
+estimated from the logs themselves, so whatever else differs between them widens the
+intervals (ordinary least squares with Student's t, Draper and Smith 1998, ch. 1 and 5).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from residual.errors import InputError
+from residual.recording import Array
+
+LEAST_LOGS = 6  # two more than the model has parameters
+LEAST_DAYS = 1.0  # that the logs must span before anything is said of wear
+TIMES = np.geomspace(60.0, 7200.0, 25)  # s: time constants that are tried
+ALPHA = 0.01  # chance of a false word on an arm whose friction stays, over all joints
+ALIKE = 0.95  # correlation of days and warmth beyond which they cannot be told apart
+AS_WELL = 6.0  # of n log(sum of squares): twice three nats
+WARMER = 0.1  # of what warming up takes off that the logs must differ by
+SMALL = 0.01  # relative change that is worth no word
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """A change and its interval.
+
+    Attributes:
+        value: Relative change: of wear per 30 days, of warming from cold to warm.
+        low, high: Ends of the interval that holds it with 95 %.
+        real: It is told from none, at one in a hundred over all joints.
+    """
+
+    value: float
+    low: float
+    high: float
+    real: bool
+
+
+@dataclass(frozen=True, slots=True)
+class JointTrend:
+    """What the friction of one joint does.
+
+    Attributes:
+        joint: Joint number from 1.
+        logs: Logs that tell something of it.
+        wear: Per 30 days; None where the logs cannot tell.
+        warming: From cold to warm; None where the logs cannot tell.
+        why: Why not, empty where both are told.
+    """
+
+    joint: int
+    logs: int
+    wear: Rate | None
+    warming: Rate | None
+    why: str = ""
+
+
+def trends(change: Array, day: Array, session: Array) -> tuple[list[JointTrend], float]:
+    """Tell wear from warming up for every joint.
+
+    Args:
+        change: Relative change of friction in each log. Shape (n, dof); NaN if unknown.
+        day: Days since the first log. Shape (n,).
+        session: Time since the session of that log began [s]. Shape (n,).
+
+    Returns:
+        A trend per joint, which holds with every time constant of warming up that
+        explains the logs about as well; and the one that explains them best [s].
+
+    Raises:
+        InputError: If the logs are too few.
+    """
+    change, day, session = (np.asarray(x, dtype=float) for x in (change, day, session))
+    if len(day) < LEAST_LOGS:
+        raise InputError(
+            f"{len(day)} logs cannot tell wear from warming up: at least {LEAST_LOGS} "
+            "are needed, of several days, some early and some late in their session."
+        )
+    times = _time_constants(change, day, session)
+    warmths = [np.exp(-session / time) for time in times]
+    alpha = ALPHA / (2 * change.shape[1])
+    joints = [
+        _joint(j, values, day, warmths, alpha) for j, values in enumerate(change.T)
+    ]
+    return joints, times[0]
+
+
+def _time_constants(change: Array, day: Array, session: Array) -> list[float]:
+    """All that explain the logs about as well as the best, which is the first."""
+    left = np.array([_left(change, day, np.exp(-session / time)) for time in TIMES])
+    order = np.argsort(left, kind="stable")
+    alike = [i for i in order if left[i] <= left[order[0]] + AS_WELL]
+    return [float(TIMES[i]) for i in alike]
+
+
+def _left(change: Array, day: Array, warmth: Array) -> float:
+    total = 0.0
+    for values in change.T:
+        known = np.isfinite(values)
+        if known.sum() >= LEAST_LOGS:
+            columns = _columns(day[known], warmth[known], True, True)
+            rest = values[known] - columns @ np.linalg.lstsq(columns, values[known])[0]
+            total += known.sum() * np.log(rest @ rest + 1e-12)
+    return total
+
+
+def _columns(day: Array, warmth: Array, wear: bool, warming: bool) -> Array:
+    parts = [np.ones_like(day)]
+    if wear:
+        parts.append((day - day.mean()) / 30.0)
+    if warming:
+        parts.append(warmth - warmth.mean())
+    return np.column_stack(parts)
+
+
+def _joint(
+    j: int, values: Array, day: Array, warmths: Sequence[Array], alpha: float
+) -> JointTrend:
+    known = np.isfinite(values)
+    count = int(known.sum())
+    if count < LEAST_LOGS:
+        why = f"only {count} logs move it, {LEAST_LOGS} are needed"
+        return JointTrend(j + 1, count, None, None, why)
+    values, day = values[known], day[known]
+    warmths = [warmth[known] for warmth in warmths]
+    days = np.ptp(day) >= LEAST_DAYS
+    warms = all(np.ptp(warmth) > WARMER for warmth in warmths)
+    if days and warms and any(_alike(day, warmth) for warmth in warmths):
+        why = "later days were also measured at another warmth: not to be told apart"
+        return JointTrend(j + 1, count, None, None, why)
+    each = [_rates(values, _columns(day, w, days, warms), alpha) for w in warmths]
+    rates = [_whichever(alike) for alike in zip(*each, strict=True)]
+    wear = rates.pop(0) if days else None
+    warming = None
+    if warms:
+        cold = rates.pop(0)  # exp(-s / T) falls as the arm gets warm
+        warming = Rate(-cold.value, -cold.high, -cold.low, cold.real)
+    lacks = [] if days else ["all logs are of one day"]
+    lacks += [] if warms else ["all logs are at the same warmth"]
+    return JointTrend(j + 1, count, wear, warming, ", ".join(lacks))
+
+
+def _alike(day: Array, warmth: Array) -> bool:
+    return abs(np.corrcoef(day, warmth)[0, 1]) > ALIKE
+
+
+def _whichever(rates: Sequence[Rate]) -> Rate:
+    """What holds with every time constant that explains the logs as well."""
+    return Rate(
+        rates[0].value,
+        min(rate.low for rate in rates),
+        max(rate.high for rate in rates),
+        all(rate.real for rate in rates),
+    )
+
+
+def _rates(values: Array, columns: Array, alpha: float) -> list[Rate]:
+    """Each coefficient but the constant, with its interval."""
+    theta = np.linalg.lstsq(columns, values)[0]
+    rest = values - columns @ theta
+    free = len(values) - columns.shape[1]
+    variance = max(rest @ rest / free, 1e-12)
+    sd = np.sqrt(np.diag(variance * np.linalg.inv(columns.T @ columns)))
+    wide, sure = student.ppf(0.975, free), student.ppf(1 - alpha / 2, free)
+    return [
+        Rate(
+            float(theta[i]),
+            float(theta[i] - wide * sd[i]),
+            float(theta[i] + wide * sd[i]),
+            bool(abs(theta[i]) > max(sure * sd[i], SMALL)),
+        )
+        for i in range(1, columns.shape[1])
+    ]
+
+
+def sessions(begins: Sequence[float], ends: Sequence[float], pause: float) -> Array:
+    """Return when the session of each log began, from the clock of all [s].
+
+    Args:
+        begins: Time of the first sample of each log [s].
+        ends: Time of its last sample [s].
+        pause: A session ends where nothing was logged for that long [s].
+    """
+    order = np.argsort(begins)
+    out, first, last = np.empty(len(order)), None, -np.inf
+    for i in order:
+        if first is None or begins[i] - last > pause:
+            first = begins[i]
+        out[i], last = first, max(last, ends[i])
+    return out
