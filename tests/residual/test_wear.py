@@ -102,7 +102,7 @@ def test_each_log_tells_the_friction_that_it_had():
         qd = np.gradient(log.q, log.t, axis=0)
         friction = 3 * np.tanh(qd / 0.01) + 2 * qd  # what the logs have, once
         logs.append(replace(log, tau=log.tau + (factor - 1) * friction))
-    seen = friction_of_each(robot, logs)
+    seen = friction_of_each(robot, logs, identify(robot, logs).model)
     found = 1 + np.array([one.change for one in seen])
     expected = np.tile(planted[:, None], robot.dof) / planted.mean()
     assert found / found.mean(axis=0) == pytest.approx(expected, rel=0.03)

@@ -13,6 +13,8 @@ from flows.keep.diagnosis import read_known
 from flows.progress import Progress
 from flows.steps.loop.choose import Wanted, choose
 from residual.errors import InputError
+from residual.identification.identify import identify
+from residual.model.model import Model
 from residual.monitoring.wear.friction import LogFriction, friction_of_each
 from residual.monitoring.wear.trend import JointTrend, sessions, trends
 from residual.recording import Array, Recording
@@ -75,9 +77,12 @@ def follow(
     robot = load_of(word, runs, store)
     listed = _listed(store, robot, runs)
     choice = choose(robot, Wanted(model, store, [id for id, _, _ in listed]))
-    known = read_known(store, choice.diagnosis).model if choice.diagnosis else None
     logs = [read_run(store, id) for id, _, _ in listed]
     with threadpool_limits(1, user_api="blas"):
+        if choice.diagnosis:
+            known = read_known(store, choice.diagnosis).model
+        else:
+            known = identify(robot, logs).model
         seen = _seen(robot, logs, known, progress)
     days, since, clock = _times(listed, logs)
     change = np.array([one.change for one in seen])
@@ -90,7 +95,7 @@ def follow(
 
 
 def _seen(
-    robot: Robot, logs: Sequence[Recording], known, progress: Progress | None
+    robot: Robot, logs: Sequence[Recording], known: Model, progress: Progress | None
 ) -> list[LogFriction]:
     def told(done: int) -> None:
         if progress:

@@ -7,7 +7,6 @@ import numpy as np
 
 from residual.diagnosis.baseline.drift import LOOSE, change_of_each
 from residual.errors import InputError
-from residual.identification.identify import identify
 from residual.model.model import Model
 from residual.model.nominal import GIVEN, Nominal, prepare_logs
 from residual.recording import Array, Recording
@@ -36,7 +35,7 @@ class LogFriction:
 def friction_of_each(
     robot: Robot,
     recordings: Sequence[Recording],
-    model: Model | None = None,
+    model: Model,
     told: Callable[[int], None] = lambda _: None,
 ) -> list[LogFriction]:
     """Return what each log says of the friction of each joint.
@@ -47,14 +46,12 @@ def friction_of_each(
     Args:
         robot: The robot.
         recordings: Its logs.
-        model: The model to go by; None to identify one from all logs together.
+        model: The model to go by.
         told: Called with the number of logs done.
 
     Raises:
         InputError: If the model has no friction, or the logs are not usable.
     """
-    if model is None:
-        model = identify(robot, recordings).model
     if not any(t.effect.brakes and len(t.joints) == 1 for t in model.terms):
         raise InputError(
             f"The model of {robot.name} has no friction, so none can be followed. "
