@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from residual.errors import InputError
-from warehouse.layout import FOLDERS
+from warehouse.kinds import FOLDERS
 
 
 def json_text(document: Mapping) -> str:

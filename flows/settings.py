@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from residual.errors import InputError
+from warehouse.objects.address import is_address
+from warehouse.objects.mirror import mirror_of
 
 PROJECT = "modelgap.toml"  # file of a project, which names its store
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,10 +29,18 @@ def store_folder(option: str | None = None) -> Path:
 
     A project is a working directory with a modelgap.toml.
 
+    Args:
+        option: A folder, or s3://BUCKET/PREFIX, of which the folder of this machine
+            beside it is returned (`warehouse.objects.mirror`).
+
     Raises:
-        InputError: If there is a file where the folder should be.
+        InputError: If there is a file where the folder should be, or the address is of
+            no bucket that answers.
     """
-    place = Path(option or os.environ.get(STORE) or _of_project()).resolve()
+    word = str(option or os.environ.get(STORE) or _of_project())
+    if is_address(word):
+        return mirror_of(word)
+    place = Path(word).resolve()
     for folder in (place, *place.parents):
         if folder.exists():
             if folder.is_dir():

@@ -9,7 +9,10 @@ import pytest
 from hypothesis import settings
 from hypothesis.configuration import set_hypothesis_home_dir
 
+from tests import s3
 from tests.checkout import changed, listing
+from warehouse.objects import mirror
+from warehouse.query import catalogue
 
 # Before numpy is loaded, so that a bare `pytest` runs as `make test` does: two test
 # processes with two BLAS threads each fight over two cores.
@@ -47,3 +50,21 @@ def compiled_plant(tmp_path_factory):
         from tests.sim.plant_cases import drive, motion
 
         drive(reference=motion(duration=2.0))
+
+
+@pytest.fixture(scope="session")
+def s3_server():
+    """The endpoint of a server of S3 on loopback."""
+    with s3.served() as endpoint:
+        yield endpoint
+
+
+@pytest.fixture
+def bucket_store(s3_server, tmp_path, monkeypatch):
+    """The address of a store in a bucket of its own; nothing is in it."""
+    for name, value in s3.variables(s3_server, tmp_path / "cache").items():
+        monkeypatch.setenv(name, value)
+    mirror.forget()
+    yield s3.new_bucket(s3_server)
+    catalogue.forget_waiting()
+    mirror.forget()

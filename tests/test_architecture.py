@@ -62,6 +62,10 @@ LATE = {
     "warehouse/logs/formats/bag.py": {"rosbags"},
     "warehouse/logs/formats/mcap.py": {"mcap", "mcap_ros2"},
     "flows/workers/cluster.py": {"distributed"},
+    "warehouse/objects/bucket.py": {"obstore"},
+    "warehouse/objects/access.py": {"botocore"},
+    # Its library is a slow import, and of no use to a store in a folder.
+    "warehouse/query/store.py": {"warehouse"},
     "warehouse/__init__.py": {"warehouse"},
     "flows/door/table.py": {"polars"},
     # Prefect takes its settings when it is loaded, and they depend on the store.

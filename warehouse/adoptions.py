@@ -14,7 +14,8 @@ from residual.errors import InputError
 from warehouse.commit import one_row, row_of
 from warehouse.files import publish, read_parquet, staged, write_parquet
 from warehouse.ids import check_slug
-from warehouse.layout import KINDS, list_folders, record_folder
+from warehouse.kinds import KINDS
+from warehouse.layout import list_folders, record_folder
 from warehouse.origin.made_with import keep_made_with
 from warehouse.origin.provenance import as_record, provenance
 from warehouse.query.catalogue import remember

@@ -23,7 +23,9 @@ from warehouse.files import (
     to_table,
     write_parquet,
 )
-from warehouse.layout import KINDS, SAMPLES_FILE, find, record_folder
+from warehouse.kinds import KINDS, SAMPLES_FILE
+from warehouse.layout import find, record_folder
+from warehouse.objects.mirror import is_there
 from warehouse.origin.made_with import keep_made_with
 from warehouse.origin.provenance import Provenance, as_record, provenance
 from warehouse.query.catalogue import remember
@@ -199,7 +201,7 @@ def _run_id(full: Mapping) -> str:
 
 def _is_there(target: Path, kind: str) -> bool:
     """Whether a record is at its place; a damaged one is told, not repaired."""
-    if not target.is_dir():
+    if not is_there(target):
         return False
     read_parquet(target / KINDS[kind].row, [KINDS[kind].key])
     return True

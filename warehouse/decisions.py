@@ -14,7 +14,9 @@ from residual.errors import InputError
 from warehouse import ids
 from warehouse.commit import one_row, row_of
 from warehouse.files import publish, read_parquet, staged, write_parquet
-from warehouse.layout import KINDS, record_folder
+from warehouse.kinds import KINDS
+from warehouse.layout import record_folder
+from warehouse.objects.mirror import is_there
 from warehouse.origin.made_with import keep_made_with
 from warehouse.origin.provenance import as_record, provenance
 from warehouse.query.catalogue import remember
@@ -98,7 +100,7 @@ def read_decisions(store: Path, loop: str) -> tuple[Decision, ...]:
     while True:
         id = ids.decision_id(loop, len(found) + 1)
         folder = record_folder(store, KIND, id)
-        if not folder.is_dir():
+        if not is_there(folder):
             return tuple(found)
         text = read_parquet(folder / KINDS[KIND].row, ["record"]).column("record")[0]
         record = json.loads(text.as_py())

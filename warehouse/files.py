@@ -16,12 +16,14 @@ import pyarrow.parquet as pq
 
 from residual.errors import InputError
 from warehouse.ids import data_hash, digest
-from warehouse.layout import SEALED, STAGING
+from warehouse.kinds import SEALED, STAGING
+from warehouse.objects.mirror import PRIVATE, bucket_of, place_of, writable
+from warehouse.objects.records import upload, upload_file
 from warehouse.sums import check_file, damaged, write_sums
 
 Array = np.ndarray
 
-PRIVATE, _PRIVATE_FILE = 0o700, 0o600
+_PRIVATE_FILE = 0o600
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 _WIDTHS = b"modelgap.widths"
 
@@ -143,6 +145,8 @@ def staged(store: Path, label: str) -> Iterator[Path]:
     """
     name = f"{label}.{os.getpid()}.{uuid.uuid4().hex[:8]}"
     folder = store / STAGING / name
+    if bucket_of(store):
+        writable(store)
     try:
         if not store.exists():
             store.mkdir(PRIVATE, parents=True, exist_ok=True)
@@ -171,6 +175,8 @@ def publish(folder: Path, target: Path) -> bool:
         Whether it is this one; False if another writer was faster.
     """
     write_sums(folder)
+    if place_of(target):
+        return upload(folder, target)
     if target.parent.name == SEALED:
         _keep_private(folder, target.parent)
     for path in folder.iterdir():
@@ -196,6 +202,8 @@ def replace_file(store: Path, target: Path, content: bytes | pa.Table) -> None:
             write_parquet(path, content)
         else:
             path.write_bytes(content)
+        if upload_file(path, target):
+            return
         sync(path)
         _make_folders(target.parent)
         os.replace(path, target)

@@ -2,94 +2,14 @@
 
 import os
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-
-import pyarrow as pa
 
 from residual.errors import InputError
 from residual.names import check_name
 from warehouse.ids import ID_DIGITS, check_id, check_slug
-from warehouse.schema import TEXT, VIEWS, nested
-
-STAGING, INDEX, SEALED, QUARANTINE = "_staging", "_index", "sealed", "quarantine"
-SAMPLES_FILE = "part-0.parquet"
-
-
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """One kind of record.
-
-    Attributes:
-        name: Its name, which is that of its view.
-        folder: Folder in the store.
-        key: Column with its id.
-        row: File with its one catalogue row.
-        lists: Views whose rows lie nested in that row.
-    """
-
-    name: str
-    folder: str
-    key: str
-    row: str
-    lists: tuple[str, ...] = ("errors", "lineage")
-
-    @property
-    def fields(self) -> pa.Schema:
-        """The catalogue row: columns of the view, then the nested ones."""
-        return _fields(self)
-
-
-@cache
-def _fields(kind: Kind) -> pa.Schema:
-    own = [c.field for c in VIEWS[kind.name] if c.name != "quarantined"]
-    if kind.name == "runs":
-        own.append(pa.field("signals", pa.list_(TEXT)))
-    return pa.schema([*own, *(pa.field(v, nested(v)) for v in kind.lists)])
-
-
-KINDS = {
-    kind.name: kind
-    for kind in (
-        Kind("runs", "samples", "run_id", "_run.parquet"),
-        Kind(
-            "models",
-            "models",
-            "model_id",
-            "_model.parquet",
-            ("parameters", "errors", "lineage"),
-        ),
-        Kind(
-            "diagnoses",
-            "diagnoses",
-            "diagnosis_id",
-            "_diagnosis.parquet",
-            ("effects", "errors", "lineage"),
-        ),
-        Kind(
-            "validations",
-            "validations",
-            "validation_id",
-            "_validation.parquet",
-            ("errors", "alarms", "lineage", "blind"),
-        ),
-        Kind("reports", "reports", "report_id", "_report.parquet"),
-        # Its id is its number: nobody else can have taken that.
-        Kind(
-            "adoptions", "adoptions", "adoption_id", "_adoption.parquet", ("lineage",)
-        ),
-        # Its id is made of its loop and its number, for the same reason.
-        Kind(
-            "decisions", "decisions", "decision_id", "_decision.parquet", ("lineage",)
-        ),
-    )
-}
-
-# All that a store has, by the names of its folders; nobody else writes there.
-FOLDERS = frozenset(
-    {STAGING, INDEX, SEALED, QUARANTINE, "made_with", "robots", "_prefect"}
-    | {kind.folder for kind in KINDS.values()}
-)
+from warehouse.kinds import KINDS
+from warehouse.objects.listing import listed_ids
+from warehouse.objects.mirror import SUMS, bucket_of, is_there, shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +48,8 @@ def record_folder(store: Path, kind: str, id: str, robot: str = "") -> Path:
 def list_folders(store: Path, kind: str) -> dict[str, str]:
     """Return the folder of every record of one kind, by id, in the order of ids."""
     known = KINDS[kind]
+    if bucket_of(store):
+        return listed_ids(store, kind)
     base = str(store / known.folder)
     bases = [base]
     if kind == "runs":
@@ -149,8 +71,8 @@ def find(store: Path, id: str) -> Found:
         InputError: If it is not an id, or none or several records begin with it.
     """
     check_id(id)
-    found = []
-    for kind in KINDS:
+    found = _copied(store, id)
+    for kind in KINDS if not found else ():
         found += [
             Found(kind, known, Path(folder))
             for known, folder in _matches(store, kind, id)
@@ -158,7 +80,9 @@ def find(store: Path, id: str) -> Found:
     if len(found) == 1:
         return found[0]
     if not found:
-        raise InputError(f"Nothing in {store} has an id that begins with '{id}'.")
+        raise InputError(
+            f"Nothing in {shown(store)} has an id that begins with '{id}'."
+        )
     some = ", ".join(f"{f.id} ({f.kind})" for f in found[:4])
     more = f" and {len(found) - 4} more" if len(found) > 4 else ""
     raise InputError(f"'{id}' is the beginning of {some}{more}. Give more digits.")
@@ -176,15 +100,34 @@ def find_run(store: Path, id: str) -> Found:
     return found
 
 
+def _copied(store: Path, id: str) -> list[Found]:
+    """Return a record of a bucket by its whole id if there is a copy: nobody asks."""
+    if bucket_of(store) is None or len(id) < ID_DIGITS:
+        return []
+    parents = {k: [str(store / kind.folder)] for k, kind in KINDS.items()}
+    parents["runs"] = [path for _, path in _entries(parents["runs"][0], "robot=")]
+    places = [
+        Found(kind, id, Path(parent, f"{KINDS[kind].key}={id}"))
+        for kind, found in parents.items()
+        for parent in found
+    ]
+    return [each for each in places if (each.folder / SUMS).is_file()]
+
+
 def _matches(store: Path, kind: str, id: str) -> list[tuple[str, str]]:
     if len(id) < ID_DIGITS:
         return [e for e in list_folders(store, kind).items() if e[0].startswith(id)]
     # A whole id needs no listing: its path is known but for the robot.
-    known = KINDS[kind]
+    known, bucket = KINDS[kind], bucket_of(store)
     bases = [str(store / known.folder)]
-    if kind == "runs":
+    if kind == "runs" and bucket:
+        robots = bucket.folders(known.folder)
+        bases = [os.path.join(bases[0], robot) for robot in robots]
+    elif kind == "runs":
         bases = [entry for _, entry in _entries(bases[0], "robot=")]
     paths = [os.path.join(base, f"{known.key}={id}") for base in bases]
+    if bucket:
+        return [(id, path) for path in paths if is_there(Path(path))]
     return [(id, path) for path in paths if os.path.isdir(path)]
 
 

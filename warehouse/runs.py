@@ -17,7 +17,9 @@ from residual.errors import InputError
 from residual.recording import Recording
 from warehouse.files import read_parquet, replace_file, to_arrays
 from warehouse.ids import ID_DIGITS, check_id, data_hash
-from warehouse.layout import KINDS, QUARANTINE, SAMPLES_FILE, find_run
+from warehouse.kinds import KINDS, QUARANTINE, SAMPLES_FILE
+from warehouse.layout import find_run
+from warehouse.objects.mirror import at_hand, names_in
 
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
 
@@ -157,6 +159,7 @@ def quarantine(store: Path, run_id: str, reason: str) -> Path:
         raise InputError("A quarantine needs a reason, for those who find it later.")
     id = find_run(store, run_id).id
     target = store / QUARANTINE / f"run_id={id}.json"
+    at_hand(target)
     if not target.exists():
         told = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
         replace_file(store, target, (json.dumps(told) + "\n").encode())
@@ -165,7 +168,8 @@ def quarantine(store: Path, run_id: str, reason: str) -> Path:
 
 def quarantined(store: Path) -> frozenset[str]:
     """Return the ids of all runs with a tombstone."""
-    names = (path.stem for path in (store / QUARANTINE).glob("run_id=*.json"))
+    names = names_in(store, QUARANTINE)
+    names = (n[:-5] for n in names if n.startswith("run_id=") and n.endswith(".json"))
     ids = (name.removeprefix("run_id=") for name in names)
     return frozenset(check_id(id) for id in ids if len(id) == ID_DIGITS)
 
@@ -173,6 +177,7 @@ def quarantined(store: Path) -> frozenset[str]:
 def tombstone(store: Path, run_id: str) -> str | None:
     """Return why a run should not be used, None where it may be."""
     path = store / QUARANTINE / f"run_id={check_id(run_id)}.json"
+    at_hand(path)
     try:
         return str(json.loads(path.read_bytes()).get("reason"))
     except FileNotFoundError:

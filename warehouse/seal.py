@@ -15,7 +15,9 @@ from residual.errors import InputError
 from warehouse.files import publish, read_parquet, staged, to_arrays, to_table
 from warehouse.files import write_parquet as write
 from warehouse.ids import canonical, check_id, data_hash, digest
-from warehouse.layout import SEALED, find_run
+from warehouse.kinds import SEALED
+from warehouse.layout import find_run
+from warehouse.objects.mirror import is_there, shown
 from warehouse.runs import read_manifest
 from warehouse.schema import SIGNALS
 from warehouse.sums import check_file
@@ -50,13 +52,23 @@ def sealed_hash(spec: object) -> str:
 def commit_seal(store: Path, run_id: str, sealed: Sealed) -> None:
     """Put a hidden half into the store; one that is there already stays."""
     target = _folder(store, run_id)
-    if target.is_dir():
+    if is_there(target):
         return
     units = {name: SIGNALS[name].unit for name in sealed.truth if name in SIGNALS}
     with staged(store, f"sealed-{run_id}") as folder:
         (folder / SPEC).write_bytes(canonical(sealed.spec))
         write(folder / TRUTH, to_table(sealed.truth, units))
         publish(folder, target)
+
+
+def has_seal(store: Path, run_id: str) -> bool:
+    """Return whether the hidden half of a run is in the store.
+
+    Args:
+        store: The store.
+        run_id: Whole id of the run.
+    """
+    return is_there(_folder(store, run_id))
 
 
 def open_seal(store: Path, run_id: str) -> Sealed:
@@ -75,7 +87,9 @@ def open_seal(store: Path, run_id: str) -> Sealed:
     try:
         spec = json.loads((folder / SPEC).read_bytes())
     except FileNotFoundError as error:
-        raise InputError(f"Run {run.id} has no sealed half in {store}.") from error
+        raise InputError(
+            f"Run {run.id} has no sealed half in {shown(store)}."
+        ) from error
     except ValueError as error:
         raise InputError(f"{folder / SPEC} is damaged: it is no JSON.") from error
     manifest = read_manifest(store, run.id)

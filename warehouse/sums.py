@@ -15,8 +15,8 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from residual.errors import InputError
+from warehouse.objects.mirror import SUMS, at_hand
 
-SUMS = "_sums.json"
 BLOCK = 1 << 16
 _CRC = 8  # hex digits
 
@@ -38,7 +38,7 @@ def sums_of(path: Path) -> dict:
     with path.open("rb") as file:
         while block := file.read(BLOCK):
             total.update(block)
-            blocks.append(_crc(block))
+            blocks.append(crc(block))
         size = file.tell()
     return {"bytes": size, "sha256": total.hexdigest(), "blocks": "".join(blocks)}
 
@@ -49,6 +49,7 @@ def read_sums(folder: Path) -> Mapping[str, Mapping] | None:
     Raises:
         InputError: If the list itself is damaged.
     """
+    at_hand(folder / SUMS)
     try:
         text = (folder / SUMS).read_bytes()
     except FileNotFoundError:
@@ -81,6 +82,7 @@ def check_file(path: Path, blocks: Collection[int] | None = None) -> bool:
     sums = read_sums(path.parent)
     if sums is None:
         return False
+    at_hand(path)
     if path.name not in sums:
         raise _damaged(path, f"it is not in {SUMS}")
     check_blocks(path, sums[path.name], blocks)
@@ -101,7 +103,7 @@ def check_blocks(path: Path, known: Mapping, blocks: Collection[int] | None) -> 
             if os.fstat(handle).st_size != size:
                 raise _damaged(path, f"it had {size} bytes when it was written")
             for number in range(count) if blocks is None else blocks:
-                given = _crc(os.pread(handle, BLOCK, number * BLOCK))
+                given = crc(os.pread(handle, BLOCK, number * BLOCK))
                 if (
                     number < count
                     and given != sums[number * _CRC : (number + 1) * _CRC]
@@ -111,6 +113,12 @@ def check_blocks(path: Path, known: Mapping, blocks: Collection[int] | None) -> 
             os.close(handle)
     except OSError as error:
         raise _damaged(path, error.strerror or str(error)) from error
+
+
+def block_sums(known: Mapping) -> list[str]:
+    """Return the CRC-32 of every block of a file from its sums (`sums_of`)."""
+    sums = known["blocks"]
+    return [sums[at : at + _CRC] for at in range(0, len(sums), _CRC)]
 
 
 def file_faults(folder: Path) -> tuple[str, ...]:
@@ -140,7 +148,8 @@ def _text(sums: Mapping) -> bytes:
     return f'{{"files":{made},"sha256":"{own}"}}\n'.encode()
 
 
-def _crc(block: bytes) -> str:
+def crc(block: bytes) -> str:
+    """Return the CRC-32 of a block as sums have it."""
     return f"{zlib.crc32(block):08x}"
 
 

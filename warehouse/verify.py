@@ -11,7 +11,9 @@ import pyarrow as pa
 from residual.errors import InputError
 from warehouse import ids
 from warehouse.files import read_parquet, table_hash, to_arrays
-from warehouse.layout import KINDS, SAMPLES_FILE, Found
+from warehouse.kinds import KINDS, SAMPLES_FILE
+from warehouse.layout import Found
+from warehouse.objects.mirror import brought
 from warehouse.schema import SIGNALS, VIEWS, arrow_schema
 from warehouse.sums import SUMS, file_faults
 
@@ -31,6 +33,7 @@ def faults(found: Found) -> tuple[str, ...]:
     Args:
         found: The record.
     """
+    brought(found.folder)
     wrong = file_faults(found.folder)
     if wrong:
         return wrong
@@ -73,6 +76,7 @@ def list_tables(found: Found) -> dict[str, pa.Table]:
 
 def other_files(found: Found) -> dict[str, Path]:
     """Return the files of a record beside its row, by their names."""
+    brought(found.folder)
     paths = sorted(p for p in found.folder.iterdir() if p.is_file())
     own = {KINDS[found.kind].row, SUMS}
     return {p.name: p for p in paths if p.name not in own}

@@ -8,7 +8,7 @@ import pyarrow as pa
 import warehouse
 from benchmarks.store_parts.made import small
 from warehouse.commit import commit_record, commit_run
-from warehouse.layout import KINDS, SEALED
+from warehouse.kinds import KINDS, SEALED
 from warehouse.schema import all_views
 from warehouse.seal import Sealed
 from warehouse.verify_all import verify_all

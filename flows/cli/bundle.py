@@ -7,6 +7,7 @@ from flows.outputs import check_outside
 from flows.settings import store_folder
 from warehouse.exchange.bundle import write_bundle
 from warehouse.exchange.unbundle import read_bundle
+from warehouse.objects.mirror import shown
 
 
 def bundle(
@@ -76,4 +77,4 @@ def unbundle(file: str, /, *, store: str | None = None) -> None:
         print(f"added   {path}")
     for path in done.known:
         print(f"is there {path}")
-    print(f"{len(done.added)} added to {place}: modelgap show {done.about[:8]}")
+    print(f"{len(done.added)} added to {shown(place)}: modelgap show {done.about[:8]}")

@@ -14,6 +14,7 @@ from flows.say import say
 from flows.settings import store_folder
 from flows.steps import demo as steps
 from sim.records import CLEAN, BackgroundWord
+from warehouse.objects.mirror import shown
 
 
 def demo(
@@ -50,7 +51,7 @@ def demo(
     # Before anything is started, so that a wrong word is answered at once.
     count = len(steps.specs(asked))
     arm = f"the simulated {steps.ROBOT}, background {background}"
-    say(console, f"{count} experiments on {arm}, into {place}")
+    say(console, f"{count} experiments on {arm}, into {shown(place)}")
     with progress_bar() as progress:
         made = (run_plain if plain else run_flow)(asked, progress)
     outcome = read_outcome(place, made.proof)

@@ -21,6 +21,7 @@ from flows.steps.loop.choose import chosen_to_drive
 from flows.steps.loop.track import Track, track
 from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError
+from warehouse.objects.mirror import shown
 
 
 def experiment(spec: str, *, store: str | None = None, dry_run: Flag = False) -> None:
@@ -44,7 +45,7 @@ def experiment(spec: str, *, store: str | None = None, dry_run: Flag = False) ->
     _list([planned], console)
     if not dry_run and not planned.stored:
         steps.run(planned.spec, place)
-        say(console, f"stored in {place}: modelgap show {planned.run_id}")
+        say(console, f"stored in {shown(place)}: modelgap show {planned.run_id}")
 
 
 def campaign(
@@ -82,7 +83,7 @@ def campaign(
     if dry_run:
         _list(planned, console)
     missing = sum(not p.stored for p in planned)
-    say(console, f"{missing} to run, {len(planned) - missing} in {place}")
+    say(console, f"{missing} to run, {len(planned) - missing} in {shown(place)}")
     if dry_run:
         return
     with workers_of(where, missing) as workers, progress_bar() as bar:
@@ -143,11 +144,15 @@ def validate(
     for run in runs:
         id, made = trial.validate(Validate(run, window, place))
         console.print(validation.validation_table(made))
-        stored = f"stored in {place}: modelgap show {id}"
+        stored = f"stored in {shown(place)}: modelgap show {id}"
         say(console, validation.meaning(made), *made.notes, stored)
     if choice.diagnosis:
         with progress_bar() as bar:
             id, done = track(Track(runs, choice.diagnosis, seeds, place), bar)
         console.print(tracking.cells_table(done))
         console.print(tracking.joints_table(done))
-        say(console, *tracking.lines(done), f"stored in {place}: modelgap show {id}")
+        say(
+            console,
+            *tracking.lines(done),
+            f"stored in {shown(place)}: modelgap show {id}",
+        )

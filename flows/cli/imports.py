@@ -8,6 +8,7 @@ from flows.requests import Import
 from flows.say import say
 from flows.settings import store_folder
 from flows.steps import imports as steps
+from warehouse.objects.mirror import shown
 
 
 def import_(
@@ -69,6 +70,6 @@ def import_(
     for log in () if dry_run else sound:
         id = steps.store_log(log, request, arm)
         word = "was in" if log.stored else "stored in"
-        say(console, f"{id}  {log.known.id}: {word} {place}")
+        say(console, f"{id}  {log.known.id}: {word} {shown(place)}")
         if log.stored and (tag or recorded_at):
             say(console, "  its tags and time stay as they were stored")

@@ -14,6 +14,7 @@ from flows.say import say
 from flows.settings import store_folder
 from flows.steps import monitor as steps
 from flows.steps.loop.choose import choose_to_watch
+from warehouse.objects.mirror import shown
 
 
 def monitor(
@@ -60,4 +61,4 @@ def monitor(
         console.print(alarm_table(found, watched))
     write_all({path: draw(found, watched) for path in files.values()})
     lines = [meaning(found), *found.notes, *(f"wrote {f}" for f in files.values())]
-    say(console, *lines, f"stored in {place}: modelgap show {id}")
+    say(console, *lines, f"stored in {shown(place)}: modelgap show {id}")

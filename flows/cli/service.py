@@ -24,6 +24,7 @@ from flows.service.up import up as bring_up
 from flows.service.wanted import DATABASE, Wanted, checked
 from flows.settings import PREFECT, store_folder
 from residual.errors import InputError
+from warehouse.objects.mirror import shown
 
 
 def up(
@@ -74,7 +75,7 @@ def up(
         _say("warning: not encrypted; who listens in the network may run programs.")
     word = "already runs" if was_up else "is up"
     address = opening_address(running.ui, store_key(place / PREFECT))
-    print(f"{place} {word}: {address}")
+    print(f"{shown(place)} {word}: {address}")
     if foreground:
         stay(place, _say)
     else:
@@ -103,7 +104,9 @@ def status(*, json: Flag = False, store: str | None = None) -> None:
     else:
         _print_status(found, place)
     if not found.healthy:
-        raise RunError(f"{place} is not healthy. Start what is missing: modelgap up")
+        raise RunError(
+            f"{shown(place)} is not healthy. Start what is missing: modelgap up"
+        )
 
 
 def down(*, wait: float = 60.0, store: str | None = None) -> None:
@@ -126,7 +129,7 @@ def down(*, wait: float = 60.0, store: str | None = None) -> None:
     place = store_folder(store)
     home = place / PREFECT
     stopped = stop(home, wait, _say) if home.is_dir() else None
-    print(f"{place}: {'stopped' if stopped else 'nothing runs'}")
+    print(f"{shown(place)}: {'stopped' if stopped else 'nothing runs'}")
 
 
 def _say(text: str) -> None:
@@ -139,7 +142,7 @@ def _print_status(found: Status, store: Path) -> None:
         console = Console(width=200)
     running = found.running
     if running is None:
-        say(console, f"{store}: nothing runs")
+        say(console, f"{shown(store)}: nothing runs")
         return
     word = "answers" if found.server else "does not answer"
     lines = [f"server   {word}: {running.ui} (history: {running.database})"]

@@ -14,6 +14,8 @@ from flows.steps import verify as steps
 from residual.errors import InputError
 from warehouse.commit import read_record
 from warehouse.layout import find
+from warehouse.objects.mirror import bucket_of
+from warehouse.query.bucket_catalogue import rebuild
 from warehouse.query.store import Store, open_store
 from warehouse.query.views import text as quoted
 from warehouse.runs import read_manifest, tombstone
@@ -65,6 +67,7 @@ def compact(*, largest: float = 1.0, store: _Store = None) -> None:
     Queries over thousands of small runs spend their time on opening files; after this
     they take a hundredth of it. The runs stay where they are; the copies lie in _index
     and can be deleted. Runs committed later are read as before, until the next compact.
+    Of a store on object storage it makes the catalogue again, from the records.
 
     Args:
         largest: Runs with up to so many megabytes of samples are copied.
@@ -72,7 +75,15 @@ def compact(*, largest: float = 1.0, store: _Store = None) -> None:
     """
     if not 0 < largest < float("inf"):
         raise InputError(f"--largest {largest}: expected megabytes above 0.")
-    with open_store(store_folder(store)) as opened:
+    place = store_folder(store)
+    if bucket_of(place) and place.is_dir():
+        catalogue, done = rebuild(place)
+        if not done:
+            raise InputError("Somebody else has written a catalogue meanwhile.")
+        count = sum(map(len, catalogue.rows.values()))
+        print(f"the catalogue was made again from {count} records")
+        return
+    with open_store(place) as opened:
         done = opened.compact(int(1e6 * largest))
         tell_damage(opened)
     print(

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from residual.diagnosis.null_record import Null, from_record, to_record
 from residual.errors import InputError
 from warehouse.commit import read_record
+from warehouse.layout import list_folders
 from warehouse.query.store import open_store
 
 KIND = "null"  # of validations
@@ -107,7 +108,7 @@ def nulls_in(store: Path) -> tuple[Null, ...]:
 
 def null_records(store: Path) -> list[tuple[str, Mapping]]:
     """Return ids and records of all nulls, the latest first."""
-    if not (store / "validations").is_dir():
+    if not list_folders(store, "validations"):
         return []
     query = (
         "SELECT validation_id FROM validations "

@@ -72,5 +72,5 @@ def extra(package: str) -> ModuleType:
     except ImportError as error:
         raise InputError(
             f"This target needs {error.name}, which is not installed. Install the "
-            'extra: pip install "modelgap[export]".'
+            "extra: pip install '.[export]' in the checkout."
         ) from error

@@ -21,6 +21,7 @@ from flows.workers.cluster import Cluster
 from flows.workers.pool import Here, Pool
 from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError, ModelgapError
+from warehouse.objects.mirror import shown
 
 Runs = dict[str, list[str]]
 
@@ -83,7 +84,8 @@ def run_all(
     if missing and pool is None:
         with Pool(min(cores(), len(missing))) as own:
             return run_all(planned, store, tell, own)
-    jobs = [(p.spec, store) for p in missing]
+    # The store's name and not its folder: on another machine that is another one.
+    jobs = [(p.spec, shown(store)) for p in missing]
     for count, done in enumerate(pool.run(_run, jobs) if pool else (), start=1):
         at = missing[done.index]
         error = done.error or _checked(at, done.value, store)
@@ -191,10 +193,11 @@ def by_role(
     return runs
 
 
-def _run(job: tuple[ExperimentSpec, Path]) -> str:
+def _run(job: tuple[ExperimentSpec, str]) -> str:
     """Run one experiment; whatever it raises can cross to the parent process."""
     try:
-        return experiment.run(*job)
+        spec, store = job
+        return experiment.run(spec, store_folder(store))
     except ModelgapError as error:
         raise InputError(str(error)) from None
     except Exception as error:
@@ -207,7 +210,8 @@ def _checked(planned: Planned, run_id: str, store: Path) -> Exception | None:
         return RunError(f"stored as {run_id}: the code was changed since the start")
     if not experiment.is_stored(store, planned.spec, run_id):
         return RunError(
-            f"stored elsewhere than in {store}: a cluster needs a file system that all "
+            f"stored elsewhere than in {shown(store)}: a cluster needs a store on "
+            "object storage (--store s3://BUCKET/PREFIX), or a file system that all "
             "its machines share"
         )
     return None

@@ -24,6 +24,7 @@ from warehouse import ids
 from warehouse.commit import commit_run
 from warehouse.ids import plain
 from warehouse.layout import record_folder
+from warehouse.objects.mirror import is_there
 from warehouse.origin.provenance import plant_code_hash
 from warehouse.origin.robots import keep_robot
 from warehouse.seal import Sealed, sealed_hash
@@ -99,7 +100,7 @@ def run_id_of(spec: ExperimentSpec) -> str:
 
 def is_stored(store: Path, spec: ExperimentSpec, run_id: str) -> bool:
     """Return whether a run is in the store."""
-    return record_folder(store, "runs", run_id, checked_robot(spec).name).is_dir()
+    return is_there(record_folder(store, "runs", run_id, checked_robot(spec).name))
 
 
 def run(spec: ExperimentSpec, store: Path) -> str:

@@ -14,6 +14,7 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
 from warehouse.layout import find, list_folders
+from warehouse.objects.mirror import shown
 from warehouse.query.store import open_store
 from warehouse.runs import read_manifest
 
@@ -52,8 +53,8 @@ def source_of(word: str, store: Path) -> Source:
         return Source(word)
     if not any(id.startswith(word) for id in ids):
         raise InputError(
-            f"'{word}' is no diagnosis in {store}. Name a robot such as irb140, or a "
-            "diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
+            f"'{word}' is no diagnosis in {shown(store)}. Name a robot such as irb140, "
+            "or a diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
         )
     id = find(store, word).id
     model = read_models(store, id)["augmented"]

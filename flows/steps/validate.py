@@ -33,11 +33,10 @@ from sim.streams import motion_label
 from sim.trajectories import make_reference
 from sim.twin import open_loop, track, twin_of
 from warehouse.commit import commit_record
-from warehouse.layout import SEALED
 from warehouse.origin.provenance import plant_code_hash
 from warehouse.runs import about_run, read_manifest, read_run
 from warehouse.schema import VIEWS, arrow_schema
-from warehouse.seal import open_seal
+from warehouse.seal import has_seal, open_seal
 
 Array = np.ndarray
 
@@ -206,7 +205,7 @@ def hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | Non
     # A seal that was taken out is no error, one that is broken is.
     if not manifest["sealed_sha256"]:
         return None
-    if not (store / SEALED / f"run_id={run_id}").is_dir():
+    if not has_seal(store, run_id):
         return None
     return plant_of(open_seal(store, run_id).spec)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from flows.errors import RunError
 from residual.errors import InputError
+from warehouse.objects.mirror import bucket_of, shown
 from warehouse.verify_all import open_to_others, verify_all
 
 
@@ -20,7 +21,9 @@ def verify(place: Path) -> Iterator[str]:
         RunError: After the last line, if something is damaged or missing.
     """
     if not place.is_dir():
-        raise InputError(f"There is no store at {place}. Say where: --store FOLDER.")
+        raise InputError(
+            f"There is no store at {shown(place)}. Say where: --store FOLDER."
+        )
     counts: Counter = Counter()
     damaged = unsummed = 0
     for each in verify_all(place):
@@ -36,10 +39,11 @@ def verify(place: Path) -> Iterator[str]:
             f"{unsummed} of them have no sums of their files, being of an earlier "
             "version: their values were verified, and not what lies around them."
         )
-    if open_to_others(place):
+    if bucket_of(place) is None and open_to_others(place):
         yield f"note: other users of this machine may look into it: chmod 700 {place}"
+    again = " and run modelgap compact" if bucket_of(place) else ""
     if damaged:
         raise RunError(
             f"{damaged} of {counts.total()} are damaged. Take their folders out of the "
-            "store; what can be made again is, by the same command as before."
+            f"store{again}; what can be made again is, by the same command as before."
         )

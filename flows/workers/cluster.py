@@ -35,7 +35,7 @@ class Cluster:
             from distributed import Client
         except ImportError as error:
             raise RunError(
-                "Dask needs the extra: pip install modelgap[scale]"
+                "Dask needs the extra: pip install '.[scale]' in the checkout"
             ) from error
         try:
             self._client = Client(address, timeout=_PATIENCE, set_as_default=False)

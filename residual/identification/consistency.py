@@ -106,7 +106,7 @@ def solver() -> ModuleType:
     except ImportError as error:
         raise InputError(
             f"Consistent parameters need {error.name}, which is not installed. Install "
-            'the extra: pip install "modelgap[sdp]".'
+            "the extra: pip install '.[sdp]' in the checkout."
         ) from error
     return cvxpy
 

@@ -32,13 +32,13 @@ def fill(store, count, start=0):
 def rows_read(monkeypatch):
     """Names of the catalogue rows that are read one by one."""
     read = []
-    real = warehouse.query.catalogue.read_parquet
+    real = warehouse.query.rows.read_parquet
 
     def spy(path, *more):
         read.append(path.name)
         return real(path, *more)
 
-    monkeypatch.setattr("warehouse.query.catalogue.read_parquet", spy)
+    monkeypatch.setattr("warehouse.query.rows.read_parquet", spy)
     return lambda: read.count("_run.parquet")
 
 

@@ -447,9 +447,9 @@ def test_what_is_in_the_index_is_not_read_again(store, monkeypatch):
     rows = ask(store, "FROM runs")
     made.commit(store, 5)
     read = []
-    real = warehouse.query.catalogue.read_parquet
+    real = warehouse.query.rows.read_parquet
     monkeypatch.setattr(
-        "warehouse.query.catalogue.read_parquet",
+        "warehouse.query.rows.read_parquet",
         lambda path: read.append(path) or real(path),
     )
     assert len(ask(store, "FROM runs")) == len(rows) + 1

@@ -14,7 +14,9 @@ from pathlib import Path
 from residual.errors import InputError
 from warehouse.commit import read_record
 from warehouse.ids import ID_DIGITS
-from warehouse.layout import KINDS, SAMPLES_FILE, SEALED, Found, find
+from warehouse.kinds import KINDS, SAMPLES_FILE, SEALED
+from warehouse.layout import Found, find
+from warehouse.objects.mirror import brought, is_there
 from warehouse.origin.lineage import needed
 from warehouse.origin.made_with import MADE_WITH, files_of
 from warehouse.origin.robots import ROBOTS, robot_folder
@@ -171,11 +173,12 @@ def _files(store: Path, found: Found) -> Iterator[Path]:
 def _seal(store: Path, found: Found) -> Iterator[Path]:
     if found.kind == "runs":
         folder = store / SEALED / f"run_id={found.id}"
-        yield from (_plain_files(folder) if folder.is_dir() else ())
+        yield from (_plain_files(folder) if is_there(folder) else ())
 
 
 def _plain_files(folder: Path) -> list[Path]:
     """Files of a folder but for their sums: a bundle has its own."""
+    brought(folder)
     return sorted(p for p in folder.iterdir() if p.is_file() and p.name != SUMS)
 
 

@@ -23,7 +23,9 @@ from warehouse.exchange.bundle import (
     sum_of,
 )
 from warehouse.files import publish, replace_file, staged
-from warehouse.layout import KINDS, Found
+from warehouse.kinds import KINDS
+from warehouse.layout import Found
+from warehouse.objects.mirror import at_hand, is_there
 from warehouse.origin.made_with import check_kept
 from warehouse.seal import open_seal
 from warehouse.verify import faults
@@ -224,7 +226,9 @@ def _in_order(groups: Mapping[str, str], contents: _Contents) -> list[str]:
 
 def _put(folder: Path, store: Path, path: str) -> bool:
     source, target = folder / path, store / path
-    if target.exists():
+    if not source.is_dir():
+        at_hand(target)
+    if target.exists() or is_there(target):
         return False
     if source.is_dir():
         return publish(source, target)

@@ -8,7 +8,9 @@ from residual.errors import InputError
 from warehouse.commit import read_record
 from warehouse.files import read_parquet
 from warehouse.ids import ID_DIGITS, check_id
-from warehouse.layout import KINDS, Found, find
+from warehouse.kinds import KINDS
+from warehouse.layout import Found, find
+from warehouse.objects.mirror import shown
 from warehouse.query.store import Store
 
 RERUN_OF = "rerun of"
@@ -105,7 +107,8 @@ def _parent(store: Path, child: Found, id: str) -> Found:
         return find(store, id)
     except InputError as error:
         raise InputError(
-            f"{child.id} ({child.kind}) was made from {id}, which is not in {store}."
+            f"{child.id} ({child.kind}) was made from {id}, which is not in "
+            f"{shown(store)}."
         ) from error
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from residual.errors import InputError
 from warehouse.files import replace_file
+from warehouse.objects.mirror import at_hand
 from warehouse.origin.changes import LARGEST, uncommitted
 from warehouse.origin.provenance import packages, provenance
 
@@ -39,12 +40,15 @@ def files_of(store: Path, known: Mapping | None) -> list[Path]:
         if hash
     ]
     paths = [store / MADE_WITH / name for name in names]
+    for path in paths:
+        at_hand(path)
     return [path for path in paths if path.is_file()]
 
 
 def read_packages(store: Path, known: Mapping | None) -> dict[str, str] | None:
     """Return versions by package; None where they were not kept."""
     path = store / MADE_WITH / _list(known)
+    at_hand(path)
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -79,6 +83,7 @@ def about_changes(store: Path, known: Mapping | None) -> str:
     more = changes["count"] - len(changes["files"][:4])
     told = f"{some} and {more} more" if more > 0 else some
     place = store / MADE_WITH / _patch(changes["sha256"])
+    at_hand(place)
     if not changes["kept"]:
         where = f"{changes['bytes']} bytes, too large to be kept"
     else:

@@ -20,6 +20,7 @@ from residual.robot.robot import (
     load_robot,
 )
 from warehouse.files import publish, staged
+from warehouse.objects.mirror import brought, is_there, shown
 
 ROBOTS, TOML = "robots", "robot.toml"
 
@@ -33,7 +34,7 @@ def keep_robot(store: Path, word: str, robot: Robot) -> None:
         robot: What was loaded.
     """
     target = robot_folder(store, robot.content_hash)
-    if target.is_dir() or _is_built_in(word, robot):
+    if is_there(target) or _is_built_in(word, robot):
         return
     path = Path(str(built_in_folder(word))) if word in built_in_robots() else Path(word)
     urdf = path if path.is_file() else next(path.glob("*.urdf"), path)
@@ -83,10 +84,10 @@ def robot_of_hash(store: Path, content_hash: str) -> str:
         if load_robot(name).content_hash == content_hash:
             return name
     folder = robot_folder(store, content_hash)
-    if folder.is_dir():
+    if brought(folder):
         return str(folder)
     raise InputError(
-        f"No description of the robot {content_hash[:8]} was kept in {store}. Import a "
+        f"No description of the robot {content_hash[:8]} was kept in {shown(store)}. Import a "
         "log of it again with --robot, which keeps it."
     )
 
@@ -112,7 +113,7 @@ def robot_word(store: Path, word: str, content_hash: str | None) -> str:
     except ModelgapError as error:
         why = str(error)
     kept = robot_folder(store, content_hash or "")
-    if kept.is_dir() and _hash(str(kept)) == content_hash:
+    if brought(kept) and _hash(str(kept)) == content_hash:
         return str(kept)
     raise InputError(
         f"The robot that this was made with is not here: {why} And no description of "

@@ -17,14 +17,18 @@ import threading
 import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
 
 from residual.errors import InputError
 from warehouse.files import read_parquet, replace_file, sweep_staging, write_parquet
-from warehouse.layout import INDEX, KINDS, Kind, list_folders
+from warehouse.kinds import INDEX, KINDS, Kind
+from warehouse.layout import list_folders
+from warehouse.objects.compact import append, still_noted
+from warehouse.objects.mirror import bucket_of
+from warehouse.query.bucket_catalogue import read_bucket
+from warehouse.query.rows import Catalogue, read_new
 
 # So many rows in one file: writing it costs what one commit does, once in so many.
 SIZE = 64
@@ -86,6 +90,12 @@ def drop_segments(files: Sequence[Path]) -> None:
 
 def _write(key: tuple[str, str], rows: list[pa.Table]) -> None:
     folder = Path(key[0]) / INDEX
+    if bucket_of(folder.parent):
+        # At the end of a process, or where it may not: the commits themselves are done.
+        with suppress(InputError, OSError, RuntimeError):
+            own = still_noted(folder.parent, key[1], pa.concat_tables(rows))
+            append(folder.parent, {key[1]: own})
+        return
     name = f"{key[1]}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
     draft = folder / f".{name}.part"
     # A full disk, or a store that has gone: the commits themselves are done.
@@ -95,34 +105,18 @@ def _write(key: tuple[str, str], rows: list[pa.Table]) -> None:
         os.replace(draft, folder / f"{name}.parquet")
 
 
-def _forget() -> None:
-    """Leave the rows of the parent to the parent, after a fork."""
+def forget_waiting() -> None:
+    """Leave what is kept to somebody else: after a fork, to the parent."""
     _waiting.clear()
 
 
 atexit.register(flush)
-os.register_at_fork(after_in_child=_forget)
+os.register_at_fork(after_in_child=forget_waiting)
 
 
 # So many rows may be outside the index before it is written again: reading one costs
 # about a millisecond, writing all of them as much as reading some dozens.
 _SPARE = 32
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Catalogue:
-    """All records of a store at one moment.
-
-    Attributes:
-        folders: Folder of every record, by kind and id.
-        rows: Catalogue rows by kind, oldest first.
-        damaged: Messages about records whose row cannot be read, by kind; these are
-            left out.
-    """
-
-    folders: Mapping[str, Mapping[str, str]]
-    rows: Mapping[str, pa.Table]
-    damaged: Mapping[str, Sequence[str]]
 
 
 def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
@@ -135,6 +129,8 @@ def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
     Returns:
         The catalogue.
     """
+    if bucket_of(store):
+        return read_bucket(store, before)
     folders = {kind: list_folders(store, kind) for kind in KINDS}
     if before is not None and before.folders == folders:
         return before
@@ -155,7 +151,7 @@ def _rows(
         left, merged = read_segments(store, kind)
         parts = [_once(pa.concat_tables([*parts, *left]), kind, folders)]
     missing = folders.keys() - set(parts[0].column(kind.key).to_pylist())
-    new, damaged = _read_new(sorted(missing), kind, folders)
+    new, damaged = read_new(sorted(missing), kind, folders)
     rows = pa.concat_tables([*parts, *new])
     added = len(rows) - len(old) + gone
     if not added and not gone:
@@ -183,18 +179,6 @@ def _once(rows: pa.Table, kind: Kind, folders: Mapping) -> pa.Table:
     return rows if all(keep) else rows.filter(pa.array(keep, pa.bool_()))
 
 
-def _read_new(
-    ids: Sequence[str], kind: Kind, folders: Mapping[str, str]
-) -> tuple[list[pa.Table], list[str]]:
-    new, damaged = [], []
-    for id in ids:
-        try:
-            new.append(_read_row(Path(folders[id]) / kind.row, kind))
-        except InputError as error:
-            damaged.append(str(error))
-    return new, damaged
-
-
 def _read_index(store: Path, kind: Kind) -> pa.Table:
     # Missing, torn, or of a version with other columns: all of it can be read again.
     with suppress(InputError):
@@ -209,15 +193,3 @@ def _write_index(store: Path, kind: Kind, rows: pa.Table) -> None:
     with suppress(OSError):
         sweep_staging(store)
         replace_file(store, store / INDEX / f"{kind.name}.parquet", rows)
-
-
-def _read_row(path: Path, kind: Kind) -> pa.Table:
-    """Read one catalogue row; columns of another version are left out or null."""
-    table = read_parquet(path)
-    columns = [
-        table.column(field.name).cast(field.type)
-        if field.name in table.column_names
-        else pa.nulls(len(table), field.type)
-        for field in kind.fields
-    ]
-    return pa.table(columns, schema=kind.fields)

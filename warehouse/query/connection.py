@@ -5,12 +5,13 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pyarrow as pa
 
 from residual.errors import InputError
-from warehouse.layout import INDEX, KINDS
+from warehouse.kinds import INDEX, KINDS
 from warehouse.query.guard import first_line
 from warehouse.query.views import text
 
@@ -21,18 +22,24 @@ READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
 WORKING, LARGEST = 0.5, 0.25
 
 
-def reads_only(path: Path) -> duckdb.DuckDBPyConnection:
+def reads_only(path: Path, samples: Any = None) -> duckdb.DuckDBPyConnection:
     """Return a connection that reaches nothing but what may be read of a store.
 
     Args:
         path: Folder of the store.
+        samples: File system with the samples of a store in a bucket; then nothing of
+            the folder is reached.
 
     Returns:
         The connection; `lock` is still to be called.
     """
     connection = duckdb.connect(":memory:")
     connection.execute("CREATE SCHEMA catalogue")
-    allowed = ", ".join(text(f"{path}/{folder}") for folder in READABLE)
+    places = [f"{path}/{folder}" for folder in READABLE]
+    if samples:
+        connection.register_filesystem(samples)
+        places = [f"{samples.protocol}://samples/"]
+    allowed = ", ".join(map(text, places))
     for setting in (
         "autoinstall_known_extensions = false",
         "autoload_known_extensions = false",
@@ -130,7 +137,9 @@ def explain(error: duckdb.Error) -> str:
             f"The query needs more than {most:.2g} GB, half of this machine's memory. "
             f"Ask for less: aggregate, or add a WHERE. ({first_line(error)[:100]})"
         )
-    return first_line(error)
+    # What Python said to DuckDB, which hands on how it came to that.
+    text = str(error).rstrip().splitlines()[-1] if "Traceback" in str(error) else ""
+    return text or first_line(error)
 
 
 def is_of_files(error: duckdb.Error) -> bool:

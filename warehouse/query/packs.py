@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from residual.errors import InputError
 from warehouse.files import parquet_options, read_parquet, replace_file, staged, sync
-from warehouse.layout import INDEX
+from warehouse.kinds import INDEX
 from warehouse.runs import check_samples
 from warehouse.schema import SIGNALS
 from warehouse.sums import check_file, sums_of

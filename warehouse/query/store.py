@@ -1,15 +1,18 @@
 """The store as a database: open it and ask in SQL."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import duckdb
 import pyarrow as pa
 
 from residual.errors import InputError
 from warehouse.files import read_parquet
-from warehouse.layout import KINDS, SAMPLES_FILE
+from warehouse.kinds import SAMPLES_FILE
+from warehouse.objects.address import is_address
+from warehouse.objects.mirror import bucket_of, mirror_of, shown
 from warehouse.query.catalogue import read_catalogue
 from warehouse.query.connection import (
     collected,
@@ -19,12 +22,16 @@ from warehouse.query.connection import (
     lock,
     reads_only,
 )
+from warehouse.query.damage import FED_BY, needs_damaged
 from warehouse.query.guard import check_reads_only, table_names
 from warehouse.query.packs import Held, Pack, Packed, read_packs, write_packs
-from warehouse.query.views import catalogue_views, samples_view
+from warehouse.query.views import catalogue_views, samples_view, signal_rows
 from warehouse.query.watched import Watched
 from warehouse.runs import quarantined
-from warehouse.schema import SIGNALS, TEXT, VIEWS
+from warehouse.schema import TEXT
+
+if TYPE_CHECKING:
+    from warehouse.query.bucket_samples import BucketSamples
 
 # A run of up to this size is read faster from a copy beside others [bytes].
 SMALL = 1_000_000
@@ -35,16 +42,17 @@ def open_store(path: Path | str) -> "Store":
     """Open a store for reading.
 
     Args:
-        path: Folder of the store.
+        path: Folder of the store, or its address in a bucket.
 
     Raises:
         InputError: If there is none.
     """
-    folder = Path(path).resolve()
+    word = str(path)
+    folder = mirror_of(word) if is_address(word) else Path(path).resolve()
     if not folder.is_dir():
         raise InputError(
-            f"There is no store at {path}. Make one with modelgap experiment or demo, "
-            "or say where it is: --store FOLDER."
+            f"There is no store at {shown(folder)}. Make one with modelgap experiment "
+            "or demo, or say where it is: --store FOLDER."
         )
     if set(str(folder)) & set("*?[]{}"):
         raise InputError(f"{path}: the path of a store must not contain * ? [ ] {{ }}.")
@@ -60,14 +68,16 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._connection = reads_only(path)
-        self._watched = Watched(self._connection)
+        # Where the samples are if they are in a bucket: it checks them itself.
+        self._remote = _samples_of(path)
+        self._connection = reads_only(path, self._remote)
+        self._watched = self._remote or Watched(self._connection)
         lock(self._connection)
         self._left_out: dict[str, str] = {}
         self._quarantined = quarantined(path)
         self._catalogue = read_catalogue(path)
         self._packs: tuple[Pack, ...] = ()
-        self._table("signals", _signals())
+        self._table("signals", signal_rows())
         self._load_quarantined()
         self._load_catalogue()
         for name, query in catalogue_views().items():
@@ -102,6 +112,8 @@ class Store:
         """
         reading = check_reads_only(self._connection, query)
         self.refresh()
+        if self._remote and not self._shown:
+            self._make_samples("samples" in table_names(self._connection, reading))
         if not without_damaged:
             self._need_whole(reading)
         with limited(self._connection, timeout):
@@ -111,7 +123,7 @@ class Store:
                     return answer
                 self._make_samples()
                 if self._left_out and not without_damaged:
-                    raise InputError(_needs_damaged(self._left_out.values()))
+                    raise InputError(needs_damaged(self._left_out.values()))
 
     def refresh(self) -> None:
         """See what was committed or quarantined since."""
@@ -133,6 +145,11 @@ class Store:
         Returns:
             What was done.
         """
+        if self._remote:
+            raise InputError(
+                "The samples of a store in a bucket are not copied together; its "
+                "catalogue is (modelgap compact)."
+            )
         self.refresh()
         done = write_packs(self.path, self._groups(), largest)
         self._load_catalogue()
@@ -177,11 +194,11 @@ class Store:
         if not self.damaged:
             return
         names = table_names(self._connection, query)
-        kinds = {kind for name in names for kind in _FED_BY.get(name, ())}
+        kinds = {kind for name in names for kind in FED_BY.get(name, ())}
         told = [line for k in sorted(kinds) for line in self._catalogue.damaged[k]]
         told += self._left_out.values() if "samples" in names else ()
         if told:
-            raise InputError(_needs_damaged(told))
+            raise InputError(needs_damaged(told))
 
     def _drop(self, broken: Mapping[str, str]) -> bool:
         """Read no more of some files; whether there are any."""
@@ -208,20 +225,22 @@ class Store:
             self._table(kind, rows)
         self._packs = read_packs(self.path, self._catalogue.folders["runs"])
         self._watched.copies = {pack.file: pack.sums for pack in self._packs}
-        self._make_samples()
+        # Every file of a bucket is asked for, so only where a query is about samples.
+        self._make_samples(self._remote is None)
 
-    def _make_samples(self) -> None:
+    def _make_samples(self, full: bool = True) -> None:
+        self._shown = full
         while True:
             packs = [(pack.held, pack.file) for pack in self._packs]
             packed = frozenset().union(*(pack.runs for pack in self._packs))
-            view = samples_view(self._groups(packed), packs)
+            view = samples_view(self._groups(packed) if full else {}, packs)
             query = f"CREATE OR REPLACE VIEW samples AS {view}"
             try:
                 self._connection.execute(query)
                 return
             except duckdb.Error as error:
                 if not self._leave_out(error):
-                    raise
+                    raise InputError(explain(error)) from error
 
     def _groups(self, without: frozenset[str] = frozenset()) -> dict[Held, list[str]]:
         """Return the files with samples by the signals and joints that they hold."""
@@ -231,11 +250,17 @@ class Store:
             if row["run_id"] in without:
                 continue
             folder = self._catalogue.folders["runs"][row["run_id"]]
-            file = f"{folder}/{SAMPLES_FILE}"
+            file = self._file(folder)
             if file not in self._left_out:
                 held = (tuple(row["signals"]), row["dof"])
                 groups.setdefault(held, []).append(file)
         return groups
+
+    def _file(self, folder: str) -> str:
+        """Return what SQL calls the samples of a run."""
+        if self._remote:
+            folder = f"{self._remote.protocol}://{Path(folder).relative_to(self.path)}"
+        return f"{folder}/{SAMPLES_FILE}"
 
     def _leave_out(self, error: duckdb.Error) -> bool:
         """Leave out the damaged files that an error is about; whether there are any."""
@@ -245,7 +270,11 @@ class Store:
             self._packs = ()
             return True
         folders = self._catalogue.folders["runs"].values()
-        files = {f"{folder}/{SAMPLES_FILE}" for folder in folders} - set(self._left_out)
+        if self._remote:
+            broken = self._watched.broken()
+            self._watched.forget()
+            return self._drop(broken)
+        files = {self._file(folder) for folder in folders} - set(self._left_out)
         named = {file for file in files if file in str(error)}
         # A page that makes no sense is told without the name of its file.
         nameless = is_of_files(error)
@@ -259,32 +288,10 @@ class Store:
         return len(self._left_out) > before
 
 
-def _signals() -> pa.Table:
-    return pa.table(
-        {
-            "signal": list(SIGNALS),
-            "unit": [signal.unit for signal in SIGNALS.values()],
-            "per_joint": [signal.per_joint for signal in SIGNALS.values()],
-        }
-    )
+def _samples_of(path: Path) -> "BucketSamples | None":
+    if bucket_of(path) is None:
+        return None
+    # Late: its library is a slow import, and of no use to a store in a folder.
+    from warehouse.query.bucket_samples import BucketSamples
 
-
-def _feeding(view: str) -> tuple[str, ...]:
-    """Return the kinds of record that a view is made of."""
-    if view in ("samples", "channels"):
-        return ("runs",)
-    if view == "adopted":
-        return ("adoptions",)
-    return tuple(k.name for k in KINDS.values() if view in (k.name, *k.lists))
-
-
-_FED_BY = {view: _feeding(view) for view in (*VIEWS, "samples", "channels")}
-
-
-def _needs_damaged(lines: Iterable[str]) -> str:
-    told = list(lines)
-    more = f" And {len(told) - 3} more." if len(told) > 3 else ""
-    return (
-        f"The answer needs what is damaged. {' '.join(told[:3])}{more} Or ask without "
-        "it: --without-damaged."
-    )
+    return BucketSamples(path)

@@ -2,9 +2,12 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from warehouse.layout import KINDS
+import pyarrow as pa
+
+from warehouse.kinds import KINDS
 from warehouse.schema import (
     DEFAULT_DOF,
+    SIGNALS,
     VIEWS,
     Column,
     arrow_schema,
@@ -126,3 +129,14 @@ def _adopted() -> str:
 
 def _quoted(column: Column) -> str:
     return f'"{column.name}"'
+
+
+def signal_rows() -> pa.Table:
+    """Return what the view ``channels`` knows of every signal."""
+    return pa.table(
+        {
+            "signal": list(SIGNALS),
+            "unit": [signal.unit for signal in SIGNALS.values()],
+            "per_joint": [signal.per_joint for signal in SIGNALS.values()],
+        }
+    )

@@ -16,7 +16,7 @@ from pathlib import Path
 import duckdb
 
 from residual.errors import InputError
-from warehouse.layout import SAMPLES_FILE
+from warehouse.kinds import SAMPLES_FILE
 from warehouse.runs import check_samples
 from warehouse.sums import BLOCK, check_blocks, check_file, damaged
 

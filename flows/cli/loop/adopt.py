@@ -8,6 +8,7 @@ from flows.say import say
 from flows.settings import store_folder
 from flows.steps.loop.adopt import Adopt, list_adoptions, roll_back
 from flows.steps.loop.adopt import adopt as give
+from warehouse.objects.mirror import shown
 
 
 def models(*, robot: str | None = None, store: str | None = None) -> None:
@@ -28,7 +29,7 @@ def models(*, robot: str | None = None, store: str | None = None) -> None:
     console, listed = Console(), list_adoptions(store, robot)
     if not listed:
         whose = f"{robot} has" if robot else "Every robot has"
-        say(console, f"{whose} its nominal model in {store_folder(store)}.")
+        say(console, f"{whose} its nominal model in {shown(store_folder(store))}.")
         return
     console.print(table_of(listed))
 

@@ -40,6 +40,7 @@ from residual.errors import InputError
 from residual.planning.outlook import HOPELESS
 from sim.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
+from warehouse.objects.mirror import shown
 
 
 def next_(
@@ -210,4 +211,4 @@ def _run(asked: Asked, made: Design, console: Console) -> None:
         diagnosis, _ = settle(asked.request, id, progress)
     store = store_folder(asked.request.store)
     say(console, *sentences(read_verdict(store, diagnosis)))
-    say(console, f"stored in {store}: modelgap show {diagnosis}")
+    say(console, f"stored in {shown(store)}: modelgap show {diagnosis}")

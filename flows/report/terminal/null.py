@@ -4,6 +4,7 @@ from pathlib import Path
 
 from flows.steps.null import Made
 from residual.diagnosis.task import Rules
+from warehouse.objects.mirror import shown
 
 
 def null_lines(made: Made, draws: int, store: Path) -> list[str]:
@@ -25,7 +26,7 @@ def null_lines(made: Made, draws: int, store: Path) -> list[str]:
         f"draws: {len(null.net)} in {len(set(null.block))} recordings of encoder noise "
         f"(worth {null.independent:.0f} independent ones), {made.known} known "
         "before",
-        f"stored in {store}: modelgap show {null.id}",
+        f"stored in {shown(store)}: modelgap show {null.id}",
     ]
     if not made.complete:
         lines.append(

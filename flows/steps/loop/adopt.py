@@ -19,7 +19,9 @@ from warehouse.adoptions import (
     read_adoption,
 )
 from warehouse.files import read_parquet
-from warehouse.layout import KINDS, list_folders, record_folder
+from warehouse.kinds import KINDS
+from warehouse.layout import list_folders, record_folder
+from warehouse.objects.mirror import shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +178,9 @@ def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
     if len(keys) == 1:
         return keys.pop()
     if not keys:
-        raise InputError(f"No model was adopted in {store}: nothing to go back from.")
+        raise InputError(
+            f"No model was adopted in {shown(store)}: nothing to go back from."
+        )
     names = ", ".join(f"{r} {s or ''}".strip() for r, s in sorted(keys, key=str))
     raise InputError(f"Several robots have adopted models: {names}. Say --robot R.")
 

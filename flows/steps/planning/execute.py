@@ -14,10 +14,10 @@ from flows.steps.rerun.runs import spec_of
 from residual.errors import InputError
 from residual.planning.gather import PAUSE
 from sim.records import TrajectorySpec
-from warehouse.layout import SEALED, find_run
+from warehouse.layout import find_run
 from warehouse.origin.robots import robot_word
 from warehouse.runs import read_manifest
-from warehouse.seal import open_seal
+from warehouse.seal import has_seal, open_seal
 
 
 def execute(request: Diagnose, motion: TrajectorySpec) -> str:
@@ -89,7 +89,7 @@ def _check_simulated(
                 "the motion with --out, run it on the robot, and diagnose its log "
                 "together with the others."
             )
-        if not (store / SEALED / f"run_id={id}").is_dir():
+        if not has_seal(store, id):
             raise InputError(
                 f"The sealed half of run {id} is not in the store: its arm cannot be "
                 "made again. Use a store that has it."

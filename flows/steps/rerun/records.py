@@ -28,7 +28,9 @@ from warehouse.commit import commit_record, read_record
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.files import read_parquet, table_hash
 from warehouse.ids import ID_DIGITS
-from warehouse.layout import SEALED, Found, find, list_folders
+from warehouse.kinds import SEALED
+from warehouse.layout import Found, find, list_folders
+from warehouse.objects.mirror import brought, is_there
 from warehouse.origin.lineage import RERUN_OF, needed
 from warehouse.origin.robots import robot_word
 from warehouse.runs import read_manifest
@@ -95,7 +97,7 @@ def keep(own: Path, store: Path, old: Found, made: Found) -> str:
     """
     renamed: dict[str, str] = {}
     for each in needed(own, made.id):
-        if (store / each.folder.relative_to(own)).is_dir():
+        if is_there(store / each.folder.relative_to(own)):
             continue
         row = read_row(each)
         parents = [(p["parent"], p["role"]) for p in row["lineage"] or []]
@@ -118,12 +120,13 @@ def _link(store: Path, own: Path, before: Sequence[Found], sealed: bool) -> None
     for each in before:
         _share(each.folder, own / each.folder.relative_to(store))
         seal = Path(SEALED) / f"run_id={each.id}"
-        if sealed and (store / seal).is_dir():
+        if sealed and is_there(store / seal):
             _share(store / seal, own / seal)
 
 
 def _share(folder: Path, target: Path) -> None:
     target.mkdir(parents=True)
+    brought(folder)
     for path in folder.iterdir():
         # A symbolic link would not do: SQL follows it out of the store and refuses.
         try:

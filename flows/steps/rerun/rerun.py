@@ -13,7 +13,8 @@ from warehouse.commit import commit_record
 from warehouse.compare import Channel, compare, differing
 from warehouse.files import read_parquet, to_arrays
 from warehouse.ids import data_hash
-from warehouse.layout import SAMPLES_FILE, Found, find
+from warehouse.kinds import SAMPLES_FILE
+from warehouse.layout import Found, find
 from warehouse.origin.lineage import RERUN_OF
 from warehouse.origin.made_with import about_changes
 from warehouse.origin.provenance import as_record, provenance

@@ -132,7 +132,7 @@ def choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
 def extra_needed(what: str) -> InputError:
     """Return the error for a library that is not installed."""
     return InputError(
-        f"{what} needs the extra [bags]: pip install 'modelgap[bags]'.\n"
+        f"{what} needs the extra [bags]: pip install '.[bags]' in the checkout.\n"
         "Or export the log as CSV or Parquet."
     )
 

@@ -1,0 +1,78 @@
+"""Commands on a store in a bucket, as a user gives them."""
+
+import json
+
+import pytest
+
+from flows.cli import main
+
+SPEC = """
+schema = 1
+robot = "irb140"
+seed = 3
+[trajectory]
+kind = "fourier"
+duration = 2.0
+periods = 1
+"""
+
+
+@pytest.fixture
+def run(bucket_store, tmp_path, monkeypatch, capsys):
+    """Run a command; returns code, output and complaints."""
+    monkeypatch.setenv("MODELGAP_STORE", bucket_store)
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+
+    def run(*words):
+        code = main(words)
+        shown = capsys.readouterr()
+        return code, shown.out, shown.err
+
+    return run
+
+
+@pytest.mark.slow
+def test_a_run_is_made_asked_for_verified_and_made_again(
+    run, bucket_store, tmp_path, compiled_plant
+):
+    code, out, err = run("runs")
+    assert code == 2
+    assert f"There is no store at {bucket_store}" in err
+    spec = tmp_path / "work" / "spec.toml"
+    spec.write_text(SPEC)
+    code, out, _ = run("experiment", "spec.toml")
+    id = out.split()[-1]
+    assert (code, f"stored in {bucket_store}:" in " ".join(out.split())) == (0, True)
+    code, out, _ = run("experiment", "spec.toml")
+    assert (code, "is there" in out) == (0, True)
+    query = "SELECT run_id, count(*) AS n, max(t) AS last FROM samples GROUP BY run_id"
+    code, out, _ = run("sql", query, "--format", "json")
+    assert (code, json.loads(out)) == (0, [{"run_id": id, "n": 501, "last": 2.0}])
+    code, out, _ = run("verify")
+    assert (code, "verified 1 runs, 1 sealed" in out) == (0, True)
+    code, out, _ = run("rerun", id[:6], "--verify")
+    assert (code, "bit for bit" in out) == (0, True)
+    code, out, _ = run("compact")
+    assert (code, "again from 1 records" in out) == (0, True)
+    code, out, _ = run("bundle", id, "--out", "run.tar")
+    assert code == 0
+    code, out, _ = run("unbundle", "run.tar", "--store", "folder")
+    assert (code, "added to" in out) == (0, True)
+    # Nothing but what was asked for lies about.
+    names = {path.name for path in (tmp_path / "work").iterdir()}
+    assert names == {"spec.toml", "run.tar", "folder"}
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("s3:/robots/cell", "a folder, or s3://BUCKET/PREFIX"),
+        ("gs://robots/cell", "a folder, or s3://BUCKET/PREFIX"),
+        ("s3://r/cell", "'r' is no name of a bucket"),
+    ],
+)
+def test_a_wrong_address_is_refused_and_no_folder_is_made(run, word, said, tmp_path):
+    code, _, err = run("runs", "--store", word)
+    assert (code, said in " ".join(err.split())) == (2, True)
+    assert list((tmp_path / "work").iterdir()) == []

@@ -1,0 +1,31 @@
+"""Stores in buckets: of a server on loopback, and of nothing but memory."""
+
+import pytest
+from obstore.store import MemoryStore
+
+from tests.warehouse.objects.buckets import mirror_for
+from warehouse.objects import mirror
+from warehouse.objects.bucket import Bucket
+from warehouse.query import catalogue
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    """Mirrors of a test's own, and no bucket known from another."""
+    monkeypatch.setenv(mirror.CACHE, str(tmp_path / "cache"))
+    mirror.forget()
+    yield
+    catalogue.forget_waiting()
+    mirror.forget()
+
+
+@pytest.fixture
+def memory():
+    """A bucket that is nowhere but in this process."""
+    return Bucket(MemoryStore(), "s3://memory/store")
+
+
+@pytest.fixture
+def store(memory, tmp_path):
+    """A store in that bucket."""
+    return mirror_for(memory, tmp_path / "cache" / "memory")

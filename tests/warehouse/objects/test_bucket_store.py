@@ -1,0 +1,241 @@
+"""A store in a bucket is the store that a folder is: ids, bytes, answers, damage."""
+
+import contextlib
+import json
+
+import numpy as np
+import pytest
+
+import warehouse
+from residual.errors import InputError
+from tests.warehouse import store_samples as made
+from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, mirror_for
+from warehouse.adoptions import ADOPTED, Adoption, MeanwhileError, commit_adoption
+from warehouse.commit import commit_record, commit_run, read_record
+from warehouse.exchange.bundle import write_bundle
+from warehouse.exchange.unbundle import read_bundle
+from warehouse.layout import find, list_folders
+from warehouse.objects import mirror
+from warehouse.objects.identity import IDENTITY
+from warehouse.query import catalogue
+from warehouse.runs import quarantine, quarantined, read_run, tombstone
+from warehouse.seal import has_seal, open_seal
+from warehouse.verify_all import verify_all
+
+ALL = ("runs", "models", "diagnoses")
+
+
+def faults(store):
+    return [(v.kind, v.id, v.faults) for v in verify_all(store) if v.faults]
+
+
+def forget_copies(store, bucket, tmp_path, name="other"):
+    """Look at a bucket as another machine does."""
+    return mirror_for(bucket, tmp_path / "cache" / name)
+
+
+def keys(bucket, prefix=""):
+    return [each.key for each in bucket.objects(prefix)]
+
+
+def test_a_run_has_the_id_and_the_bytes_that_it_has_in_a_folder(
+    store, memory, tmp_path
+):
+    here, there = made.commit(tmp_path / "folder", 3), made.commit(store, 3)
+    assert there == here
+    folder = find(tmp_path / "folder", here).folder
+    (key,) = [k for k in keys(memory, "samples") if "part-0" in k]
+    assert memory.get(key) == (folder / "part-0.parquet").read_bytes()
+    other = forget_copies(store, memory, tmp_path)
+    one, two = (read_run(place, here) for place in (tmp_path / "folder", other))
+    for name in ("t", "q", "tau", "q_ref"):
+        assert np.array_equal(getattr(one, name), getattr(two, name))
+    assert open_seal(other, here).spec == made.sealed(3).spec
+    assert faults(other) == []
+    assert {v.kind for v in verify_all(other)} >= {"runs", "sealed", "made_with"}
+
+
+def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tmp_path):
+    for place in (tmp_path / "folder", store):
+        run = made.commit(place, 1)
+        made.commit(place, 2, robot="other")
+        made.store_verdict(place, made.verdict([run]), {"stage": "augmented"}, [run])
+    queries = (
+        "SELECT * EXCLUDE created FROM runs ORDER BY run_id",
+        "FROM samples ORDER BY run_id, t",
+        f"SELECT avg(q2) AS a, max(e_tau1) AS b FROM samples WHERE run_id = '{run}'",
+        "FROM errors ORDER BY ALL",
+        "FROM effects ORDER BY ALL",
+        "FROM lineage ORDER BY ALL",
+    )
+    other = forget_copies(store, memory, tmp_path)
+    with warehouse.open(tmp_path / "folder") as one, warehouse.open(other) as two:
+        for query in queries:
+            assert one.sql(query).equals(two.sql(query)), query
+        seal = f"sealed/run_id={run}/truth.parquet"
+        for path in (
+            f"modelgap://{seal}",
+            f"modelgap://samples/../{seal}",
+            f"modelgap://samples/../{IDENTITY}",
+            "s3://memory/store/x.parquet",
+            str(other / seal),
+            str(next((other / "samples").rglob("_run.parquet"))),
+        ):
+            with pytest.raises(InputError):
+                two.sql(f"FROM read_parquet('{path}')")
+        with pytest.raises(InputError, match="Only one SELECT"):
+            two.sql("COPY (SELECT 1) TO 'modelgap://samples/x.parquet'")
+
+
+def every_commit(store):
+    run = made.commit(store, 5)
+    made.store_verdict(store, made.verdict([run]), {"stage": "augmented"}, [run])
+    quarantine(store, run, "for a test")
+    catalogue.flush()
+    return run
+
+
+def test_killed_at_any_change_nothing_partial_is_visible(memory, tmp_path):
+    # After one change is before the next: the bucket is the same.
+    seen, at, run = set(), 0, None
+    while run is None:
+        bucket = type(memory)(type(memory._store)(), memory._url)
+        place = mirror_for(Breaking(bucket, at), tmp_path / "cache" / f"killed-{at}")
+        with contextlib.suppress(KilledError):
+            run = every_commit(place)
+        catalogue.forget_waiting()
+        other = forget_copies(place, bucket, tmp_path, f"later-{at}")
+        seen.add(check(other))
+        last = every_commit(other)
+        assert {len(list_folders(other, kind)) for kind in ALL} == {1}
+        at += 1
+    assert run == last
+    assert check(other) == (1, 1, 1)
+    assert at > 15
+    assert seen == {(0, 0, 0), (1, 0, 0), (1, 1, 0), (1, 1, 1)}
+
+
+def check(store):
+    """Return how many runs, models and diagnoses there are; all of them are whole."""
+    if not store.is_dir():
+        return 0, 0, 0
+    assert faults(store) == []
+    with warehouse.open(store) as opened:
+        runs = opened.sql("SELECT run_id FROM runs").column(0).to_pylist()
+        count = opened.sql("SELECT count(*) AS n FROM samples").to_pylist()[0]["n"]
+        assert opened.damaged == ()
+    for id in runs:
+        assert has_seal(store, id)
+        assert read_run(store, id).dof == made.DOF
+    assert count == 50 * len(runs)
+    return len(runs), *(len(list_folders(store, k)) for k in ALL[1:])
+
+
+def test_a_server_that_ignores_conditions_is_refused(memory, tmp_path):
+    careless = Careless(memory._store, "s3://careless")
+    place = mirror_for(careless, tmp_path / "cache" / "careless")
+    with pytest.raises(InputError, match=r"s3://careless ignores the condition"):
+        made.commit(place)
+    assert keys(memory) == [IDENTITY]
+
+
+def test_two_writers_of_one_id_with_other_bits_leave_one_whole_record(
+    store, memory, tmp_path, monkeypatch
+):
+    # As on two processors: one spec, and samples that differ in the last digit.
+    log = made.recording(1)
+    run = made.commit(store, 1)
+    second = mirror_for(memory, tmp_path / "cache" / "second")
+    changed = made.recording(2, q_ref=log.q)
+    with monkeypatch.context() as both:
+        # Neither sees the other before its last put.
+        both.setattr("warehouse.commit._is_there", lambda *_: False)
+        again = commit_run(second, changed, made.manifest(1), made.sealed(1))
+    assert again == run
+    assert len([k for k in keys(memory, "samples") if "part-0" in k]) == 2
+    assert np.array_equal(read_run(second, run).q, made.recording(1).q)
+    assert faults(store) == []
+
+
+def test_a_flipped_bit_in_the_bucket_is_no_result(store, memory, tmp_path):
+    run, whole = made.commit(store, 1), made.commit(store, 2)
+    (key,) = [k for k in keys(memory, "samples") if run in k and "part-0" in k]
+    data = bytearray(memory.get(key))
+    data[len(data) // 2] ^= 1
+    memory.put(key, bytes(data))
+    other = forget_copies(store, memory, tmp_path)
+    with pytest.raises(InputError, match="is damaged in the bucket"):
+        read_run(other, run)
+    with warehouse.open(other) as opened:
+        with pytest.raises(InputError, match="damaged in the bucket"):
+            opened.sql("SELECT sum(q1) + sum(tau1) + sum(q2) FROM samples")
+        kept = opened.sql("SELECT DISTINCT run_id FROM samples", without_damaged=True)
+        assert kept.column(0).to_pylist() == [whole]
+    assert [(kind, id) for kind, id, _ in faults(other)] == [("runs", run)]
+
+
+def test_a_tombstone_is_seen_by_all(store, memory, tmp_path):
+    run = made.commit(store)
+    quarantine(store, run, "a wrong gripper")
+    other = forget_copies(store, memory, tmp_path)
+    assert quarantined(other) == {run}
+    assert tombstone(other, run) == "a wrong gripper"
+    quarantine(other, run, "another reason")
+    assert tombstone(other, run) == "a wrong gripper"
+
+
+def test_of_two_adoptions_with_one_number_one_is_told(store, memory, tmp_path):
+    first = Adoption("two_link", None, ADOPTED, None, None, None, "one")
+    assert commit_adoption(store, first) == "000001"
+    other = forget_copies(store, memory, tmp_path)
+    with pytest.raises(MeanwhileError, match="one has given two_link"):
+        commit_adoption(other, first)
+    then = Adoption("two_link", None, ADOPTED, None, None, "000001", "two")
+    assert commit_adoption(other, then) == "000002"
+    assert sorted(list_folders(store, "adoptions")) == ["000001", "000002"]
+
+
+def test_a_bundle_takes_records_from_a_folder_to_a_bucket_and_back(
+    store, memory, tmp_path
+):
+    folder, back = tmp_path / "folder", tmp_path / "back"
+    run = made.commit(folder, 4)
+    model = commit_record(
+        folder, "models", {"robot": "two_link"}, None, [run], {"a.html": b"page"}
+    )
+    write_bundle(folder, model, tmp_path / "a.tar")
+    assert len(read_bundle(tmp_path / "a.tar", store).added) >= 3
+    other = forget_copies(store, memory, tmp_path)
+    assert read_record(other, model) == {"robot": "two_link"}
+    assert (find(other, model).folder).name == f"model_id={model}"
+    write_bundle(other, model, tmp_path / "b.tar")
+    assert (tmp_path / "a.tar").read_bytes() == (tmp_path / "b.tar").read_bytes()
+    assert read_bundle(tmp_path / "b.tar", back).known == ()
+
+
+def test_another_store_at_the_same_address_is_not_taken_for_the_first(
+    store, memory, tmp_path
+):
+    run = made.commit(store)
+    memory.delete(keys(memory))
+    place = mirror_for(memory, store)
+    assert not place.is_dir()
+    mirror.forget()
+    mirror_for(memory, store)
+    new = made.commit(store, 7)
+    assert list_folders(store, "runs").keys() == {new}
+    with pytest.raises(InputError, match="Nothing in s3://memory/store"):
+        find(store, run)
+
+
+def test_a_list_of_sums_that_names_other_places_reaches_none(store, memory, tmp_path):
+    run = made.commit(store)
+    (key,) = [k for k in keys(memory, "samples") if k.endswith("_sums.json")]
+    sums = json.loads(memory.get(key))
+    sums["files"]["../../../../evil"] = sums["files"]["_run.parquet"]
+    memory.put(key, json.dumps(sums).encode())
+    other = forget_copies(store, memory, tmp_path)
+    with pytest.raises(InputError, match="damaged"):
+        read_run(other, run)
+    assert faults(other) != []
+    assert not list(tmp_path.rglob("evil"))

@@ -1,0 +1,275 @@
+"""The folder of this machine beside a store on object storage.
+
+Every part of the program takes a store as a folder. Of a store in a bucket that folder
+is a mirror: it holds copies of what was read, what is being written, and what makes no
+sense in a bucket, such as Prefect's database and lock files. Nothing in the bucket is
+ever changed, so a copy is right for ever, and deleting a mirror loses nothing but what
+Prefect remembers.
+
+A file of a record lies in the bucket under a key with its hash in it, and its list of
+sums, which is written last, says which that is. So two writers of one record never
+write into each other's files, whatever is in them.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path, PurePosixPath
+
+from residual.errors import InputError
+from warehouse.kinds import FOLDERS, INDEX, KINDS, QUARANTINE, STAGING
+from warehouse.objects.access import endpoint_url
+from warehouse.objects.address import parse
+from warehouse.objects.bucket import Bucket, open_bucket
+from warehouse.objects.identity import identity_of, make_identity
+
+CACHE = "MODELGAP_CACHE"
+SUMS = "_sums.json"
+PRIVATE = 0o700
+# What lies in the bucket by its own name, and not as the file of a record.
+_PLAIN = (QUARANTINE, "made_with")
+_LOCAL = (STAGING, INDEX, "_prefect")
+
+_open: dict[str, Bucket] = {}
+_writable: set[str] = set()
+
+
+def mirror_of(word: str) -> Path:
+    """Return the mirror of the store at an address; it is there where the store is.
+
+    Args:
+        word: As s3://bucket/prefix.
+
+    Raises:
+        InputError: If it is none, or the bucket does not answer.
+    """
+    address = parse(word)
+    named = f"{endpoint_url() or ''} {address.url}"
+    name = f"{address.bucket}-{hashlib.sha256(named.encode()).hexdigest()[:16]}"
+    mirror = Path(_root()) / name
+    if name not in _open or not mirror.is_dir():
+        bucket = open_bucket(address)
+        identity = identity_of(bucket)
+        _renew(mirror, {"url": address.url, "identity": identity})
+        if identity is None:
+            # Asked again by the next, since somebody may make it meanwhile.
+            return mirror
+        _open[name] = bucket
+    return mirror
+
+
+def bucket_of(store: Path) -> Bucket | None:
+    """Return the bucket of a store, None for a store that is a folder."""
+    if str(store.parent) != _root():
+        return None
+    if store.name not in _open:
+        _open[store.name] = open_bucket(parse(_card(store)["url"]))
+    return _open[store.name]
+
+
+def writable(store: Path) -> Bucket:
+    """Return the bucket of a mirror, made a store, and known to keep conditions.
+
+    Raises:
+        InputError: If its server ignores the condition of a put.
+    """
+    bucket = bucket_of(store)
+    if str(store) not in _writable:
+        identity = make_identity(bucket, shown(store))
+        store.mkdir(PRIVATE, parents=True, exist_ok=True)
+        _write_card(store, _card(store) | {"identity": identity})
+        _writable.add(str(store))
+    return bucket
+
+
+def shown(store: Path) -> str:
+    """Return what people call a store: its address, or its folder."""
+    return _card(store)["url"] if bucket_of(store) else str(store)
+
+
+def place_of(path: Path) -> tuple[Path, str] | None:
+    """Return mirror and key of a path whose place is in a bucket, None for others."""
+    root = _root()
+    text = str(path)
+    if not text.startswith(root + os.sep):
+        return None
+    name, _, key = text[len(root) + 1 :].partition(os.sep)
+    top = key.partition("/")[0]
+    if top in _LOCAL or top not in FOLDERS:
+        return None
+    return Path(root, name), key
+
+
+def at_hand(path: Path) -> None:
+    """Copy a file of a store in a bucket into the mirror, if it is not there yet.
+
+    Args:
+        path: A file of any store; nothing is done for one in a folder, nor for one
+            that the bucket does not have.
+
+    Raises:
+        InputError: If the bucket does not answer, or what it gives is damaged.
+    """
+    place = place_of(path)
+    if place is None or path.exists():
+        return
+    store, key = place
+    bucket = bucket_of(store)
+    if key.partition("/")[0] in _PLAIN or path.name == SUMS:
+        data = bucket.get(key)
+    else:
+        data = _file_of_record(bucket, path, key)
+    if data is not None:
+        keep(path, data)
+
+
+def brought(folder: Path) -> bool:
+    """Copy all files of a record into the mirror; whether there is such a record.
+
+    Args:
+        folder: Folder of a record of any store.
+
+    Raises:
+        InputError: If the bucket does not answer, or what it gives is damaged.
+    """
+    if place_of(folder) is None:
+        return folder.is_dir()
+    if not is_there(folder):
+        return False
+    for name in sums_in(folder):
+        at_hand(folder / name)
+    return True
+
+
+def is_there(folder: Path) -> bool:
+    """Return whether there is a record, with as little as that takes."""
+    if place_of(folder) is None:
+        return folder.is_dir()
+    at_hand(folder / SUMS)
+    return (folder / SUMS).is_file()
+
+
+def names_in(store: Path, folder: str) -> list[str]:
+    """Return the names of what lies in a folder of a store, one after the other.
+
+    Args:
+        store: The store.
+        folder: A folder of it whose files lie in a bucket by their own names, or one
+            of folders; it need not be there.
+
+    Raises:
+        InputError: If the bucket does not answer.
+    """
+    bucket = bucket_of(store)
+    if bucket is None:
+        place = store / folder
+        return sorted(os.listdir(place)) if place.is_dir() else []
+    keys = (each.key for each in bucket.objects(folder))
+    return sorted({key.removeprefix(f"{folder}/").split("/")[0] for key in keys})
+
+
+def sums_in(folder: Path) -> Mapping[str, Mapping]:
+    """Return the sums of a record's files by name, as its list in a mirror has them.
+
+    Raises:
+        InputError: If the list is damaged.
+    """
+    try:
+        return json.loads((folder / SUMS).read_bytes())["files"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{folder / SUMS} is damaged: it is no list of sums."
+        ) from error
+
+
+def object_key(folder: str, name: str, sha256: str) -> str:
+    """Return the key of a record's file: its hash stands before the end of its name."""
+    path = PurePosixPath(name)
+    return f"{folder}/{path.stem}.{sha256[:16]}{path.suffix}"
+
+
+def keep(path: Path, data: bytes) -> None:
+    """Write a copy, whole or not at all."""
+    path.parent.mkdir(PRIVATE, parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
+    try:
+        draft.write_bytes(data)
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _file_of_record(bucket: Bucket, path: Path, key: str) -> bytes | None:
+    if not is_there(path.parent):
+        return None
+    known = sums_in(path.parent).get(path.name)
+    if known is None:
+        return None
+    folder = key.rpartition("/")[0]
+    data = bucket.get(object_key(folder, path.name, known["sha256"]))
+    if data is None or hashlib.sha256(data).hexdigest() != known["sha256"]:
+        what = "is missing" if data is None else "is damaged"
+        raise InputError(
+            f"{path.name} of {folder} {what} in the bucket. Take that record out of it "
+            "and run modelgap compact; what can be made again is, by the same command."
+        )
+    return data
+
+
+def _root() -> str:
+    names = (CACHE, "XDG_CACHE_HOME", "HOME")
+    return _root_in(*map(os.environ.get, names))
+
+
+@lru_cache(maxsize=8)
+def _root_in(own: str | None, cache: str | None, home: str | None) -> str:
+    place = own or (f"{cache}/modelgap" if cache else f"{home or ''}/.cache/modelgap")
+    return str(Path(place).resolve())
+
+
+def _card(store: Path) -> dict:
+    """Return what was noted of a mirror: the address, and which store was there."""
+    try:
+        return json.loads(store.with_name(f"{store.name}.json").read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{store} is the mirror of no store.") from error
+
+
+def _write_card(store: Path, card: Mapping) -> None:
+    keep(store.with_name(f"{store.name}.json"), json.dumps(card).encode())
+
+
+def _renew(mirror: Path, card: Mapping) -> None:
+    """Forget copies of another store that was at the same address before."""
+    try:
+        known = _card(mirror)
+    except InputError:
+        known = {}
+    if known == card:
+        return
+    if known.get("identity") or card["identity"] is None:
+        for name in {INDEX, *_PLAIN, "robots", "sealed"} | {
+            kind.folder for kind in KINDS.values()
+        }:
+            shutil.rmtree(mirror / name, ignore_errors=True)
+    with suppress(OSError):
+        (mirror / STAGING).rmdir()
+    with suppress(OSError):
+        mirror.rmdir()
+    if card["identity"]:
+        mirror.mkdir(PRIVATE, parents=True, exist_ok=True)
+    _write_card(mirror, card)
+
+
+def forget() -> None:
+    """Ask again for every bucket, as a new process does."""
+    _open.clear()
+    _writable.clear()
+
+
+os.register_at_fork(after_in_child=forget)

@@ -1,0 +1,58 @@
+"""The catalogue of a store at one moment, and rows that are read from its records."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+
+from residual.errors import InputError
+from warehouse.files import read_parquet
+from warehouse.kinds import Kind
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Catalogue:
+    """All records of a store at one moment.
+
+    Attributes:
+        folders: Folder of every record, by kind and id.
+        rows: Catalogue rows by kind, oldest first.
+        damaged: Messages about records whose row cannot be read, by kind; these are
+            left out.
+    """
+
+    folders: Mapping[str, Mapping[str, str]]
+    rows: Mapping[str, pa.Table]
+    damaged: Mapping[str, Sequence[str]]
+
+
+def read_new(
+    ids: Sequence[str], kind: Kind, folders: Mapping[str, str]
+) -> tuple[list[pa.Table], list[str]]:
+    """Return rows that are read from the records, and what is damaged of them.
+
+    Args:
+        ids: Of the records.
+        kind: Their kind.
+        folders: Their folders, by id.
+    """
+    new, damaged = [], []
+    for id in ids:
+        try:
+            new.append(_read_row(Path(folders[id]) / kind.row, kind))
+        except InputError as error:
+            damaged.append(str(error))
+    return new, damaged
+
+
+def _read_row(path: Path, kind: Kind) -> pa.Table:
+    """Read one catalogue row; columns of another version are left out or null."""
+    table = read_parquet(path)
+    columns = [
+        table.column(field.name).cast(field.type)
+        if field.name in table.column_names
+        else pa.nulls(len(table), field.type)
+        for field in kind.fields
+    ]
+    return pa.table(columns, schema=kind.fields)
