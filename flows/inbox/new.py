@@ -89,7 +89,7 @@ def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
     Raises:
         InputError: If its model is of another description of it.
     """
-    if not (store / "samples").is_dir():
+    if not store.is_dir():
         return None
     about = {"robot": arm.name, "serial": arm.serial, "healthy": table.healthy}
     with open_store(store) as opened:

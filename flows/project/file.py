@@ -128,7 +128,7 @@ class ProjectTable:
 
     Attributes:
         schema: Version of this form.
-        store: Folder of the store.
+        store: Folder of the store, or s3://BUCKET/PREFIX.
         port: Port of the server; each project has its own.
         workers: How many workers.
         poll: When the inboxes are looked into, in cron.

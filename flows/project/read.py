@@ -7,10 +7,11 @@ from pathlib import Path
 
 from flows.inputs.robots import load
 from flows.project.file import InboxTable, NotifyTable, ProjectTable, RobotTable
-from flows.settings import PROJECT, ROOT
+from flows.settings import PROJECT, ROOT, store_folder
 from residual.errors import InputError
 from residual.robot.robot import Robot, built_in_robots, with_serial
 from warehouse.logs import ColumnMap, load_columns
+from warehouse.objects.address import is_address
 from warehouse.toml import faults, read_toml
 
 
@@ -28,8 +29,9 @@ class Project:
 
     @property
     def store(self) -> Path:
-        """The folder of the store."""
-        return self.path(self.table.store)
+        """The folder of the store; of one in a bucket that of this machine."""
+        word = self.table.store
+        return store_folder(word) if is_address(word) else self.path(word)
 
     @property
     def notify(self) -> NotifyTable:

@@ -21,6 +21,7 @@ from warehouse.commit import commit_run, imported_run_id
 from warehouse.layout import record_folder
 from warehouse.logs import ColumnMap, Understood, load_columns, read_any, unique_ids
 from warehouse.logs.moment import iso, parse
+from warehouse.objects.mirror import is_there
 from warehouse.origin.robots import keep_robot
 from warehouse.runs import read_manifest
 
@@ -151,7 +152,7 @@ def _read_one(spec: str, label: str, request: Import, of_all: tuple) -> Log:
         recording=recording,
         known=known,
         run_id=run_id,
-        stored=record_folder(store, "runs", run_id, robot.name).is_dir(),
+        stored=is_there(record_folder(store, "runs", run_id, robot.name)),
         manifest={
             "source": "imported",
             "kind": request.kind,

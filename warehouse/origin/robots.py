@@ -87,8 +87,8 @@ def robot_of_hash(store: Path, content_hash: str) -> str:
     if brought(folder):
         return str(folder)
     raise InputError(
-        f"No description of the robot {content_hash[:8]} was kept in {shown(store)}. Import a "
-        "log of it again with --robot, which keeps it."
+        f"No description of the robot {content_hash[:8]} was kept in {shown(store)}. "
+        "Import a log of it again with --robot, which keeps it."
     )
 
 
