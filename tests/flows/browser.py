@@ -74,6 +74,16 @@ class Tab:
             except TimeoutError:
                 return
 
+    def resize(self, width: int, height: int) -> None:
+        """Show pages as on a screen of that size [pixels]."""
+        size = {"width": width, "height": height}
+        self._call(
+            "Emulation.setDeviceMetricsOverride",
+            **size,
+            deviceScaleFactor=1,
+            mobile=width < 600,
+        )
+
     def picture(self, path: Path) -> None:
         """Keep what is seen, for people."""
         import base64

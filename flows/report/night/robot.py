@@ -33,7 +33,9 @@ def context(look: Look, robot: str, place: Place) -> dict:
     with open_store(look.store) as opened:
         effects = ask(opened, questions.EFFECTS, robot=robot)
         parameters = ask(opened, questions.PARAMETERS, robot=robot)
-    marks = [(a["created"], f"no. {int(a['id'])}: {a['action']}") for a in _all(own)]
+    marks = [
+        (a["created"], f"no. {int(a['id'])}: {a['action']}") for a in own["adoptions"]
+    ]
     drawn, left = _parameters(parameters)
     return {
         "title": f"modelgap: {robot}",
@@ -55,10 +57,6 @@ def context(look: Look, robot: str, place: Place) -> dict:
     }
 
 
-def _all(own: Mapping) -> Sequence[Mapping]:
-    return own["adoptions"]
-
-
 def _headline(robot: str, found: Sequence[Diagnosed], look: Look) -> str:
     if not found:
         return f"{robot} has not been diagnosed yet."
@@ -70,11 +68,12 @@ def _tiles(found: Sequence[Diagnosed], own: Mapping, look: Look) -> list[Tile]:
     back = last is not None and last["diagnosis_id"] is None
     model = "nominal" if last is None or back else f"no. {int(last['id'])}"
     since = f"since {last['created']:%Y-%m-%d}" if last else "as it was described"
-    alarms = sum(row["alarms"] for row in own["watched"])
+    alarms, times = sum(row["alarms"] for row in own["watched"]), len(own["watched"])
+    watched = f"watched {times} time{'' if times == 1 else 's'}"
     tiles = [
         Tile("Model", model, since),
         Tile("Diagnoses", str(len(found)), _when(found)),
-        Tile("Alarms", str(alarms), f"in {len(own['watched'])} times watched"),
+        Tile("Alarms", str(alarms) if times else "–", watched),
         Tile("Runs", str(len(own["runs"])), "stored"),
     ]
     if found and known(found[0].before):
@@ -108,7 +107,7 @@ def _errors(found: Sequence[Diagnosed], marks: Sequence) -> Trend | None:
         Series("with the findings", "after", [(d.created, d.after) for d in found]),
     ]
     oldest_first = [Series(s.name, s.look, s.points[::-1]) for s in lines]
-    return trend(oldest_first, "%", marks=marks)
+    return trend(oldest_first, "%", 760.0, marks=marks)
 
 
 def _versions(found: Sequence[Diagnosed]) -> list[dict]:

@@ -8,7 +8,9 @@ from flows.report.night.history import FlowRun, History, Past
 from flows.service.api import Api, ask
 
 _MOST = 200  # that the server gives at once
-_WARNING = 30  # level of a log
+# Levels of logs that are warnings; what is worse has failed, and says so there.
+_WARNINGS = {"ge_": 30, "le_": 39}
+_LONGEST = 300  # characters of one
 _WAIT = 10.0  # s
 
 
@@ -30,7 +32,7 @@ def past_of(to: Api) -> Past:
             "limit": _MOST,
         }
         logs = {
-            "logs": {"level": {"ge_": _WARNING}, "timestamp": span},
+            "logs": {"level": _WARNINGS, "timestamp": span},
             "sort": "TIMESTAMP_ASC",
             "limit": _MOST,
         }
@@ -41,7 +43,7 @@ def past_of(to: Api) -> Past:
             return None
         names = {run["id"]: run["name"] for run in found}
         lines = [
-            (names[line["flow_run_id"]], " ".join(line["message"].split()))
+            (names[line["flow_run_id"]], " ".join(line["message"].split())[:_LONGEST])
             for line in told
             if line["flow_run_id"] in names
         ]

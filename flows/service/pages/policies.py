@@ -14,6 +14,6 @@ STORED = (
 # Without a key: a page with nothing in it, whose script asks for a ticket.
 DOOR = (
     "default-src 'none'; script-src 'self'; connect-src 'self'; "
-    f"style-src 'unsafe-inline'; {_NO}"
+    f"img-src data:; style-src 'unsafe-inline'; {_NO}"
 )
 KNOWN = frozenset({MADE, STORED, DOOR})

@@ -28,15 +28,20 @@ class Nights:
     watched: str
 
 
-def fill(store: Path) -> Nights:
-    """Put runs, two diagnoses, a report, a proposal, an alarm and models into it."""
+def fill(store: Path, stored: bytes = STORED) -> Nights:
+    """Put runs, two diagnoses, a report, a proposal, an alarm and models into it.
+
+    Args:
+        store: Its folder, which is made.
+        stored: The page of its report.
+    """
     runs = tuple(made.commit(store, seed) for seed in range(4))
     missing = diagnose(store, runs[:2], made.verdict())
     nothing = diagnose(
         store, runs[2:], made.verdict(verdict="none", effects=[], robot=EVIL)
     )
     about = {"robot": "two_link", "kind": "nightly"}
-    page = store_report(store, about, missing, {"report.html": STORED})
+    page = store_report(store, about, missing, {"report.html": stored})
     asked = {**about, "kind": "proposal", "parent": None, "findings": []}
     side = store_report(store, asked, missing, {"proposal.html": STORED})
     rows = pa.Table.from_pylist([alarm(runs[0])], schema=alarm_schema())

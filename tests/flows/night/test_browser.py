@@ -1,0 +1,121 @@
+"""Every page of a served store in a real browser: what it opens, says and asks for."""
+
+import json
+import socket
+from types import SimpleNamespace
+
+import pytest
+
+from flows.service import api
+from flows.service.key import store_key
+from flows.service.processes import start, stop
+from flows.service.server import answers
+from flows.service.state import Running
+from flows.service.up import server_command
+from flows.service.wanted import server_environment
+from flows.settings import prefect_home
+from tests.flows.browser import PROGRAM, browser
+from tests.flows.night.stores import fill
+from tests.waiting import until
+
+pytestmark = [pytest.mark.prefect, pytest.mark.slow, pytest.mark.long]
+
+# A page that a stranger has put into a store; what it tries must come to nothing.
+THIEF = b"""<!doctype html><title>stored</title><h1>Stored</h1><p id="told"></p>
+<script>
+const told = {};
+try { told.key = localStorage.getItem("prefect-password"); }
+catch (error) { told.key = "refused"; }
+fetch("/api/flows/filter", {method: "POST", body: "{}",
+  headers: {"Content-Type": "application/json"}})
+  .then((answer) => { told.asked = answer.status; })
+  .catch(() => { told.asked = "refused"; })
+  .finally(() => { document.title = JSON.stringify(told); });
+</script>"""
+LINKS = """[...document.querySelectorAll("a[href]")].map((a) => a.href)
+  .filter((link) => link.includes("/pages/")).map((link) => link.split(/[?#]/)[0])"""
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """A store of some nights, and its server as `modelgap up` starts it."""
+    nights = fill(tmp_path_factory.mktemp("seen") / "store", THIEF)
+    home = prefect_home(nights.store)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        running = Running("127.0.0.1", probe.getsockname()[1], "sqlite")
+    env = server_environment(running, home, None)
+    process = start("server", server_command(running), env, home / "server.log")
+    try:
+        until(lambda: answers(running.url) or not process.lives, "it answers", 0.2)
+        assert process.lives, (home / "server.log").read_text()
+        yield SimpleNamespace(running=running, key=store_key(home), nights=nights)
+    finally:
+        stop([process])
+
+
+@pytest.fixture
+def tab(tmp_path):
+    """A browser to which every name but this machine's leads nowhere."""
+    if PROGRAM is None:
+        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
+    rules = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
+    with browser(tmp_path, rules) as tab:
+        yield tab
+
+
+def opened(tab, address: str) -> None:
+    """Open a page and wait until it is that, and no more the one that asks."""
+    tab.open(address)
+    ready = "location.search.startsWith('?ticket=') && document.readyState"
+    tab.wait(f"({ready}) === 'complete'", f"{address} is open")
+
+
+def test_a_browser_without_the_key_sees_nothing(served, tab):
+    tab.open(f"{served.running.pages}/night/latest.html")
+    said = "document.body?.innerText.includes('does not have the key')"
+    tab.wait(said, "it says so")
+    assert "two_link" not in tab.run("document.documentElement.outerHTML")
+
+
+def test_every_link_opens_at_both_widths_and_nothing_goes_beyond(served, tab):
+    tab.open(api.opening_address(served.running.ui, served.key))
+    tab.wait("location.pathname.startsWith('/v2')", "the ticket has opened the page")
+    tab.open("about:blank")
+    tab.wait("location.href === 'about:blank'", "it is left")
+    tab.said.clear()
+    tab.asked.clear()
+    todo, seen = [f"{served.running.pages}/night/latest.html"], {}
+    while todo:
+        address = todo.pop()
+        if address in seen:
+            continue
+        for width in (1280, 390):
+            tab.resize(width, 900)
+            opened(tab, address)
+            room = "document.documentElement.scrollWidth <= innerWidth"
+            assert tab.run(room), (address, width)
+        status = "performance.getEntriesByType('navigation')[0].responseStatus"
+        seen[address] = tab.run(status)
+        if "/report/" not in address:
+            todo += tab.run(LINKS)
+    kinds = {
+        address.removeprefix(served.running.pages).split("/")[1] for address in seen
+    }
+    assert kinds == {"night", "robot", "record", "report", "reports", "index.html"}
+    assert set(seen.values()) == {200}
+    hosts = {url.split("/")[2] for url in tab.asked.values() if "://" in url}
+    assert hosts == {f"127.0.0.1:{served.running.port}"}
+    # The one thing that is said is what was refused to the page of the stranger.
+    ours = [
+        said for said in tab.said if "sandbox" not in said and "connect" not in said
+    ]
+    assert ours == []
+
+
+def test_a_stored_page_has_neither_the_key_nor_the_ear_of_the_server(served, tab):
+    tab.open(api.opening_address(served.running.ui, served.key))
+    tab.wait("location.pathname.startsWith('/v2')", "the ticket has opened the page")
+    opened(tab, f"{served.running.pages}/report/{served.nights.report}/report.html")
+    told = json.loads(tab.wait("document.title[0] === '{' && document.title", "tried"))
+    assert told == {"key": "refused", "asked": "refused"}
