@@ -53,7 +53,7 @@ class Look:
     """All that the pages need of a store, read when they are asked for.
 
     Attributes:
-        store: Its folder.
+        opened: The store.
         diagnoses: Latest first, as all lists.
         proposals: Keys as in `questions.PROPOSALS`.
         watched: Monitorings with the number of their alarms.
@@ -63,7 +63,7 @@ class Look:
         runs: All runs.
     """
 
-    store: Path
+    opened: Store
     diagnoses: tuple[Diagnosed, ...]
     proposals: Rows
     watched: Rows
@@ -88,23 +88,25 @@ class Look:
 
     def words(self, diagnosis: str) -> tuple[str, str]:
         """Return what a diagnosis names, and its errors, in words."""
-        return _words(self.store, diagnosis)
+        return _words(self.opened.path, diagnosis)
+
+    def ask(self, query: str, **values: object) -> Rows:
+        """Return the rows of one more query."""
+        return ask(self.opened, query, **values)
 
 
-def look(store: Path) -> Look:
+def look(opened: Store) -> Look:
     """Read what a store holds; what is damaged is left out.
 
-    Raises:
-        InputError: If there is no store.
+    Args:
+        opened: The store.
     """
-    with open_store(store) as opened:
-        rows = {
-            name: ask(opened, getattr(questions, name.upper()))
-            for name in ("proposals", "watched", "adoptions", "studies", "models")
-        }
-        found = ask(opened, questions.DIAGNOSES)
-        runs = ask(opened, questions.RUNS)
-        return Look(opened.path, tuple(map(_diagnosed, found)), runs=runs, **rows)
+    rows = {
+        name: ask(opened, getattr(questions, name.upper()))
+        for name in ("proposals", "watched", "adoptions", "studies", "models", "runs")
+    }
+    found = ask(opened, questions.DIAGNOSES)
+    return Look(opened, tuple(map(_diagnosed, found)), **rows)
 
 
 def ask(opened: Store, query: str, **values: object) -> list[dict]:

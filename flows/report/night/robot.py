@@ -5,12 +5,11 @@ from collections.abc import Mapping, Sequence
 
 from flows.report.night import questions
 from flows.report.night.charts import Series, Trend, trend
-from flows.report.night.look import Diagnosed, Look, ask
+from flows.report.night.look import Diagnosed, Look
 from flows.report.night.place import Place
 from flows.report.page.base import Tile
 from flows.report.words.phrases import joint_words
 from residual.quantity import bare_percent, known, percent
-from warehouse.query.store import open_store
 
 _ROWS = 40  # rows of a table; the rest is in SQL
 _DRAWN = 24  # parameters that are drawn
@@ -30,9 +29,8 @@ def context(look: Look, robot: str, place: Place) -> dict:
         name: [row for row in getattr(look, name) if row["robot"] == robot]
         for name in ("watched", "adoptions", "runs", "models")
     }
-    with open_store(look.store) as opened:
-        effects = ask(opened, questions.EFFECTS, robot=robot)
-        parameters = ask(opened, questions.PARAMETERS, robot=robot)
+    effects = look.ask(questions.EFFECTS, robot=robot)
+    parameters = look.ask(questions.PARAMETERS, robot=robot)
     marks = [
         (a["created"], f"no. {int(a['id'])}: {a['action']}") for a in own["adoptions"]
     ]

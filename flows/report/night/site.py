@@ -6,9 +6,10 @@ of hex digits, and a file name that a record of the store has.
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
+from threading import Lock
 
 from flows.report.night import index, night, record, robot
 from flows.report.night.history import Past, unknown
@@ -19,11 +20,12 @@ from residual.errors import InputError
 from warehouse.ids import ID_DIGITS
 from warehouse.layout import find
 from warehouse.origin.version import version_text
-from warehouse.query.store import open_store
+from warehouse.query.store import Store, open_store
 from warehouse.sums import check_file
 from warehouse.verify import other_files
 
 _ID = f"[0-9a-f]{{6,{ID_DIGITS}}}"
+_FIRST = re.compile(r"(?:index\.html)?")
 _NIGHT = re.compile(rf"night/({LATEST}|\d{{4}}-\d{{2}}-\d{{2}})\.html")
 _ROBOT = re.compile(r"robot/([a-z0-9_-]{1,40})\.html")
 _RECORD = re.compile(rf"record/({_ID})\.html")
@@ -68,6 +70,9 @@ class Site:
     store: Path
     prefect: str | None = None
     past: Past = unknown
+    # Opening a store takes as long as a page of it; it sees what is stored meanwhile.
+    _kept: list[Store] = field(default_factory=list, repr=False)
+    _one: Lock = field(default_factory=Lock, repr=False)
 
     def answer(self, address: str) -> Answer | None:
         """Return what is at an address below the first folder; None for nothing.
@@ -76,7 +81,8 @@ class Site:
             address: Such as "night/latest.html".
         """
         try:
-            return self._stored(address) or self._page(address, None)
+            with self._one:
+                return self._stored(address) or self._page(address, None)
         except InputError:
             return None
 
@@ -86,7 +92,7 @@ class Site:
         Raises:
             InputError: If there is no store.
         """
-        seen = look(self.store)
+        seen = look(self._open())
         todo, done = ["index.html", f"night/{LATEST}.html"], set()
         while todo:
             address = todo.pop()
@@ -98,6 +104,11 @@ class Site:
                 yield address, made.body
                 if not made.stored:
                     todo += _links(made.body.decode(), address)
+
+    def _open(self) -> Store:
+        if not self._kept:
+            self._kept.append(open_store(self.store))
+        return self._kept[0]
 
     def _stored(self, address: str) -> Answer | None:
         match = _STORED.fullmatch(address)
@@ -112,30 +123,37 @@ class Site:
         return Answer(path.read_bytes(), kind, stored=True)
 
     def _page(self, address: str, seen: Look | None) -> Answer | None:
-        address = address or "index.html"
         place = Place("../" * address.count("/"), self.prefect, self._has_report)
         if match := _RECORD.fullmatch(address):
-            with open_store(self.store) as opened:
-                context = record.context(opened, match[1], place)
+            context = record.context(self._open(), match[1], place)
             return self._filled("record.html", context, place, seen)
-        seen = seen or look(self.store)
-        if address == "index.html":
-            return self._filled("index.html", index.context(seen, place), place, seen)
-        if match := _NIGHT.fullmatch(address):
-            return self._night(match[1], seen, place)
-        if match := _ROBOT.fullmatch(address):
-            name = _named(seen, match[1])
-            context = robot.context(seen, name, place)
-            return self._filled("robot.html", context, place, seen)
-        if match := _INDEX.fullmatch(address):
-            name = None if match[1] == ALL else _named(seen, match[1])
-            part = int(match[3] or 1)
-            context = index.context(seen, place, name, match[2], part)
-            if part <= context["last"]:
-                return self._filled("index.html", context, place, seen)
+        for pattern, make in (
+            (_FIRST, self._first),
+            (_NIGHT, self._night),
+            (_ROBOT, self._robot),
+            (_INDEX, self._index),
+        ):
+            if match := pattern.fullmatch(address):
+                return make(match, seen or look(self._open()), place)
         return None
 
-    def _night(self, word: str, seen: Look, place: Place) -> Answer | None:
+    def _first(self, _: re.Match, seen: Look, place: Place) -> Answer:
+        return self._filled("index.html", index.context(seen, place), place, seen)
+
+    def _robot(self, match: re.Match, seen: Look, place: Place) -> Answer:
+        context = robot.context(seen, _named(seen, match[1]), place)
+        return self._filled("robot.html", context, place, seen)
+
+    def _index(self, match: re.Match, seen: Look, place: Place) -> Answer | None:
+        name = None if match[1] == ALL else _named(seen, match[1])
+        part = int(match[3] or 1)
+        context = index.context(seen, place, name, match[2], part)
+        if part > context["last"]:
+            return None
+        return self._filled("index.html", context, place, seen)
+
+    def _night(self, match: re.Match, seen: Look, place: Place) -> Answer | None:
+        word = match[1]
         try:
             last = seen.nights[0] if seen.nights else datetime.now(UTC).date()
             which = last if word == LATEST else date.fromisoformat(word)
@@ -175,7 +193,7 @@ def _named(seen: Look, word: str) -> str:
     for name in seen.robots:
         if slug(name) == word:
             return name
-    raise InputError(f"There is no robot {word} in {seen.store}.")
+    raise InputError(f"There is no robot {word} in {seen.opened.path}.")
 
 
 def _links(page: str, address: str) -> list[str]:

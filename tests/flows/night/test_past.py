@@ -1,0 +1,94 @@
+"""What a server tells of flow runs: for the pages, and for modelgap status."""
+
+from datetime import datetime
+
+import pytest
+
+from flows.errors import RunError
+from flows.service import api
+from flows.service.pages import past
+from flows.service.state import Process, Running
+from flows.service.status import Status
+
+TO = api.Api("http://127.0.0.1:1/api", "modelgap:key")
+BEGIN, END = datetime(2026, 11, 21, 12), datetime(2026, 11, 22, 12)
+
+
+def run(id: str, state: str, message: str | None = None, begun: str | None = None):
+    return {
+        "id": id,
+        "name": f"run {id}",
+        "start_time": begun,
+        "expected_start_time": "2026-11-22T02:00:00+00:00",
+        "end_time": None,
+        "total_run_time": 3.0,
+        "state_type": state,
+        "state_name": state.title(),
+        "state": {"message": message},
+    }
+
+
+class Server:
+    """What stands for Prefect: it takes filters of states and limits at their word."""
+
+    def __init__(self, runs, logs=()):
+        self.runs, self.logs, self.asked = runs, logs, []
+
+    def __call__(self, _api, path, body=None, *_given, **_more):
+        self.asked.append((path, body))
+        if path == "/logs/filter":
+            return list(self.logs)
+        types = body["flow_runs"]["state"]["type"]
+        kept = [
+            each
+            for each in self.runs
+            if each["state_type"] in types.get("any_", [each["state_type"]])
+            and each["state_type"] not in types.get("not_any_", [])
+        ]
+        return kept[: body["limit"]]
+
+
+def test_the_past_has_what_failed_and_what_was_warned_of(monkeypatch):
+    logs = [
+        {"flow_run_id": "b", "message": "joint 2  at\nits limit"},
+        {"flow_run_id": "b", "message": "joint 2 at its limit"},
+        {"flow_run_id": "z", "message": "of another night"},
+    ]
+    runs = [run("a", "FAILED", "why", "2026-11-22T03:00:00+01:00"), run("b", "PAUSED")]
+    server = Server([*runs, run("c", "CANCELLED"), run("d", "SCHEDULED")], logs)
+    monkeypatch.setattr(past, "ask", server)
+    told = past.past_of(TO)(BEGIN, END)
+    assert [r.id for r in told.runs] == ["a", "b"]
+    assert [r.failed for r in told.runs] == [True, False]
+    assert told.runs[0].begun == datetime(2026, 11, 22, 2)
+    assert told.runs[0].message == "why"
+    assert told.warnings == (("run b", "joint 2 at its limit"),)
+    span = server.asked[0][1]["flow_runs"]["expected_start_time"]
+    assert span["after_"] == "2026-11-21T12:00:00+00:00"
+
+
+def test_of_a_server_that_does_not_answer_there_is_no_past(monkeypatch):
+    def ask(*_, **__):
+        raise RunError("it does not answer")
+
+    monkeypatch.setattr(past, "ask", ask)
+    assert past.past_of(TO)(BEGIN, END) is None
+
+
+@pytest.mark.parametrize(("results", "shown"), [(3, 7), (9, 1), (12, 0)])
+def test_last_results_stand_before_starts_that_were_cancelled(
+    monkeypatch, results, shown
+):
+    cancelled = [run(f"c{i}", "CANCELLED") for i in range(8)]
+    done = [run(f"d{i}", "COMPLETED") for i in range(results)]
+    monkeypatch.setattr(api, "ask", Server([*cancelled, *done]))
+    listed = [r["state"] for r in api.last_runs(TO)]
+    assert listed == ["Completed"] * (10 - shown) + ["Cancelled"] * shown
+
+
+def test_status_has_the_addresses_of_the_pages_while_a_server_answers():
+    running = Running("0.0.0.0", 4300, "sqlite", "", (Process("server", 1, "x"),))
+    told = Status(running, server=True).document()
+    assert told["pages"]["night"] == "http://127.0.0.1:4300/pages/night/latest.html"
+    assert Status(running).document()["pages"] == {}
+    assert {"schema", "healthy", "ui", "api", "workers", "runs"} <= set(told)
