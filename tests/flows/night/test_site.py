@@ -2,6 +2,7 @@
 
 import re
 from datetime import UTC, datetime, timedelta
+from urllib.parse import urljoin
 
 import pytest
 
@@ -21,6 +22,11 @@ ASKS = FlowRun("f-2", "propose {}", "PAUSED", NOW, 0.0)
 @pytest.fixture(scope="module")
 def site(nights):
     return Site(nights.store)
+
+
+@pytest.fixture(scope="module")
+def made(site):
+    return dict(site.files())
 
 
 def page(nights, address: str, site: Site | None = None) -> str:
@@ -86,15 +92,14 @@ def test_a_robot_has_its_verdicts_errors_parameters_and_alarms(nights):
         assert run[:8] in seen
 
 
-def test_a_name_that_is_an_attack_is_text(nights):
-    for address, body in Site(nights.store).files():
+def test_a_name_that_is_an_attack_is_text(nights, made):
+    for address, body in made.items():
         assert b"<img src=x" not in body, address
     evil = page(nights, f"robot/{slug(EVIL)}.html")
     assert "&lt;img src=x onerror=alert(1)&gt;" in evil
 
 
-def test_every_link_leads_to_a_page_and_nothing_leads_elsewhere(nights):
-    made = dict(Site(nights.store).files())
+def test_every_link_leads_to_a_page_and_nothing_leads_elsewhere(nights, made):
     expected = {
         "index.html",
         "night/latest.html",
@@ -119,8 +124,6 @@ def test_every_link_leads_to_a_page_and_nothing_leads_elsewhere(nights):
 
 
 def resolved(base: str, link: str) -> str:
-    from urllib.parse import urljoin
-
     return urljoin(base, link).removeprefix("https://s/")
 
 
