@@ -17,7 +17,7 @@ from benchmarks.figures import Figures
 from benchmarks.groups import run_groups
 
 # Each a module of benchmarks/fleet_parts with a function `figures_of`.
-_GROUPS = ()
+_GROUPS = ("first", "inbox")
 
 
 def main() -> int:

@@ -13,6 +13,7 @@ from rich.table import Table
 from flows.cli.options import Flag
 from flows.errors import RunError
 from flows.outputs import json_text
+from flows.project.read import project_here
 from flows.say import say
 from flows.service.api import opening_address
 from flows.service.down import down as stop
@@ -47,11 +48,12 @@ def up(
     modelgap down
     ```
 
-    Doing it again is no error: what runs is left alone and its address is printed,
-    what was killed is started again. Nothing is sent anywhere; the server listens on
-    this machine only, and takes orders from its own page and programs of the store. The
-    address that is printed opens the page once, within ten minutes; afterwards this
-    browser may come back without it. Another one: modelgap up again.
+    In a folder with a modelgap.toml (modelgap init) it serves that project, and again
+    after a change of it. Doing it again is no error: what runs is left alone and its
+    address is printed, what was killed is started again. Nothing is sent anywhere; the
+    server listens on this machine only, and takes orders from its own page and programs
+    of the store. The address that is printed opens the page once, within ten minutes;
+    afterwards this browser may come back without it. Another one: modelgap up again.
 
     Args:
         port: Port of the server and its page; 4200 unless given.
@@ -68,7 +70,10 @@ def up(
     """
     database = database or os.environ.get(DATABASE) or None
     place = store_folder(store)
-    wanted = Wanted(place, host, port, workers, every, database, trust_network)
+    project = project_here(place)
+    if project:
+        port, workers = port or project.table.port, workers or project.table.workers
+    wanted = Wanted(place, host, port, workers, every, database, trust_network, project)
     checked(wanted)
     running, was_up = bring_up(wanted, _say)
     if trust_network:

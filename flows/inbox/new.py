@@ -27,7 +27,8 @@ KIND = ROLE = "batch"
 _PROOF = 3  # of so many logs one is held out for the proof
 _QUERY = """
     SELECT run_id, list_contains(coalesce(tags, []), $healthy) AS healthy,
-           run_id IN (SELECT parent FROM lineage WHERE role = $role) AS taken
+           run_id IN (SELECT parent FROM lineage WHERE role = $role) AS taken,
+           run_id IN (SELECT parent FROM lineage WHERE role = 'watched') AS watched
     FROM runs
     WHERE robot = $robot AND serial IS NOT DISTINCT FROM $serial
           AND source = 'imported' AND NOT quarantined
@@ -45,6 +46,7 @@ class Batch:
         held_out: The one for the proof, where there are enough.
         baseline: Healthy runs of the arm, the latest.
         model: Id of the diagnosis whose model the robot has, None for none.
+        unwatched: Those of them that no monitoring has seen.
     """
 
     runs: tuple[str, ...]
@@ -52,6 +54,7 @@ class Batch:
     held_out: tuple[str, ...] = ()
     baseline: tuple[str, ...] = ()
     model: str | None = None
+    unwatched: tuple[str, ...] = ()
 
     @property
     def against(self) -> str:
@@ -95,7 +98,8 @@ def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
     with open_store(store) as opened:
         rows = opened.sql(_QUERY, about | {"role": ROLE}).to_pylist()
     healthy = [row["run_id"] for row in rows if row["healthy"]]
-    runs = [r["run_id"] for r in rows if not r["taken"] and not r["healthy"]]
+    new = [row for row in rows if not row["taken"] and not row["healthy"]]
+    runs = [row["run_id"] for row in new]
     if not runs:
         return None
     chosen = spread(runs, table.most)
@@ -107,6 +111,7 @@ def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
         held_out=tuple(proof),
         baseline=() if model else tuple(healthy[-table.most :]),
         model=model,
+        unwatched=tuple(row["run_id"] for row in new if not row["watched"]),
     )
 
 

@@ -120,6 +120,21 @@ def read_project(folder: str | Path) -> Project:
     return project
 
 
+def project_here(store: Path) -> Project | None:
+    """Return the project of the working directory, where a store is its own.
+
+    Args:
+        store: The store that is meant (`flows.settings.store_folder`).
+
+    Raises:
+        InputError: If its file is not usable.
+    """
+    if not Path(PROJECT).is_file():
+        return None
+    project = read_project(".")
+    return project if project.store == store else None
+
+
 def _line(lines: Sequence[str], place: Sequence[str | int]) -> int | None:
     """Return the line, from 1, in which a key stands, or the head of its table."""
     if not place:

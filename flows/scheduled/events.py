@@ -7,9 +7,15 @@ from collections.abc import Sequence
 
 from prefect.events import emit_event
 
-COMMITTED, ALARM = "modelgap.run.committed", "modelgap.monitor.alarm"
-PROPOSED = "modelgap.model.proposed"
-STORE = "modelgap.store"
+from flows.project.deployments import (
+    ALARM,
+    COMMITTED,
+    PROPOSED,
+    STORE,
+    STORED,
+    resource,
+)
+
 _MOST = 1000  # ids in one event; the server refuses more than 1.5 MB
 
 
@@ -45,5 +51,14 @@ def model_proposed(diagnosis: str) -> None:
     _tell(PROPOSED, {"diagnosis": diagnosis})
 
 
-def _tell(name: str, payload: dict) -> None:
-    emit_event(name, resource={"prefect.resource.id": STORE}, payload=payload)
+def logs_stored(robot: str) -> None:
+    """Tell that an inbox has stored logs of a robot.
+
+    Args:
+        robot: Its name in the project.
+    """
+    _tell(STORED, {"robot": robot}, resource(robot))
+
+
+def _tell(name: str, payload: dict, about: str = STORE) -> None:
+    emit_event(name, resource={"prefect.resource.id": about}, payload=payload)

@@ -2,7 +2,7 @@
 
 import json
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from time import sleep
@@ -158,6 +158,31 @@ def deployments(api: Api) -> list[Mapping]:
         for each in ask(api, "/deployments/filter", {})
     ]
     return sorted(found, key=lambda d: d["name"])
+
+
+def keep_deployments(api: Api, wanted: Sequence[Mapping]) -> None:
+    """Remove deployments of ours that are not wanted any more.
+
+    Args:
+        api: The API.
+        wanted: Those that are, as prefect.yaml has them.
+    """
+    ours = {(each["name"], each["entrypoint"]) for each in wanted}
+    for each in ask(api, "/deployments/filter", {}):
+        named = (each["name"], each["entrypoint"])
+        if POOL in (each["tags"] or ()) and named not in ours:
+            ask(api, f"/deployments/{each['id']}", method="DELETE")
+
+
+def start_now(api: Api, deployment: str) -> None:
+    """Start a deployment once, beside its schedule.
+
+    Args:
+        api: The API.
+        deployment: As "flow/name".
+    """
+    id = ask(api, f"/deployments/name/{deployment}")["id"]
+    ask(api, f"/deployments/{id}/create_flow_run", {"state": {"type": "SCHEDULED"}})
 
 
 def last_runs(api: Api, most: int = 10) -> list[Mapping]:

@@ -1,6 +1,7 @@
 """Start, or complete, what runs for a store: server, pool, deployments, workers."""
 
 import hashlib
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from pathlib import Path
 from time import monotonic, sleep
 
 from flows.errors import RunError
+from flows.project.deployments import deployments, every_of, inbox_of
 from flows.service import api
 from flows.service.key import store_key
 from flows.service.processes import Process, start, stop, worker_name
@@ -25,7 +27,7 @@ from flows.service.wanted import (
     shown_database,
     worker_environment,
 )
-from flows.settings import ROOT, prefect_home
+from flows.settings import PROJECT, ROOT, prefect_home
 from residual.errors import InputError
 
 Say = Callable[[str], None]
@@ -52,7 +54,7 @@ def up(wanted: Wanted, say: Say) -> tuple[Running, bool]:
         before = read_running(home)
         running = _agreed(wanted, before)
         count = _count(wanted, before)
-        if _complete(running, count) and wanted.every is None:
+        if _complete(running, wanted, count) and wanted.every is None:
             return running, True
         running = _with_server(running, home, wanted, say)
         to = api.Api(running.url, store_key(home))
@@ -62,18 +64,26 @@ def up(wanted: Wanted, say: Say) -> tuple[Running, bool]:
         running = _with_workers(running, home, wanted, count)
         running = _deployed(running, home, wanted, say)
         if wanted.every is not None:
-            start_every(to, "nightly/nightly", wanted.every)
+            for name in every_of(wanted.project):
+                start_every(to, name, wanted.every)
         watch_for_stale(to)
+        if inbox := inbox_of(wanted.project):
+            api.start_now(to, inbox)
         _wait(
             lambda: _online(running, to), f"No worker reports; see {home}/worker-1.log."
         )
         return running, False
 
 
-def deployed_as() -> str:
+def deployed_as(wanted: Wanted) -> str:
     """Return what tells whether the deployments on a server are those of now."""
-    content = (ROOT / "prefect.yaml").read_bytes() + str(ROOT).encode()
+    content = _content(wanted) + str(ROOT).encode()
     return hashlib.sha256(content).hexdigest()[:20]
+
+
+def _content(wanted: Wanted) -> bytes:
+    # JSON is YAML too.
+    return json.dumps(deployments(wanted.project), indent=1).encode()
 
 
 def _agreed(wanted: Wanted, before: Running | None) -> Running:
@@ -119,12 +129,12 @@ def _count(wanted: Wanted, before: Running | None) -> int:
     return wanted.workers or known or 1
 
 
-def _complete(running: Running, count: int) -> bool:
+def _complete(running: Running, wanted: Wanted, count: int) -> bool:
     return (
         running.server is not None
         and running.guarded
         and len(running.workers) == count
-        and running.deployed == deployed_as()
+        and running.deployed == deployed_as(wanted)
         and answers(running.url)
     )
 
@@ -196,18 +206,23 @@ def _worker_command(name: str) -> list[str]:
 
 
 def _deployed(running: Running, home: Path, wanted: Wanted, say: Say) -> Running:
-    wish = deployed_as()
+    wish = deployed_as(wanted)
     if running.deployed != wish:
-        say("putting the deployments of prefect.yaml on it")
+        whose = PROJECT if wanted.project else "prefect.yaml"
+        say(f"putting the deployments of {whose} on it")
         env = worker_environment(running, wanted.store, home)
+        file, log = home / "deployments.yaml", home / "deploy.log"
+        file.write_bytes(_content(wanted))
         command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
-        log = home / "deploy.log"
+        command += ["--prefect-file", str(file)]
         with log.open("wb") as said:
             done = subprocess.run(
                 command, cwd=ROOT, env=env, stdout=said, stderr=said, check=False
             )
         if done.returncode:
             raise RunError(f"The deployments were refused; see {log}.")
+        to = api.Api(running.url, store_key(home))
+        api.keep_deployments(to, deployments(wanted.project)["deployments"])
         running = replace(running, deployed=wish)
         write_running(home, running)
     return running

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from flows.project.read import Project
 from flows.service.key import CLIENT, SERVER, store_key
 from flows.service.state import Running
 from flows.settings import API, PAGES, ROOT, STORE, is_loopback, quiet_prefect
@@ -36,6 +37,7 @@ class Wanted:
             for as before.
         database: Address of a PostgreSQL database; None for a file in the store.
         trust_network: Whether others in the network may reach the server.
+        project: The project that is served, None for none.
     """
 
     store: Path
@@ -45,6 +47,7 @@ class Wanted:
     every: int | None = None
     database: str | None = None
     trust_network: bool = False
+    project: Project | None = None
 
 
 def checked(wanted: Wanted) -> None:

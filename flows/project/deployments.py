@@ -1,0 +1,145 @@
+"""What a server starts when: deployments of prefect.yaml, and of a project."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import yaml
+
+from flows.project.file import RobotTable
+from flows.project.read import Project
+from flows.settings import ROOT
+
+COMMITTED = "modelgap.run.committed"
+ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
+STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
+_OF_THE_EXAMPLE = "nightly"  # the night of the built-in arm: a project has its own
+_ENTRY = "flows.scheduled.project."
+
+
+def deployments(project: Project | None) -> dict[str, Any]:
+    """Return the content of a prefect.yaml: that of the program, or of a project.
+
+    Args:
+        project: The project, None for none.
+    """
+    content = yaml.safe_load((ROOT / "prefect.yaml").read_text(encoding="utf-8"))
+    content.pop("definitions", None)
+    if project is None:
+        return content
+    base = [d for d in content["deployments"] if d["name"] != _OF_THE_EXAMPLE]
+    return content | {"deployments": [*base, *_own(project)]}
+
+
+def every_of(project: Project | None) -> tuple[str, ...]:
+    """Return the deployments of the nights, as "flow/name"."""
+    if project is None:
+        return (f"nightly/{_OF_THE_EXAMPLE}",)
+    return tuple(
+        f"{'nightly' if robot.simulated else 'diagnose-new'}/{robot.name}"
+        for robot in project.table.robot
+    )
+
+
+def inbox_of(project: Project | None) -> str | None:
+    """Return the deployment that looks into the inboxes; None where there are none."""
+    has = project is not None and project.table.inbox
+    return "inbox/inbox" if has else None
+
+
+def resource(robot: str) -> str:
+    """Return what events about the logs of a robot are about."""
+    return f"modelgap.inbox.{robot}"
+
+
+def _own(project: Project) -> Iterator[dict]:
+    for robot in project.table.robot:
+        yield _simulated(project, robot) if robot.simulated else _real(project, robot)
+    here = {"project": str(project.folder)}
+    if project.table.inbox:
+        yield _deployment(
+            "inbox",
+            "inbox",
+            "Checks and stores the logs that dropped into the inboxes.",
+            here,
+            schedules=_cron(project.table.poll, "UTC", "poll"),
+        )
+    if project.notify.command or project.notify.file:
+        told = {"alarm": (ALARM, "run_ids"), "finding": (PROPOSED, "diagnosis")}
+        for kind, (event, field) in told.items():
+            value = {"ids": _payload(field)}
+            yield _deployment(
+                kind,
+                "notify",
+                "Tells people, as modelgap.toml says.",
+                here | {"kind": kind},
+                triggers=[_trigger(event, STORE, value)],
+            )
+
+
+def _simulated(project: Project, robot: RobotTable) -> dict:
+    return _deployment(
+        robot.name,
+        "nightly",
+        f"New runs of the simulated arm {robot.name}; identify, diagnose, report.",
+        {
+            "campaign_file": str(project.campaign(robot)),
+            "held_out": robot.held_out,
+            "auto": robot.auto,
+        },
+        entry="flows.scheduled.flows.",
+        schedules=_cron(robot.nightly, robot.timezone, "nightly"),
+    )
+
+
+def _real(project: Project, robot: RobotTable) -> dict:
+    stored = _trigger(STORED, resource(robot.name), {})
+    return _deployment(
+        robot.name,
+        "diagnose_new",
+        f"Diagnoses what has come in of {robot.name} since the last time.",
+        {"project": str(project.folder), "robot": robot.name},
+        schedules=_cron(robot.nightly, robot.timezone, "nightly"),
+        triggers=[stored] if robot.batch else [],
+    )
+
+
+def _deployment(
+    name: str, flow: str, about: str, parameters: Mapping, **more: Any
+) -> dict:
+    entry = more.pop("entry", _ENTRY)
+    # A look into the inbox that takes longer than the time to the next is not joined.
+    strategy = "CANCEL_NEW" if flow in ("inbox", "nightly") else "ENQUEUE"
+    return {
+        "name": name,
+        "entrypoint": f"{entry}{flow}",
+        "description": about,
+        "tags": ["modelgap"],
+        "work_pool": {"name": "modelgap"},
+        "parameters": dict(parameters),
+        "concurrency_limit": {"limit": 1, "collision_strategy": strategy},
+        "schedules": [],
+        **more,
+    }
+
+
+def _cron(text: str, zone: str, slug: str) -> list[dict]:
+    return [{"cron": text, "timezone": zone, "slug": slug}] if text else []
+
+
+def _trigger(event: str, about: str, parameters: Mapping) -> dict:
+    return {
+        "type": "event",
+        "enabled": True,
+        "match": {"prefect.resource.id": about},
+        "expect": [event],
+        "posture": "Reactive",
+        "threshold": 1,
+        "within": 0,
+        "parameters": dict(parameters),
+    }
+
+
+def _payload(field: str) -> dict:
+    template = "{{ event.payload." + field + " | tojson }}"
+    jinja = {"__prefect_kind": "jinja", "template": template}
+    return {"__prefect_kind": "json", "value": jinja}

@@ -1,0 +1,122 @@
+"""What a server starts when for a project: of each robot and inbox its own."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from flows.project.deployments import deployments, every_of, inbox_of
+from flows.project.read import project_here, read_project
+from flows.service import api
+from flows.service.up import deployed_as
+from flows.service.wanted import Wanted
+from flows.settings import ROOT, store_folder
+
+TEXT = """schema = 1
+[[robot]]
+name = "cell"
+urdf = "irb140"
+serial = "1"
+nightly = "30 3 * * *"
+timezone = "Europe/Zurich"
+[[robot]]
+name = "trial"
+urdf = "irb140"
+simulated = true
+nightly = ""
+auto = true
+[[inbox]]
+robot = "cell"
+folder = "in"
+"""
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    (tmp_path / "modelgap.toml").write_text(TEXT)
+    return read_project(tmp_path)
+
+
+def by_name(project):
+    return {d["name"]: d for d in deployments(project)["deployments"]}
+
+
+def test_a_real_robot_has_its_night_and_starts_when_logs_were_stored(project):
+    found = by_name(project)
+    cell = found["cell"]
+    assert cell["entrypoint"].endswith(".diagnose_new")
+    assert cell["parameters"] == {"project": str(project.folder), "robot": "cell"}
+    assert cell["schedules"] == [
+        {"cron": "30 3 * * *", "timezone": "Europe/Zurich", "slug": "nightly"}
+    ]
+    (trigger,) = cell["triggers"]
+    assert trigger["match"] == {"prefect.resource.id": "modelgap.inbox.cell"}
+    assert found["inbox"]["schedules"][0]["cron"] == "*/5 * * * *"
+    assert inbox_of(project) == "inbox/inbox"
+    assert every_of(project) == ("diagnose-new/cell", "nightly/trial")
+
+
+def test_a_simulated_robot_runs_its_campaign(project):
+    trial = by_name(project)["trial"]
+    assert trial["entrypoint"] == "flows.scheduled.flows.nightly"
+    assert Path(trial["parameters"]["campaign_file"]).is_file()
+    assert (trial["parameters"]["auto"], trial["schedules"]) == (True, [])
+
+
+def test_the_night_of_the_built_in_arm_is_not_that_of_a_project(project):
+    own, program = by_name(project), by_name(None)
+    assert "nightly" in program
+    assert set(program) - set(own) == {"nightly"}
+    assert every_of(None) == ("nightly/nightly",)
+    assert inbox_of(None) is None
+
+
+def test_people_are_told_where_the_file_says_how(project):
+    assert "alarm" not in by_name(project)
+    file = project.folder / "modelgap.toml"
+    file.write_text(TEXT + "[notify]\nfile = 'told.jsonl'\n")
+    found = by_name(read_project(project.folder))
+    assert {found[k]["parameters"]["kind"] for k in ("alarm", "finding")} == {
+        "alarm",
+        "finding",
+    }
+
+
+def test_every_entrypoint_of_a_project_is_a_flow(project):
+    for each in deployments(project)["deployments"]:
+        module, _, name = each["entrypoint"].rpartition(".")
+        text = (ROOT / f"{module.replace('.', '/')}.py").read_text()
+        defined = {
+            n.name for n in ast.parse(text).body if isinstance(n, ast.FunctionDef)
+        }
+        assert name in defined, each["entrypoint"]
+
+
+def test_up_in_its_folder_serves_it_and_takes_a_change_over(project):
+    here = project_here(store_folder(None))
+    assert here is not None
+    assert here.folder == project.folder
+    assert project_here(project.folder / "another") is None
+    before = deployed_as(Wanted(here.store, project=here))
+    assert before != deployed_as(Wanted(here.store))
+    (project.folder / "modelgap.toml").write_text(TEXT.replace("30 3", "31 3"))
+    changed = project_here(here.store)
+    assert deployed_as(Wanted(here.store, project=changed)) != before
+
+
+def test_deployments_that_are_not_wanted_any_more_go(monkeypatch):
+    kept = {"name": "a", "entrypoint": "m.f", "id": "1", "tags": ["modelgap"]}
+    gone = {"name": "b", "entrypoint": "m.f", "id": "2", "tags": ["modelgap"]}
+    others = {"name": "c", "entrypoint": "x.y", "id": "3", "tags": []}
+    deleted = []
+
+    def ask(to, path, body=None, method=None):
+        if method == "DELETE":
+            deleted.append(path)
+        return [kept, gone, others]
+
+    monkeypatch.setattr(api, "ask", ask)
+    api.keep_deployments(api.Api("http://x", "k"), [kept])
+    assert deleted == ["/deployments/2"]
