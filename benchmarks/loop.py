@@ -17,7 +17,7 @@ from benchmarks.figures import Figures
 from benchmarks.groups import run_groups
 
 # Each a module of benchmarks/loop_parts with a function `figures_of`.
-_GROUPS = ("tracking",)
+_GROUPS = ("tracking", "watch")
 
 
 def main() -> int:

@@ -82,6 +82,6 @@ KINDS = {
 
 # All that a store has, by the names of its folders; nobody else writes there.
 FOLDERS = frozenset(
-    {STAGING, INDEX, SEALED, QUARANTINE, "made_with", "robots", "_prefect"}
+    {STAGING, INDEX, SEALED, QUARANTINE, "made_with", "robots", "_prefect", "_watch"}
     | {kind.folder for kind in KINDS.values()}
 )

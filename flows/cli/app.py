@@ -47,6 +47,7 @@ _COMMANDS = {
         "calibrate-null": ("null:calibrate_null", _LOGS),
         "validate": ("experiment:validate", None),
         "monitor": ("monitor:monitor", "MODEL RUN..."),
+        "watch": ("loop.watch:watch", "ROBOT --file FILE"),
         "predict": ("models.predict:predict", "LOG... --model MODEL"),
         "export": ("models.export:export", "MODEL --to TARGET --out DIR"),
     },

@@ -153,6 +153,7 @@ def diagnose(
     runs: list[str],
     held_out: list[str] | None = None,
     good: list[str] | None = None,
+    model: str | None = None,
     store: str | None = None,
 ) -> str:
     """Find what the model of an arm lacks, and write the report.
@@ -161,6 +162,7 @@ def diagnose(
         runs: Ids of the runs to diagnose.
         held_out: Ids of the runs for the proof.
         good: Ids of healthy runs of the arm.
+        model: Id of the diagnosis whose model is the nominal one; none unless given.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
 
     Returns:
@@ -168,7 +170,7 @@ def diagnose(
     """
     place = str(store_folder(store))
     roles = {"fit": runs, "held_out": held_out or [], "baseline": good or []}
-    return tasks.report(tasks.diagnose(roles, place), place)
+    return tasks.report(tasks.diagnose(roles, place, model), place)
 
 
 @flow(name="monitor", flow_run_name="monitor", timeout_seconds=_LIMIT)

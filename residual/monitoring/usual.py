@@ -162,6 +162,37 @@ def limits_of(runs: Sequence[Scores], per_hour: float) -> Array:
     return np.where(peaks.max(axis=0) > 0, usual * factor, np.inf)
 
 
+@dataclass(frozen=True, slots=True)
+class Tail:
+    """How maxima of blocks decay: P(M > u + x) = share exp(-x / beta).
+
+    Attributes:
+        threshold: u.
+        beta: Its upper end; 0 where nothing is over the threshold.
+        share: Of the blocks that are over it.
+    """
+
+    threshold: float
+    beta: float
+    share: float
+
+    def chance(self, value: float) -> float:
+        """Return the probability that a block exceeds a value."""
+        if self.beta == 0:
+            return 0.0
+        return float(self.share * np.exp(-(value - self.threshold) / self.beta))
+
+
+def tail_of(peaks: Array) -> Tail:
+    """Return the tail of maxima of blocks. Shape (b,)."""
+    threshold = float(np.quantile(peaks, 1.0 - _SHARE))
+    above = peaks[peaks > threshold] - threshold
+    if len(above) == 0:
+        return Tail(threshold, 0.0, 0.0)
+    beta = float(above.mean()) * (1.0 + _SURE / np.sqrt(len(above)))
+    return Tail(threshold, beta, len(above) / len(peaks))
+
+
 def tail_limit(peaks: Array, wanted: float) -> float:
     """Return the value that a block exceeds with the wanted probability at most.
 
@@ -169,14 +200,11 @@ def tail_limit(peaks: Array, wanted: float) -> float:
         peaks: Maxima of blocks. Shape (b,).
         wanted: Probability.
     """
-    least = _MARGIN * float(peaks.max())
-    threshold = float(np.quantile(peaks, 1.0 - _SHARE))
-    above = peaks[peaks > threshold] - threshold
-    if len(above) == 0:
+    least, tail = _MARGIN * float(peaks.max()), tail_of(peaks)
+    if tail.beta == 0:
         return least
-    beta = float(above.mean()) * (1.0 + _SURE / np.sqrt(len(above)))
-    share = len(above) / len(peaks)
-    return max(threshold + beta * max(0.0, float(np.log(share / wanted))), least)
+    further = tail.beta * max(0.0, float(np.log(tail.share / wanted)))
+    return max(tail.threshold + further, least)
 
 
 def next_run_limit(largest: Array, wanted: float) -> float:

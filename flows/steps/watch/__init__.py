@@ -1,0 +1,1 @@
+"""A robot watched while it runs: from samples that come to alarms and diagnoses."""

@@ -1,0 +1,200 @@
+"""A stream is watched batch by batch, and how it is cut changes nothing."""
+
+import itertools
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from residual.errors import InputError
+from residual.monitoring.stream.cusum import page
+from residual.monitoring.stream.learn import learn
+from residual.monitoring.stream.record import state_from_record, state_to_record
+from residual.monitoring.stream.reference import Reference
+from residual.monitoring.stream.rows import Samples, Window, start, take
+from residual.monitoring.stream.watch import begin, step
+from residual.monitoring.track import rows_of
+from residual.recording import Recording
+from residual.robot.dynamics import regressor
+from residual.signals.low_pass import low_pass
+from tests.residual.monitored import RATE, ROBOT, good_runs, healthy, model_of, spoilt
+
+
+@cache
+def reference() -> Reference:
+    return learn(model_of(good_runs()), good_runs())
+
+
+def samples(log: Recording, shift: float = 0.0) -> Samples:
+    return Samples(log.t + shift, log.q, log.tau)
+
+
+def joined(*parts: Samples) -> Samples:
+    return Samples(
+        *(np.concatenate([getattr(p, n) for p in parts]) for n in ("t", "q", "tau"))
+    )
+
+
+@cache
+def stream() -> Samples:
+    """Healthy, NaN, a gap, a late row, a clock set anew, and a changed gain."""
+    first, then = samples(healthy(300, 5.0)), samples(healthy(301, 5.0), 10.0)
+    tau = first.tau.copy()
+    tau[200:203, 1] = np.nan
+    late = replace(then[290:291], t=then.t[290:291] - 0.5)
+    last = samples(spoilt(healthy(302, 6.0), "gain drop", 1, 3.0))
+    broken = replace(first, tau=tau)
+    return joined(broken, then[:300], late, then[300:], last)
+
+
+def fed(cuts: tuple[int, ...]):
+    """State and alarms with the stream cut at some samples."""
+    every, state, alarms = stream(), begin(reference()), []
+    edges = [0, *sorted(cuts), len(every.t)]
+    for first, stop in itertools.pairwise(edges):
+        state, new = step(reference(), state, every[first:stop])
+        alarms += new
+    return state, alarms
+
+
+@cache
+def whole():
+    return fed(())
+
+
+def flat(state) -> np.ndarray:
+    kept = state.tail.kept
+    arrays = (kept.t, kept.q, kept.tau, state.lags, state.rest, state.slow)
+    arrays += (state.g, state.sums)
+    plain = (state.count, state.left, state.moved, state.alarms, state.tail.count)
+    return np.concatenate([*(np.ravel(a) for a in arrays), plain])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.integers(0, 1990), max_size=12).map(tuple))
+def test_any_cut_into_batches_gives_the_same_state_and_alarms(cuts):
+    state, alarms = fed(cuts)
+    expected, told = whole()
+    np.testing.assert_allclose(flat(state), flat(expected), rtol=1e-7, atol=1e-7)
+    assert state.tail.heard == expected.tail.heard
+    assert [(a.time, a.joint, a.quantity) for a in alarms] == [
+        (a.time, a.joint, a.quantity) for a in told
+    ]
+    sizes = [a.size for a in alarms], [a.size for a in told]
+    np.testing.assert_allclose(*sizes, rtol=1e-7)
+
+
+def test_one_sample_at_a_time_is_no_other_cut():
+    state, together = begin(reference()), begin(reference())
+    together, _ = step(reference(), together, stream()[:300])
+    for k in range(300):
+        state, _ = step(reference(), state, stream()[k : k + 1])
+    np.testing.assert_allclose(flat(state), flat(together), rtol=1e-7, atol=1e-7)
+
+
+def test_what_was_wrong_with_the_samples_is_counted():
+    heard = whole()[0].tail.heard
+    assert (heard.broken, heard.late, heard.restarts) == (3, 1, 1)
+    assert heard.gaps == 2  # the rows without a number, and the pause
+    assert heard.samples == len(stream().t) - 4
+
+
+def test_a_state_that_was_written_and_read_goes_on_as_if_nothing_had_been():
+    every, state, told = stream(), begin(reference()), []
+    known = Reference.from_record(json.loads(json.dumps(reference().to_record())))
+    for first, stop in ((0, 700), (700, 1500), (1500, len(every.t))):
+        record = json.loads(json.dumps(state_to_record(state)))
+        state, new = step(known, state_from_record(record), every[first:stop])
+        told += new
+    np.testing.assert_allclose(flat(state), flat(whole()[0]), rtol=1e-9, atol=1e-9)
+    assert [a.time for a in told] == [a.time for a in whole()[1]]
+
+
+@pytest.mark.parametrize("seed", range(310, 314))
+def test_a_healthy_arm_raises_no_alarm(seed):
+    _, alarms = step(reference(), begin(reference()), samples(healthy(seed)))
+    assert alarms == ()
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_gain_that_drops_is_alarmed_within_a_second_on_its_joint(joint):
+    log = spoilt(healthy(320), "gain drop", joint, 7.0)
+    _, alarms = step(reference(), begin(reference()), samples(log))
+    assert alarms[0].joint == joint
+    assert 0 < alarms[0].time - 7.0 < 1.0
+    assert alarms[0].score > 1
+    assert alarms[0].per_hour < 1
+    assert len(alarms) == 1  # it lasts, and is one alarm
+
+
+def test_a_gain_that_drops_is_named_and_sized():
+    log = spoilt(healthy(320), "gain drop", 2, 7.0)
+    _, (alarm, *_) = step(reference(), begin(reference()), samples(log))
+    assert alarm.quantity == "gain"
+    assert alarm.size == pytest.approx(-0.3, abs=0.1)
+    assert alarm.sure > 0.5
+
+
+def test_a_load_on_the_flange_is_alarmed_and_weighed():
+    log = healthy(330)
+    motion = [low_pass(log.q, 8.0, RATE)]
+    motion += [np.gradient(motion[-1], log.t, axis=0)]
+    motion += [np.gradient(motion[-1], log.t, axis=0)]
+    added = regressor(ROBOT.model, *motion)[:, :, -10:] @ reference().load
+    tau = log.tau + 1.0 * added * (log.t > 6.0)[:, None]
+    changed = replace(log, tau=tau)
+    _, alarms = step(reference(), begin(reference()), samples(changed))
+    assert (alarms[0].quantity, alarms[0].joint) == ("load", ROBOT.dof)
+    assert 0 < alarms[0].time - 6.0 < 2.0
+    assert alarms[0].size == pytest.approx(1.0, abs=0.35)
+
+
+def test_an_arm_that_stands_says_nothing_however_long():
+    log = healthy(340)
+    still = Samples(
+        np.arange(5000) / RATE,
+        np.tile(log.q[50], (5000, 1)),
+        log.tau[50] + np.zeros((5000, 2)),
+    )
+    state, alarms = step(reference(), begin(reference()), still)
+    assert alarms == ()
+    assert state.moved == 0
+    assert not state.g.any()
+
+
+def test_page_starts_anew_at_zero_and_adds_up_the_log_likelihood_ratio():
+    # One joint, one quantity (a load), nothing taken for warmth; no residual so large
+    # that it counts less.
+    z, u = np.array([[-1.0], [1.5], [1.5]]), np.ones((3, 1, 4))
+    slow, g, sums = np.zeros((1, 2)), np.zeros((1, 1)), np.zeros((1, 1, 3))
+    levels = np.array([[1.9], [1e9], [0.0]])
+    rows, settings = (z, u, np.ones(3)), (levels, 0.1, 5)
+    trace, at, *_ = page(rows, np.ones((1, 1)), settings, (slow, g, sums, 0))
+    assert trace[:, 0, 0].tolist() == [0.0, 1.0, 2.0]  # theta z - theta^2 / 2
+    assert at.tolist() == [2]
+    assert g.tolist() == [[0.0]]
+
+
+def test_rows_are_those_of_the_monitor():
+    log = healthy(350, 3.0)
+    _, rows = take(start(2), samples(log), Window(RATE))
+    expected = rows_of(log)
+    for name in ("t", "q", "qd", "qdd", "tau"):
+        np.testing.assert_allclose(
+            getattr(rows, name), getattr(expected, name), rtol=1e-9, atol=1e-9
+        )
+
+
+def test_samples_of_another_arm_are_refused():
+    wrong = Samples(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
+    with pytest.raises(InputError, match="expected 2 joints"):
+        step(reference(), begin(reference()), wrong)
+
+
+def test_too_few_healthy_runs_are_refused():
+    with pytest.raises(InputError, match="at least 3"):
+        learn(model_of(good_runs()), good_runs()[:2])
