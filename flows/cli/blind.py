@@ -105,5 +105,5 @@ def _export(
     target, (place, workers) = Path(export), run
     check_target(target)
     with progress_bar() as progress, Pool(workers or cores()) as pool:
-        export_study(asked, arms, target, (place, pool), progress)
+        export_study(asked, range(arms), target, (place, pool), progress)
     say(Console(), f"wrote {export}: {asked.n} cases; its README.md says what is where")

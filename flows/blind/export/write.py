@@ -24,19 +24,19 @@ Part = tuple[Asked, Draft]
 
 def export_study(
     asked: Asked,
-    arms: int,
+    arms: Sequence[int],
     target: Path,
     run: tuple[Path, Pool | Here],
     tell: Progress | None = None,
 ) -> None:
     """Write the cases of a study as plain files.
 
-    Every ten cases, which share their motions, have another arm: the built-in one, then
-    drawn ones, then the built-in one again.
+    Every ten cases, which share their motions, have another arm, and after the last the
+    first again.
 
     Args:
         asked: Which study.
-        arms: How many arms.
+        arms: Numbers of the arms: 0 for the built-in one, others are drawn.
         target: Folder to make, which must not be there.
         run: The store for the runs, and processes.
         tell: Told what is done and the share of it.
@@ -71,20 +71,21 @@ def check_target(target: Path) -> None:
         raise InputError(f"--export {target}: there is no folder '{target.parent}'.")
 
 
-def parts(asked: Asked, arms: int, folder: Path) -> list[Part]:
+def parts(asked: Asked, arms: Sequence[int], folder: Path) -> list[Part]:
     """Return the cases, each with the study that has its arm.
 
     Args:
         asked: Which study.
-        arms: How many arms; those to be drawn are written.
+        arms: Numbers of the arms; those to be drawn are written.
         folder: Folder of the export.
     """
     every = drafts(asked)
-    used = {d.excitation.index % arms for d in every}
+    arm_of = [arms[d.excitation.index % len(arms)] for d in every]
     robots = folder / OPEN / "robots"
-    words = {k: str(drawn_arm(robots, asked.seed, k)) for k in sorted(used - {0})}
-    own = {k: replace(asked, robot=words.get(k, asked.robot)) for k in used}
-    return [(own[d.excitation.index % arms], d) for d in every]
+    drawn = sorted(set(arm_of) - {0})
+    words = {k: str(drawn_arm(robots, asked.seed, k)) for k in drawn}
+    own = {k: replace(asked, robot=words.get(k, asked.robot)) for k in arm_of}
+    return [(own[k], d) for k, d in zip(arm_of, every, strict=True)]
 
 
 def _written(

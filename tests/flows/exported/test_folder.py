@@ -57,7 +57,7 @@ def short(monkeypatch, compiled_plant):
 def test_an_export_has_every_bit_again_and_gives_nothing_away(short, tmp_path):
     for name in ("one", "two"):
         run = tmp_path / f"store_{name}", Here()
-        write.export_study(ASKED, 1, tmp_path / name, run)
+        write.export_study(ASKED, (0,), tmp_path / name, run)
     same = filecmp.dircmp(tmp_path / "one", tmp_path / "two")
     _alike(same)
     opened = tmp_path / "one" / "open"
@@ -92,22 +92,22 @@ def _alike(same):
 
 def test_a_folder_that_is_there_is_not_written_into(tmp_path):
     with pytest.raises(InputError, match="is there already; name a new folder"):
-        write.export_study(ASKED, 1, tmp_path, (tmp_path, Here()))
+        write.export_study(ASKED, (0,), tmp_path, (tmp_path, Here()))
 
 
 def test_a_case_that_fails_leaves_no_folder(monkeypatch, tmp_path):
     monkeypatch.setattr(write, "null_sizes", lambda *args: ({}, ["excitation 0: why"]))
     with pytest.raises(RunError, match="excitation 0: why"):
-        write.export_study(ASKED, 1, tmp_path / "new", (tmp_path / "store", Here()))
+        write.export_study(ASKED, (0,), tmp_path / "new", (tmp_path / "store", Here()))
     assert not (tmp_path / "new").exists()
 
 
 def test_every_ten_cases_have_another_arm(tmp_path):
-    cases = write.parts(Asked(40, 1), 3, tmp_path)
+    cases = write.parts(Asked(40, 1), range(3), tmp_path)
     arms = [own.robot for own, _ in cases][::10]
     assert arms[0] == arms[3] == "irb140"
     assert len(set(arms)) == 3
     assert {Path(word).parent for word in arms[1:3]} == {tmp_path / "open" / "robots"}
-    again = write.parts(Asked(40, 1), 3, tmp_path / "again")
+    again = write.parts(Asked(40, 1), range(3), tmp_path / "again")
     names = [[Path(own.robot).name for own, _ in part] for part in (cases, again)]
     assert names[0] == names[1]
