@@ -6,8 +6,8 @@
 
 Each seed is a study as `modelgap blind --export` writes it: ten cases, of the built-in
 arm for odd seeds, of a drawn one for even ones. Programs read the folder `open` alone:
-ours, plain least squares, and a sparse selection after SAPC, which is our reading of its
-description and not that program. Seeds 8101:8104 decide and are used for nothing else;
+ours, plain least squares, and a sparse selection after SAPC: our reading of its
+description, not that program. Seeds 8101:8104 decide and are used for nothing else;
 1 to 99 are for development. Studies and finished cases are kept in store/benchmarks, by
 a hash of the code: an interrupted run goes on where it was, and --minutes ends one with
 the last case begun in that time. The last line is one JSON object.

@@ -24,7 +24,7 @@ from warehouse.runs import read_run
 # Motions of their own, so that no two logs of a case can be laid over each other.
 AFTER = ("fourier", "cyclic")
 OPEN, SEALED = "open", "sealed"
-SPEED, SPAN = 0.02, 10  # rad/s; samples to both sides, over which encoders tell it
+SPEED, SPAN = 0.05, 10  # rad/s; samples to both sides, over which encoders tell it
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ import numpy as np
 LEVELS = ("name", "equivalent", "class")
 COUNTS = ("exact", "true", "said", "found", "there")
 KINDS = ("single", "pair", "none", "unknown")
-BLOCK, EDGE = 10, 12  # samples that are averaged; averages dropped at both ends
+BLOCK, EDGE = 25, 5  # samples that are averaged; averages dropped at both ends
 OTHER = "other"
 
 
