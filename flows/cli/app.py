@@ -49,6 +49,7 @@ _COMMANDS = {
         "monitor": ("monitor:monitor", "MODEL RUN..."),
         "watch": ("loop.watch:watch", "ROBOT --file FILE"),
         "predict": ("models.predict:predict", "LOG... --model MODEL"),
+        "view": ("models.view:view", "RUN|LOG [--robot ROBOT] [--verdict ID]"),
         "export": ("models.export:export", "MODEL --to TARGET --out DIR"),
     },
     "Your experiments": {

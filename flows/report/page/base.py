@@ -47,6 +47,7 @@ def environment() -> Environment:
         "sentence": sentence_case,
         "headings": headings,
         "as_data": script.as_data,
+        "script_hash": script.hash_of,
     }
     found.globals |= {
         "library": script.library,

@@ -13,16 +13,41 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from residual.errors import InputError
+
 _OWN = Path(__file__).parent / "templates" / "page.js"
 
 
 @cache
 def library() -> str:
     """Return the script of the plotting library, as its package has it."""
+    return _packaged("plotly", "package_data", "plotly.min.js")
+
+
+@cache
+def scene_library() -> str:
+    """Return the script that draws in 3-D, as its package has it.
+
+    Raises:
+        InputError: If that package, an extra, is not installed.
+    """
+    if find_spec("meshcat") is None:
+        raise InputError(
+            "An arm in 3-D needs MeshCat, which is not installed. It comes with the "
+            'extra: pip install "modelgap[view]".'
+        )
+    return _packaged("meshcat", "viewer", "dist", "main.min.js")
+
+
+def of_template(name: str) -> str:
+    """Return a script of ours that stands beside the templates."""
+    return (_OWN.parent / name).read_text(encoding="utf-8").strip()
+
+
+def _packaged(package: str, *parts: str) -> str:
     # Found and not imported: only its file is needed, and importing it takes longer.
-    (folder,) = find_spec("plotly").submodule_search_locations
-    path = Path(folder) / "package_data" / "plotly.min.js"
-    return path.read_text(encoding="utf-8").strip()
+    (folder,) = find_spec(package).submodule_search_locations
+    return Path(folder, *parts).read_text(encoding="utf-8").strip()
 
 
 @cache

@@ -1,0 +1,130 @@
+"""A log as the arm moves, as one page: the arm beside its torques, a slider of time."""
+
+from typing import Any
+
+import numpy as np
+
+from flows.report.page import script
+from flows.report.page.base import environment
+from flows.report.page.chart import Chart
+from flows.report.page.drawn import look
+from flows.report.page.drawn.arm import arm_data, frames_of
+from flows.report.words.phrases import phrase
+from flows.report.words.verdict import sentences
+from flows.steps.view import Viewed
+from residual.quantity import percent
+from residual.recording import Array
+
+_HEIGHT, _POINTS, _MOST_POINTS = 520, 60_000, 2400
+_COLOURS = ("#009e73", "#cc79a7", "#b07700", "#3b86b0", "#7a5195")
+
+
+def render(found: Viewed) -> str:
+    """Return the page of a log: one HTML document that needs nothing else.
+
+    Args:
+        found: The log, with the torque of its models.
+
+    Raises:
+        InputError: If the package that draws in 3-D is not installed.
+    """
+    page = environment().get_template("view.html")
+    after = _last(found)
+    return page.render(
+        robot=found.robot.name,
+        headline=sentences(found.verdict)[0] if found.verdict else "",
+        log=found.log.id,
+        seconds=float(found.log.t[-1] - found.log.t[0]),
+        model="with the findings" if found.effects else "before any finding",
+        joints=[(j, _error(found, after, j)) for j in range(1, found.robot.dof + 1)],
+        charts=_charts(found),
+        scene={
+            "arm": arm_data(found.look),
+            "motion": _motion(found, after),
+            "first": _most_changed(found),
+        },
+        scripts=[script.scene_library(), script.of_template("view.js")],
+    )
+
+
+def _last(found: Viewed) -> str:
+    """The best model there is."""
+    return "augmented" if "augmented" in found.torque else "nominal"
+
+
+def _most_changed(found: Viewed) -> int:
+    """Joint from 0 that is drawn first: where the findings are most of the torque."""
+    if not found.effects:
+        return 0
+    size = sum(torque**2 for _, torque in found.effects).mean(axis=0)
+    return int(np.argmax(size / np.maximum((found.log.tau**2).mean(axis=0), 1e-12)))
+
+
+def _error(found: Viewed, stage: str, joint: int) -> str:
+    tau, hat = (x[:, joint - 1] for x in (found.log.tau, found.torque[stage]))
+    size = float(np.linalg.norm(tau))
+    return percent(100 * float(np.linalg.norm(tau - hat)) / size if size else None)
+
+
+def _motion(found: Viewed, stage: str) -> dict[str, Any]:
+    """Poses, and what was measured and predicted at each, joint by joint."""
+    rows = frames_of(found.log)
+    t = found.log.t - found.log.t[0]
+    values = {
+        "q": found.log.q,
+        "tau": found.log.tau,
+        "hat": found.torque[stage],
+    }
+    return {
+        "t": look.packed(t[rows]),
+        **{key: look.packed(x[rows].ravel()) for key, x in values.items()},
+    }
+
+
+def _charts(found: Viewed) -> list[Chart]:
+    dof = found.robot.dof
+    curves = dof * (1 + 2 * len(found.torque) + len(found.effects))
+    most = min(_MOST_POINTS, _POINTS // curves)
+    return [_chart(found, joint, most) for joint in range(1, dof + 1)]
+
+
+def _chart(found: Viewed, joint: int, most: int) -> Chart:
+    """Torque, residual and effects of one joint over time, below one another."""
+    t, tau = found.log.t - found.log.t[0], found.log.tau[:, joint - 1]
+
+    def curve(name: str, colour: str, values: Array, **more: Any) -> look.Trace:
+        return look.line(name, colour, more.pop("width", 1.4), **more) | look.over_time(
+            t, values, most
+        )
+
+    data = [curve("measured", look.MEASURED, tau, width=2.4)]
+    for stage, torque in found.torque.items():
+        hat, label = torque[:, joint - 1], look.LABELS[stage]
+        dash = {"dash": "dot"} if stage == "nominal" else {}
+        data.append(curve(label, look.STAGES[stage], hat, line=dash))
+        if stage != "nominal" or len(found.torque) == 1:
+            lower = {"yaxis": "y2", "showlegend": False}
+            data.append(curve(label, look.STAGES[stage], tau - hat, **lower))
+    for number, (effect, torque) in enumerate(found.effects):
+        colour = _COLOURS[number % len(_COLOURS)]
+        name = look.escape(phrase(effect, found.robot.dof))
+        data.append(curve(name, colour, torque[:, joint - 1], yaxis="y3"))
+    below = "residual and the torque of each effect" if found.effects else "residual"
+    alt = (
+        f"Torque of joint {joint} over {t[-1]:.1f} s, measured and predicted; below, "
+        f"the {below}."
+    )
+    plot = {"data": data, "layout": _layout(joint, bool(found.effects))}
+    return Chart("", alt, "", joint, None, plot, _HEIGHT)
+
+
+def _layout(joint: int, effects: bool) -> dict[str, Any]:
+    x = look.axis("time (s)", anchor="y3" if effects else "y2")
+    tops = [(0.62, 1), (0.32, 0.56), (0, 0.26)] if effects else [(0.42, 1), (0, 0.34)]
+    titles = ("torque (N m)", "residual (N m)", "effects (N m)")
+    axes = [
+        look.axis(title, domain=list(domain), zeroline=True, zerolinecolor=look.SOFT)
+        for title, domain in zip(titles, tops, strict=False)
+    ]
+    more = {f"yaxis{n}": axis for n, axis in enumerate(axes[1:], 2)}
+    return look.layout(f"Joint {joint}", x, axes[0], hovermode="x", **more)
