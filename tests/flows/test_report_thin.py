@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.report.page import thin
+from flows.report.page.drawn import thin
 
 
 @pytest.mark.parametrize("count", [1, 2, 899, 900, 901, 4000, 12345])

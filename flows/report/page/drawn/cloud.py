@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from flows.report.page import thin
-from flows.report.page.drawn import look
+from flows.report.page.drawn import look, thin
 from residual.model.compare import Cloud
 
 HEIGHT = 290

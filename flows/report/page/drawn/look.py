@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flows.report.page import thin
+from flows.report.page.drawn import thin
 
 # Okabe and Ito's palette (https://jfly.uni-koeln.de/color/): told apart with every
 # common colour blindness; of it those that stand out on white.

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flows.report.page import thin
-from flows.report.page.drawn import look
+from flows.report.page.drawn import look, thin
 from residual.model.compare import LogProof
 
 HEIGHT = 400
