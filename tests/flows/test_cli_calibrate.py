@@ -82,7 +82,7 @@ def test_files_give_table_page_json_and_tables_that_evaluate_alone(place, capsys
     assert made["words"][0] in page
     assert "http" not in page.replace("http-equiv", "")
     assert page.count("<img ") >= 8
-    assert page.count("Corrections over time (figure 9)") == 1
+    assert page.count(">Corrections over time (figure 9)</h2>") == 1
     assert made["levels"]["megabytes"][-1] > made["levels"]["megabytes"][0] > 0
     assert made["plane"]["loadings"].keys() >= {"qd1", "residual1"}
     names = {"evaluate.py", "model.json", "model.npz", "tables.csv"}

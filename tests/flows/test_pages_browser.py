@@ -1,0 +1,121 @@
+"""The pages in a real browser, wide and narrow: seen whole, read by all, alone."""
+
+from pathlib import Path
+
+import pytest
+
+from flows.report.page.diagnosis import render
+from flows.report.page.view import render as render_view
+from tests.flows import report_outcomes as made
+from tests.flows.browser import PROGRAM, browser
+from tests.flows.test_view import shown
+
+pytestmark = pytest.mark.long
+
+PAGES = {
+    "several": lambda: render(made.several(), "kr300"),
+    "nothing": lambda: render(made.nothing(), "kr300"),
+    "view": lambda: render_view(shown()),
+}
+WIDTHS = (1280, 390)
+# Draws what is drawn when it comes into sight, and opens what is folded.
+UNFOLD = """
+for (const fold of document.querySelectorAll("details")) fold.open = true;
+dispatchEvent(new Event("beforeprint"));
+dispatchEvent(new Event("afterprint"));
+true"""
+DRAWN = """[...document.querySelectorAll(".plot")].every(
+  (box) => box._fullLayout && box.querySelector(".main-svg"))"""
+# What reaches beyond the window, other than within what scrolls by itself.
+CLIPPED = """[...document.querySelectorAll("body *")].filter((one) =>
+  one.getBoundingClientRect().right > innerWidth + 1
+  && !one.closest(".scroll, .wide, .stage, svg")).map((one) => one.outerHTML)"""
+# WCAG 2.2, 1.4.3: contrast of text and its ground, by their relative luminances.
+PALE = """(() => {
+  const rgb = (text) => text.match(/[\\d.]+/g).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map((c) => c / 255)
+    .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, c, i) => sum + c * [0.2126, 0.7152, 0.0722][i], 0);
+  const ground = (one) => {
+    for (let at = one; at; at = at.parentElement) {
+      const colour = rgb(getComputedStyle(at).backgroundColor);
+      if (colour.length < 4 || colour[3] > 0) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const faint = [];
+  for (const one of document.querySelectorAll("body *")) {
+    const own = [...one.childNodes].some((n) => n.nodeType === 3 && n.data.trim());
+    const drawn = one instanceof SVGElement;
+    if (!own || one.closest("script, style, noscript") || !one.getClientRects().length)
+      continue;
+    const style = getComputedStyle(one);
+    const [a, b] = [rgb(drawn ? style.fill : style.color), ground(one)].map(light);
+    const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    const large = parseFloat(style.fontSize) >= 24;
+    if (contrast < (large ? 3 : 4.5)) faint.push([one.textContent, contrast]);
+  }
+  return faint;
+})()"""
+WORDLESS = """[...document.querySelectorAll("img, .plot, canvas, svg")].filter((one) =>
+  (one.alt ?? one.closest("[aria-label]")?.ariaLabel ?? "").length < 30)
+  .map((one) => one.outerHTML.slice(0, 90))"""
+
+
+@pytest.fixture
+def tab(tmp_path):
+    if PROGRAM is None:
+        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
+    software = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+    rules = "--host-resolver-rules=MAP * ~NOTFOUND"
+    (tmp_path / "browser").mkdir()
+    with browser(tmp_path / "browser", rules, *software) as tab:
+        yield tab
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_is_whole_readable_and_alone(tab, tmp_path, name):
+    page = tmp_path / "page.html"
+    page.write_text(PAGES[name](), encoding="utf-8")
+    for width in WIDTHS:
+        tab.resize(width, 900)
+        tab.open(page.as_uri())
+        ready = "location.protocol === 'file:' && document.readyState === 'complete'"
+        tab.wait(ready, f"{name} is open")
+        tab.run(UNFOLD)
+        tab.wait(DRAWN, f"all figures of {name} are drawn")
+        assert tab.run("document.body.scrollWidth <= innerWidth"), (name, width)
+        assert tab.run(CLIPPED) == [], (name, width)
+        assert tab.run(PALE) == [], (name, width)
+        assert tab.run(WORDLESS) == [], (name, width)
+    assert tab.said == tab.refused == []
+    assert set(tab.asked.values()) == {page.as_uri()}
+
+
+def test_the_slider_moves_arm_values_and_line_together(tab, tmp_path):
+    page = Path(tmp_path / "view.html")
+    page.write_text(PAGES["view"](), encoding="utf-8")
+    tab.resize(1280, 900)
+    tab.open(page.as_uri())
+    drawn = "document.querySelector('#sheet .plot')?._fullLayout?.xaxis && true"
+    tab.wait(drawn, "the curves are drawn")
+    tab.wait("!!document.querySelector('#stage canvas')", "the arm is drawn")
+    seen = []
+    for time in (0.5, 3.0):
+        tab.run(
+            f"(() => {{ const s = document.getElementById('time'); s.value = {time};"
+            "s.dispatchEvent(new Event('input')); })()"
+        )
+        angle = tab.run("document.querySelector('#rows td').textContent")
+        line = tab.run("parseFloat(document.querySelector('.now').style.left)")
+        clock = tab.run("document.getElementById('clock').value")
+        seen.append((float(angle), line, clock))
+    log = shown().log
+    for (angle, _, clock), time in zip(seen, (0.5, 3.0), strict=True):
+        row = round(time / 0.004)
+        assert angle == pytest.approx(log.q[row, 0] * 57.29578, abs=0.2)
+        assert clock.startswith(f"{time:.2f} of ")
+    assert seen[1][1] > seen[0][1] > 0
+    tab.run("document.querySelectorAll('#rows tr')[2].click()")
+    shown_now = "[...document.querySelectorAll('#sheet figure')].map((f) => !f.hidden)"
+    assert tab.run(shown_now) == [j == 2 for j in range(6)]
