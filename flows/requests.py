@@ -104,6 +104,7 @@ class Identify(Request):
         columns: COLUMNS.toml, None for the default columns.
         store: Folder of the store, None for the usual one.
         trust_log: Whether to go on where a fault of the logs is certain.
+        model: Id of the diagnosis whose model it starts from; None for the nominal one.
     """
 
     logs: tuple[str, ...]
@@ -117,6 +118,7 @@ class Identify(Request):
     columns: str | None = None
     store: str | Path | None = None
     trust_log: bool = False
+    model: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +137,7 @@ class Calibrate(Request):
             to choose them.
         components: Its components: exactly so many with `levels`, else at most.
         joints: Joints of X and Y, from 1; None for all, or the paper's.
+        model: Id of the diagnosis whose named effects it has; None for the latest.
     """
 
     logs: tuple[str, ...]
@@ -147,6 +150,7 @@ class Calibrate(Request):
     levels: tuple[int, ...] | None = None
     components: int | None = None
     joints: tuple[int, ...] | None = None
+    model: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

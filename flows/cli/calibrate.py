@@ -27,6 +27,7 @@ from flows.report.words.calibration import sentences
 from flows.requests import Calibrate
 from flows.say import say
 from flows.steps import calibrate as steps
+from flows.steps.loop.choose import Wanted, choose_for
 from residual.calibration.rows import Run
 from residual.robot.robot import Robot
 
@@ -45,6 +46,7 @@ def calibrate(
     levels: str | None = None,
     components: int | None = None,
     joints: str | None = None,
+    model: str | None = None,
 ) -> None:
     """Fit look-up tables to the residual of a model, and validate them in every way.
 
@@ -82,8 +84,13 @@ def calibrate(
             exactly so many exported if --levels are given.
         joints: Joints of states and torques, as 1,2,3. Without it all; with --paper
             the first three, as in the paper.
+        model: Whose named effects stand beside the tables: the id of a diagnosis or an
+            adoption, or nominal. Without it, on runs of the store, the model that the
+            robot has (modelgap models), else the latest diagnosis of these runs.
     """
     names = parse_declared(declared)
+    instead = "--paper" if paper else "--declared" if declared else None
+    choice = choose_for(robot, Wanted(model, store, logs, instead))
     request = Calibrate(
         logs,
         robot,
@@ -95,6 +102,7 @@ def calibrate(
         levels=parse_numbers("--levels", levels),
         components=components,
         joints=parse_numbers("--joints", joints),
+        model=choice.diagnosis,
     )
     files = named_files({"--report": report, "--json": json})
     check_writable(files, read_files((*logs, robot), map))
@@ -104,7 +112,7 @@ def calibrate(
     read, runs = steps.read_logs(request)
     if paper:
         runs = _with_twins(read.robot, runs)
-    say(console, *read.lines)
+    say(console, *read.lines[:1], *choice.lines, *read.lines[1:])
     with progress_bar() as progress:
         done = steps.calibrate(request, read, runs, progress)
     text = json_text(

@@ -24,6 +24,7 @@ from flows.report.terminal.identification import print_outcome
 from flows.requests import Identify
 from flows.say import say
 from flows.steps import identify as steps
+from flows.steps.loop.choose import Wanted, choose_for
 from residual.model.export import robot_files
 
 
@@ -41,6 +42,7 @@ def identify(
     json: str | None = None,
     store: str | None = None,
     trust_log: Flag = False,
+    model: str | None = None,
 ) -> None:
     """Identify the parameters of a robot's model.
 
@@ -73,7 +75,12 @@ def identify(
         json: File for the outcome as JSON; "-" prints it and nothing else.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         trust_log: Go on although a fault of the logs is certain (modelgap check).
+        model: Model to start from: the id of a diagnosis or an adoption, or nominal.
+            Without it, on runs of the store, the one that the robot has (modelgap
+            models), its named effects among what is fitted.
     """
+    words = Wanted(model, store, (*logs, *holdout), "--declared" if declared else None)
+    choice = choose_for(robot, words)
     request = Identify(
         logs=logs,
         robot=robot,
@@ -86,6 +93,7 @@ def identify(
         columns=map,
         store=store,
         trust_log=trust_log,
+        model=choice.diagnosis,
     )
     files = named_files({"--json": json})
     check_writable(files, read_files((*logs, *holdout, robot), map))
@@ -93,7 +101,7 @@ def identify(
         check_new_folder("--export", Path(export))
     console = console_beside(json)
     read = steps.read_logs(request)
-    say(console, *read.lines)
+    say(console, *read.lines[:1], *choice.lines, *read.lines[1:])
     made, kept = steps.identify(request, read)
     text = json_text(document(made))
     contents = {path: text for path in files.values()}

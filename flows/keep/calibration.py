@@ -8,10 +8,11 @@ import pyarrow as pa
 
 import warehouse
 from flows.keep.calibration_files import calibration_files
-from flows.keep.diagnosis import read_models, read_verdict
+from flows.keep.diagnosis import read_known, read_models, read_verdict
 from residual.calibration.calibrate import Calibration
 from residual.calibration.scores import RUN, Score
 from residual.diagnosis.result import Finding
+from residual.model.model import Model
 from residual.model.nominal import declared_names
 from residual.model.record import to_record
 from residual.model.term import Term
@@ -133,6 +134,47 @@ def found_effects(
             count = len(models["nominal"].terms)
             return Found(models["augmented"].terms[count:], line, id)
     return Found()
+
+
+def effects_of(store: Path, diagnosis: str) -> Found:
+    """Return what the model of a diagnosis has beyond the robot as described.
+
+    Of that model only names and forms: its values may come from these very runs, and
+    what is judged on a run must not have seen it.
+
+    Args:
+        store: The store.
+        diagnosis: Its id.
+
+    Raises:
+        InputError: If there is none.
+    """
+    terms = _beyond(read_known(store, diagnosis).model)
+    named = ", ".join(f"{t.effect.name} {_joints(t)}".strip() for t in terms)
+    line = (
+        f"named effects are those of the model of diagnosis {diagnosis[:8]} "
+        f"({named or 'none'}): their values are fitted without the held-out runs"
+    )
+    return Found(terms, line, diagnosis)
+
+
+def _beyond(model: Model) -> tuple[Term, ...]:
+    """The terms that are not those of the robot as described: these come first."""
+    described: set[tuple] = set()
+    beyond = []
+    for term in model.terms:
+        given = model.robot.declared.get(term.effect.name)
+        key = term.effect.name, term.joints
+        if term.effect.name not in declared_names(model.robot, None) or (
+            key in described and given and given.values
+        ):
+            beyond.append(term)
+        described.add(key)
+    return tuple(t for t in beyond if len(t.theta))
+
+
+def _joints(term: Term) -> str:
+    return " ".join(f"J{j + 1}" for j in term.joints)
 
 
 def _words(effect: Finding) -> str:

@@ -8,7 +8,12 @@ from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of
-from flows.keep.calibration import Found, found_effects, store_calibration
+from flows.keep.calibration import (
+    Found,
+    effects_of,
+    found_effects,
+    store_calibration,
+)
 from flows.progress import Progress
 from flows.requests import Calibrate
 from flows.settings import store_folder
@@ -82,7 +87,9 @@ def calibrate(
     settings = _settings(request)
     store, ids = store_folder(request.store), tuple(logs.runs.values())
     found = Found()
-    if not request.paper:
+    if request.model and not request.paper:
+        found = effects_of(store, request.model)
+    elif not request.paper:
         found = found_effects(store, ids, logs.robot, request.declared)
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):

@@ -1,6 +1,6 @@
 """Identify a robot's model from logs or runs, and keep it where it is from runs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of
+from flows.keep.diagnosis import read_known
 from flows.keep.identification import store_identification
 from flows.requests import Identify
 from flows.settings import store_folder
@@ -15,6 +16,7 @@ from flows.steps.check import checked
 from residual.identification.consistency import solver
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified, identify_and_prove
+from residual.model.model import Model
 
 
 def read_logs(request: Identify) -> LogSets:
@@ -50,12 +52,15 @@ def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
     report = checked(logs, request.declared, request.trust_log)
+    known: Sequence[str] | Model | None = request.declared
+    if request.model:
+        known = read_known(store_folder(request.store), request.model).model
     with threadpool_limits(1, user_api="blas"):
         made = identify_and_prove(
             logs.robot,
             logs.fit,
             logs.held_out,
-            request.declared,
+            known,
             _options(request),
             request.consistent,
         )
@@ -74,6 +79,8 @@ def _keep(made: Identified, request: Identify, runs: Mapping[str, str]) -> str:
     # A held-out part of a fitted run is no run of its own.
     roles = {"fit": made.fit, "held_out": () if made.same_run else made.held_out}
     by_role = {role: [runs[i] for i in ids if i in runs] for role, ids in roles.items()}
+    if request.model:
+        by_role["nominal"] = [request.model]
     asked = request.to_record() | {
         "logs": [_whole(word, runs) for word in request.logs],
         "held_out": [_whole(word, runs) for word in request.held_out],

@@ -32,7 +32,7 @@ from residual.identification.structure import (
     structure,
 )
 from residual.model.model import Model
-from residual.model.nominal import Logs, declared_names, prepare_logs, start_nominal
+from residual.model.nominal import Logs, begin, prepare_logs
 from residual.model.standstill import with_standstill
 from residual.recording import Array, Recording
 from residual.robot.base_parameters import BaseParameters, random_states
@@ -89,7 +89,7 @@ class Identification:
 def identify(
     robot: Robot,
     recordings: Sequence[Recording],
-    declared: Sequence[str] | None = None,
+    declared: Sequence[str] | Model | None = None,
     options: Options = Options(),  # noqa: B008  frozen
     clock: float | None = None,
 ) -> Identification:
@@ -98,7 +98,8 @@ def identify(
     Args:
         robot: The arm as described.
         recordings: Logs to fit.
-        declared: Effects that the model has; None for the robot's own list.
+        declared: Effects that the model has; None for the robot's own list; or a model
+            to start from as it is.
         options: How.
         clock: Start of the session on the logs' clock [s], or None.
 
@@ -109,7 +110,7 @@ def identify(
         InputError: If a log is of another arm, nothing moves, or rows are too few.
     """
     logs = prepare_logs(robot, _checked(robot, recordings), clock, Filters())
-    nominal = start_nominal(logs, declared_names(robot, declared)).model
+    nominal = begin(logs, declared)
     base = structure(nominal)
     first = _fitted(nominal, base, logs, options)
     # A prediction needs an answer at standstill; one that reaches into moving rows

@@ -66,7 +66,7 @@ def identify_and_prove(
     robot: Robot,
     fit: Sequence[Recording],
     held_out: Sequence[Recording] = (),
-    declared: Sequence[str] | None = None,
+    declared: Sequence[str] | Model | None = None,
     options: Options | None = None,
     bodies: bool = False,
 ) -> Identified:
@@ -76,7 +76,8 @@ def identify_and_prove(
         robot: The arm as described.
         fit: Logs to fit.
         held_out: Logs for the proof; empty for the last quarter of the longest.
-        declared: Effects that the model has; None for the robot's own list.
+        declared: Effects that the model has; None for the robot's own list; or a model
+            to start from as it is.
         options: How to fit.
         bodies: Whether to find parameters too that bodies can have.
 

@@ -213,6 +213,19 @@ def _without_dead(tracks: tuple[Track, ...]) -> tuple[Track, ...]:
     return tuple(replace(t, moving=t.moving & alive) for t in tracks)
 
 
+def begin(logs: Logs, declared: Sequence[str] | Model | None) -> Model:
+    """The model to start from, on the clock and thresholds of these logs.
+
+    Args:
+        logs: The logs.
+        declared: Effects that it has, None for the robot's own list; or a model as it
+            is, such as one that was adopted.
+    """
+    if isinstance(declared, Model):
+        return replace(declared, speed_floor=logs.speed_floor, clock=logs.clock)
+    return start_nominal(logs, declared_names(logs.robot, declared)).model
+
+
 def start_nominal(logs: Logs, names: Sequence[str]) -> Nominal:
     """The user's model, on the clock and thresholds of these logs."""
     nominal = build_nominal(

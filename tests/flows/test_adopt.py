@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
+from flows.keep.calibration import effects_of
 from flows.keep.diagnosis import read_known, read_models, read_verdict
 from flows.steps.loop.adopt import Adopt, adopt, list_adoptions, roll_back
 from flows.steps.loop.choose import Wanted, choose_for, choose_to_watch
@@ -101,6 +102,32 @@ def test_a_rerun_goes_by_the_model_of_then(fresh):
     roll_back(ROBOT, store=store)
     made = reruns.rerun(again, store, True)
     assert (list(made.apart), made.cause) == ([], None)
+
+
+def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
+    store, _, second, id = fresh
+    adopt(Adopt(id, store=store))
+    words = ["identify", *second[0], "--robot", ROBOT, "--holdout", *second[1]]
+    assert main([*words, "--store", str(store)]) == 0
+    told = capsys.readouterr().out
+    assert "model: adoption" in "\n".join(told.splitlines()[:2])
+    kept = told.split("modelgap show ")[1].split()[0]
+    record = read_record(store, kept)
+    assert record["request"]["model"] == id
+    assert "spring" in {t["name"] for t in record["model"]["terms"]}
+    roll_back(ROBOT, store=store)
+    assert reruns.rerun(kept, store, True).apart == ()
+    assert main([*words, "--store", str(store), "--model", "nominal"]) == 0
+    kept = capsys.readouterr().out.split("modelgap show ")[1].split()[0]
+    names = {t["name"] for t in read_record(store, kept)["model"]["terms"]}
+    assert "spring" not in names
+
+
+def test_a_calibration_has_its_names_and_not_its_values(made):
+    store, *_, id = made
+    found = effects_of(store, id)
+    assert [(t.effect.name, t.joints) for t in found.effects] == [("spring", (1,))]
+    assert (found.diagnosis, "spring J2" in found.line) == (id, True)
 
 
 def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
