@@ -21,6 +21,7 @@ def run_groups(
     about: str,
     groups: Sequence[str],
     measure: Callable[[str, bool], Figures],
+    own: argparse.ArgumentParser | None = None,
     **facts: object,
 ) -> int:
     """Measure the groups that were asked for and return the exit code.
@@ -30,9 +31,10 @@ def run_groups(
         groups: Names of the groups, in order.
         measure: From the name of a group, and whether to be quick, to its figures; it
             imports what it needs itself, since NumPy must not be loaded before.
+        own: Options of this benchmark alone (made with `add_help=False`), for `--help`.
         facts: What else to keep of the circumstances.
     """
-    args = _arguments(about, groups)
+    args = _arguments(about, groups, own)
     # Before NumPy is loaded, here and in what this starts.
     one_blas_thread()
     made: dict[str, Figures] = {}
@@ -80,9 +82,13 @@ def _read(path: Path) -> dict:
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
-def _arguments(about: str, groups: Sequence[str]) -> argparse.Namespace:
+def _arguments(
+    about: str, groups: Sequence[str], own: argparse.ArgumentParser | None
+) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=about,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        parents=[own] if own else [],
     )
     parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
     parser.add_argument("--groups", nargs="+", choices=groups, default=groups)

@@ -2,31 +2,84 @@
 
     python benchmarks/loop.py --quick           under 50 s on two cores
     python benchmarks/loop.py --groups tracking
+    python benchmarks/loop.py --groups close --seeds 1:4        to look at
     python benchmarks/loop.py --full-json OUT       benchmarks/results/...
 
-The last line is one JSON object; exit code 1 for a missed bar.
+The groups next and close have seeds of their own that decide (9001:9050, 9101:9130) and
+are used for nothing else; 1 to 99 are for development. Their finished cases are kept in
+store/benchmarks, by a hash of the code: an interrupted run goes on where it was, and
+`--known` shows the figures of what is finished. The last line is one JSON object; exit
+code 1 for a missed bar.
 """
 
+import argparse
+import hashlib
 import sys
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import Figures
+from benchmarks.diagnosis_parts.kept import Kept
+from benchmarks.figures import ROOT, Figures, code_hash, missing
 from benchmarks.groups import run_groups
+from benchmarks.seeded import seed_range
+from flows.keep.method import method_hash
+from flows.workers.pool import Pool
 
 # Each a module of benchmarks/loop_parts with a function `figures_of`.
-_GROUPS = ("tracking", "watch")
+_GROUPS = ("tracking", "next", "close", "watch")
+# Those of many drawn cases; the figures that a quick run leaves to the full one.
+_SEEDED = {
+    "next": {"next_settled": 0.80},
+    "close": {"close_both_adopted": 0.85, "close_false_adopted": 0.03},
+}
 
 
 def main() -> int:
     """Run the groups and return the exit code."""
-    return run_groups(__doc__, _GROUPS, _measure)
+    own = _options()
+    args, _ = own.parse_known_args()
+    return run_groups(__doc__, _GROUPS, partial(_measure, args), own)
 
 
-def _measure(name: str, quick: bool) -> Figures:
-    return import_module(f"benchmarks.loop_parts.{name}").figures_of(quick)
+def _options() -> argparse.ArgumentParser:
+    own = argparse.ArgumentParser(add_help=False)
+    text = "of next and close, both included; without it those that decide"
+    own.add_argument("--seeds", metavar="A:B", help=text)
+    own.add_argument("--workers", type=int, default=2, help="processes")
+    text = "run nothing: the figures of the cases that are finished"
+    own.add_argument("--known", action="store_true", help=text)
+    return own
+
+
+def _measure(args: argparse.Namespace, name: str, quick: bool) -> Figures:
+    part = import_module(f"benchmarks.loop_parts.{name}")
+    if name not in _SEEDED:
+        return part.figures_of(quick)
+    if quick:
+        why = "minutes for each case; the full run measures it"
+        return {key: missing(bar, why) for key, bar in _SEEDED[name].items()}
+    seeds = seed_range(args.seeds) if args.seeds else part.SEEDS
+    jobs = part.jobs(seeds)
+    with Kept(_kept(name), part.words) as known, Pool(args.workers) as pool:
+        if args.known:
+            jobs = {n: job for n, job in jobs.items() if n in known}
+        rows = known.run(pool, part.run, jobs)
+    deciding = seeds == part.SEEDS and len(rows) == len(part.jobs(seeds))
+    return part.figures_of(list(rows.values()), deciding)
+
+
+def _kept(name: str) -> Path:
+    """Return where cases of this very code are kept."""
+    total = hashlib.sha256(method_hash().encode())
+    folders = ROOT / "flows/steps/closing", ROOT / "flows/steps/planning"
+    own = ROOT / "benchmarks" / "loop_parts" / f"{name}.py"
+    for path in (own, *sorted(p for f in folders for p in f.glob("*.py"))):
+        total.update(path.read_bytes())
+    named = f"loop-{name}-{code_hash()}-{total.hexdigest()[:8]}.jsonl"
+    return ROOT / "store" / "benchmarks" / named
 
 
 if __name__ == "__main__":

@@ -51,6 +51,11 @@ def seed_range(seeds: str) -> range:
     return range(first, last + 1)
 
 
+def range_text(seeds: range) -> str:
+    """Return seeds as A:B, both included."""
+    return f"{seeds[0]}:{seeds[-1]}"
+
+
 def save_rows(args: argparse.Namespace, figures: Figures, **rows: object) -> None:
     """Write figures and rows to the results file, if one is asked for."""
     if args.full_json:

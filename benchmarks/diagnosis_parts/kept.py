@@ -46,6 +46,10 @@ class Kept:
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
+    def __contains__(self, name: str) -> bool:
+        """Whether a case is finished."""
+        return name in self._known
+
     def run(
         self, pool: Any, work: Callable[[Any], dict], jobs: Mapping[str, Any]
     ) -> dict[str, dict]:

@@ -17,9 +17,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.figures import Figures, figure
-from benchmarks.seeded import FEW, guarded
-from flows.blind.sums import wilson
+from benchmarks.loop_parts.next_bars import (
+    D_OPTIMAL,
+    DESIGNED,
+    FAST_D,
+    FAST_RANDOM,
+    RANDOM,
+    SECONDS,
+    figures_of,
+)
+from benchmarks.seeded import guarded
 from flows.specs.experiment import derived_seed
 from flows.steps.planning.design import design, hint
 from flows.steps.planning.motions import Search, with_twins
@@ -40,16 +47,15 @@ from sim.trajectories import make_reference
 from sim.trajectories.fourier import arena, draw, shrunk
 from sim.trajectories.given import written
 
+__all__ = ["SEEDS", "figures_of", "jobs", "run", "words"]
+
 SEEDS = range(9001, 9051)  # of the deciding run
-SECONDS, SHORT, FIRST = 20.0, 5.0, 10.0  # s, of an experiment, and of the first log
+SHORT, FIRST = 5.0, 10.0  # s, of what is designed to be followed, and of the first log
 POOR = 0.25  # of the size that the limits allow: how far the first log moves the arm
 ENOUGH = 6.0  # nats
 _LATER = 60.0  # s from the beginning of the first log to the experiment
-SETTLED, FASTER_RANDOM, FASTER_D = 0.80, 3.0, 1.5
 _TRIES = 30  # arms drawn until the verdict of one is open
 _STEP = 0.1  # s
-DESIGNED, RANDOM, D_OPTIMAL = "designed", "random", "d_optimal"
-FAST_RANDOM, FAST_D = "random of short periods", "d_optimal of short periods"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -71,6 +77,22 @@ class Case:
     search: Search
     found: Diagnosis
     tries: int
+
+
+def jobs(seeds: Sequence[int]) -> dict[str, int]:
+    """Return the cases by name."""
+    return {f"next {seed}": seed for seed in seeds}
+
+
+def words(row: Mapping) -> str:
+    """Return a row as it is printed."""
+    if not row["open"]:
+        return "no arm whose verdict is open"
+    what = "settled" if row["settled"] else "not settled"
+    took = ", ".join(
+        f"{name} {s:.1f} s" for name, s in row["seconds"].items() if s is not None
+    )
+    return f"{row['effect']} {row['joints']} {what}, chance {row['chance']:.2f}; {took}"
 
 
 def run(seed: int) -> dict:
@@ -239,51 +261,3 @@ def _log(plant: PlantSpec, spec: TrajectorySpec, start: float) -> Recording:
 @lru_cache(maxsize=1)
 def _robot() -> Robot:
     return load_robot("irb140")
-
-
-def next_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
-    """Return the figures of some rows.
-
-    Args:
-        rows: Of `run`.
-        deciding: Whether these are the seeds that decide.
-    """
-    done = [r for r in rows if r.get("open")]
-    hits = sum(r["settled"] for r in done)
-    value = hits / len(done) if done else None
-    entry = figure(value, SETTLED, len(done), interval=wilson(hits, len(done)))
-    entry |= {"ok": None if value is None else value >= SETTLED, "at_least": True}
-    figures = {
-        "next_settled": entry,
-        "next_random_over_designed": _ratio(done, RANDOM, FASTER_RANDOM),
-        "next_d_optimal_over_designed": _ratio(done, D_OPTIMAL, FASTER_D),
-        "next_random_of_short_periods": _ratio(done, FAST_RANDOM, None),
-        "next_d_optimal_of_short_periods": _ratio(done, FAST_D, None),
-        "next_chance_said": figure(
-            float(np.mean([r["chance"] for r in done])) if done else None,
-            None,
-            len(done),
-            why="beside the share that was settled",
-        ),
-        "next_crashes": figure(sum("error" in r for r in rows), 0, len(rows)),
-    }
-    if deciding:
-        return figures
-    return {k: v | {"ok": None, "why": v.get("why", FEW)} for k, v in figures.items()}
-
-
-def _ratio(rows: Sequence[Mapping], name: str, bar: float | None) -> dict:
-    """Median seconds of a usual motion over those of the designed one.
-
-    A motion that never has enough counts with its length: the ratio is a least one.
-    """
-    told = [r["seconds"] for r in rows if r["seconds"][DESIGNED] is not None]
-    if not told:
-        return figure(None, bar, 0, why="no case whose truth is a rival")
-    ours, theirs = (float(np.median([s[n] for s in told])) for n in (DESIGNED, name))
-    value = theirs / ours
-    never = sum(s[name] >= SECONDS for s in told)
-    entry = figure(value, bar, len(told), medians=[ours, theirs], never=never)
-    if bar is None:
-        return entry | {"why": "beside those with a bar"}
-    return entry | {"ok": value >= bar, "at_least": True}

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from prefect import flow, get_run_logger
 
-from flows.report.page.close import adopted_verdict, keep_page, render
+from flows.report.page.close import keep_page, render
 from flows.report.words.closed import ended, headline, pairs
 from flows.scheduled import artifacts, events, tasks
 from flows.scheduled.surroundings import surroundings
 from flows.settings import store_folder
 from flows.steps.closing.arm import Close
-from flows.steps.closing.close import begun, closed, decided
+from flows.steps.closing.close import adopted_verdict, begun, closed, decided
 from flows.steps.closing.known import RUN
 
 
@@ -35,7 +35,7 @@ def decide(asked: Close) -> bool:
 def report(asked: Close) -> str:
     """Open the seal and write the page; returns its file."""
     store, done = Path(asked.store), closed(asked)
-    verdict = adopted_verdict(done, store)
+    verdict = adopted_verdict(store, done.known.adopted)
     page = keep_page(done, store, render(done, verdict))
     words = f"{headline(done, pairs(done.hidden, verdict))} {ended(done)}"
     get_run_logger().info(words)

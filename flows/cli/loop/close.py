@@ -8,12 +8,19 @@ from rich.console import Console
 from flows.cli.options import STDOUT, check_between, console_beside, named_files
 from flows.outputs import check_outside, check_writable, json_text, write_all
 from flows.progress import progress_bar
-from flows.report.page.close import adopted_verdict, keep_page, render
+from flows.report.page.close import keep_page, render
 from flows.report.words.closed import ended, headline, pairs
 from flows.say import say
 from flows.settings import store_folder
 from flows.steps.closing.arm import MOST, Close
-from flows.steps.closing.close import LEAST, Closed, begun, closed, decided
+from flows.steps.closing.close import (
+    LEAST,
+    Closed,
+    adopted_verdict,
+    begun,
+    closed,
+    decided,
+)
 from warehouse.decisions import Decision
 
 _BUDGET = 100  # experiments
@@ -68,7 +75,7 @@ def close(
     asked = Close(robot, budget, seed, effects, store=place)
     _go_on(asked, console)
     done = closed(asked)
-    verdict = adopted_verdict(done, place)
+    verdict = adopted_verdict(place, done.known.adopted)
     page = render(done, verdict)
     kept = keep_page(done, place, page)
     found = pairs(done.hidden, verdict)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from flows.keep.diagnosis import read_verdict
 from flows.report.page.base import Tile, environment
 from flows.report.words import closed as words
 from flows.report.words.staged import FORMS
@@ -19,18 +18,12 @@ KIND = "close"
 _WHAT = {DIAGNOSE: "diagnose", ADOPT: "adopt", DRIVE: "drive", STOP: "stop"}
 
 
-def adopted_verdict(done: Closed, store: Path) -> Verdict | None:
-    """Return the verdict whose model was adopted last; None for none."""
-    last = done.known.adopted
-    return read_verdict(store, last["diagnosis"]) if last else None
-
-
 def render(done: Closed, verdict: Verdict | None) -> str:
     """Return the page of a loop: one HTML document that needs nothing else.
 
     Args:
         done: The loop.
-        verdict: Of what was adopted (`adopted_verdict`).
+        verdict: Of what was adopted (`flows.steps.closing.close.adopted_verdict`).
     """
     found = words.pairs(done.hidden, verdict)
     robot = done.arm.robot

@@ -12,7 +12,7 @@ from flows.requests import Diagnose
 from flows.specs.experiment import ExperimentSpec, TrajectoryTable, derived_seed
 from flows.steps import experiment
 from flows.steps.closing.arm import PAUSE, Arm, Close
-from flows.steps.closing.known import RUN
+from flows.steps.closing.known import RUN, Known
 from flows.steps.closing.rule import ADOPT, DIAGNOSE, DRIVE, STOP, Step
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.loop.adopt import Adopt, adopt
@@ -209,7 +209,13 @@ def _adopt(loop: Loop, how: Mapping, _: Progress | None) -> Came:
     """Let the gate judge; what was adopted before a kill is not adopted twice."""
     diagnosis = how["diagnosis"]
     found = next(d.result for d in loop.history if d.made == diagnosis)
-    told = {"diagnosis": diagnosis, "effects": found["effects"]}
+    before = Known.of(loop.history).adopted if found["model"] else None
+    told = {
+        "diagnosis": diagnosis,
+        "effects": [*(before["effects"] if before else ()), *found["effects"]],
+        # Diagnoses whose findings together are those of the model.
+        "chain": [*(before["chain"] if before else ()), diagnosis],
+    }
     judged = judge(loop.store, diagnosis)
     last = judged.parent
     if last and last[1].diagnosis_id == diagnosis:

@@ -1,14 +1,17 @@
 """The loop that closes itself: decide, do, write it down; from wherever it stopped."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+from flows.keep.diagnosis import read_verdict
 from flows.progress import Progress
 from flows.settings import store_folder
 from flows.steps.closing.act import Came, Loop, act
 from flows.steps.closing.arm import MOST, Arm, Close, loop_id, make_arm, open_seal
 from flows.steps.closing.known import RUN, Known
 from flows.steps.closing.rule import Asked, Step, next_step
+from residual.diagnosis.result import Verdict
 from residual.errors import InputError
 from warehouse.decisions import Decision, commit_decision, read_decisions
 
@@ -130,6 +133,19 @@ def closed(asked: Close) -> Closed:
     first = next(d.made for d in loop.history if d.action == RUN)
     hidden = open_seal(loop.store, first, loop.arm.robot.dof)
     return Closed(loop.id, loop.arm, loop.history, tuple(hidden))
+
+
+def adopted_verdict(store: Path, given: Mapping | None) -> Verdict | None:
+    """Return the verdict of an adopted model, with all that is named in it.
+
+    Args:
+        store: The store.
+        given: What an adoption left; None for none.
+    """
+    if given is None:
+        return None
+    told = [read_verdict(store, id) for id in given["chain"]]
+    return replace(told[-1], effects=tuple(f for v in told for f in v.effects))
 
 
 def _decision(loop: Loop, step: Step, came: Came) -> Decision:

@@ -18,6 +18,7 @@ class Known:
         adopted: What the last adoption left (`diagnosis`, `effects`), None for none.
         since: Ids of the experiments to fit that came after it.
         later: The experiments after it.
+        looks: What every diagnosis after it said.
     """
 
     last: Decision | None
@@ -25,6 +26,7 @@ class Known:
     adopted: Mapping | None
     since: tuple[str, ...]
     later: tuple[Decision, ...]
+    looks: tuple[Mapping, ...]
 
     @classmethod
     def of(cls, history: Sequence[Decision]) -> "Known":
@@ -39,6 +41,9 @@ class Known:
             adopted=given[-1].result if given else None,
             since=_fitted(later),
             later=later,
+            looks=tuple(
+                d.result for d in history if d.action == "diagnose" and d.number > begun
+            ),
         )
 
     @property

@@ -92,6 +92,8 @@ def _judge(known: Known, found: Mapping, asked: Asked) -> Step:
     """What a diagnosis asks for."""
     if found["verdict"] == "none":
         return _clean(known, found, asked)
+    if found["model"] is not None and _again(known, found):
+        return _open(known, found, asked) or _settled(found)
     if found["model"] is not None:
         why = (
             f"{_said(found)} beside the adopted model: all logs together, from the "
@@ -136,6 +138,8 @@ def _open(known: Known, found: Mapping, asked: Asked) -> Step | None:
 def _settled(found: Mapping) -> Step:
     """Let the gate judge what is named, and say what stays as good."""
     why = _said(found)
+    if found["model"] is not None:
+        why += ", found again beside the adopted model with more motion"
     if found["rivals"]:
         told = " and ".join(found["rivals"])
         why += f"; {told} stay as good after {TRIES} motions made to tell them apart"
@@ -182,6 +186,14 @@ def _said(found: Mapping) -> str:
         return " and ".join(found["effects"])
     joints = ", ".join(map(str, found["unexplained"]))
     return f"something without a name{' on joint ' + joints if joints else ''}"
+
+
+def _again(known: Known, found: Mapping) -> bool:
+    """Whether an earlier look, with less motion, named the same beside this model."""
+    before = (look for look in known.looks[:-1] if look["model"] == found["model"])
+    return any(
+        look["effects"] and _same(look["effects"], found["classes"]) for look in before
+    )
 
 
 def _same(adopted: Sequence[str], classes: Sequence[Sequence[str]]) -> bool:

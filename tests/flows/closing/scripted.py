@@ -37,7 +37,8 @@ def act(loop, step, tell=None, script=SCRIPT):
         return Came("looked", made, told | about)
     if step.action == ADOPT:
         names = script[before - 1]["effects"]
-        told = {"adopted": True, "diagnosis": how["diagnosis"], "effects": names}
+        told = {"adopted": True, "effects": names, "chain": [how["diagnosis"]]}
+        told |= {"diagnosis": how["diagnosis"]}
         return Came("adopted", made, told)
     return Came("driven", made, {"before": 2.0, "after": 1.0})
 

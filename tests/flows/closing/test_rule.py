@@ -82,6 +82,23 @@ REFUSED = (ADOPT, {"adopted": False, "diagnosis": "d", "effects": [SPRING]})
             ADOPT,
             {"diagnosis": "d"},
         ),
+        # Or has to be found again beside it, with more motion.
+        (
+            (
+                *(*ADOPTED, run(), looked(found(OFFSET), "m"), looked(found(SPRING))),
+                *(run(), looked(found(OFFSET), "m")),
+            ),
+            ADOPT,
+            {"diagnosis": "d"},
+        ),
+        (
+            (
+                *(*ADOPTED, run(), looked(found(OFFSET), "m"), looked(found(SPRING))),
+                *(run(), looked(found("payload on joint 6"), "m")),
+            ),
+            DIAGNOSE,
+            {"model": None},
+        ),
         (
             (*ADOPTED, run(), looked(found(OFFSET), "m"), looked(found(SPRING))),
             "run",

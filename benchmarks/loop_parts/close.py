@@ -1,0 +1,127 @@
+"""Arms with two effects, from the first experiment to the last decision of the loop.
+
+Every plant is closed twice, with a budget of six experiments each: with motions that
+are designed for what is open, and with the standard ones in their order, by the same
+rule of stopping. What the arm hides is looked at when the loop has ended.
+"""
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+
+from benchmarks.figures import Figures, figure
+from benchmarks.seeded import FEW, guarded
+from flows.blind.score import PAIR, Name, score
+from flows.blind.sums import wilson
+from flows.steps.closing.arm import Close
+from flows.steps.closing.close import Closed, adopted_verdict, close
+from flows.steps.closing.rule import ADOPT, DIAGNOSE
+
+SEEDS = range(9101, 9131)  # of the deciding run
+ROBOT, BUDGET, EFFECTS = "irb140", 6, 2
+BOTH, FALSE, QUIET = 0.85, 0.03, 0.95
+WAYS = {"designed": True, "fixed": False}
+
+
+def jobs(seeds: Sequence[int]) -> dict[str, tuple[int, str]]:
+    """Return the cases by name: every plant both ways, one after the other."""
+    return {f"close {seed} {way}": (seed, way) for seed in seeds for way in WAYS}
+
+
+def run(job: tuple[int, str]) -> dict:
+    """Close the loop of one plant one way; a row, or the crash."""
+    seed, way = job
+    return guarded({"seed": seed, "way": way}, lambda: _row(seed, way))
+
+
+def _row(seed: int, way: str) -> dict:
+    begun = perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        store = Path(folder) / "store"
+        asked = Close(ROBOT, BUDGET, seed, EFFECTS, store=store, drives=False)
+        done = close(replace(asked, designed=WAYS[way]))
+        row = _judged(done, store)
+    about = {"seed": seed, "way": way, "took": round(perf_counter() - begun, 1)}
+    return about | row
+
+
+def _judged(done: Closed, store: Path) -> dict:
+    truths = [Name(h["name"], tuple(h["joints"])) for h in done.hidden]
+    given = [d for d in done.decisions if d.action == ADOPT and d.made]
+    scores = [score(PAIR, truths, adopted_verdict(store, d.result)) for d in given]
+    last = given[-1].number if given else 0
+    looks = [d for d in done.decisions if d.action == DIAGNOSE and d.result["model"]]
+    next_look = next((d for d in looks if d.number > last), None)
+    return {
+        "hidden": [str(name) for name in truths],
+        "adopted": list(done.known.adopted["effects"]) if given else [],
+        "found": scores[-1].found if given else 0,
+        # Of any adoption: what was taken back later was believed for a while.
+        "extra": max((s.extra for s in scores), default=0),
+        "quiet": next_look and next_look.result["verdict"] == "none",
+        "ended": done.decisions[-1].result["why"],
+        "reason": done.decisions[-1].reason,
+        "experiments": len(done.known.runs),
+        "designed": sum(d.result["designed"] for d in done.known.runs),
+        "seconds": done.seconds,
+    }
+
+
+def words(row: Mapping) -> str:
+    """Return a row as it is printed."""
+    hidden, adopted = (", ".join(row[k]) or "nothing" for k in ("hidden", "adopted"))
+    return (
+        f"{row['found']} of {len(row['hidden'])}, {row['extra']} false: {hidden} -> "
+        f"{adopted}; {row['ended']}, {row['seconds']:.0f} s of motion, "
+        f"{row['designed']} of {row['experiments']} designed ({row['took']:.0f} s)"
+    )
+
+
+def figures_of(rows: Sequence[Mapping], deciding: bool) -> Figures:
+    """Return the figures of some rows.
+
+    Args:
+        rows: Of `run`.
+        deciding: Whether these are all of the seeds that decide.
+    """
+    whole = [r for r in rows if "error" not in r]
+    done = [r for r in whole if r["way"] == "designed"]
+    looked = [r for r in done if r["quiet"] is not None]
+    ended = [r for r in done if r["ended"] == "nothing left"]
+    figures = {
+        "close_both_adopted": _share([r["found"] == EFFECTS for r in done], BOTH),
+        "close_false_adopted": _share([r["extra"] > 0 for r in done], FALSE, False),
+        "close_quiet_after": _share([r["quiet"] for r in looked], QUIET),
+        "close_ended_sure": _share([r in ended for r in done], None),
+        "close_seconds_over_fixed": _seconds(whole),
+        "close_crashes": figure(len(rows) - len(whole), 0, len(rows)),
+    }
+    if deciding:
+        return figures
+    return {k: v | {"ok": None, "why": v.get("why", FEW)} for k, v in figures.items()}
+
+
+def _share(hits: Sequence[bool], bar: float | None, at_least: bool = True) -> dict:
+    """A rate with its interval, beside what it must reach or may not exceed."""
+    count, n = sum(map(bool, hits)), len(hits)
+    value = count / n if n else None
+    interval = wilson(count, n) if n else None
+    entry = figure(value, bar, n, interval=interval)
+    if bar is None or value is None:
+        return entry | {"why": "beside the others"} if bar is None else entry
+    if not at_least:
+        return entry
+    return entry | {"ok": value >= bar, "at_least": True}
+
+
+def _seconds(rows: Sequence[Mapping]) -> dict:
+    """Motion of all plants with designed motions, over that in the fixed order."""
+    by = {way: {r["seed"]: r for r in rows if r["way"] == way} for way in WAYS}
+    both = sorted(set(by["designed"]) & set(by["fixed"]))
+    ours, theirs = (sum(by[way][s]["seconds"] for s in both) for way in WAYS)
+    found = [sum(by[way][s]["found"] for s in both) for way in WAYS]
+    value = ours / theirs if theirs else None
+    entry = figure(value, 1.0, len(both), seconds=[ours, theirs], found=found)
+    return entry | {"ok": None if value is None else value < 1}
