@@ -72,8 +72,7 @@ class Diagnose(Request):
         null: File of a calibrated null; None for those of the store.
         store: Folder of the store, None for the usual one.
         trust_log: Whether to go on where a fault of the logs is certain.
-        model: Id of the diagnosis in the store whose model is the nominal one; None
-            for the robot as described, or of the baseline.
+        model: Id of the diagnosis whose model is the nominal one; None for no such.
     """
 
     logs: tuple[str, ...]
