@@ -35,6 +35,7 @@ class Card:
         alarms: Alarms of its sensors, in words.
         runs: Number of runs that were stored.
         href: Address of the report of the last diagnosis, None for none.
+        warned: What the flow of the last diagnosis warned of.
         earlier: The other diagnoses of the night: title, words and address.
     """
 
@@ -47,6 +48,7 @@ class Card:
     alarms: str
     runs: int
     href: str | None
+    warned: tuple[str, ...] = ()
     earlier: tuple[tuple[str, str, str], ...] = ()
 
     @property
@@ -64,7 +66,8 @@ def context(look: Look, night: date, past: History | None, place: Place) -> dict
         past: Flow runs of that time; None where no server answers.
         place: Where the page is.
     """
-    inside = _Night(look, night, place)
+    warnings = past.warnings if past else ()
+    inside = _Night(look, night, place, warnings)
     cards = sorted(inside.cards(), key=lambda c: (_ORDER[c.state], c.robot))
     failed = [run for run in past.runs if run.failed] if past else []
     waiting = _waiting(look, past, place)
@@ -81,6 +84,7 @@ def context(look: Look, night: date, past: History | None, place: Place) -> dict
         "adopted": inside.rows(look.adoptions),
         "failed": failed,
         "history": past,
+        "warnings": [w for w in warnings if not any(w[1] in c.warned for c in cards)],
         "before": next((n for n in look.nights if n < night), None),
         "after": next((n for n in reversed(look.nights) if n > night), None),
     }
@@ -111,6 +115,7 @@ class _Night:
     look: Look
     night: date
     place: Place
+    warnings: Sequence[tuple[str, str]]
 
     def rows(self, rows: Sequence[Mapping]) -> list[Mapping]:
         """Return those of some rows that are of the night."""
@@ -140,6 +145,7 @@ class _Night:
             alarms=self._alarms(robot),
             runs=sum(row["robot"] == robot for row in self.rows(self.look.runs)),
             href=self.place.report(last.report, last.id) if last else None,
+            warned=self._warned(last) if last else (),
             earlier=tuple(
                 (
                     each.title,
@@ -149,6 +155,11 @@ class _Night:
                 for each in found[1:]
             ),
         )
+
+    def _warned(self, last: Diagnosed) -> tuple[str, ...]:
+        # The name of its flow run begins with its title.
+        own = f"{last.title}: "
+        return tuple(words for name, words in self.warnings if name.startswith(own))
 
     def _alarms(self, robot: str) -> str:
         rows = [r for r in self.rows(self.look.watched) if r["robot"] == robot]

@@ -53,13 +53,16 @@ def test_a_night_says_what_is_missing_where_and_what_waits(nights):
 def test_a_night_says_what_failed_and_why_and_where_it_is_asked(nights):
     asks = FlowRun(ASKS.id, f"propose {nights.missing}", ASKS.state, NOW, 0.0)
     done = FlowRun("f-3", f"propose {nights.missing}", "COMPLETED", NOW, 0.0)
-    told = History((FAILED, asks), (("nightly a.toml", "joint 2 at its limit"),))
+    warned = ("nightly a.toml", "joint 2 at its limit"), ("two_link #1: x", "not fit")
+    told = History((FAILED, asks), warned)
     site = Site(nights.store, "/", lambda *_: told)
     text = page(nights, "night/latest.html", site)
     assert "no &lt;space&gt; left" in text
     assert 'href="/runs/flow-run/f-1"' in text
     assert 'href="/runs/flow-run/f-2">answer in Prefect' in text
+    assert "1 warning<" in text
     assert "joint 2 at its limit" in text
+    assert '<p class="soft">Not fit</p>' in text  # on the card of that robot
     assert "1 flow failed" in text
     # It was asked and answered: no.
     answered = Site(nights.store, "/", lambda *_: History((done,)))
