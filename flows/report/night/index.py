@@ -8,6 +8,11 @@ from flows.report.night.look import Look, span_of
 from flows.report.night.place import KINDS, Place
 
 PART = 200  # entries on one page
+# What reports of several diagnoses are called, and their page.
+_STUDIES = {
+    "blind": ("blind study", "report.html"),
+    "close": ("loop closed by itself", "close.html"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +126,9 @@ def _others(look: Look, place: Place) -> Iterator[Entry]:
         at, robot = row["created"], row["robot"]
         yield Entry(at, "proposal", robot, "decision", title, href, row["id"])
     for row in look.studies:
-        href = place.report(row["id"], row["id"])
-        title = f"{row['robot']}: blind study"
+        title, file = _STUDIES[row["kind"]]
+        href = place.report(row["id"], row["id"], file)
+        title = f"{row['robot']}: {title}"
         yield Entry(row["created"], "study", row["robot"], "study", title, href)
     for row in look.models:
         title = f"{row['robot']}: {row['stage']} model {row['id'][:8]}"

@@ -50,7 +50,7 @@ def context(opened: Store, id: str, place: Place) -> dict:
         "children": _linked(ask(opened, _CHILDREN, id=made.id), opened.path),
         "pages": [
             (name, place.report(made.id, made.id, name))
-            for name in ("report.html", "proposal.html")
+            for name in ("report.html", "proposal.html", "close.html")
             if place.has_report(made.id, name)
         ],
         "quarantined": tombstone(opened.path, made.id) if made.what == "run" else None,

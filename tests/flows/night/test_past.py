@@ -38,7 +38,12 @@ class Server:
         self.asked.append((path, body))
         if path == "/logs/filter":
             return list(self.logs)
-        types = body["flow_runs"]["state"]["type"]
+        if path == "/flows/filter":
+            return [{"name": "nightly"}, {"name": "inbox"}]
+        wanted = body["flow_runs"]
+        if "name" in wanted:
+            return [r for r in self.runs if wanted["name"]["like_"] in r["name"]]
+        types = wanted["state"]["type"]
         kept = [
             each
             for each in self.runs
@@ -57,14 +62,24 @@ def test_the_past_has_what_failed_and_what_was_warned_of(monkeypatch):
     runs = [run("a", "FAILED", "why", "2026-11-22T03:00:00+01:00"), run("b", "PAUSED")]
     server = Server([*runs, run("c", "CANCELLED"), run("d", "SCHEDULED")], logs)
     monkeypatch.setattr(past, "ask", server)
+    monkeypatch.setattr(api, "ask", server)
     told = past.past_of(TO)(BEGIN, END)
     assert [r.id for r in told.runs] == ["a", "b"]
     assert [r.failed for r in told.runs] == [True, False]
     assert told.runs[0].begun == datetime(2026, 11, 22, 2)
     assert told.runs[0].message == "why"
     assert told.warnings == (("run b", "joint 2 at its limit"),)
-    span = server.asked[0][1]["flow_runs"]["expected_start_time"]
+    _, first = next(each for each in server.asked if each[0] == "/flow_runs/filter")
+    assert first["flows"] == {"name": {"any_": ["nightly"]}}
+    span = first["flow_runs"]["expected_start_time"]
     assert span["after_"] == "2026-11-21T12:00:00+00:00"
+
+
+def test_a_log_that_an_inbox_refused_is_seen(monkeypatch):
+    refused = run("i", "COMPLETED") | {"name": "inbox: 3 stored, 1 refused"}
+    monkeypatch.setattr(past, "ask", Server([refused]))
+    monkeypatch.setattr(api, "ask", Server([refused]))
+    assert [r.name for r in past.past_of(TO)(BEGIN, END).runs] == [refused["name"]]
 
 
 def test_of_a_server_that_does_not_answer_there_is_no_past(monkeypatch):
@@ -72,6 +87,7 @@ def test_of_a_server_that_does_not_answer_there_is_no_past(monkeypatch):
         raise RunError("it does not answer")
 
     monkeypatch.setattr(past, "ask", ask)
+    monkeypatch.setattr(api, "ask", ask)
     assert past.past_of(TO)(BEGIN, END) is None
 
 
