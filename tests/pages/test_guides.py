@@ -29,6 +29,14 @@ def test_your_own_robot(folder, capsys):
     assert kept.endswith(mended)
 
 
+@pytest.mark.long
+def test_the_first_hour(folder, capsys, monkeypatch):
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    shutil.copytree(EXAMPLES / "hidden", folder, dirs_exist_ok=True)
+    assert run("guide/first_hour.md", folder, capsys) == 10
+    assert (folder / "friction.html").exists()
+
+
 def _mistakes() -> list[tuple[str, str]]:
     text = (ROOT / "docs/guide/own_robot.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| [^|]+ \| `(\w+ = [^`]+)` \| (.+) \|$", text, re.M)
