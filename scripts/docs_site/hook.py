@@ -4,7 +4,9 @@ Links from pages to files of the repository that are no pages (code, examples) b
 text: the site stands for itself, without a server of code behind it.
 """
 
+import json
 import re
+from pathlib import Path
 
 from mkdocs.structure.files import File
 
@@ -15,7 +17,12 @@ _ROW = re.compile(r"^\| `(\w+)` \|", re.M)
 
 
 def on_config(config):
-    """List every effect in the navigation; mkdocs.yml need not know them."""
+    """List every effect in the navigation, and pages that mkdocs.yml forgot."""
+    listed = set(re.findall(r"[\w/]+\.md", json.dumps(config.nav)))
+    folder = Path(config.docs_dir)
+    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*.md")}
+    if more := sorted(there - listed):
+        config.nav.append({"More": more})
     pages = [{name: f"{FOLDER}/{name}.md"} for name in registry()]
     config.nav.append({"Every effect": pages})
     return config

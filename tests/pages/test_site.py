@@ -42,11 +42,12 @@ def test_it_is_built_strictly_and_asks_nothing_of_a_network(tmp_path):
         assert fetched == [], path.name
 
 
-def test_every_page_stands_in_the_navigation_once():
+def test_the_navigation_lists_pages_that_exist_and_each_once():
     listed = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
     pages = re.findall(r"[\w/]+\.md", json.dumps(listed))
-    there = [p.relative_to(ROOT / "docs") for p in (ROOT / "docs").rglob("*.md")]
-    assert sorted(pages) == sorted(["glossary.md", *(p.as_posix() for p in there)])
+    assert len(pages) == len(set(pages))
+    written = [page for page in pages if page != "glossary.md"]
+    assert [page for page in written if not (ROOT / "docs" / page).is_file()] == []
 
 
 @pytest.mark.parametrize("name", sorted(registry()))

@@ -1,6 +1,7 @@
 """A wheel, built and installed into a fresh environment, has all that it needs."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -17,9 +18,10 @@ PACKAGES = ("flows", "residual", "sim", "warehouse")
 
 
 def _run(*words: str | Path, cwd: Path) -> str:
-    done = subprocess.run(
-        [str(word) for word in words], cwd=cwd, capture_output=True, text=True
-    )
+    # Where a checkout is on the path by hand, it would come before what was installed.
+    clean = {key: text for key, text in os.environ.items() if key != "PYTHONPATH"}
+    command = [str(word) for word in words]
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, env=clean)
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout
 
