@@ -14,7 +14,7 @@ from residual.robot.toml import parse_toml, read_robot_toml
 from warehouse.logs.columns import load_columns
 
 ROOT = Path(__file__).parents[1]
-MADE = {"glossary.md"}  # when the site is built
+MADE = {"commands.md", "glossary.md"}  # when the site is built
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 
 

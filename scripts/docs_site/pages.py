@@ -3,7 +3,7 @@
 from flows.report.words.explain import effect_page
 from flows.report.words.glossary import TERMS, VERDICTS
 from residual.effects import registry
-from scripts.docs_site import alike, curve, found
+from scripts.docs_site import alike, commands, curve, found
 
 FOLDER = "effects"
 
@@ -11,7 +11,7 @@ FOLDER = "effects"
 def generated() -> dict[str, str]:
     """Return every generated page by its place below docs/."""
     pages = {f"{FOLDER}/{name}.md": _effect(name) for name in registry()}
-    return {**pages, "glossary.md": glossary()}
+    return {**pages, "glossary.md": glossary(), "commands.md": commands.page()}
 
 
 def _effect(name: str) -> str:

@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-import sysconfig
 import venv
 import zipfile
 from pathlib import Path
@@ -51,7 +50,7 @@ def program(wheel):
     place = wheel.parent / "env"
     venv.create(place, with_pip=False)
     (inside,) = place.glob("lib/python*/site-packages")
-    libraries = sysconfig.get_path("purelib")
+    libraries = "\n".join(path for path in sys.path if "site-packages" in path)
     (inside / "libraries.pth").write_text(f"{libraries}\n", encoding="utf-8")
     python = place / "bin" / "python"
     install = ("--python", python, "install", "--no-deps", "--no-index", wheel)

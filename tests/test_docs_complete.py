@@ -1,0 +1,71 @@
+"""All that a user can name has its place in the pages, and nothing else is named."""
+
+import json
+import re
+
+import pytest
+
+import modelgap as mg
+from flows.cli.app import _COMMANDS, app
+from residual.effects import registry
+from scripts.docs_site import commands
+from tests.checkout import ROOT
+
+PAGES = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
+ALL = "\n".join(TEXT.values())
+COMMANDS = [name for group in _COMMANDS.values() for name in group]
+# In a span or block of code, at its start or after a prompt: no word of a sentence.
+_CALLED = re.compile(r"(?:`|^\$ |^|&& |; )modelgap ([a-z][\w-]*)", re.M)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_has_its_place_beside_the_generated_reference(name):
+    assert re.search(rf"modelgap {name}\b", ALL), f"no page shows modelgap {name}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_shows_no_command_that_is_not_there(page):
+    code = "\n".join(re.findall(r"```.*?```|`[^`\n]+`", TEXT[page], re.S))
+    assert set(_CALLED.findall(code)) - set(COMMANDS) == set()
+
+
+def test_the_reference_explains_every_option_of_every_command():
+    sections = re.split(r"^### ", commands.page(), flags=re.M)[1:]
+    assert [section.split("\n")[0] for section in sections] == COMMANDS
+    for section in sections:
+        name, *lines = section.splitlines()
+        rows = re.findall(r"^\| `(--)?([\w.-]+)`.* \| (.*) \|$", "\n".join(lines), re.M)
+        own = app[name].assemble_argument_collection()
+        assert len(rows) == len(list(own)), name
+        assert [row[1] for row in rows if len(row[2]) < 8] == [], name
+
+
+def test_every_public_name_stands_on_the_page_of_the_door():
+    page = TEXT[ROOT / "docs" / "api.md"]
+    assert [name for name in mg.__all__ if not re.search(rf"\b{name}\b", page)] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_uses_no_public_name_that_is_not_there(page):
+    assert set(re.findall(r"\bmg\.([A-Za-z]\w+)", TEXT[page])) <= set(mg.__all__)
+
+
+def _keys(value) -> set[str]:
+    if isinstance(value, list):
+        return set().union(*map(_keys, value), set())
+    if isinstance(value, dict):
+        return set(value) | set().union(*map(_keys, value.values()), set())
+    return set()
+
+
+@pytest.mark.parametrize("name", ["effects", "none", "unknown"])
+def test_every_key_of_a_real_verdict_is_explained(name):
+    path = ROOT / "tests" / "frozen" / f"{name}.json"
+    verdict = json.loads(path.read_text(encoding="utf-8"))
+    page = TEXT[ROOT / "docs" / "verdict.md"] + TEXT[ROOT / "docs" / "check.md"]
+    explained = set(re.findall(r"`([\w.]+)`", page))
+    explained |= {part for name in explained for part in name.split(".")}
+    parameters = {key for effect in registry().values() for key in effect.parameters}
+    motion = set(re.findall(r"`(\w+)`", TEXT[ROOT / "docs" / "next_experiment.md"]))
+    assert _keys(verdict) - explained - parameters - motion == set()
