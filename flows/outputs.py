@@ -37,7 +37,10 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
                 f"{option} {path}: there is no folder '{path.parent}'. Make it first."
             )
         if not _can_write(place):
-            raise InputError(f"{option} {path} cannot be written there.")
+            raise InputError(
+                f"{option} {path}: this place cannot be written to. Name another file, "
+                "or change who may write there."
+            )
         if place in read:
             raise InputError(f"{option} {path} would overwrite an input file.")
         if place in seen:

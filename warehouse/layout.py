@@ -81,7 +81,8 @@ def find(store: Path, id: str) -> Found:
         return found[0]
     if not found:
         raise InputError(
-            f"Nothing in {shown(store)} has an id that begins with '{id}'."
+            f"Nothing in {shown(store)} has an id that begins with '{id}'. "
+            "modelgap runs lists its runs."
         )
     some = ", ".join(f"{f.id} ({f.kind})" for f in found[:4])
     more = f" and {len(found) - 4} more" if len(found) > 4 else ""

@@ -89,7 +89,9 @@ def parse_moment(text: str) -> datetime:
     try:
         moment = datetime.fromisoformat(text)
     except (TypeError, ValueError) as error:
-        raise InputError(f"'{text}' is no moment in ISO 8601.") from error
+        raise InputError(
+            f"'{text}' is no moment in ISO 8601, such as 2026-11-22T10:30:00Z."
+        ) from error
     return moment.astimezone(UTC).replace(tzinfo=None)
 
 

@@ -147,7 +147,9 @@ def run_case(job: tuple[Asked, Case, Path]) -> str:
     asked, case, store = job
     if key_of(case.specs) != case.key:
         # A process loads the code anew: its rows would be under the key of another.
-        raise RunError("the code was changed since the start")
+        raise RunError(
+            "The code was changed since the study began. Give the command again."
+        )
     excitation = case.draft.excitation
     runs = run_experiments(case.specs, len(excitation.held_out), store)
     begun = perf_counter()

@@ -93,7 +93,10 @@ def campaign(
     failed = len(summary.failures)
     say(console, f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
     if failed:
-        raise RunError(f"{failed} of {len(planned)} experiments failed.")
+        raise RunError(
+            f"{failed} of {len(planned)} experiments failed, as said above. The same "
+            "command runs those alone again."
+        )
 
 
 def _list(planned: list[steps.Planned], console: Console) -> None:

@@ -8,6 +8,7 @@ import yaml
 from flows.project.file import RobotTable
 from flows.project.read import Project
 from flows.settings import ROOT
+from residual.errors import InputError
 
 COMMITTED = "modelgap.run.committed"
 ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
@@ -21,8 +22,17 @@ def deployments(project: Project | None) -> dict[str, Any]:
 
     Args:
         project: The project, None for none.
+
+    Raises:
+        InputError: If this is no checkout, where schedules and campaigns are files.
     """
-    content = yaml.safe_load((ROOT / "prefect.yaml").read_text(encoding="utf-8"))
+    file = ROOT / "prefect.yaml"
+    if not file.is_file():
+        raise InputError(
+            f"modelgap up needs prefect.yaml and examples/; {ROOT} has none, since a "
+            "wheel is without them.\nInstall from a checkout: pip install --editable ."
+        )
+    content = yaml.safe_load(file.read_text(encoding="utf-8"))
     content.pop("definitions", None)
     if project is None:
         return content

@@ -72,7 +72,8 @@ def _crossed(grid: Any) -> list[Change]:
             )
     count = prod(len(values) for _, values in axes)
     if not axes or count > MOST:
-        raise InputError(f"[grid] asks for {count if axes else 0} runs, 1 to {MOST}.")
+        asked = count if axes else 0
+        raise InputError(f"[grid] asks for {asked} runs, expected 1 to {MOST}.")
     names = [keys for keys, _ in axes]
     return [
         list(zip(names, values, strict=True))

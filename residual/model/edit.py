@@ -86,5 +86,8 @@ def _terms_of(terms: Terms, name: str, joints: Sequence[int] | None) -> list[Ter
     if joints is not None:
         own = [t for t in own if {j + 1 for j in t.joints} <= set(joints)]
     if not own:
-        raise InputError(f"The model has no {name} on joints {list(joints or ())}.")
+        has = sorted({j + 1 for t in terms if t.effect.name == name for j in t.joints})
+        raise InputError(
+            f"The model has no {name} on joints {list(joints or ())}, but on {has}."
+        )
     return own

@@ -53,6 +53,8 @@ def load_model(path: str | Path) -> Model | Corrected:
     except (OSError, ValueError) as error:
         raise InputError(f"{path} is not the file of a model: {error}.") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path} is not the file of a model. Save one first.")
+        raise InputError(
+            f"{path} is not the file of a model. Expected what Model.save wrote."
+        )
     check_nesting(content, str(path))
     return from_record(content)

@@ -52,7 +52,9 @@ def check_time(t: Array, where: str) -> None:
         raise RecordingError(f"{where} has {len(t)} samples, expected a log of 2 s.")
     if not np.isfinite(t).all():
         row = int(np.argmin(np.isfinite(t)))
-        raise RecordingError(f"{where}: time is NaN or infinite at sample {row}.")
+        raise RecordingError(
+            f"{where}: time is NaN or infinite at sample {row}. Cut that row out."
+        )
     steps = np.diff(t)
     if steps.min() <= 0:
         row = int(np.argmax(steps <= 0)) + 1

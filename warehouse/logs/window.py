@@ -104,7 +104,8 @@ def split_spec(spec: str) -> tuple[Path, Window | None]:
     for edge, percent in ((start, start_percent), (end, end_percent)):
         if percent and float(edge) > 100:
             raise InputError(
-                f"{shortened(path.name)}: {shortened(edge)}% is outside the log."
+                f"{shortened(path.name)}: {shortened(edge)}% is outside the log, "
+                "expected 0 to 100 %."
             )
     return _existing(Path(name)), window
 
