@@ -12,6 +12,7 @@ from flows.blind.draw import Asked, Draft, Excitation, Wish
 from flows.blind.export import write
 from flows.blind.export.case import moves
 from flows.blind.export.classes import classes, words
+from flows.cli.blind import blind
 from flows.errors import RunError
 from flows.workers.pool import Here
 from residual.errors import InputError
@@ -111,3 +112,19 @@ def test_every_ten_cases_have_another_arm(tmp_path):
     again = write.parts(Asked(40, 1), range(3), tmp_path / "again")
     names = [[Path(own.robot).name for own, _ in part] for part in (cases, again)]
     assert names[0] == names[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ({"arms": 2}, "--arms is for --export"),
+        ({"export": "new", "arms": 0}, "--arms is 0, expected 1 to 20"),
+        ({"export": "new", "report": "r.html"}, "has no --report"),
+        ({"export": "no/such/new"}, "there is no folder 'no/such'"),
+    ],
+)
+def test_the_command_refuses_what_an_export_has_not(words, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=said):
+        blind(n=2, **words)
+    assert list(tmp_path.iterdir()) == []
