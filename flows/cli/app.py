@@ -77,6 +77,7 @@ _COMMANDS = {
         "pages": ("loop.pages:pages", None),
         "compact": ("store:compact", None),
         "verify": ("store:verify", None),
+        "prune": ("store:prune", None),
     },
     "Schedule": {
         "init": ("projects.init:init", "[DIR]"),

@@ -19,6 +19,7 @@ from flows.steps import validate as trial
 from flows.steps.campaign import run_all
 from flows.steps.loop.choose import chosen_to_drive
 from flows.steps.loop.track import Track, track
+from flows.steps.rehearsal import refusal_of
 from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError
 from warehouse.objects.mirror import shown
@@ -38,12 +39,16 @@ def experiment(spec: str, *, store: str | None = None, dry_run: Flag = False) ->
     Args:
         spec: SPEC.toml: robot, trajectory, plant with its hidden effects, rates.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        dry_run: Only say what would run and what is there.
+        dry_run: Only say what would run, what is there, and what will fail: motions are
+            planned, and those that break a limit of the arm are told. Nothing is run.
     """
     place, console = store_folder(store), Console()
     (planned,) = steps.plan([(spec, load_spec(spec))], place)
+    if dry_run:
+        _rehearse([planned], console)
+        return
     _list([planned], console)
-    if not dry_run and not planned.stored:
+    if not planned.stored:
         steps.run(planned.spec, place)
         say(console, f"stored in {shown(place)}: modelgap show {planned.run_id}")
 
@@ -71,7 +76,8 @@ def campaign(
     Args:
         spec: The campaign file.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        dry_run: Only say what would run and what is there.
+        dry_run: Only say what would run, what is there, and what will fail: motions are
+            planned, and those that break a limit of the arm are told. Nothing is run.
         runner: Where to compute: threads (the default) and processes are a process per
             core here, dask://HOST:PORT a Dask cluster that shares the store's file
             system. Without it $MODELGAP_RUNNER.
@@ -80,10 +86,10 @@ def campaign(
     place, console = store_folder(store), Console()
     where = chosen_runner(runner, trust_network)
     planned = steps.plan(((e.label, e.spec) for e in load_campaign(spec)), place)
-    if dry_run:
-        _list(planned, console)
+    failing = _rehearse(planned, console) if dry_run else 0
     missing = sum(not p.stored for p in planned)
-    say(console, f"{missing} to run, {len(planned) - missing} in {shown(place)}")
+    known = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
+    say(console, f"{known}; {failing} will fail" if failing else known)
     if dry_run:
         return
     with workers_of(where, missing) as workers, progress_bar() as bar:
@@ -97,6 +103,22 @@ def campaign(
             f"{failed} of {len(planned)} experiments failed, as said above. The same "
             "command runs those alone again."
         )
+
+
+def _rehearse(planned: list[steps.Planned], console: Console) -> int:
+    """List experiments with their motions planned; returns how many will fail."""
+    failing = 0
+    with progress_bar() as tell:
+        for number, each in enumerate(planned):
+            if tell:
+                tell(f"planning {each.label}", number / len(planned))
+            why = None if each.stored else refusal_of(each)
+            word = "is there" if each.stored else "to run" if why is None else "fails"
+            say(console, f"{each.run_id}  {word:8}  {each.label}")
+            if why:
+                failing += 1
+                say(console, f"  {why}")
+    return failing
 
 
 def _list(planned: list[steps.Planned], console: Console) -> None:

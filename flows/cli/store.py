@@ -1,12 +1,14 @@
-"""modelgap runs, show, compact and verify: what the store remembers."""
+"""modelgap runs, show, compact, verify and prune: what the store remembers."""
 
 import json
 import sys
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from flows.cli.options import Tags, check_between
 from flows.report.terminal.answers import check_shown, print_table, tell_damage
 from flows.report.terminal.records import record_lines
 from flows.settings import store_folder
@@ -18,6 +20,7 @@ from warehouse.objects.mirror import bucket_of
 from warehouse.query.bucket_catalogue import rebuild
 from warehouse.query.store import Store, open_store
 from warehouse.query.views import text as quoted
+from warehouse.retention import move_away, old_runs
 from warehouse.runs import read_manifest, tombstone
 
 Format = Literal["table", "csv", "json", "parquet"]
@@ -109,6 +112,44 @@ def verify(*, store: _Store = None) -> None:
     """
     for line in steps.verify(store_folder(store)):
         print(line, flush=True)
+
+
+def prune(
+    *,
+    older_than: float,
+    robot: str | None = None,
+    keep_tag: Tags = (),
+    move: str | None = None,
+    store: _Store = None,
+) -> None:
+    """List old runs that nothing refers to, or move them out of the store.
+
+    ```
+    modelgap prune --older-than 90
+    modelgap prune --older-than 90 --keep-tag healthy --move /archive/2026
+    ```
+
+    Nothing is ever deleted. A run stays while a model, diagnosis, validation or
+    adoption was made from it, or it raised an alarm. Without --move it is only listed,
+    with its size. What is moved keeps its place in the other folder, which modelgap
+    reads as a store (--store); a kill leaves a run in one of them, or in both, whole.
+
+    Args:
+        older_than: Age in days, by the time of recording, else of the commit.
+        robot: Only of the robot of this name.
+        keep_tag: Runs with this tag stay; may be given several times.
+        move: Folder outside of the store to move them to.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    check_between("--older-than", older_than, 0.0, 1e5)
+    place = store_folder(store)
+    found = old_runs(place, older_than, robot, keep_tag)
+    for old in found:
+        where = move_away(place, old, Path(move)) if move else "may be moved"
+        print(f"{old.id}  {old.size / 1e6:8.2f} MB  {where}", flush=True)
+    word = "moved" if move else "to move with --move FOLDER"
+    size = sum(old.size for old in found)
+    print(f"{len(found)} runs of {size / 1e6:.1f} MB {word}")
 
 
 def show(

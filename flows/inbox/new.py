@@ -15,7 +15,6 @@ from flows.keep.diagnosis import read_verdict
 from flows.project.file import RobotTable
 from flows.project.read import Project
 from flows.requests import Diagnose
-from flows.settings import store_folder
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.loop.choose import in_force
 from residual.diagnosis.result import Verdict
@@ -136,7 +135,7 @@ def diagnose_new(
     Raises:
         InputError: If the runs are not usable together, or their robot is not.
     """
-    table, store = project.robot(name), store_folder(str(project.store))
+    table, store = project.robot(name), project.store
     arm = project.arm(table)
     batch = new_runs(store, arm, table)
     if batch is None:

@@ -1,0 +1,85 @@
+"""Retention: what nothing refers to may leave the store whole, and nothing else."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import warehouse
+from flows.cli import main
+from residual.errors import InputError
+from residual.recording import Recording
+from warehouse.commit import commit_record, commit_run
+from warehouse.retention import move_away, old_runs
+from warehouse.runs import read_run
+
+YEARS = "2020-01-01T00:00:00Z"
+
+
+def run(store, number, **about):
+    t = np.linspace(0.0, 1.0, 50)
+    q = np.sin(t + number)[:, None]
+    log = Recording(id="a", robot="arm", t=t, q=q, tau=q)
+    about = {"recorded_at": YEARS, "robot_hash": "0" * 64, **about}
+    return commit_run(store, log, {"source": "imported", **about})
+
+
+@pytest.fixture
+def store(tmp_path):
+    return tmp_path / "store"
+
+
+def test_what_a_record_or_an_alarm_refers_to_stays(store):
+    free, fitted, listed, alarmed, tagged = (
+        run(store, k, tags=["healthy"] if k == 4 else []) for k in range(5)
+    )
+    run(store, 9, recorded_at=None)  # of today
+    about = {"robot": "arm"}
+    commit_record(store, "models", about, parents={"fit": [fitted]})
+    looked = {"batch": [listed, free], "watched": [listed]}
+    commit_record(store, "validations", about | {"kind": "batch"}, parents=looked)
+    row = {"run_id": alarmed, "time": 0.1, "joint": 1, "sensor": "x", "fault": "y"}
+    row |= {"kind": "z", "score": 1.0, "until": 0.2}
+    table = pa.Table.from_pylist([row])
+    commit_record(
+        store,
+        "validations",
+        about | {"kind": "monitor"},
+        {"alarms": table},
+        parents={"watched": [alarmed]},
+    )
+    assert {old.id for old in old_runs(store, 30, keep=["healthy"])} == {free, listed}
+    assert {old.id for old in old_runs(store, 30)} == {free, listed, tagged}
+    assert old_runs(store, 30, robot="other") == []
+
+
+def test_a_run_that_is_moved_is_whole_in_the_other_folder(store, tmp_path, capsys):
+    id = run(store, 1)
+    kept = run(store, 2, recorded_at=None)
+    before = read_run(store, id)
+    words = ["prune", "--older-than", "30", "--store", str(store)]
+    assert main(words) == 0
+    assert "1 runs of" in capsys.readouterr().out
+    assert read_run(store, id).id == id  # only listed
+    assert main([*words, "--move", str(tmp_path / "old")]) == 0
+    np.testing.assert_array_equal(read_run(tmp_path / "old", id).q, before.q)
+    with warehouse.open(store) as opened:
+        assert opened.sql("SELECT run_id FROM runs").to_pylist() == [{"run_id": kept}]
+    with pytest.raises(InputError, match="Nothing in"):
+        read_run(store, id)
+    assert main(["verify", "--store", str(store)]) == 0
+
+
+def test_a_kill_before_the_run_left_the_store_is_made_good_by_the_next(store, tmp_path):
+    id = run(store, 1)
+    (old,) = old_runs(store, 30)
+    half = tmp_path / "old" / old.folder.relative_to(store)
+    half.mkdir(parents=True)  # of a copy that a kill cut off
+    move_away(store, old, tmp_path / "old")
+    assert read_run(tmp_path / "old", id).id == id
+
+
+def test_nothing_is_moved_into_the_store_itself(store):
+    run(store, 1)
+    (old,) = old_runs(store, 30)
+    with pytest.raises(InputError, match="outside of it"):
+        move_away(store, old, store / "old")
