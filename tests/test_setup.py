@@ -34,7 +34,10 @@ def _wanted(*extras: str) -> list[Requirement]:
     ("lock", "extras"),
     [
         ("requirements.lock", ()),
-        ("requirements-dev.lock", ("sdp", "bags", "export", "scale", "docs", "dev")),
+        (
+            "requirements-dev.lock",
+            ("sdp", "bags", "export", "scale", "docs", "view", "dev"),
+        ),
     ],
 )
 def test_a_lock_pins_every_dependency_inside_its_declared_range(lock, extras):
