@@ -77,6 +77,18 @@ def about_run(manifest: Mapping) -> dict:
         "kind": manifest.get("kind", "experiment" if simulated else "log"),
         "trajectory": manifest.get("trajectory", motion),
         "seed": manifest.get("seed", spec.get("seed")),
+        **about_origin(manifest),
+    }
+
+
+def about_origin(manifest: Mapping) -> dict:
+    """Return the columns of ``runs`` that say what code made it, where, for what."""
+    made = manifest.get("provenance") or {}
+    return {
+        "commit": made.get("commit"),
+        "version": (made.get("versions") or {}).get("modelgap"),
+        "machine": made.get("machine"),
+        "campaign": manifest.get("campaign"),
     }
 
 

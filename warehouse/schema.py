@@ -1,52 +1,17 @@
 """Every column that SQL shows, with type, unit and meaning: said here and only here."""
 
-from dataclasses import dataclass
-
 import pyarrow as pa
 
-TEXT, NUMBER, WHOLE, FLAG = pa.string(), pa.float64(), pa.int64(), pa.bool_()
-TIME = pa.timestamp("us")
-JOINT = pa.int32()
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """One column of a view.
-
-    Attributes:
-        name: Its name.
-        type: Arrow type.
-        about: What it holds.
-        unit: Unit as text; "by row" or "by metric" where its row says it, None where it
-            is no quantity.
-    """
-
-    name: str
-    type: pa.DataType
-    about: str
-    unit: str | None = None
-
-    @property
-    def field(self) -> pa.Field:
-        """The Arrow field, its unit in the metadata."""
-        metadata = {"unit": self.unit} if self.unit else None
-        return pa.field(self.name, self.type, metadata=metadata)
-
-
-@dataclass(frozen=True, slots=True)
-class Signal:
-    """One quantity of the samples.
-
-    Attributes:
-        unit: Unit as text.
-        per_joint: Whether there is one column per joint: q1, q2, ...
-        about: What it is.
-    """
-
-    unit: str
-    per_joint: bool
-    about: str
-
+from warehouse.column import (
+    FLAG,
+    JOINT,
+    NUMBER,
+    TEXT,
+    TIME,
+    WHOLE,
+    Column,
+    Signal,
+)
 
 SIGNALS = {
     "t": Signal("s", False, "time of the sample, increasing"),
@@ -63,6 +28,13 @@ SIGNALS = {
 # The view samples has columns for at least as many joints, null where there are fewer.
 DEFAULT_DOF = 6
 
+# How a run came to be.
+_ORIGIN = (
+    Column("commit", TEXT, "commit of the code that made it; null where unknown"),
+    Column("version", TEXT, "version of the program that made it"),
+    Column("machine", TEXT, "system and processor that it was made on"),
+    Column("campaign", TEXT, "name of its campaign; null for none"),
+)
 _CREATED = Column("created", TIME, "when it was committed, UTC")
 _CODE = (
     Column("code_hash", TEXT, "hash of the code that made it"),
@@ -103,6 +75,7 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         _SERIAL,
         Column("recorded_at", TIME, "time of the first sample, UTC; null if unknown"),
         Column("tags", pa.list_(TEXT), "words or KEY=VALUE that it was given"),
+        *_ORIGIN,
         Column("quarantined", FLAG, "whether a tombstone says not to use it"),
     ),
     "channels": (
@@ -169,6 +142,26 @@ VIEWS: dict[str, tuple[Column, ...]] = {
             "with run, family, repeats, systematic or random [%]",
         ),
         Column("value", NUMBER, "its value", "by metric"),
+    ),
+    "verdicts": (
+        Column("diagnosis_id", TEXT, "the diagnosis"),
+        _CREATED,
+        _ROBOT,
+        _SERIAL,
+        Column("verdict", TEXT, "effects, none or unknown"),
+        Column("order", JOINT, "place among the findings, 1 first; null for none"),
+        Column("effect", TEXT, "name of the effect; null for none"),
+        Column("joints", pa.list_(JOINT), "joints that this value is of; [] for all"),
+        Column("parameter", TEXT, "name of the parameter"),
+        Column("value", NUMBER, "its value", "by row"),
+        Column("std", NUMBER, "its standard deviation", "by row"),
+        _UNIT,
+        Column("probability", NUMBER, "of this class of effects", "1"),
+        Column("run_id", TEXT, "a run that it is about; one row for each"),
+        Column("role", TEXT, "what the run was to it: fit, held_out or baseline"),
+        Column("trajectory", TEXT, "kind of motion of the run"),
+        Column("recorded_at", TIME, "when the run was recorded, UTC; null if unknown"),
+        Column("tags", pa.list_(TEXT), "words or KEY=VALUE that the run was given"),
     ),
     "validations": (
         Column("validation_id", TEXT, "id of the validation"),
@@ -265,6 +258,10 @@ VIEWS: dict[str, tuple[Column, ...]] = {
 }
 
 
+# Columns that are computed, and stored nowhere; behind those of `VIEWS`.
+COMPUTED = {"errors": (Column("unit", TEXT, "unit of the value; null if unknown"),)}
+
+
 def sample_columns(dof: int) -> tuple[Column, ...]:
     """Return the columns of the view ``samples`` for arms of up to ``dof`` joints."""
     columns = [_ROBOT, Column("run_id", TEXT, "the run")]
@@ -277,7 +274,8 @@ def sample_columns(dof: int) -> tuple[Column, ...]:
 def all_views(dof: int = DEFAULT_DOF) -> dict[str, tuple[Column, ...]]:
     """Return every view with its columns, ``samples`` second as the most used."""
     first = {"runs": VIEWS["runs"], "samples": sample_columns(dof)}
-    return {**first, **VIEWS}
+    views = {**first, **VIEWS}
+    return {name: (*own, *COMPUTED.get(name, ())) for name, own in views.items()}
 
 
 def channel_names(signal: str, dof: int) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from flows.report.terminal.schema import named_table, schema_table, values_of
 from flows.settings import store_folder
 from residual.errors import InputError
 from residual.names import check_name
+from warehouse.query.attach import attach as write_views
 from warehouse.query.guard import LONGEST
 from warehouse.query.named import NAMED
 from warehouse.query.store import Store, open_store
@@ -50,6 +51,7 @@ def sql(
     out: str | None = None,
     timeout: float = 60.0,
     without_damaged: Flag = False,
+    attach: str | None = None,
     store: Annotated[str | None, Parameter(name="--store")] = None,
 ) -> None:
     """Ask the store in SQL; it can only be read.
@@ -81,8 +83,14 @@ def sql(
         out: File for the answer, not among the records of the store.
         timeout: Seconds that a query may take; inf for no end.
         without_damaged: Answer from what is whole, and say what was left out.
+        attach: Write a DuckDB database of the views, for DuckDB itself, DBeaver or a
+            notebook. It reads the files of the store, is an export outside of it, and
+            is not guarded (docs/sql.md).
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
+    if attach is not None:
+        _attach(attach, [query, named, schema or None, out], store_folder(store))
+        return
     asked = [query is not None, named is not None, schema]
     if sum(asked) > 1:
         raise InputError(_ONE_OF)
@@ -91,12 +99,7 @@ def sql(
     check_shown(format, out)
     check_writable({"--out": Path(out)} if out else {}, ())
     check_outside("--out", out, store_folder(store))
-    if not timeout > 0:
-        raise InputError(f"--timeout {timeout}: expected seconds above 0, or inf.")
-    how = {
-        "without_damaged": without_damaged,
-        "timeout": timeout if timeout <= threading.TIMEOUT_MAX else None,
-    }
+    how = {"without_damaged": without_damaged, "timeout": _limit(timeout)}
     if schema:
         _give(schema_table(), format, out)
         if out is None and format == "table":
@@ -112,6 +115,28 @@ def sql(
         with open_store(store_folder(store)) as opened:
             _give(opened.sql(text, values, **how), format, out)
             tell_damage(opened)
+
+
+def _limit(timeout: float) -> float | None:
+    """Return how long a query may take [s]; None for ever."""
+    if not timeout > 0:
+        raise InputError(f"--timeout {timeout}: expected seconds above 0, or inf.")
+    return timeout if timeout <= threading.TIMEOUT_MAX else None
+
+
+def _attach(file: str, others: Sequence[object], store: Path) -> None:
+    """Write a database of views outside of the store."""
+    if any(each is not None for each in others):
+        raise InputError("--attach writes a database of views and takes no query.")
+    if not store.is_dir():
+        raise InputError(f"There is no store at {store}. Say where it is: --store.")
+    check_writable({"--attach": Path(file)}, ())
+    if Path(file).resolve().is_relative_to(store.resolve()):
+        raise InputError(f"--attach {file} is inside the store. Name a file elsewhere.")
+    views = write_views(store, Path(file))
+    print(f"wrote {file}: {len(views)} views over {store}")
+    print("It is not guarded: whoever opens it may read any file, and nothing that it")
+    print("reads is checked. The store itself it cannot change by a SELECT.")
 
 
 def prompt(store: Store, format: str, **how: object) -> None:

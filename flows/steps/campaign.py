@@ -5,7 +5,7 @@ store whole or not at all. So whatever ends a campaign, the same command complet
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
@@ -85,7 +85,7 @@ def run_all(
         with Pool(min(cores(), len(missing))) as own:
             return run_all(planned, store, tell, own)
     # The store's name and not its folder: on another machine that is another one.
-    jobs = [(p.spec, shown(store)) for p in missing]
+    jobs = [(p.spec, shown(store), p.campaign) for p in missing]
     for count, done in enumerate(pool.run(_run, jobs) if pool else (), start=1):
         at = missing[done.index]
         error = done.error or _checked(at, done.value, store)
@@ -113,7 +113,9 @@ def planned(asked: Campaign) -> list[Planned]:
     if len(robots) > 1:
         raise InputError(f"{asked.path} has {len(robots)} robots; expected one.")
     labelled = ((e.label, e.spec) for e in entries)
-    return plan(labelled, store_folder(asked.store))
+    name = Path(asked.path).stem
+    known = plan(labelled, store_folder(asked.store))
+    return [replace(each, campaign=name) for each in known]
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,11 +195,11 @@ def by_role(
     return runs
 
 
-def _run(job: tuple[ExperimentSpec, str]) -> str:
+def _run(job: tuple[ExperimentSpec, str, str | None]) -> str:
     """Run one experiment; whatever it raises can cross to the parent process."""
     try:
-        spec, store = job
-        return experiment.run(spec, store_folder(store))
+        spec, store, campaign = job
+        return experiment.run(spec, store_folder(store), campaign)
     except ModelgapError as error:
         raise InputError(str(error)) from None
     except Exception as error:

@@ -1,7 +1,7 @@
 """One experiment, step by step: spec -> reference -> plant -> store, id to id."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -41,12 +41,14 @@ class Planned:
         spec: What to run.
         run_id: The id that its run has or will have.
         stored: Whether the run is in the store.
+        campaign: Name of the campaign that it is of, None for none.
     """
 
     label: str
     spec: ExperimentSpec
     run_id: str
     stored: bool
+    campaign: str | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -103,12 +105,13 @@ def is_stored(store: Path, spec: ExperimentSpec, run_id: str) -> bool:
     return is_there(record_folder(store, "runs", run_id, checked_robot(spec).name))
 
 
-def run(spec: ExperimentSpec, store: Path) -> str:
+def run(spec: ExperimentSpec, store: Path, campaign: str | None = None) -> str:
     """Run one experiment and store it; one that is stored is not run again.
 
     Args:
         spec: What to run.
         store: The store.
+        campaign: Name of the campaign that it is of, kept with it.
 
     Returns:
         The id of the run.
@@ -123,6 +126,8 @@ def run(spec: ExperimentSpec, store: Path) -> str:
         return id
     made = make(spec, store)
     keep_robot(store, spec.robot, checked_robot(spec))
+    if campaign is not None:
+        made = replace(made, manifest={**made.manifest, "campaign": campaign})
     return keep(made, store)
 
 

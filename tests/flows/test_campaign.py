@@ -33,7 +33,7 @@ def done(monkeypatch):
     """Replace the experiment by a folder in its place; returns the seeds that ran."""
     ran = []
 
-    def run(spec, store):
+    def run(spec, store, campaign=None):
         ran.append(spec.seed)
         if spec.seed == 1:
             raise InputError("joint 2 at 1.2 s:\n0.3 rad beyond")

@@ -10,6 +10,8 @@ def _feeding(view: str) -> tuple[str, ...]:
     """Return the kinds of record that a view is made of."""
     if view in ("samples", "channels"):
         return ("runs",)
+    if view == "verdicts":
+        return ("diagnoses", "runs")
     if view == "adopted":
         return ("adoptions",)
     return tuple(k.name for k in KINDS.values() if view in (k.name, *k.lists))

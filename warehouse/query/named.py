@@ -1,5 +1,8 @@
 """Queries that have a name: what people ask most, in SQL over the views."""
 
+from warehouse.query.questions import QUESTIONS
+from warehouse.query.questions import TAKES as QUESTIONS_TAKE
+
 # What each answers, and how. $words stand for values that the asker gives.
 NAMED = {
     "error_by_trajectory": (
@@ -211,6 +214,7 @@ NAMED = {
         ORDER BY created DESC, validation_id, run_id, time
         """,
     ),
+    **QUESTIONS,
 }
 
 # Values that a query needs, by query.
@@ -218,4 +222,5 @@ TAKES: dict[str, dict[str, str]] = {
     "runs_of_model": {"model": "id of the model, or its beginning"},
     "made_from_run": {"run": "id of the run, or its beginning"},
     "parameter_drift": {"name": "part of the parameter's name"},
+    **QUESTIONS_TAKE,
 }

@@ -1,5 +1,6 @@
 """The catalogue of a store at one moment, and rows that are read from its records."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ import pyarrow as pa
 from residual.errors import InputError
 from warehouse.files import read_parquet
 from warehouse.kinds import Kind
+from warehouse.runs import about_origin
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,7 +50,11 @@ def read_new(
 
 def _read_row(path: Path, kind: Kind) -> pa.Table:
     """Read one catalogue row; columns of another version are left out or null."""
-    table = read_parquet(path)
+    table = (
+        _with_origin(read_parquet(path))
+        if kind.name == "runs"
+        else (read_parquet(path))
+    )
     columns = [
         table.column(field.name).cast(field.type)
         if field.name in table.column_names
@@ -56,3 +62,15 @@ def _read_row(path: Path, kind: Kind) -> pa.Table:
         for field in kind.fields
     ]
     return pa.table(columns, schema=kind.fields)
+
+
+def _with_origin(table: pa.Table) -> pa.Table:
+    """Add what rows of an earlier version say of the code in their manifest alone."""
+    if "commit" in table.column_names or "manifest" not in table.column_names:
+        return table
+    made = [about_origin(json.loads(m)) for m in table.column("manifest").to_pylist()]
+    for name in made[0] if made else ():
+        table = table.append_column(
+            name, pa.array([m[name] for m in made], pa.string())
+        )
+    return table

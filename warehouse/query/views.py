@@ -29,10 +29,12 @@ def catalogue_views() -> dict[str, str]:
     )
     views["channels"] = _channels()
     views["adopted"] = _adopted()
+    views["verdicts"] = _verdicts()
     for view in ("parameters", "effects", "errors", "alarms", "lineage", "blind"):
         kinds = [kind for kind in KINDS.values() if view in kind.lists]
         parts = [_unnested(view, kind.name, kind.key) for kind in kinds]
         views[view] = " UNION ALL ".join(parts)
+    views["errors"] = f"SELECT *, {_UNIT} AS unit FROM ({views['errors']})"
     return views
 
 
@@ -115,6 +117,41 @@ def _channels() -> str:
             FROM (SELECT run_id, dof, unnest(signals) AS signal FROM catalogue.runs)
             JOIN catalogue.signals USING (signal)
         )
+    """
+
+
+# Metrics are named after what they are of; a calibration's after their scheme.
+_UNIT = """
+    CASE WHEN metric IN ('held_out', 'filtered', 'moving') THEN '%'
+         WHEN starts_with(metric, 'rmsec') OR starts_with(metric, 'rmsev') THEN '%'
+         WHEN ends_with(metric, '_q') THEN 'rad'
+         WHEN ends_with(metric, '_qd') THEN 'rad/s'
+         WHEN ends_with(metric, '_qdd') THEN 'rad/s^2'
+         WHEN ends_with(metric, '_tau') THEN 'N m'
+         WHEN metric = 'energy' THEN 'J'
+    END
+"""
+
+
+def _verdicts() -> str:
+    """A row per finding and run; one without a finding for a verdict that has none."""
+    return """
+        SELECT d.diagnosis_id, d.created, d.robot, r.serial, d.verdict,
+               e."order", e.name AS effect, e.joints, e.parameter, e.value, e.std,
+               e.unit, e.probability, r.run_id, l.role, r.trajectory, r.recorded_at,
+               r.tags
+        FROM catalogue.diagnoses d
+        LEFT JOIN (
+            SELECT diagnosis_id, item.* FROM (
+                SELECT diagnosis_id, unnest(effects) AS item FROM catalogue.diagnoses
+            )
+        ) e USING (diagnosis_id)
+        LEFT JOIN (
+            SELECT diagnosis_id, item.parent, item.role FROM (
+                SELECT diagnosis_id, unnest(lineage) AS item FROM catalogue.diagnoses
+            ) WHERE item.role IN ('fit', 'held_out', 'baseline')
+        ) l USING (diagnosis_id)
+        LEFT JOIN catalogue.runs r ON r.run_id = l.parent
     """
 
 

@@ -1,0 +1,183 @@
+"""What an engineer asks of months of runs, and the same from DuckDB alone."""
+
+import re
+from pathlib import Path
+
+import duckdb
+import pyarrow as pa
+import pytest
+
+import warehouse
+from flows.cli import main
+from tests.warehouse import store_samples as made
+from tests.warehouse.test_store_verdicts import MODEL
+from warehouse.commit import commit_record, commit_run
+from warehouse.query.named import NAMED, TAKES
+from warehouse.runs import quarantine
+from warehouse.schema import VIEWS, all_views, arrow_schema
+
+DOCS = Path(__file__).parents[2] / "docs" / "sql.md"
+
+
+def measured(seed):
+    log = made.recording(seed)
+    when = f"2026-03-0{seed - 9}T08:00:00Z"
+    about = {"robot_hash": "0" * 64, "serial": "A7", "recorded_at": when}
+    return log, about | {"tags": ["cell=4", "after service"], "trajectory": "welding"}
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """A store: a campaign, two imported runs, three diagnoses, an alarm."""
+    store = tmp_path_factory.mktemp("asked") / "store"
+    runs = [made.commit(store, k, campaign="march") for k in range(3)]
+    imported = [commit_run(store, *measured(seed)) for seed in (10, 11)]
+    quarantine(store, runs[2], "bumped")
+    logs = [imported[0]]
+    roles = {"fit": [runs[0], imported[1]], "held_out": logs}
+    first = made.store_verdict(store, made.verdict(logs), MODEL, roles)
+    nothing = made.verdict(runs[:1], verdict="unknown", effects=[])
+    second = made.store_verdict(store, nothing, MODEL, {"fit": runs[:2]})
+    row = {"run_id": runs[1], "time": 0.2, "joint": 2, "sensor": "torque"}
+    row |= {"fault": "load", "kind": "change", "score": 1.5, "until": 0.2}
+    table = pa.Table.from_pylist([row], schema=arrow_schema(VIEWS["alarms"][1:]))
+    record = {"robot": "two_link", "kind": "watch"}
+    commit_record(store, "validations", record, {"alarms": table}, {})
+    return store, runs, imported, (first, second)
+
+
+@pytest.fixture(scope="module")
+def ask(told):
+    with warehouse.open(told[0]) as opened:
+        yield lambda query, **values: opened.sql(query, values).to_pylist()
+
+
+def named(ask, name, **values):
+    return ask(NAMED[name][1], **values)
+
+
+def test_runs_say_what_made_them_and_for_what(told, ask):
+    rows = {r["run_id"]: r for r in ask("FROM runs")}
+    one, other = rows[told[1][0]], rows[told[2][0]]
+    assert (one["campaign"], other["campaign"]) == ("march", None)
+    assert one["machine"]
+    assert one["version"]
+    assert (other["serial"], other["tags"]) == ("A7", ["after service", "cell=4"][::-1])
+    assert other["recorded_at"].day == 1
+
+
+def test_figures_have_their_unit(ask):
+    units = {r["metric"]: r["unit"] for r in ask("SELECT metric, unit FROM errors")}
+    assert units["held_out"] == units["filtered"] == "%"
+    assert (units["rms_e_q"], units["rms_e_tau"]) == ("rad", "N m")
+    assert None not in units.values()
+
+
+def test_a_verdict_has_a_row_for_each_finding_and_run(told, ask):
+    _, runs, imported, (first, second) = told
+    query = "FROM verdicts WHERE diagnosis_id = $id"
+    rows = ask(query, id=first)
+    payload = [r for r in rows if r["effect"] == "payload"]
+    told_of = {(r["run_id"], r["role"], r["serial"]) for r in payload}
+    assert told_of == {
+        (runs[0], "fit", None),
+        (imported[1], "fit", "A7"),
+        (imported[0], "held_out", "A7"),
+    }
+    assert {(r["value"], r["unit"]) for r in payload} == {(2.9, "kg")}
+    rows = ask(query, id=second)
+    assert {(r["verdict"], r["effect"]) for r in rows} == {("unknown", None)}
+    assert len(rows) == 2
+
+
+def test_trend_and_findings_by_week(ask):
+    rows = named(ask, "error_by_week")
+    assert [(r["joint"], r["nominal"], r["augmented"]) for r in rows] == [
+        (1, 21.0, 6.0),
+        (2, 18.0, 5.0),
+    ]
+    effects = {r["effect"]: r["diagnoses"] for r in named(ask, "findings_by_week")}
+    assert effects == {"payload": 1, "coulomb": 1, "delay": 1}
+
+
+def test_the_first_run_with_an_effect(told, ask):
+    rows = named(ask, "first_run_with", effect="payload")
+    by_serial = {r["serial"]: r["run_id"] for r in rows}
+    assert by_serial == {None: told[1][0], "A7": told[2][1]}
+    assert named(ask, "first_run_with", effect="spring") == []
+
+
+def test_before_and_after_by_version(ask):
+    (row,) = named(ask, "before_after_by_version")
+    assert (row["version"], row["diagnoses"]) == ("nominal", 2)
+    assert (row["before"], row["with_findings"]) == (20.0, 5.6)
+
+
+def test_what_is_open_and_what_is_latest(told, ask):
+    (row,) = named(ask, "open_verdicts")
+    assert (row["diagnosis_id"], row["verdict"]) == (told[3][1], "unknown")
+    (latest,) = named(ask, "latest_verdicts")
+    assert (latest["diagnosis_id"], latest["effect"]) == (told[3][1], None)
+
+
+def test_runs_by_robot_tag_code_and_campaign(told, ask):
+    rows = named(ask, "runs_per_robot")
+    assert {(r["serial"], r["trajectory"], r["runs"]) for r in rows} == {
+        (None, "fourier", 2),
+        ("A7", "welding", 2),
+    }
+    tags = {r["tag"]: r["runs"] for r in named(ask, "runs_by_tag")}
+    assert tags == {"cell=4": 2, "after service": 2}
+    assert sum(r["runs"] for r in named(ask, "runs_by_code")) == 5
+    (campaign,) = named(ask, "campaigns")
+    assert (campaign["campaign"], campaign["runs"]) == ("march", 3)
+    assert campaign["quarantined"] == 1
+
+
+def test_alarms_by_joint_and_runs_that_nobody_looked_at(told, ask):
+    (row,) = named(ask, "alarms_by_joint")
+    assert (row["joint"], row["fault"], row["first_run"]) == (2, "load", told[1][1])
+    assert named(ask, "never_diagnosed") == []  # the third is in quarantine
+
+
+def test_there_are_twenty_questions_and_the_page_has_them_all():
+    page = DOCS.read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert sorted(listed) == sorted(NAMED)
+    assert len(NAMED) >= 20
+    for name, values in TAKES.items():
+        assert all(f"--named {name} --with {key}=" in page for key in values)
+
+
+def test_duckdb_alone_gives_the_same_rows(told, tmp_path, capsys):
+    store, file = told[0], tmp_path / "views.duckdb"
+    assert main(["sql", "--attach", str(file), "--store", str(store)]) == 0
+    assert "not guarded" in capsys.readouterr().out
+    with (
+        duckdb.connect(str(file), read_only=True) as plain,
+        warehouse.open(store) as own,
+    ):
+        for view in all_views():
+            query = f"SELECT * FROM {view} ORDER BY ALL"
+            expected = own.sql(query)
+            got = plain.sql(query).to_arrow_table()
+            assert got.column_names == expected.column_names
+            assert got.to_pylist() == expected.to_pylist(), view
+
+
+def test_the_database_sees_later_runs(tmp_path):
+    store, file = tmp_path / "store", tmp_path / "views.duckdb"
+    made.commit(store, 0)
+    assert main(["sql", "--attach", str(file), "--store", str(store)]) == 0
+    made.commit(store, 1)
+    counted = "SELECT count(*) FROM runs", "SELECT count(DISTINCT run_id) FROM samples"
+    with duckdb.connect(str(file), read_only=True) as plain:
+        assert [plain.sql(query).fetchall() for query in counted] == [[(2,)], [(2,)]]
+
+
+def test_no_database_inside_of_the_store(told, capsys):
+    store = told[0]
+    inside = store / "views.duckdb"
+    assert main(["sql", "--attach", str(inside), "--store", str(store)]) == 2
+    assert "inside the store" in capsys.readouterr().err
+    assert not inside.exists()
