@@ -38,7 +38,8 @@ def run(page: str, folder: Path, capsys) -> int:
 
 
 def _console(body: str, ids: dict[str, str], capsys) -> int:
-    commands = re.split(r"^\$ ", body, flags=re.M)[1:]
+    whole = re.sub(r" *\\\n *", " ", body)  # a command may go on in the next line
+    commands = re.split(r"^\$ ", whole, flags=re.M)[1:]
     for command in commands:
         line, *shown = command.splitlines()
         words = shlex.split(_now(line.partition("  #")[0], ids))

@@ -43,6 +43,7 @@ def _mistakes() -> list[tuple[str, str]]:
     return [(line, says) for line, says in rows]
 
 
+@pytest.mark.long
 def test_every_mistake_of_the_table_is_seen_as_it_says(tmp_path):
     own = EXAMPLES / "own_robot"
     robot = mg.load_robot(str(own / "arm"))
