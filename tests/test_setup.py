@@ -67,6 +67,8 @@ def test_pyproject_names_each_extra_once_and_the_prefect_pins_hold():
     assert extras == {"sdp", "bags", "scale", "export", "docs", "view", "all", "dev"}
     (everything,) = PROJECT["project"]["optional-dependencies"]["all"]
     assert Requirement(everything).extras == extras - {"all", "dev"}
+    told = re.findall(r"^\| `(\w+)` \|", _text("docs/guide/first_hour.md"), re.M)
+    assert set(told) == extras - {"dev"}
     texts = PROJECT["project"]["dependencies"]
     assert {"prefect==3.8.8", "fastapi<0.151", "sqlalchemy<2.1"} <= set(texts)
 
