@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from flows.report.made import made_of
+from flows.report.made import Made, made_of
 from flows.report.night.look import ask
 from flows.report.night.place import Place
 from flows.report.terminal.records import record_lines
@@ -13,6 +13,7 @@ from warehouse.commit import read_record
 from warehouse.layout import find
 from warehouse.query.store import Store
 from warehouse.runs import tombstone
+from warehouse.verify import other_files
 
 _LINES = 150  # of what it says; the whole is `modelgap show`
 _MOST = 60  # relatives that are listed
@@ -48,13 +49,19 @@ def context(opened: Store, id: str, place: Place) -> dict:
         "errors": _table(ask(opened, _ERRORS, id=made.id)),
         "parents": _linked(ask(opened, _PARENTS, id=made.id), opened.path),
         "children": _linked(ask(opened, _CHILDREN, id=made.id), opened.path),
-        "pages": [
-            (name, place.report(made.id, made.id, name))
-            for name in ("report.html", "proposal.html", "close.html")
-            if place.has_report(made.id, name)
-        ],
+        "pages": _pages(opened.path, made, place),
         "quarantined": tombstone(opened.path, made.id) if made.what == "run" else None,
     }
+
+
+def _pages(store: Path, made: Made, place: Place) -> list[str]:
+    """Return the addresses of the pages that a report has."""
+    if made.what != "report":
+        return []
+    names = other_files(find(store, made.id))
+    return [
+        place.report(made.id, made.id, name) for name in names if name.endswith(".html")
+    ]
 
 
 def _about(content: Mapping) -> list[tuple[str, str]]:

@@ -18,7 +18,8 @@ from flows.report.night.place import ALL, KINDS, LATEST, Place, slug
 from flows.report.page.base import environment
 from residual.errors import InputError
 from warehouse.ids import ID_DIGITS
-from warehouse.layout import find
+from warehouse.layout import find, record_folder
+from warehouse.objects.mirror import bucket_of
 from warehouse.origin.version import version_text
 from warehouse.query.store import Store, open_store
 from warehouse.sums import check_file
@@ -177,11 +178,10 @@ class Site:
         return Answer(page.render(shared | context).encode())
 
     def _has_report(self, id: str, file: str) -> bool:
-        try:
-            found = find(self.store, id)
-        except InputError:
-            return False
-        return found.kind == "reports" and (found.folder / file).is_file()
+        # Of a bucket no file is asked for before somebody opens it.
+        if bucket_of(self.store) is not None:
+            return True
+        return (record_folder(self.store, "reports", id) / file).is_file()
 
 
 def _named(seen: Look, word: str) -> str:
