@@ -1,5 +1,6 @@
 """The page of a blind study in the store, and its figures in the terminal."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -7,6 +8,7 @@ from rich.table import Table
 
 from flows.blind.draw import Asked
 from flows.blind.run import Study
+from flows.report.made import made_of
 from flows.report.page.study import headline, lines, render
 from flows.say import say
 from warehouse.commit import commit_record
@@ -26,7 +28,11 @@ def store_page(asked: Asked, study: Study, store: Path) -> Path:
         "id": study.id,
         "failed": list(study.failed),
     }
-    page = render(study.rows, study.summary, about).encode()
+    words = f"--n {asked.n} --seed {asked.seed} --background {asked.background}"
+    words += f" --duration {asked.duration:g}"
+    made = made_of(store, study.id)
+    made = replace(made, what="study", command=f"modelgap blind {words}")
+    page = render(study.rows, study.summary, about, made).encode()
     kind = {"robot": asked.robot, "kind": "blind"}
     parents, files = {"study": [study.id]}, {"report.html": page}
     id = commit_record(store, "reports", kind, None, parents, files)

@@ -5,6 +5,7 @@ from pathlib import Path
 from prefect import get_run_logger
 
 from flows.keep.diagnosis import read_verdict
+from flows.report.made import made_of
 from flows.report.page.proposal import markdown, render
 from flows.report.terminal.adoptions import adoption_lines
 from flows.scheduled import artifacts, events
@@ -42,7 +43,8 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     if before:
         log.info(f"proposed already: modelgap show {before}")
         return None
-    page = keep_proposal(place, proposal, render(proposal).encode())
+    made = made_of(place, diagnosis)
+    page = keep_proposal(place, proposal, render(proposal, made).encode())
     artifacts.proposal(page, markdown(proposal), diagnosis)
     events.model_proposed(diagnosis)
     return str(page)

@@ -95,6 +95,7 @@ def test_a_study_from_end_to_end_killed_on_its_way(
     _right(study, store)
     page = blind_report.store_page(ASKED, study, store).read_text()
     assert f"Study {study.id}" in page
+    assert f"modelgap blind --n {ASKED.n} --seed {ASKED.seed}" in page
     again = blind_run.run_study(ASKED, store, pool=Here())
     assert (again.id, again.known) == (study.id, 2)
 

@@ -1,5 +1,6 @@
 """A proposal as a page and as text: the model that is, and the one that could be."""
 
+from flows.report.made import Made
 from flows.report.page.base import environment
 from flows.report.terminal.adoptions import seen_lines
 from flows.report.words.verdict import sentences
@@ -8,8 +9,13 @@ from residual.diagnosis.result import Finding
 from residual.quantity import bare_percent
 
 
-def render(proposal: Proposal) -> str:
-    """Return the page of a proposal: one HTML document that needs nothing else."""
+def render(proposal: Proposal, made: Made | None = None) -> str:
+    """Return the page of a proposal: one HTML document that needs nothing else.
+
+    Args:
+        proposal: What is proposed.
+        made: Where its diagnosis comes from.
+    """
     page = environment().get_template("proposal.html")
     return page.render(
         robot=proposal.verdict.robot,
@@ -19,6 +25,7 @@ def render(proposal: Proposal) -> str:
         rows=_rows(proposal),
         errors=_errors(proposal),
         seen=seen_lines(proposal.judged),
+        made=made,
     )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from flows.blind.score import CLASS, NOTHING, PAIR, RIGHT, SINGLE, UNKNOWN, Name
+from flows.report.made import Made
 from flows.report.page import study_plots as plots
 from flows.report.page.base import Tile, environment
 from flows.report.page.chart import Chart
@@ -29,16 +30,19 @@ _RATES = {
 }
 
 
-def render(rows: Sequence[Mapping], summary: Mapping, about: Mapping) -> str:
+def render(
+    rows: Sequence[Mapping], summary: Mapping, about: Mapping, made: Made | None = None
+) -> str:
     """Return the page of a study.
 
     Args:
         rows: Its cases, as in the view ``blind``.
         summary: Its figures (``flows.blind.sums``).
         about: ``robot``, ``seed``, ``n``, ``id``, and ``failed`` in words.
+        made: Where it comes from.
     """
     page = environment().get_template("blind.html")
-    return page.render(_context(rows, summary, about))
+    return page.render(_context(rows, summary, about), made=made)
 
 
 def lines(summary: Mapping) -> list[tuple[str, str, str]]:
