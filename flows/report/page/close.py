@@ -15,6 +15,7 @@ from warehouse.decisions import Decision
 from warehouse.layout import record_folder
 
 KIND = "close"
+_COLUMNS = ("model", "effects", "error", "path")  # of the table of models
 _WHAT = {DIAGNOSE: "diagnose", ADOPT: "adopt", DRIVE: "drive", STOP: "stop"}
 
 
@@ -40,7 +41,7 @@ def render(done: Closed, verdict: Verdict | None) -> str:
             forms=FORMS if verdict else "",
             steps=[_row(d) for d in done.decisions],
             errors=[
-                dict(zip(("model", "effects", "error", "path"), row, strict=True))
+                dict(zip(_COLUMNS, map(_arrow, row), strict=True))
                 for row in words.versions(done)
             ],
             commands=_commands(done),
@@ -95,7 +96,7 @@ def _row(decision: Decision) -> dict:
         "number": decision.number,
         "what": what,
         "why": decision.reason,
-        "outcome": decision.outcome or MISSING,
+        "outcome": _arrow(decision.outcome) or MISSING,
         "seconds": f"{decision.seconds:.0f} s",
         "made": decision.made and decision.made[:8],
     }

@@ -137,14 +137,14 @@ def _open(known: Known, found: Mapping, asked: Asked) -> Step | None:
 
 def _settled(found: Mapping) -> Step:
     """Let the gate judge what is named, and say what stays as good."""
-    why = _said(found)
+    why = f"named: {_said(found)}; does held-out motion bear it out?"
     if found["model"] is not None:
-        why += ", found again beside the adopted model with more motion"
+        why += " It was found again beside the adopted model with more motion."
     if found["rivals"]:
         told = " and ".join(found["rivals"])
-        why += f"; {told} stay as good after {TRIES} motions made to tell them apart"
+        why += f" {told} stay as good after {TRIES} motions made to tell them apart."
     if found["twins"]:
-        why += f"; as good on every motion: {', '.join(found['twins'])}"
+        why += f" As good on every motion: {', '.join(found['twins'])}."
     return Step(ADOPT, why, {"diagnosis": found["diagnosis"]})
 
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from residual.close import close_the_loop
+from residual.diagnosis.causes.sets import Rival
 from residual.diagnosis.result import Place
 from residual.errors import InputError, UnknownNameError
 from residual.planning import gather
 from residual.planning.columns import growing_grams, logged_products, planned_gram
 from residual.planning.gather import open_question
 from residual.planning.outlook import outlook, structural_twins
-from residual.planning.question import NOTHING
+from residual.planning.question import NOTHING, TOGETHER
 from residual.planning.wish import Wish, parse_wish
 from sim.streams import stream
 from sim.synthetic.motion import make_motion
@@ -152,3 +153,36 @@ def test_a_candidate_without_evidence_is_no_rival_of_nothing(monkeypatch):
     assert {"spring", "balancer"} & {r.place.name for r in contest.rivals}
     assert len(contest.rivals) <= 1 + gather.CANDIDATES
     assert none.contests == ()
+
+
+def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch):
+    robot, (fit, proof) = logs("spring", 2)
+    seen = []
+
+    def inside(examined, fitted, named):
+        members = fitted.members
+        others = [
+            g
+            for g in examined.task.candidates.groups
+            if g.effect.name in ("offset", "coulomb_asymmetry") and g.joints == (5,)
+        ][:2]
+        sets = [Rival((*members[1:], *others), -1.0), Rival(tuple(members[1:]), -2.0)]
+        monkeypatch.setattr("residual.planning.swaps.near_sets", lambda *_: sets)
+        question = open_question(examined, fitted, named)
+        seen.append((question, members[0], others))
+
+    close_the_loop(robot, [fit], held_out=[proof], inside=inside)
+    ((question, gone, others),) = seen
+    contest = question.contests[-1]
+    names = TOGETHER.join(g.effect.name for g in others)
+    places = [r.place for r in contest.rivals]
+    assert [p.name for p in places] == [gone.effect.name, names, NOTHING.name]
+    assert places[1].joints == (6,)
+    assert [len(r.own) for r in contest.rivals] == [
+        len(gone.ids),
+        sum(len(g.ids) for g in others),
+        0,
+    ]
+    # Two names cost more than the one that is really there, and nothing explains less.
+    assert contest.rivals[0].nats > contest.rivals[1].nats
+    assert contest.rivals[0].explained > contest.rivals[2].explained
