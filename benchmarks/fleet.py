@@ -17,7 +17,7 @@ from benchmarks.figures import Figures
 from benchmarks.groups import run_groups
 
 # Each a module of benchmarks/fleet_parts with a function `figures_of`.
-_GROUPS = ("first", "inbox")
+_GROUPS = ("first", "inbox", "objects")
 
 
 def main() -> int:

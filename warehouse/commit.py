@@ -25,7 +25,7 @@ from warehouse.files import (
 )
 from warehouse.kinds import KINDS, SAMPLES_FILE
 from warehouse.layout import find, record_folder
-from warehouse.objects.mirror import is_there
+from warehouse.objects.mirror import bucket_of, is_copied
 from warehouse.origin.made_with import keep_made_with
 from warehouse.origin.provenance import Provenance, as_record, provenance
 from warehouse.query.catalogue import remember
@@ -66,8 +66,9 @@ def commit_run(
     units = {name: SIGNALS[name].unit for name in arrays}
     # Written beside the hashing, on another core: together they take most of the time.
     # Of a run that is there already it is thrown away.
+    flush = bucket_of(store) is None
     with staged(store, "run") as folder, ThreadPoolExecutor(1) as beside:
-        writing = beside.submit(_write_samples, folder, arrays, units)
+        writing = beside.submit(_write_samples, folder, arrays, units, flush)
         full = {
             **ids.plain(manifest),
             "provenance": as_record(provenance()),
@@ -91,10 +92,11 @@ def commit_run(
     return id
 
 
-def _write_samples(folder: Path, arrays: Mapping, units: Mapping) -> None:
+def _write_samples(folder: Path, arrays: Mapping, units: Mapping, flush: bool) -> None:
     path = folder / SAMPLES_FILE
     write_parquet(path, to_table(arrays, units))
-    sync(path)
+    if flush:
+        sync(path)
 
 
 def imported_run_id(recording: Recording, robot_hash: str) -> str:
@@ -201,7 +203,7 @@ def _run_id(full: Mapping) -> str:
 
 def _is_there(target: Path, kind: str) -> bool:
     """Whether a record is at its place; a damaged one is told, not repaired."""
-    if not is_there(target):
+    if not is_copied(target):
         return False
     read_parquet(target / KINDS[kind].row, [KINDS[kind].key])
     return True

@@ -17,7 +17,7 @@ from warehouse.files import write_parquet as write
 from warehouse.ids import canonical, check_id, data_hash, digest
 from warehouse.kinds import SEALED
 from warehouse.layout import find_run
-from warehouse.objects.mirror import is_there, shown
+from warehouse.objects.mirror import is_copied, is_there, shown
 from warehouse.runs import read_manifest
 from warehouse.schema import SIGNALS
 from warehouse.sums import check_file
@@ -52,7 +52,7 @@ def sealed_hash(spec: object) -> str:
 def commit_seal(store: Path, run_id: str, sealed: Sealed) -> None:
     """Put a hidden half into the store; one that is there already stays."""
     target = _folder(store, run_id)
-    if is_there(target):
+    if is_copied(target):
         return
     units = {name: SIGNALS[name].unit for name in sealed.truth if name in SIGNALS}
     with staged(store, f"sealed-{run_id}") as folder:

@@ -56,6 +56,7 @@ _COMMANDS = {
         "trajectory": ("trajectory:trajectory", None),
         "experiment": ("experiment:experiment", None),
         "campaign": ("experiment:campaign", None),
+        "fleet": ("experiment:fleet", "CAMPAIGN.toml|RUN,RUN ..."),
         "blind": ("blind:blind", None),
     },
     "Your robot's model": {

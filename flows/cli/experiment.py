@@ -7,14 +7,17 @@ from rich.console import Console
 
 from flows.cli.options import Flag, check_between
 from flows.errors import RunError
+from flows.keep.diagnosis import read_verdict
 from flows.progress import progress_bar
 from flows.report.terminal import tracking, validation
+from flows.report.words.verdict import headline
 from flows.requests import Validate
 from flows.say import say
-from flows.settings import store_folder
+from flows.settings import cores, store_folder
 from flows.specs.campaign import load_campaign
 from flows.specs.experiment import load_spec
 from flows.steps import experiment as steps
+from flows.steps import fleet as fleets
 from flows.steps import validate as trial
 from flows.steps.campaign import run_all
 from flows.steps.loop.choose import chosen_to_drive
@@ -119,6 +122,57 @@ def _rehearse(planned: list[steps.Planned], console: Console) -> int:
                 failing += 1
                 say(console, f"  {why}")
     return failing
+
+
+def fleet(
+    arms: Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None))],
+    /,
+    *,
+    held_out: str = "welding",
+    store: str | None = None,
+    runner: str | None = None,
+    trust_network: Flag = False,
+) -> None:
+    """Run the campaigns of many arms, and diagnose each of them, over all cores.
+
+    ```
+    modelgap fleet cell1.toml cell2.toml 3f2a91,77c0e4 --store s3://robots/hall
+    modelgap fleet cell*.toml --runner dask://127.0.0.1:8786
+    ```
+
+    An arm is a campaign file, or ids of runs of the store with commas between them. The
+    experiments of all campaigns are run together, then each arm is diagnosed against
+    the model that it has; an arm that fails is named, and the others go on.
+    Interrupted, the same command runs no experiment twice.
+
+    Args:
+        arms: Campaign files, or ids of runs with commas between them.
+        held_out: Kind of motion of the campaigns that is held out for the proof.
+        store: Folder of the store, or s3://BUCKET/PREFIX; else $MODELGAP_STORE, else
+            ./store. With a cluster of several machines it is in a bucket.
+        runner: Where to compute: a process per core, or dask://HOST:PORT. Without it
+            $MODELGAP_RUNNER.
+        trust_network: Let the cluster be on other machines; Dask is not encrypted.
+    """
+    place, console = store_folder(store), Console()
+    where = chosen_runner(runner, trust_network)
+    with workers_of(where, max(cores(), len(arms))) as workers:
+        with progress_bar() as bar:
+            found, failed = fleets.arms_of(arms, held_out, place, workers, bar)
+        with progress_bar() as bar:
+            done = fleets.diagnose_arms(found, place, workers, bar)
+    for why in failed:
+        say(console, f"failed: {why}")
+    for each in done:
+        told = each.diagnosis and headline(read_verdict(place, each.diagnosis))
+        say(console, f"{each.label}: {told or 'failed: ' + each.why}")
+        if each.diagnosis:
+            say(console, f"  modelgap show {each.diagnosis[:8]}")
+    wrong = sum(not each.diagnosis for each in done)
+    if wrong or failed:
+        raise RunError(
+            f"{wrong} of {len(done)} diagnoses and {len(failed)} experiments failed."
+        )
 
 
 def _list(planned: list[steps.Planned], console: Console) -> None:

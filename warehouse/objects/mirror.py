@@ -146,6 +146,14 @@ def brought(folder: Path) -> bool:
     return True
 
 
+def is_copied(folder: Path) -> bool:
+    """Return whether there is a record, of a bucket only if there is a copy here.
+
+    For who is about to commit: the condition of his put asks the bucket.
+    """
+    return (folder / SUMS).is_file() if place_of(folder) else folder.is_dir()
+
+
 def is_there(folder: Path) -> bool:
     """Return whether there is a record, with as little as that takes."""
     if place_of(folder) is None:

@@ -1,0 +1,139 @@
+"""Many arms over workers that share nothing but a store on object storage."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from flows.settings import store_folder
+from flows.specs.experiment import experiment_of
+from flows.steps import fleet
+from flows.steps.campaign import run_all
+from flows.steps.experiment import plan
+from flows.steps.fleet import Arm, arms_of, diagnose_arms
+from flows.workers import cluster as module
+from flows.workers.cluster import Cluster
+from flows.workers.pool import Here
+from residual.errors import InputError
+from tests import s3
+from tests.waiting import PATIENCE
+from tests.warehouse import store_samples as made
+from warehouse.objects import mirror
+from warehouse.runs import read_run
+
+ROOT = Path(__file__).parents[2]
+_SCHEDULER = """
+import sys
+from distributed import LocalCluster
+with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as own:
+    print(own.scheduler_address, flush=True)
+    sys.stdin.read()
+"""
+_WORKER = ("-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny")
+
+
+@pytest.fixture
+def machines(bucket_store, s3_server, tmp_path):
+    """A cluster of two workers with a working directory and copies of their own."""
+    environment = s3.environment(s3_server, tmp_path / "cache")
+    environment |= {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    scheduler = subprocess.Popen(
+        [sys.executable, "-c", _SCHEDULER],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    address = scheduler.stdout.readline().strip()
+    workers = []
+    for number in "12":
+        place = tmp_path / f"machine-{number}"
+        place.mkdir()
+        own = environment | {"MODELGAP_CACHE": str(place / "copies")}
+        words = [sys.executable, *_WORKER, "--nthreads", "1", address]
+        workers.append(subprocess.Popen(words, env=own, cwd=place))
+    yield address
+    for process in (*workers, scheduler):
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.slow
+def test_a_campaign_over_machines_without_a_shared_disk(
+    machines, bucket_store, tmp_path, monkeypatch, compiled_plant
+):
+    monkeypatch.setattr(module, "_PATIENCE", PATIENCE)
+    monkeypatch.chdir(tmp_path)
+    store = store_folder(bucket_store)
+    short = {"trajectory": {"kind": "fourier", "duration": 1.0, "periods": 1}}
+    specs = [experiment_of({"seed": seed, **short}, "S") for seed in range(4)]
+    planned = plan([(f"seed {k}", spec) for k, spec in enumerate(specs)], store)
+    with Cluster(machines) as many:
+        many._client.wait_for_workers(2, timeout=PATIENCE)
+        summary = run_all(planned, store, pool=many)
+    assert [f.why for f in summary.failures] == []
+    assert [len(read_run(store, id).t) for id in summary.stored] == [251] * 4
+    # Each machine wrote some of them, and none into its working directory.
+    for number in "12":
+        place = tmp_path / f"machine-{number}"
+        assert list(place.glob("copies/*/samples/robot=irb140/run_id=*"))
+        assert not [p for p in place.iterdir() if p.name.startswith("s3")]
+    again = plan([("again", specs[0])], store_folder(bucket_store))
+    assert again[0].stored
+
+
+@pytest.fixture
+def diagnosed(monkeypatch):
+    """Replace the diagnosis; returns the store and the runs that it was asked for."""
+    asked = []
+
+    def diagnose(request):
+        asked.append((request.store, request.logs, request.held_out))
+        if len(asked) == 2:
+            raise ZeroDivisionError("a fault")
+        return f"{len(asked):020x}", "0" * 20
+
+    monkeypatch.setattr(fleet, "diagnose_runs", diagnose)
+    monkeypatch.setattr(fleet, "_robots", lambda *_: {})
+    monkeypatch.setattr(
+        fleet, "in_force", lambda *_: type("C", (), {"diagnosis": None})
+    )
+    return asked
+
+
+def test_what_goes_to_a_worker_is_the_name_of_the_store(
+    bucket_store, tmp_path, monkeypatch, diagnosed
+):
+    store = store_folder(bucket_store)
+    runs = [made.commit(store, seed, robot="irb140") for seed in range(3)]
+    arms = [Arm(f"arm {k}", {"fit": [id]}) for k, id in enumerate(runs)]
+    there = tmp_path / "another machine"
+
+    class Elsewhere(Here):
+        def run(self, work, jobs):
+            monkeypatch.setenv(mirror.CACHE, str(there))
+            mirror.forget()
+            return super().run(work, jobs)
+
+    told = []
+    found = diagnose_arms(arms, store, Elsewhere(), lambda *a: told.append(a))
+    assert [d.label for d in found] == ["arm 0", "arm 1", "arm 2"]
+    assert [d.diagnosis is None for d in found] == [False, True, False]
+    assert found[1].why == "ZeroDivisionError: a fault"
+    assert [logs for _, logs, _ in diagnosed] == [(id,) for id in runs]
+    assert {place.parent for place, _, _ in diagnosed} == {there}
+    assert told[-1] == ("diagnosed 3 of 3: arm 2", 1.0)
+
+
+def test_an_arm_is_a_campaign_or_ids_of_runs(tmp_path):
+    store = tmp_path / "store"
+    runs = [made.commit(store, seed) for seed in range(2)]
+    words = [f"{runs[0][:8]},{runs[1]}", runs[1]]
+    arms, failed = arms_of(words, "welding", store, Here())
+    assert [arm.runs for arm in arms] == [{"fit": runs}, {"fit": [runs[1]]}]
+    assert failed == []
+    with pytest.raises(InputError, match=r"no campaign file that is there"):
+        arms_of(["night.toml"], "", store, Here())
+    assert os.listdir(store / "samples") == ["robot=two_link"]
