@@ -26,7 +26,7 @@ def figures_of(quick: bool) -> Figures:
     Args:
         quick: Whether to take few of everything.
     """
-    share = 10 if quick else 1
+    share = 20 if quick else 1
     with tempfile.TemporaryDirectory() as folder, serve(Path(folder)) as new_store:
         together = TOGETHER // share
         won = one_winner(new_store(), WRITERS, together)
@@ -34,7 +34,7 @@ def figures_of(quick: bool) -> Figures:
         kills = KILLS // share
         partly, seen = killed(new_store(), kills)
         print(f"{kills} kills: {seen} runs stored, {partly} partial")
-        count = 300 if quick else MANY
+        count = 120 if quick else MANY
         times = timed_questions(new_store(), count)
         print(f"{count} runs: {times}")
         pairs = PAIRS // (4 if quick else 1)

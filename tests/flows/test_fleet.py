@@ -3,13 +3,14 @@
 import os
 import subprocess
 import sys
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
 
 from flows.settings import store_folder
 from flows.specs.experiment import experiment_of
-from flows.steps import fleet
+from flows.steps import campaign, fleet
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
 from flows.steps.fleet import Arm, arms_of, diagnose_arms
@@ -20,7 +21,9 @@ from residual.errors import InputError
 from tests import s3
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as made
+from warehouse.layout import list_folders
 from warehouse.objects import mirror
+from warehouse.objects.mirror import shown
 from warehouse.runs import read_run
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +34,8 @@ with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as own:
     print(own.scheduler_address, flush=True)
     sys.stdin.read()
 """
-_WORKER = ("-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny")
+_DASK = "distributed.cli.dask_worker"
+_WORKER = (sys.executable, "-m", _DASK, "--no-dashboard", "--no-nanny")
 
 
 @pytest.fixture
@@ -52,36 +56,65 @@ def machines(bucket_store, s3_server, tmp_path):
         place = tmp_path / f"machine-{number}"
         place.mkdir()
         own = environment | {"MODELGAP_CACHE": str(place / "copies")}
-        words = [sys.executable, *_WORKER, "--nthreads", "1", address]
-        workers.append(subprocess.Popen(words, env=own, cwd=place))
+        words = [*_WORKER, "--nthreads", "1", "--local-directory", str(place), address]
+        quiet = subprocess.DEVNULL
+        workers.append(subprocess.Popen(words, env=own, cwd=place, stderr=quiet))
     yield address
     for process in (*workers, scheduler):
         process.kill()
         process.wait()
 
 
+def commit(job):
+    """Put a run into the store of a name; work of a module that workers have too."""
+    name, seed = job
+    return made.commit(store_folder(name), seed)
+
+
 @pytest.mark.slow
-def test_a_campaign_over_machines_without_a_shared_disk(
-    machines, bucket_store, tmp_path, monkeypatch, compiled_plant
+def test_machines_share_a_store_and_no_disk(
+    machines, bucket_store, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(module, "_PATIENCE", PATIENCE)
-    monkeypatch.chdir(tmp_path)
     store = store_folder(bucket_store)
-    short = {"trajectory": {"kind": "fourier", "duration": 1.0, "periods": 1}}
-    specs = [experiment_of({"seed": seed, **short}, "S") for seed in range(4)]
-    planned = plan([(f"seed {k}", spec) for k, spec in enumerate(specs)], store)
     with Cluster(machines) as many:
         many._client.wait_for_workers(2, timeout=PATIENCE)
-        summary = run_all(planned, store, pool=many)
-    assert [f.why for f in summary.failures] == []
-    assert [len(read_run(store, id).t) for id in summary.stored] == [251] * 4
-    # Each machine wrote some of them, and none into its working directory.
+        jobs = [(shown(store), seed) for seed in range(8)]
+        done = sorted(many.run(commit, jobs), key=attrgetter("index"))
+    assert [d.error for d in done] == [None] * 8
+    ids = [d.value for d in done]
+    assert [len(read_run(store, id).t) for id in ids] == [50] * 8
+    assert sorted(list_folders(store, "runs")) == sorted(ids)
+    # Each machine wrote some of them, and nothing into its working directory.
     for number in "12":
         place = tmp_path / f"machine-{number}"
-        assert list(place.glob("copies/*/samples/robot=irb140/run_id=*"))
-        assert not [p for p in place.iterdir() if p.name.startswith("s3")]
-    again = plan([("again", specs[0])], store_folder(bucket_store))
-    assert again[0].stored
+        assert list(place.glob("copies/*/samples/robot=two_link/run_id=*"))
+        assert {p.name for p in place.iterdir()} <= {"copies", "dask-scratch-space"}
+
+
+def test_a_campaign_gives_its_workers_the_name_of_the_store(
+    bucket_store, monkeypatch, tmp_path
+):
+    store = store_folder(bucket_store)
+    given = []
+
+    class Elsewhere(Here):
+        def run(self, work, jobs):
+            given.extend(jobs)
+            monkeypatch.setenv(mirror.CACHE, str(tmp_path / "another machine"))
+            mirror.forget()
+            return super().run(work, jobs)
+
+    def run(spec, place):
+        assert place.parent == tmp_path / "another machine"
+        return made.commit(place, spec.seed)
+
+    monkeypatch.setattr(campaign.experiment, "run", run)
+    specs = [("one", experiment_of({"seed": 1}, "S"))]
+    summary = run_all(plan(specs, store), store, pool=Elsewhere())
+    assert [name for _, name in given] == [bucket_store]
+    # It came back, though as another run than that of the spec.
+    assert "the code was changed" in summary.failures[0].why
 
 
 @pytest.fixture
