@@ -82,7 +82,8 @@ def campaign(
         dry_run: Only say what would run, what is there, and what will fail: motions are
             planned, and those that break a limit of the arm are told. Nothing is run.
         runner: Where to compute: threads (the default) and processes are a process per
-            core here, dask://HOST:PORT a Dask cluster that reaches the store too. Without it $MODELGAP_RUNNER.
+            core here, dask://HOST:PORT a Dask cluster that reaches the store too.
+            Without it $MODELGAP_RUNNER.
         trust_network: Let the cluster be on other machines; Dask is not encrypted.
     """
     place, console = store_folder(store), Console()
