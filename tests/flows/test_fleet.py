@@ -71,7 +71,7 @@ def commit(job):
     return made.commit(store_folder(name), seed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_machines_share_a_store_and_no_disk(
     machines, bucket_store, tmp_path, monkeypatch
 ):
