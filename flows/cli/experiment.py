@@ -17,11 +17,11 @@ from flows.settings import cores, store_folder
 from flows.specs.campaign import load_campaign
 from flows.specs.experiment import load_spec
 from flows.steps import experiment as steps
-from flows.steps import fleet as fleets
 from flows.steps import validate as trial
 from flows.steps.campaign import run_all
 from flows.steps.loop.choose import chosen_to_drive
 from flows.steps.loop.track import Track, track
+from flows.steps.many import fleet as fleets
 from flows.steps.rehearsal import refusal_of
 from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError

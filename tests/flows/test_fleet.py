@@ -10,10 +10,11 @@ import pytest
 
 from flows.settings import store_folder
 from flows.specs.experiment import experiment_of
-from flows.steps import campaign, fleet
+from flows.steps import campaign
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
-from flows.steps.fleet import Arm, arms_of, diagnose_arms
+from flows.steps.many import fleet
+from flows.steps.many.fleet import Arm, arms_of, diagnose_arms
 from flows.workers import cluster as module
 from flows.workers.cluster import Cluster
 from flows.workers.pool import Here
