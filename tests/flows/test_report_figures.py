@@ -35,7 +35,8 @@ def test_page_fetches_nothing_and_runs_only_its_own_two_scripts(
     written = several_page.replace(script.library(), "")
     written = re.sub(r'"bdata":"[^"]*"', "", written)
     assert not re.search(r"https?:|//[a-z]|url\(|@import", written)
-    assert {"link", "iframe", "object"}.isdisjoint(t for t, _ in page.tags)
+    assert {"iframe", "object"}.isdisjoint(t for t, _ in page.tags)
+    assert all(link["href"].startswith("data:") for link in page.all("link"))
     assert not any("src" in attrs for attrs in page.all("script"))
 
 
