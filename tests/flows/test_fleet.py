@@ -106,14 +106,14 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
             mirror.forget()
             return super().run(work, jobs)
 
-    def run(spec, place):
+    def run(spec, place, *_):
         assert place.parent == tmp_path / "another machine"
         return made.commit(place, spec.seed)
 
     monkeypatch.setattr(campaign.experiment, "run", run)
     specs = [("one", experiment_of({"seed": 1}, "S"))]
     summary = run_all(plan(specs, store), store, pool=Elsewhere())
-    assert [name for _, name in given] == [bucket_store]
+    assert [name for _, name, *_ in given] == [bucket_store]
     # It came back, though as another run than that of the spec.
     assert "the code was changed" in summary.failures[0].why
 
