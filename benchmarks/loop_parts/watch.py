@@ -152,7 +152,7 @@ def _batches(log: Recording):
 
 
 def _said(alarm) -> dict:
-    said = {"quantity": alarm.quantity, "on": alarm.joint, "sure": alarm.sure}
+    said = {"quantity": alarm.quantity, "on": alarm.joint, "or_else": alarm.or_else}
     return said | {"size": alarm.size, "std": alarm.std}
 
 

@@ -136,7 +136,7 @@ def test_a_gain_that_drops_is_named_and_sized():
     _, (alarm, *_) = step(reference(), begin(reference()), samples(log))
     assert alarm.quantity == "gain"
     assert alarm.size == pytest.approx(-0.3, abs=0.1)
-    assert alarm.sure > 0.5
+    assert ("gain", 2) not in alarm.or_else
 
 
 def test_a_load_on_the_flange_is_alarmed_and_weighed():

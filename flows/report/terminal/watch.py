@@ -6,7 +6,7 @@ from residual.monitoring.stream.watch import Change
 _NOUN = {
     "load": "the load on the flange",
     "gain": "the gain of joint {joint}",
-    "bias": "the torque of joint {joint}, by a constant,",
+    "bias": "a constant torque of joint {joint}",
     "friction": "the friction of joint {joint}",
 }
 
@@ -14,13 +14,15 @@ _NOUN = {
 def alarm_line(alarm: Change) -> str:
     """Return an alarm in one sentence."""
     what = _NOUN[alarm.quantity].format(joint=alarm.joint)
+    others = [_NOUN[name].format(joint=joint) for name, joint in alarm.or_else]
+    other = f" (or {', or '.join(others)})" if others else ""
     unit = "" if alarm.unit == "1" else f" {alarm.unit}"
     scale, unit = (100, " %") if alarm.unit == "1" else (1, unit)
     return (
-        f"ALARM at {alarm.time:.3f} s: {what} has changed by "
+        f"ALARM at {alarm.time:.3f} s, as if {what} had changed by "
         f"{scale * alarm.size:+.3g} ± {scale * alarm.std:.2g}{unit}, "
-        f"{alarm.motion:.2g} s of motion ago; {100 * alarm.sure:.0f} % that it is this "
-        f"and nothing else that is watched; by chance {_rate(alarm.per_hour)}"
+        f"{alarm.motion:.2g} s of motion ago{other}; what it is the diagnosis says; "
+        f"by chance {_rate(alarm.per_hour)}"
     )
 
 

@@ -18,6 +18,7 @@ from residual.recording import Array
 
 QUIET = 10.0  # s of motion without a crossing after which an alarm is over
 REMEMBERED = 15.0  # s of motion: slower changes are those of warmth
+AS_WELL = 0.5  # of the evidence of the best: what else it may be
 MEMORY = 0.1  # s after standing in which friction is not to be trusted
 # Of the smallest size; larger ones know better when a large change began.
 _WAYS = np.array([1.0, -1.0, 3.0, -3.0, 9.0, -9.0])
@@ -36,8 +37,9 @@ class Change:
         unit: Unit of both.
         motion: Time of motion since the change began to show [s].
         score: Evidence over its limit, above 1.
-        sure: Share of the evidence that is for this quantity and no other that is
-            watched, 0 to 1.
+        or_else: Other quantities that explain it at least half as well, each as
+            quantity and joint, the best one first. No share of belief is given: what is
+            watched is few of the things that may change.
         per_hour: How often chance alone would say this of a healthy arm; extrapolated
             beyond the healthy runs [1/h].
     """
@@ -50,7 +52,7 @@ class Change:
     unit: str
     motion: float
     score: float
-    sure: float
+    or_else: tuple[tuple[str, int], ...]
     per_hour: float
 
 
@@ -218,7 +220,7 @@ def _change(reference: Reference, time: float, g: Array, sums: Array) -> Change:
     told = np.where(g > 0, sums[..., 0] ** 2 / (2 * under), 0.0) / spread[:, None]
     h, way = np.unravel_index(int(told.argmax()), told.shape)
     each = told.max(axis=1)
-    shares = np.exp(each - each.max())
+    others = [i for i in np.argsort(-each) if i != h and each[i] > AS_WELL * each[h]]
     worst = int((g.max(axis=1) / reference.limits).argmax())
     top = float(g[worst].max())
     quantity = reference.watched[h]
@@ -231,6 +233,8 @@ def _change(reference: Reference, time: float, g: Array, sums: Array) -> Change:
         unit=quantity.unit,
         motion=float(sums[h, way, 2] / reference.window.row_rate),
         score=top / float(reference.limits[worst]),
-        sure=float(shares[h] / shares.sum()),
+        or_else=tuple(
+            (reference.watched[i].name, reference.watched[i].joint) for i in others
+        ),
         per_hour=reference.tails[worst].chance(top) * 3600.0 / BLOCK,
     )
