@@ -37,9 +37,10 @@ def report(asked: Close) -> str:
     store, done = Path(asked.store), closed(asked)
     verdict = adopted_verdict(store, done.known.adopted)
     page = keep_page(done, store, render(done, verdict))
-    words = f"{headline(done, pairs(done.hidden, verdict))} {ended(done)}"
+    came = headline(done, pairs(done.hidden, verdict))
+    words = f"{came} {ended(done)}"
     get_run_logger().info(words)
-    artifacts.report(page, words, done.loop)
+    artifacts.verdict(f"{asked.robot}, seed {asked.seed}: {came}", page, words)
     return str(page)
 
 

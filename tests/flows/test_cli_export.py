@@ -147,7 +147,8 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch):
         raise ImportError(name=name)
 
     monkeypatch.setattr(proofs, "import_module", gone)
-    with pytest.raises(InputError, match=r"needs mujoco.*modelgap\[export\]"):
+    told = r"needs mujoco.*'\.\[export\]' in the checkout"
+    with pytest.raises(InputError, match=told):
         export_model(model_with(robot_of("irb140"), "viscous"), "mjcf")
 
 

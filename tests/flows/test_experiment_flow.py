@@ -95,10 +95,10 @@ def test_the_record_of_a_run_has_nothing_of_what_it_hides(tmp_path, simulated):
 @pytest.mark.parametrize("words", [["--dry-run"], []])
 def test_the_command_says_what_it_does(tmp_path, simulated, capsys, words):
     path = tmp_path / "SPEC.toml"
-    path.write_text(SPEC)
+    path.write_text(SPEC.replace("duration = 2.0", "duration = 20.0"))
     store = ["--store", str(tmp_path / "store")]
     assert main(["experiment", str(path), *store, *words]) == 0
-    id = experiment.run_id_of(spec())
+    id = experiment.run_id_of(spec(trajectory={"kind": "welding", "duration": 20.0}))
     shown = capsys.readouterr().out
     assert f"{id}  to run " in shown
     assert ("stored in" in shown) == (not words)
@@ -133,12 +133,12 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
     from flows.steps import campaign
     from sim.plant.stepping import DivergedError
 
-    def diverge(spec, store):
+    def diverge(spec, store, campaign):
         raise DivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
 
     monkeypatch.setattr(campaign.experiment, "run", diverge)
     with pytest.raises(InputError) as caught:
-        campaign._run((spec(), tmp_path))
+        campaign._run((spec(), tmp_path, None))
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
 
 

@@ -89,7 +89,7 @@ def test_without_the_solver_the_extra_is_named(found, monkeypatch):
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", fake)
-    with pytest.raises(InputError, match=r"need cvxpy.*modelgap\[sdp\]"):
+    with pytest.raises(InputError, match=r"need cvxpy.*'\.\[sdp\]' in the checkout"):
         consistent(found)
 
 

@@ -22,15 +22,15 @@ from sim.synthetic.room import room
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent
-PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guide" / "add_an_effect.md"
 SIZE = 4.0  # N m s/rad^2
 
 
 @pytest.fixture
 def creaking(tmp_path, monkeypatch):
     """The second file of the page's example, dropped into the folder."""
-    section = PAGE.read_text(encoding="utf-8").split("## A new effect")[1]
-    _, code = re.findall(r"```python\n(.*?)```", section, re.S)
+    page = PAGE.read_text(encoding="utf-8")
+    _, code = re.findall(r"```python\n(.*?)```", page, re.S)[:2]
     (tmp_path / "creaking.py").write_text(code, encoding="utf-8")
     monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
     registry.cache_clear()
