@@ -18,6 +18,7 @@ from residual.effects import registry
 from residual.effects.base import Effect, Joints
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit
+from residual.evidence.group import Group
 from residual.evidence.priors import priors
 from residual.evidence.states import as_model, first_design, physical
 from residual.model.compare import Errors, compare, prepare_held_out
@@ -137,10 +138,13 @@ def _best(
     wanted: Sequence[tuple[Effect, Joints]],
 ) -> tuple[Task, Fit]:
     """Return the fit under the prior that these logs are likeliest under."""
+    # Columns do not depend on the prior: made anew for each of a score of priors, they
+    # would fill the memory.
+    grid = [_grid(design, logs, *one) for one in wanted]
     runs = []
     for prior in priors(design, nominal):
         task = Task(design, prior, Candidates((), {}), Rules())
-        runs.append((task, _fitted(task, logs, wanted)))
+        runs.append((task, _fitted(task, grid)))
     counted = np.max([fitted.counted for _, fitted in runs], axis=0)
 
     def worth(run: tuple[Task, Fit]) -> float:
@@ -150,12 +154,16 @@ def _best(
     return max(runs, key=worth)
 
 
-def _fitted(task: Task, logs: Logs, wanted: Sequence[tuple[Effect, Joints]]) -> Fit:
+def _grid(design: Design, logs: Logs, effect: Effect, joints: Joints) -> list[Group]:
+    """An effect in each shape that a search begins with."""
+    shapes = effect.shapes(logs.span, joints[0] if joints else 0)
+    return design.add([(effect, joints, shape) for shape in shapes])
+
+
+def _fitted(task: Task, grid: Sequence[Sequence[Group]]) -> Fit:
     """Fit all of them, the shape of each searched as in a diagnosis."""
     current = task.start()
-    for effect, joints in wanted:
-        shapes = effect.shapes(logs.span, joints[0] if joints else 0)
-        groups = task.design.add([(effect, joints, shape) for shape in shapes])
+    for groups in grid:
         trials = [task.fit((*current.members, g), current) for g in groups]
         best = max(trials, key=lambda trial: trial.score)
         members = refined(task, best.members, current)
