@@ -42,6 +42,14 @@ _CODE = (
 )
 _ROBOT = Column("robot", TEXT, "name of the robot")
 _UNIT = Column("unit", TEXT, "unit of the value")
+_OF_FINDING = (
+    Column("joints", pa.list_(JOINT), "joints that this value is of; [] for all"),
+    Column("parameter", TEXT, "name of the parameter"),
+    Column("value", NUMBER, "its value", "by row"),
+    Column("std", NUMBER, "its standard deviation", "by row"),
+    _UNIT,
+    Column("probability", NUMBER, "of this class of effects", "1"),
+)
 _SERIAL = Column("serial", TEXT, "serial number of the robot; null where none is given")
 _ADOPTION = (
     Column("adoption_id", TEXT, "its number, in six digits"),
@@ -105,12 +113,7 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         Column("diagnosis_id", TEXT, "the diagnosis that named it"),
         Column("order", JOINT, "place among the findings, 1 first"),
         Column("name", TEXT, "name of the effect"),
-        Column("joints", pa.list_(JOINT), "joints that this value is of; [] for all"),
-        Column("parameter", TEXT, "name of the parameter"),
-        Column("value", NUMBER, "its value", "by row"),
-        Column("std", NUMBER, "its standard deviation", "by row"),
-        _UNIT,
-        Column("probability", NUMBER, "of this class of effects", "1"),
+        *_OF_FINDING,
     ),
     "diagnoses": (
         Column("diagnosis_id", TEXT, "id of the diagnosis"),
@@ -151,12 +154,7 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         Column("verdict", TEXT, "effects, none or unknown"),
         Column("order", JOINT, "place among the findings, 1 first; null for none"),
         Column("effect", TEXT, "name of the effect; null for none"),
-        Column("joints", pa.list_(JOINT), "joints that this value is of; [] for all"),
-        Column("parameter", TEXT, "name of the parameter"),
-        Column("value", NUMBER, "its value", "by row"),
-        Column("std", NUMBER, "its standard deviation", "by row"),
-        _UNIT,
-        Column("probability", NUMBER, "of this class of effects", "1"),
+        *_OF_FINDING,
         Column("run_id", TEXT, "a run that it is about; one row for each"),
         Column("role", TEXT, "what the run was to it: fit, held_out or baseline"),
         Column("trajectory", TEXT, "kind of motion of the run"),

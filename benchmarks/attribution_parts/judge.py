@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from flows.blind.export.score import matched
 from flows.blind.score import Name, members
 from flows.blind.size import smallest
 from residual.diagnosis.result import Detectable, Verdict
@@ -27,14 +28,14 @@ def judged(verdict: Verdict, planted: Sequence[Name]) -> dict:
     """
     said, document = members(verdict), to_json(verdict)
     classes = [[s.name, *s.alike] for s in said]
-    matched = matching(planted, classes)
+    owners = matching(planted, classes)
     listed = alternatives(document)
     exact = len(said) == len(planted)
     return {
         "said": [[_plain(n) for n in names] for names in classes],
-        "true": len(matched),
+        "true": len(owners),
         "exact_by_name": sorted(map(str, planted)) == sorted(str(s.name) for s in said),
-        "exact": exact and len(matched) == len(planted),
+        "exact": exact and len(owners) == len(planted),
         "alternatives": None
         if listed is None
         else [[_plain(n) for n in names] for names in listed],
@@ -54,20 +55,7 @@ def matching(planted: Sequence[Name], classes: Sequence[Sequence[Name]]) -> dict
     Returns:
         Index of a name for each index of a planted change that has one.
     """
-    owner: dict[int, int] = {}
-
-    def place(name: int, tried: set[int]) -> bool:
-        for i, truth in enumerate(planted):
-            if truth in classes[name] and i not in tried:
-                tried.add(i)
-                if i not in owner or place(owner[i], tried):
-                    owner[i] = name
-                    return True
-        return False
-
-    for name in range(len(classes)):
-        place(name, set())
-    return owner
+    return matched(planted, classes, lambda truth, own: truth in own)
 
 
 def alternatives(document: Mapping) -> list[list[Name]] | None:

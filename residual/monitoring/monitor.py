@@ -193,16 +193,29 @@ def check_log(recording: Recording, model: Model, rate: float) -> None:
         )
 
 
+def check_limits(model: Model, per_hour: float) -> None:
+    """Check that a model can be watched by, and how often it may err.
+
+    Args:
+        model: The model.
+        per_hour: False alarms per hour that are allowed.
+
+    Raises:
+        InputError: If the rate is none, or the model was not made from logs.
+    """
+    if not 0 < per_hour < np.inf:
+        raise InputError(f"{per_hour:g} false alarms per hour, expected more than 0.")
+    if model.speed_floor is None:
+        raise InputError("The model has no speed_floor; make it from logs first.")
+
+
 def _check_runs(model: Model, runs: Sequence[Recording], per_hour: float) -> None:
     if len(runs) < LEAST_RUNS:
         raise InputError(
             f"{len(runs)} runs to calibrate on, expected at least {LEAST_RUNS}: limits "
             "are set on runs that were left out. Give more runs of the good robot."
         )
-    if not 0 < per_hour < np.inf:
-        raise InputError(f"{per_hour:g} false alarms per hour, expected more than 0.")
-    if model.speed_floor is None:
-        raise InputError("The model has no speed_floor; make it from logs first.")
+    check_limits(model, per_hour)
     rate = sample_rate(runs[0].t)
     for run in runs:
         check_log(run, model, rate)

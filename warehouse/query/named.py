@@ -1,6 +1,6 @@
 """Queries that have a name: what people ask most, in SQL over the views."""
 
-from warehouse.query.questions import QUESTIONS
+from warehouse.query.questions import BY_VERSION, QUESTIONS, VERSIONS
 from warehouse.query.questions import TAKES as QUESTIONS_TAKE
 
 # What each answers, and how. $words stand for values that the asker gives.
@@ -154,21 +154,12 @@ NAMED = {
     ),
     "error_by_model": (
         "held-out error [%] of the model that the robot had, diagnosis by diagnosis",
-        """
-        WITH version AS (
-            SELECT diagnosis_id AS parent, min(adoption_id) AS adoption
-            FROM adoptions WHERE action <> 'rolled back' GROUP BY ALL
-        ), proof AS (
-            SELECT source_id, stage,
-                   coalesce(any_value(value) FILTER (run_id IS NULL), avg(value)) AS v
-            FROM errors WHERE metric = 'filtered' AND joint IS NULL GROUP BY ALL
-        )
+        f"""
+        {VERSIONS}
         SELECT created, robot, coalesce(adoption, 'nominal') AS version, diagnosis_id,
                verdict, round(any_value(v) FILTER (stage = 'nominal'), 2) AS before,
                round(any_value(v) FILTER (stage = 'augmented'), 2) AS with_findings
-        FROM diagnoses JOIN proof ON source_id = diagnosis_id
-        LEFT JOIN lineage ON child = diagnosis_id AND role = 'nominal'
-        LEFT JOIN version USING (parent)
+        {BY_VERSION}
         GROUP BY ALL ORDER BY robot, created, diagnosis_id
         """,
     ),

@@ -1,5 +1,23 @@
 """More queries that have a name: what an engineer asks of months of runs."""
 
+# Which diagnosis was adopted first as which version; the errors of each, by stage.
+VERSIONS = """
+WITH version AS (
+    SELECT diagnosis_id AS parent, min(adoption_id) AS adoption
+    FROM adoptions WHERE action <> 'rolled back' GROUP BY ALL
+), proof AS (
+    SELECT source_id, stage,
+           coalesce(any_value(value) FILTER (run_id IS NULL), avg(value)) AS v
+    FROM errors WHERE metric = 'filtered' AND joint IS NULL GROUP BY ALL
+)
+"""
+# A diagnosis beside its errors and the version that it was made against.
+BY_VERSION = """
+FROM diagnoses JOIN proof ON source_id = diagnosis_id
+LEFT JOIN lineage ON child = diagnosis_id AND role = 'nominal'
+LEFT JOIN version USING (parent)
+"""
+
 QUESTIONS = {
     "error_by_week": (
         "held-out error [%] by robot, joint and week, before and after the diagnosis",
@@ -37,22 +55,13 @@ QUESTIONS = {
     ),
     "before_after_by_version": (
         "held-out error [%] before and with the findings, by version of the model",
-        """
-        WITH version AS (
-            SELECT diagnosis_id AS parent, min(adoption_id) AS adoption
-            FROM adoptions WHERE action <> 'rolled back' GROUP BY ALL
-        ), proof AS (
-            SELECT source_id, stage,
-                   coalesce(any_value(value) FILTER (run_id IS NULL), avg(value)) AS v
-            FROM errors WHERE metric = 'filtered' AND joint IS NULL GROUP BY ALL
-        )
+        f"""
+        {VERSIONS}
         SELECT robot, coalesce(adoption, 'nominal') AS version,
                count(DISTINCT diagnosis_id) AS diagnoses,
                round(avg(v) FILTER (stage = 'nominal'), 2) AS before,
                round(avg(v) FILTER (stage = 'augmented'), 2) AS with_findings
-        FROM diagnoses JOIN proof ON source_id = diagnosis_id
-        LEFT JOIN lineage ON child = diagnosis_id AND role = 'nominal'
-        LEFT JOIN version USING (parent)
+        {BY_VERSION}
         GROUP BY ALL ORDER BY robot, version
         """,
     ),

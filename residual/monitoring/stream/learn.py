@@ -15,7 +15,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.monitoring.monitor import LEAST_RUNS, check_log
+from residual.monitoring.monitor import LEAST_RUNS, check_limits, check_log
 from residual.monitoring.stream.cusum import whiten
 from residual.monitoring.stream.reference import Reference
 from residual.monitoring.stream.rows import Rows, Samples, Window, start, take
@@ -119,10 +119,7 @@ def _checked(model: Model, runs: Sequence[Recording], per_hour: float) -> float:
             f"{len(runs)} healthy runs, expected at least {LEAST_RUNS}: limits are set "
             "on runs that were left out. Give more runs of the healthy robot."
         )
-    if not 0 < per_hour < np.inf:
-        raise InputError(f"{per_hour:g} false alarms per hour, expected more than 0.")
-    if model.speed_floor is None:
-        raise InputError("The model has no speed_floor; make it from logs first.")
+    check_limits(model, per_hour)
     rate = sample_rate(runs[0].t)
     if Window(rate).half < 2:
         raise InputError(
