@@ -91,7 +91,7 @@ def identified_without(
     regressors = [prepared.regressors[run] for run, _ in kept]
     nominal = start_nominal(replace(prepared.logs, tracks=tracks), prepared.names)
     states = _observed(nominal.model, tracks, regressors)
-    design = Design(list(zip(tracks, states, strict=True)), nominal.model)
+    design = Design(tracks, nominal.model, states)
     wide = priors(design, nominal)
     first = start(design, wide[-1])
     if named:

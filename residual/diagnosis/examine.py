@@ -18,13 +18,12 @@ from residual.effects import registry
 from residual.evidence.background import learnt_tables, usual_background, with_tables
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit
-from residual.evidence.long_design import design_of
 from residual.evidence.priors import Space
 from residual.evidence.states import as_model, first_design, physical, show_torque
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
-from residual.model.observed import is_long
+from residual.model.observed import is_long, observed
 from residual.model.standstill import with_standstill
 from residual.recording import Array
 
@@ -247,7 +246,8 @@ def _refitted(
     """
     nominal, tracks = examined.nominal, examined.logs.tracks
     base = replace(nominal.model, standstill=rough.standstill)
-    design = design_of(tracks, base, rough)
+    states = observed(rough, tracks, examined.task.design.states)
+    design = Design(tracks, base, states)
     background = examined.logs.background
     design.calm(background)
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])

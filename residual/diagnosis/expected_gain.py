@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr
 
-from residual.diagnosis.gate import MOST_FOLDS, leave_out
+from residual.diagnosis.gate import MOST_FOLDS, left_out
 from residual.diagnosis.prior_scale import PER_NAME
 from residual.diagnosis.task import Task
 from residual.evidence.design import Group
@@ -58,11 +58,10 @@ class Bench:
         every, scores = _near(task, fitted, priors)
         systems = [System.of(design, p, fitted.members) for p in every]
         weight = fitted.weight(design.rows)
-        folds, others, grams = np.arange(design.folds), [], []
-        for left in folds:
-            rest = System.of(design, task.prior, fitted.members, folds[folds != left])
-            others.append(_covariance(rest, weight))
-            grams.append(systems[0].gram - rest.gram)
+        whole, grams = systems[0], [own.gram for own in systems[0].folds(design)]
+        others = [
+            _covariance(replace(whole, gram=whole.gram - own), weight) for own in grams
+        ]
         return cls(
             task,
             fitted,
@@ -71,7 +70,7 @@ class Bench:
             tuple(scores),
             tuple(others),
             tuple(grams),
-            leave_out(task, fitted).sum(axis=0),
+            left_out(task, fitted, whole).sum(axis=0),
         )
 
     @property

@@ -44,14 +44,17 @@ class Tested:
 
 def leave_out(task: Task, fitted: Fit) -> Array:
     """Squared error of each fold, predicted from the others. Shape (folds, dof)."""
-    design = task.design
+    return left_out(task, fitted, System.of(task.design, task.prior, fitted.members))
+
+
+def left_out(task: Task, fitted: Fit, whole: System) -> Array:
+    """The same, of the normal equations of a fit. Shape (folds, dof)."""
+    design, out = task.design, []
     weight = fitted.weight(design.rows)
-    out = []
-    for left in range(design.folds):
-        others = np.flatnonzero(np.arange(design.folds) != left)
-        system = System.of(design, task.prior, fitted.members, others)
-        theta, _ = system.solve(weight)
-        own = System.of(design, task.prior, fitted.members, np.array([left]))
+    for own in whole.folds(design):
+        theta, _ = replace(
+            whole, gram=whole.gram - own.gram, cross=whole.cross - own.cross
+        ).solve(weight)
         out.append(own.squared_error(theta))
     return np.array(out)
 
@@ -97,7 +100,7 @@ def _acting(design: Design, fitted: Fit, group: Group) -> Array:
     theta, power = fitted.of(group), np.zeros(design.folds)
     for j in range(design.dof):
         place, have = design.present(j, group.ids)
-        gram = design.gram[j][:, place[:, None], place]
+        gram, _ = design.fold_sums(j, place)
         power += (gram @ theta[have]) @ theta[have] / design.rms[j] ** 2
     return power > SILENT * power.max()
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.diagnosis.task import Task
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, fit, gain
+from residual.evidence.fit import Fit, System, fit, gain
 from residual.evidence.limits import possible
 from residual.evidence.screen import screen
 from residual.evidence.wide import widened
@@ -54,11 +54,11 @@ def best(
             the same candidate, may stand in for it.
     """
     found = []
-    for group in _shortlist(task, base, instead):
-        group, trial = _tried(task, base, group)
-        value, big, small = gain(
-            task.design, task.prior, replace(trial, counted=base.counted), base
-        )
+    own = System.of(task.design, task.prior, base.members)
+    for group in _shortlist(task, base, instead, own):
+        group, trial, system = _tried(task, base, group, own)
+        trial = replace(trial, counted=base.counted)
+        value, big, small = gain(task.design, task.prior, trial, base, (system, own))
         counted = task.candidates.net(group, value, big)
         value -= task.candidates.cost(group)
         # Names are compared by all of their evidence; that one of them is a change
@@ -69,14 +69,27 @@ def best(
     return sorted(found, key=lambda item: -item[0])
 
 
-def _tried(task: Task, base: Fit, group: Group) -> tuple[Group, Fit]:
-    """A fit with a candidate, on its own scale where it is far beyond the usual."""
-    counted = task.design.rows / 4
-    trial = fit(task.design, task.prior, (*base.members, group), counted)
-    if (wide := widened(trial, group)) is None:
-        return group, trial
-    again = fit(task.design, task.prior, (*base.members, wide), counted)
-    return (wide, again) if again.score > trial.score else (group, trial)
+def _tried(
+    task: Task, base: Fit, group: Group, own: System
+) -> tuple[Group, Fit, System]:
+    """A fit with a candidate, on its own scale where it is far beyond the usual.
+
+    Args:
+        task: What is searched.
+        base: The fit to add to.
+        group: The candidate.
+        own: Normal equations of the base.
+    """
+
+    def trial(group: Group) -> tuple[Group, Fit, System]:
+        system, members = own.beside(task.design, group), (*base.members, group)
+        counted = task.design.rows / 4
+        fitted = fit(task.design, task.prior, members, counted, system=system)
+        return group, fitted, system
+
+    usual = trial(group)
+    wide = widened(usual[1], group)
+    return usual if wide is None else max(usual, trial(wide), key=lambda t: t[1].score)
 
 
 def rows_of(task: Task, group: Group) -> set[int]:
@@ -84,13 +97,15 @@ def rows_of(task: Task, group: Group) -> set[int]:
     return set(group.effect.rows(group.joints, task.design.dof))
 
 
-def _shortlist(task: Task, base: Fit, instead: Group | None) -> list[Group]:
+def _shortlist(
+    task: Task, base: Fit, instead: Group | None, own: System
+) -> list[Group]:
     """The best shape of the most promising keys, at most a third of them per joint."""
     groups = task.candidates.groups
     if instead is not None:
         where = rows_of(task, instead)
         groups = [g for g in groups if not g.parts and where & rows_of(task, g)]
-    values = screen(task.design, task.prior, base, groups)
+    values = screen(task.design, base, groups, own)
     net = task.candidates.net
     values = np.array([net(g, v) for g, v in zip(groups, values, strict=True)])
     taken = {g.key for g in base.members if not g.effect.repeats}
@@ -172,6 +187,8 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
         return tuple(members)
     ratio = how.step == "ratio"
     offsets = np.linspace(-how.reach, how.reach, 7)
+    own = System.of(task.design, task.prior, others)
+    counted = task.design.rows / 4
     centre, winner, top = last.shape[0], last, -np.inf
     for _ in range(3):
         points = centre * np.exp(offsets) if ratio else centre + offsets
@@ -180,15 +197,19 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
             (last.effect, last.joints, (float(x), *last.shape[1:])) for x in points
         ]
         for group in task.design.add(shapes):
-            counted = task.design.rows / 4
             trial = fit(
-                task.design, task.prior, (*others, group), counted, like.variance
+                task.design,
+                task.prior,
+                (*others, group),
+                counted,
+                like.variance,
+                system=own.beside(task.design, group),
             )
             if trial.score > top and possible(task.design, trial, group):
                 top, winner = trial.score, group
         centre = winner.shape[0]
         offsets = np.array([-0.5, -0.2, 0.2, 0.5]) * (offsets[-1] - offsets[0]) / 6
-    winner, _ = _tried(task, replace(like, members=tuple(others)), winner)
+    winner, *_ = _tried(task, replace(like, members=tuple(others)), winner, own)
     return (*others, winner)
 
 

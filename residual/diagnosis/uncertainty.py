@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.search import refined
@@ -139,13 +138,13 @@ def between_logs(design: Design, full: Fit) -> Array:
     pulls = np.zeros((design.folds, len(full.ids)))
     for j in range(design.dof):
         place, have = design.present(j, full.ids)
-        gram = design.gram[j][:, place[:, None], place]
-        left = design.cross[j][:, place] - gram @ full.theta[have]
+        gram, cross = design.fold_sums(j, place)
+        left = cross - gram @ full.theta[have]
         pulls[:, have] += weight[j] * left
     pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
     moved = pulls @ full.covariance()
     free = max(design.folds - 1, 1)
-    wider = student.ppf(USUAL, free) / norm.ppf(USUAL)
+    wider = float(stdtrit(free, USUAL) / ndtri(USUAL))
     return wider**2 * design.folds / free * moved.T @ moved
 
 

@@ -5,16 +5,17 @@ tooth and flies freely across the play, x'' = -load / inertia, until the next to
 catches it: a late crossing, and the later the wider the play.
 """
 
-import numba
 import numpy as np
 
 from residual.effects._portable import Portable
 from residual.effects._sensitivity import moved, rates, sensitivity
 from residual.effects.base import Effect, Refinement
+from residual.recording import Array
 
 # The coefficient is the half gap, the shape the one that the flight is drawn for.
 LEAST, MOST = 0.5, 2.0
 TINY = 1e-7  # rad
+AT_ONCE = 64  # samples of a fall: most are shorter
 FUTURE = "its flight is differentiated by samples that are still to come"
 
 
@@ -22,23 +23,40 @@ def _columns(state, joints, shape):
     (j,) = joints
     gap = max(abs(shape[0]), TINY)
     inertia = np.maximum(sensitivity(state)[2][:, j, j], 1e-9)
-    push = np.ascontiguousarray(-state.rigid[:, j] / inertia)
+    push = -state.rigid[:, j] / inertia
     side = _flight(push, gap, 1 / state.rate) / gap
     return moved(state, j, side, rates(state, side))[:, :, None]
 
 
-@numba.njit(cache=True)
-def _flight(push, gap, dt):
-    """Link less motor angle, between -gap and gap, of what pushes the link [rad]."""
+def _flight(push: Array, gap: float, dt: float) -> Array:
+    """Link less motor angle, between -gap and gap, of what pushes the link [rad].
+
+    It lies on a tooth until the push turns round, and falls from rest to the next.
+    """
     place = np.empty(len(push))
-    x, v = gap * np.sign(push[0]), 0.0
-    for i in range(len(push)):
-        v += dt * push[i]
-        x += dt * v
-        if abs(x) >= gap:
-            x, v = gap * np.sign(x), 0.0
-        place[i] = x
+    at, i = gap * np.sign(push[0]), 0
+    while i < len(push):
+        away = np.flatnonzero(push[i:] * at < 0) if at else [0]
+        leaves = i + int(away[0]) if len(away) else len(push)
+        place[i:leaves] = at
+        fall = _fall(push[leaves:], at, gap, dt)
+        i = leaves + len(fall)
+        place[leaves:i] = fall
+        at = place[i - 1]
     return place
+
+
+def _fall(push: Array, start: float, gap: float, dt: float) -> Array:
+    """The way from one tooth to a tooth, the first sample on it included."""
+    some = AT_ONCE
+    while True:
+        way = start + dt * np.cumsum(dt * np.cumsum(push[:some]))
+        hits = np.flatnonzero(np.abs(way) >= gap)
+        if len(hits):
+            return np.append(way[: hits[0]], gap * np.sign(way[hits[0]]))
+        if some >= len(push):
+            return way
+        some *= 4
 
 
 def _over_load(state, j):

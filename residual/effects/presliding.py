@@ -14,8 +14,7 @@ from residual.signals.direction import bristle
 
 def _feature(state, j, shape):
     (displacement,) = shape
-    path = np.ascontiguousarray(state.q[:, j])
-    return [bristle(path, displacement) - state.sign[:, j]]
+    return [bristle(state.q[:, j], displacement) - state.sign[:, j]]
 
 
 def _shapes(span, j):

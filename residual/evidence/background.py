@@ -226,7 +226,7 @@ def _size(design: Design, j: int, tables: Array, left: Array):
     strength = np.maximum(strength, FLAT * strength.max(initial=FLAT))
     pull = vectors.T @ (tables.T @ left)
     rest = left - tables @ (vectors @ (pull / strength))
-    slow = autocorrelation_time(design.series(j, rest))
+    slow = autocorrelation_time(design.line(j, rest))
     noise = max(float(rest @ rest) / len(rest), FLAT * design.rms[j] ** 2)
     weight, counted = 1 / slow / noise, len(rest) / slow
     gains = []

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from residual.evidence.design import Design
-from residual.evidence.fit import LAGS, Fit
+from residual.evidence.design import LAGS, Design
+from residual.evidence.fit import Fit
 from residual.recording import Array
 
 LONGEST = 2 * LAGS  # rows over which noise is believed to remember

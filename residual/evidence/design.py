@@ -1,21 +1,35 @@
 """Filtered columns of every candidate on the rows that count, and their Gram.
 
-Rows of joint j are its moving samples, all fit logs stacked. The search needs but the
-Gram matrices per fold; columns, kept for residuals, are only ever appended.
+Rows of joint j are its moving samples, all fit logs stacked, at some 33 a second. The
+search needs but the Gram matrices per fold, which are added up chunk by chunk: logs of
+up to ten minutes are one chunk in memory, of longer ones each piece is one, and their
+columns wait in a file for those that are added later. What is asked of single rows
+(residuals, which tell how long noise remembers and what is left) is answered of a
+sketch: of seven minutes evenly spread, and of all rows where there is one chunk.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 
 import numpy as np
 
 from residual.effects.base import Effect, Joints, Shape, State
+from residual.evidence.columns import ColumnCache, Sums
 from residual.evidence.folds import fold_labels
 from residual.evidence.group import Group
 from residual.model.model import Model
+from residual.model.observed import is_long, observed, with_regressor
 from residual.recording import Array
+from residual.signals.pieces import logs_of, spread
 from residual.signals.track import Track
 
 AMPLITUDE = 0.3  # prior size of an effect's torque, as a share of torque rms
+PER_LINK = 10  # inertial parameters
+LAGS = 80  # rows over which noise is asked whether it remembers
+QUICK = 256  # a time line of a multiple of it has a quick Fourier transform
+
+# From what is seen of a log to the joints on which columns act, and the columns.
+Made = Callable[[State], list[tuple[Joints, Array]]]
 
 
 class Design:
@@ -25,85 +39,170 @@ class Design:
         dof, model: Number of joints, and the nominal model.
         speed: 95 % quantile of each joint's |qd| [rad/s]. Shape (dof,).
         nominal: Column numbers of the nominal model's coefficients. Shape (p,).
+        inertial: Those of them that are inertial parameters.
         rms, peak: Torque of each joint on its rows, rms and largest [N m]. (dof,).
         rows: Rows of each joint. Shape (dof,).
-        target: Filtered torque minus nominal torque on the rows, one per joint.
+        target: Filtered torque minus nominal torque on the sketch, one per joint.
+        tau: Filtered torque there.
         folds: Number of folds.
         fold_rows: Rows of each fold and joint. Shape (folds, dof).
+        power, tau_power: Sum of squares of target and torque. Shape (folds, dof).
     """
 
     _background: tuple = ()  # tables of each joint; none, or not yet
+    _kept: Array | None = None  # the folds of a part; None for all
 
-    def __init__(self, logs: Sequence[tuple[Track, State]], model: Model) -> None:
+    def __init__(
+        self, tracks: Sequence[Track], model: Model, states: Sequence[State] = ()
+    ) -> None:
+        """Make the nominal model's columns.
+
+        Args:
+            tracks: Signals of the logs.
+            model: The nominal model.
+            states: What effects see of them; without, with the nominal model's torque.
+        """
         self.dof, self.model = model.robot.dof, model
-        self._logs = list(logs)
-        self._use = [
-            [t.moving[:, j] & (np.ptp(t.tau[:, j]) > 0) for t, _ in self._logs]
-            for j in range(self.dof)
-        ]
-        self._fold = self._assign_folds()
-        self.folds = 1 + max(int(f.max(initial=0)) for f in self._fold)
-        qd = np.concatenate([s.qd for _, s in self._logs])
+        self._tracks, self._states = list(tracks), states or observed(model, tracks)
+        every, long = range(len(tracks)), is_long(tracks)
+        self._chunks = [[i] for i in every] if long else [list(every)]
+        self._shown = spread([t.seconds for t in tracks])
+        self._use = _rows_that_count(tracks)
+        self._labels = fold_labels(tracks)
+        self.folds = 1 + max(int(x.max(initial=0)) for x in self._labels)
+        qd = np.concatenate([t.qd for t in tracks])
         self.speed = np.quantile(np.abs(qd), 0.95, axis=0)
-        self.tau = tau = self.stacked([track.tau for track, _ in self._logs])
-        self.rows = np.array([max(len(x), 1) for x in tau], dtype=float)
-        rms = [np.sqrt(np.mean(x**2)) if len(x) else 1.0 for x in tau]
-        self.rms = np.maximum(rms, 1e-9)
-        self.peak = np.array([np.abs(x).max(initial=0.0) for x in tau])
-        gaps = (t.tau - t.filter(model.torque_of_state(s)) for t, s in self._logs)
-        self.target = self.stacked(list(gaps))
-        self._x = [np.zeros((len(y), 0)) for y in self.target]
-        self.place = [np.zeros(0, dtype=int) for _ in range(self.dof)]
-        self.gram = [np.zeros((self.folds, 0, 0)) for _ in range(self.dof)]
-        self.cross = [np.zeros((self.folds, 0)) for _ in range(self.dof)]
-        self._buffers = list(zip(self._x, self.gram, self.cross, strict=True))
-        self.fold_rows = self._per_fold([np.ones_like(y) for y in self.target])
-        self.power = self._per_fold(self.target)
-        self.tau_power = self._per_fold(tau)
-        self._sums: list = [None] * self.dof
-        self.size = 0
-        self._add_nominal(model)
+        self._columns, self._sums = ColumnCache(long), Sums(self.dof, self.folds)
+        self._targets: list[list[Array]] = [[] for _ in range(self.dof)]
+        self._totals: list = [None] * self.dof
+        self._lines: dict[int, tuple[Array, int]] = {}
+        self._measure_torque()
+        self._take_nominal()
 
     # -- building -----------------------------------------------------------------
 
-    def _assign_folds(self) -> list[Array]:
-        """Fold of each row: its log, or a block of it where logs are few."""
-        labels = fold_labels([track for track, _ in self._logs])
-        return [
-            np.concatenate([x[u] for x, u in zip(labels, use, strict=True)])
-            for use in self._use
-        ]
+    def _measure_torque(self) -> None:
+        """Sizes of the torque, of all rows."""
+        every = range(len(self._tracks))
+        tau = [self._stacked([t.tau for t in self._tracks], j, every) for j in self._js]
+        labels = [self._rows_labels(j, every) for j in self._js]
+        self.fold_rows = self._per_fold([np.ones_like(x) for x in tau], labels)
+        self.tau_power = self._per_fold(tau, labels)
+        count = self.fold_rows.sum(axis=0)
+        self.rows = np.maximum(count, 1.0)
+        rms = np.sqrt(self.tau_power.sum(axis=0) / self.rows)
+        self.rms = np.maximum(np.where(count > 0, rms, 1.0), 1e-9)
+        self.peak = np.array([np.abs(x).max(initial=0.0) for x in tau])
+        self.tau = self.stacked([self._tracks[i].tau for i in self._shown])
 
-    def stacked(self, per_log: Sequence[Array]) -> list[Array]:
-        """Signals of every log on the rows of each joint."""
-        return [
-            np.concatenate([x[u, j] for x, u in zip(per_log, use, strict=True)])
-            for j, use in enumerate(self._use)
-        ]
+    @property
+    def _js(self) -> range:
+        return range(self.dof)
 
-    def _per_fold(self, values: Sequence[Array]) -> Array:
+    def _stacked(self, per_log: Sequence[Array], j: int, numbers) -> Array:
+        """A joint's values on its rows of some logs. Shape (rows,)."""
+        pairs = zip(per_log, numbers, strict=True)
+        return np.concatenate([x[self._use[i][:, j], j] for x, i in pairs])
+
+    def _rows_labels(self, j: int, numbers) -> Array:
+        """Fold of each row of a joint, of some logs. Shape (rows,)."""
+        return np.concatenate([self._labels[i][self._use[i][:, j]] for i in numbers])
+
+    def _per_fold(self, values: Sequence[Array], labels: Sequence[Array]) -> Array:
         """Sum of squares per fold and joint. Shape (folds, dof)."""
         sums = [
             np.bincount(f, x**2, minlength=self.folds)
-            for f, x in zip(self._fold, values, strict=True)
+            for f, x in zip(labels, values, strict=True)
         ]
         return np.stack(sums, axis=1)
 
-    def _add_nominal(self, model: Model) -> None:
-        everyone = tuple(range(self.dof))
-        ids = [self._append([s.regressor for _, s in self._logs], everyone)]
-        for term in model.terms:
-            columns = [
-                term.effect.columns(s, term.joints, term.shape) for _, s in self._logs
-            ]
-            ids.append(self._append(columns, term.effect.rows(term.joints, self.dof)))
-        self.nominal = np.concatenate(ids)
-        self.inertial = ids[0]
+    def _take_nominal(self) -> None:
+        """Columns of the nominal model, and what it leaves of the torque."""
+        dof, model = self.dof, self.model
 
-    def show_torque(self, states: Sequence[State]) -> None:
-        """From now on let effects see the logs with another model's torque."""
-        tracks = [track for track, _ in self._logs]
-        self._logs = list(zip(tracks, states, strict=True))
+        def made(state: State) -> list[tuple[Joints, Array]]:
+            out = _inertial_parts(state.regressor, dof)
+            for t in model.terms:
+                columns = t.effect.columns(state, t.joints, t.shape)
+                out.append((t.effect.rows(t.joints, dof), columns))
+            return out
+
+        for chunk in self._chunks:
+            gaps = []
+            for i in chunk:
+                track, state = self._tracks[i], self._states[i]
+                gaps.append(track.tau - track.filter(model.torque_of_state(state)))
+            for j in self._js:
+                self._targets[j].append(self._stacked(gaps, j, chunk))
+        self._show_target()
+        ids = self._append(made, bodies=True)
+        self.nominal = np.concatenate(ids)
+        self.inertial = self.nominal[: len(model.inertial)]
+
+    def _show_target(self) -> None:
+        """Sums of the target, and the target of the sketch."""
+        labels = [self._rows_labels(j, range(len(self._tracks))) for j in self._js]
+        whole = [np.concatenate(own) for own in self._targets]
+        self.power = self._per_fold(whole, labels)
+        if len(self._chunks) == 1:
+            self.target = [own[0] for own in self._targets]
+        else:
+            self.target = [
+                np.concatenate([own[i] for i in self._shown]) for own in self._targets
+            ]
+
+    def _append(self, made: Made, bodies: bool) -> list[Array]:
+        """Append columns of all logs, and return their numbers, part by part.
+
+        Args:
+            made: What makes the columns of a log.
+            bodies: Whether it reads the inertial regressor.
+        """
+        ids: list[Array] = []
+        for c, chunk in enumerate(self._chunks):
+            fresh: list[list[Array]] = [[] for _ in self._js]
+            for i in chunk:
+                state = self._states[i]
+                parts = made(with_regressor(state) if bodies else state)
+                if not ids:
+                    ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
+                for j, columns in self._filtered(i, parts):
+                    fresh[j].append(columns)
+            for j in self._js:
+                if fresh[j]:
+                    self._extend(c, j, np.concatenate(fresh[j]))
+        return ids
+
+    def _filtered(self, i: int, parts) -> Iterator[tuple[int, Array]]:
+        """Filtered columns of one log on the rows of each joint. Shapes (rows, k)."""
+        track, use = self._tracks[i], self._use[i]
+        by_joint: list[list[Array]] = [[] for _ in self._js]
+        for on, columns in parts:
+            filtered = track.filter(columns)
+            for r, j in enumerate(on):
+                by_joint[j].append(filtered[use[:, j], r])
+        for j, own in enumerate(by_joint):
+            if own:
+                yield j, np.concatenate(own, axis=1)
+
+    def _extend(self, c: int, j: int, new: Array) -> None:
+        """Keep new columns of a joint on one chunk's rows, and add up their sums."""
+        y = self._targets[j][c]
+        new = self.calmed(j, new)
+        first = self._columns.read((j, c), len(y)).shape[0]
+        self._columns.write((j, c), new)
+        every = self._columns.read((j, c), len(y))
+        for fold, own in self._fold_slices(c, j):
+            self._sums.add(j, fold, every[:, own], first, y[own])
+
+    def _fold_slices(self, c: int, j: int) -> Iterator[tuple[int, slice]]:
+        """Folds of a chunk with their rows, which follow each other."""
+        labels = self._rows_labels(j, self._chunks[c])
+        folds, starts = np.unique(labels, return_index=True)
+        for fold, start, stop in zip(
+            folds, starts, [*starts[1:], len(labels)], strict=True
+        ):
+            yield int(fold), slice(int(start), int(stop))
 
     def add(self, candidates: Sequence[tuple[Effect, Joints, Shape]]) -> list[Group]:
         """Append candidates and return their groups, in order.
@@ -111,81 +210,38 @@ class Design:
         Args:
             candidates: Effect, joints from 0 and shape of each.
         """
-        groups: dict[int, Group] = {}
-        for rows, members in self._by_rows(candidates).items():
-            per_log = [
-                [e.columns(s, js, sh) for e, js, sh in (candidates[i] for i in members)]
-                for _, s in self._logs
-            ]
-            sizes = [c.shape[2] for c in per_log[0]]
-            ids = self._append([np.concatenate(c, axis=2) for c in per_log], rows)
-            parts = np.split(ids, np.cumsum(sizes)[:-1])
-            for i, own in zip(members, parts, strict=True):
-                groups[i] = self._group(candidates[i], rows, own)
-        return [groups[i] for i in range(len(candidates))]
-
-    def _by_rows(self, candidates) -> dict[Joints, list[int]]:
-        """Numbers of the candidates that act on the same joints."""
-        out: dict[Joints, list[int]] = {}
+        if not candidates:
+            return []
+        by_rows: dict[Joints, list[int]] = {}
         for i, (effect, joints, _) in enumerate(candidates):
-            out.setdefault(effect.rows(joints, self.dof), []).append(i)
-        return out
+            by_rows.setdefault(effect.rows(joints, self.dof), []).append(i)
+        sizes: dict[int, int] = {}
 
-    def _append(self, per_log: Sequence[Array], rows: Joints) -> Array:
-        """Filter columns (n, rows, k) of every log and extend the Gram."""
-        k = per_log[0].shape[2]
-        filtered = [
-            track.filter(c) for (track, _), c in zip(self._logs, per_log, strict=True)
-        ]
-        ids = np.arange(self.size, self.size + k)
-        self.size += k
-        for j in range(self.dof):
-            place = np.full(k, -1)
-            if j in rows:
-                r = rows.index(j)
-                use = self._use[j]
-                new = np.concatenate(
-                    [c[u, r] for c, u in zip(filtered, use, strict=True)]
-                )
-                new = self.calmed(j, new)
-                place = np.arange(self._x[j].shape[1], self._x[j].shape[1] + k)
-                self._extend(j, new)
-            self.place[j] = np.concatenate([self.place[j], place])
-        return ids
+        def made(state: State) -> list[tuple[Joints, Array]]:
+            out = []
+            for rows, members in by_rows.items():
+                own = [
+                    e.columns(state, js, sh)
+                    for e, js, sh in (candidates[i] for i in members)
+                ]
+                sizes.update(zip(members, (c.shape[2] for c in own), strict=True))
+                out.append((rows, np.concatenate(own, axis=2)))
+            return out
 
-    def _extend(self, j: int, new: Array) -> None:
-        old = self._x[j].shape[1]
-        size = old + new.shape[1]
-        x, gram, cross = self._room(j, size)
-        x[:, old:size] = new
-        for f in range(self.folds):
-            own = self._fold[j] == f
-            block = x[own, :size].T @ new[own]
-            gram[f, :size, old:size] = block
-            gram[f, old:size, :size] = block.T
-            cross[f, old:size] = new[own].T @ self.target[j][own]
-        self._x[j], self.cross[j] = x[:, :size], cross[:, :size]
-        self.gram[j] = gram[:, :size, :size]
-
-    def _room(self, j: int, size: int) -> tuple[Array, Array, Array]:
-        """Buffers of joint j's columns, Gram and cross product, grown by halves."""
-        old = self._x[j].shape[1]
-        if size > self._buffers[j][0].shape[1]:
-            wide = max(size, old + old // 2)
-            x = np.empty((len(self.target[j]), wide))
-            gram = np.zeros((self.folds, wide, wide))
-            cross = np.zeros((self.folds, wide))
-            x[:, :old], cross[:, :old] = self._x[j], self.cross[j]
-            gram[:, :old, :old] = self.gram[j]
-            self._buffers[j] = x, gram, cross
-        return self._buffers[j]
+        bodies = any(e.scope in ("link", "flange") for e, _, _ in candidates)
+        groups: dict[int, Group] = {}
+        ids = self._append(made, bodies)
+        for own, (rows, members) in zip(ids, by_rows.items(), strict=True):
+            parts = np.split(own, np.cumsum([sizes[i] for i in members])[:-1])
+            for i, columns in zip(members, parts, strict=True):
+                groups[i] = self._group(candidates[i], rows, columns)
+        return [groups[i] for i in range(len(candidates))]
 
     def _group(self, candidate, rows: Joints, ids: Array) -> Group:
         """Zellner's g-prior: 30 % of torque rms in every direction of the columns."""
         effect, joints, shape = candidate
         if effect.prior_sd is not None:
-            sd = effect.prior_sd(self._logs[0][1].robot)
-            precision = np.diag(1 / sd**2)
+            precision = np.diag(1 / effect.prior_sd(self.model.robot) ** 2)
         else:
             precision = self.unit_information(ids, rows) / AMPLITUDE**2
         scale = np.sqrt(np.maximum(np.diag(precision), 1e-12))
@@ -198,9 +254,53 @@ class Design:
         """Mean square of the columns in units of torque rms. Shape (k, k)."""
         out = np.zeros((len(ids), len(ids)))
         for j in rows:
-            p = self.place[j][ids]
-            total = self.total(j)[0][np.ix_(p, p)]
-            out += total / self.rows[j] / self.rms[j] ** 2
+            place, have = self.present(j, ids)
+            total = self.total(j)[0][np.ix_(place, place)]
+            out[np.ix_(have, have)] += total / self.rows[j] / self.rms[j] ** 2
+        return out
+
+    # -- other designs of the same columns ----------------------------------------
+
+    def show_torque(self, states: Sequence[State]) -> None:
+        """From now on let effects see the logs with another model's torque."""
+        self._states = states
+
+    def part(self, folds: Array) -> "Design":
+        """Some folds as a design of its own; columns are shared with the whole.
+
+        Residuals are those of all rows: they tell how long noise remembers, which is
+        the same in every part.
+
+        Args:
+            folds: Numbers of the folds that remain. Shape (k,).
+        """
+        out = copy(self)
+        out._kept, out.folds = folds, len(folds)
+        out.power, out.tau_power = self.power[folds], self.tau_power[folds]
+        out.rows = np.maximum(self.fold_rows[folds].sum(axis=0), 1.0)
+        out._totals = [None] * self.dof
+        return out
+
+    def with_target(self, target: Sequence[Array]) -> "Design":
+        """The same columns on the same rows, with another torque to explain.
+
+        Torque rms, to which tolerances and priors of effects refer, stays.
+
+        Args:
+            target: Filtered torque minus nominal torque on the rows, one per joint, of
+                logs that are one chunk.
+        """
+        out = copy(self)
+        out._targets = [[y] for y in target]
+        out._totals = [None] * self.dof
+        out._columns, cross = self._columns.copy(), []
+        for j, y in enumerate(target):
+            x, own = self._columns.read((j, 0), len(y)), np.zeros_like(self.cross[j])
+            for fold, rows in self._fold_slices(0, j):
+                own[fold] = x[:, rows] @ y[rows]
+            cross.append(own)
+        out._sums = self._sums.with_cross(cross)
+        out._show_target()
         return out
 
     def calm(self, background: Sequence) -> None:
@@ -212,15 +312,16 @@ class Design:
         if not background:
             return
         self._background = tuple(background)
-        for j, old in enumerate(self._x):
-            self.target[j] = self.calmed(j, self.target[j])
-            self._x[j] = np.zeros((len(old), 0))
-            self.gram[j] = np.zeros((self.folds, 0, 0))
-            self.cross[j] = np.zeros((self.folds, 0))
-            self._buffers[j] = self._x[j], self.gram[j], self.cross[j]
-            self._extend(j, self.calmed(j, old))
-        self.power = self._per_fold(self.target)
-        self._sums = [None] * self.dof
+        old, place, size = self._columns, self._sums.place, self._sums.size
+        self._columns, sums = ColumnCache(False), Sums(self.dof, self.folds)
+        counts = [x.shape[1] for x in self.cross]
+        self._sums, self._totals = sums, [None] * self.dof
+        for j in self._js:
+            self._targets[j] = [self.calmed(j, y) for y in self._targets[j]]
+            sums.grow(j, counts[j])
+            self._extend(0, j, old.read((j, 0), len(self.target[j])).T)
+        sums.place, sums.size = place, size
+        self._show_target()
 
     def calmed(self, j: int, values: Array) -> Array:
         """Row values of joint j without what the tables account for. Shape as given."""
@@ -241,42 +342,110 @@ class Design:
 
     # -- reading ------------------------------------------------------------------
 
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return self._sums.size
+
+    @property
+    def place(self) -> list[Array]:
+        """Per joint, where each column stands; -1 where it does not act."""
+        return self._sums.place
+
+    @property
+    def gram(self) -> list[Array]:
+        """Per joint, Gram of its columns in every fold. Shapes (folds, p, p)."""
+        return self._sums.gram
+
+    @property
+    def cross(self) -> list[Array]:
+        """Per joint, products of its columns with the target. Shapes (folds, p)."""
+        return self._sums.cross
+
     def present(self, j: int, ids: Array) -> tuple[Array, Array]:
         """Places of the columns that act on joint j, and which of ``ids`` they are."""
-        place = self.place[j][ids]
+        place = self._sums.place[j][ids]
         have = np.flatnonzero(place >= 0)
         return place[have], have
 
-    def total(self, j: int, folds: Array | None = None) -> tuple[Array, Array]:
+    def total(self, j: int) -> tuple[Array, Array]:
         """Gram and cross product of joint j, summed over folds. (p, p), (p,)."""
-        if folds is not None:
-            return self.gram[j][folds].sum(axis=0), self.cross[j][folds].sum(axis=0)
-        if self._sums[j] is None or len(self._sums[j][1]) != self.cross[j].shape[1]:
-            self._sums[j] = self.gram[j].sum(axis=0), self.cross[j].sum(axis=0)
-        return self._sums[j]
+        gram, cross = self.gram[j], self.cross[j]
+        size, known = cross.shape[1], self._totals[j]
+        have = 0 if known is None else known[2]
+        if have == size:
+            return known[0][:size, :size], known[1][:size]
+        if known is None or size > len(known[1]):
+            wide = size + size // 8
+            larger = np.zeros((wide, wide)), np.zeros(wide)
+            if known is not None:
+                larger[0][:have, :have] = known[0][:have, :have]
+                larger[1][:have] = known[1][:have]
+            known = larger
+        new = gram[:, :, have:] if self._kept is None else gram[self._kept, :, have:]
+        block = new.sum(axis=0)
+        known[0][:size, have:size] = block
+        known[0][have:size, :have] = block[:have].T
+        own = cross if self._kept is None else cross[self._kept]
+        known[1][have:size] = own[:, have:].sum(axis=0)
+        self._totals[j] = known[0], known[1], size
+        return known[0][:size, :size], known[1][:size]
+
+    def fold_sums(self, j: int, place: Array) -> tuple[Array, Array]:
+        """Gram and cross product of some columns of joint j in every fold.
+
+        Returns:
+            Shapes (folds, k, k), (folds, k).
+        """
+        folds = slice(None) if self._kept is None else self._kept
+        gram = self.gram[j][:, place[:, None], place]
+        return gram[folds], self.cross[j][:, place][folds]
 
     def columns(self, j: int, place: Array) -> Array:
-        """Filtered columns of joint j. Shape (rows, len(place))."""
-        return self._x[j][:, place]
+        """Filtered columns of joint j on the sketch. Shape (rows, len(place))."""
+        return self._of_sketch(j, lambda x: x[place]).T
+
+    def _of_sketch(self, j: int, of: Callable[[Array], Array]) -> Array:
+        """What is made of columns (p, rows), on the rows of the sketch."""
+        chunks = [0] if len(self._chunks) == 1 else self._shown
+        parts = [
+            of(self._columns.read((j, c), len(self._targets[j][c]))) for c in chunks
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
 
     def chunks(self, j: int, place: Array) -> Iterator[tuple[Array, Array]]:
         """Columns and target of joint j, of all rows: (rows, len(place)), (rows,)."""
-        yield self.columns(j, place), self.target[j]
+        for c, y in enumerate(self._targets[j]):
+            yield self._columns.read((j, c), len(y))[place].T, y
 
     def residual(self, j: int, ids: Array, theta: Array) -> Array:
-        """What the columns leave of joint j's target [N m]. Shape (rows,)."""
+        """What the columns leave of joint j's target on the sketch [N m]. (rows,)."""
         place, have = self.present(j, ids)
-        return self.target[j] - self._x[j][:, place] @ theta[have]
+        # The nominal model's come first and lie together: no copy is made of them.
+        first = int(np.cumprod(place == np.arange(len(place))).sum())
+        own, others = theta[have[:first]], theta[have[first:]]
+
+        def torque(x: Array) -> Array:
+            out = own @ x[:first]
+            return out + others @ x[place[first:]] if len(others) else out
+
+        return self.target[j] - self._of_sketch(j, torque)
+
+    def stacked(self, per_log: Sequence[Array]) -> list[Array]:
+        """Signals of the logs of the sketch on the rows of each joint."""
+        return [self._stacked(per_log, j, self._shown) for j in self._js]
 
     def on_rows(self, per_log: Sequence[Array], j: int) -> Array:
-        """Filtered values of every log on the rows of joint j. Shape (rows, k)."""
-        pairs = zip(self._logs, per_log, self._use[j], strict=True)
-        return np.concatenate([track.filter(x)[use] for (track, _), x, use in pairs])
+        """Filtered values of the sketch's logs on the rows of joint j. (rows, k)."""
+        pairs = zip(self._shown, per_log, strict=True)
+        return np.concatenate(
+            [self._tracks[i].filter(x)[self._use[i][:, j]] for i, x in pairs]
+        )
 
     def series(self, j: int, values: Array) -> list[Array]:
         """Row values of joint j put back on each log's time line, 0 where masked."""
         out, start = [], 0
-        for use in self._use[j]:
+        for use in (self._use[i][:, j] for i in self._shown):
             line = np.zeros(len(use))
             stop = start + int(use.sum())
             line[use] = values[start:stop]
@@ -284,16 +453,54 @@ class Design:
             start = stop
         return out
 
+    def line(self, j: int, values: Array) -> Array:
+        """Row values of joint j on one time line of all logs of the sketch.
+
+        0 where masked; logs are apart by ``LAGS`` rows, and so is the end. Shape (n,).
+        """
+        if j not in self._lines:
+            starts = np.cumsum([0, *(len(self._use[i]) + LAGS for i in self._shown)])
+            at = [
+                start + np.flatnonzero(self._use[i][:, j])
+                for start, i in zip(starts[:-1], self._shown, strict=True)
+            ]
+            size = -(-int(starts[-1]) // QUICK) * QUICK
+            self._lines[j] = np.concatenate(at), size
+        at, size = self._lines[j]
+        out = np.zeros(size)
+        out[at] = values
+        return out
+
     def folds_of(self, j: int) -> Array:
-        """Fold of each row of joint j. Shape (rows,)."""
-        return self._fold[j]
+        """Fold of each row of joint j on the sketch. Shape (rows,)."""
+        return self._rows_labels(j, self._shown)
 
     @property
     def states(self) -> list[State]:
-        """What the effects see of each fit log."""
-        return [s for _, s in self._logs]
+        """What the effects see of each log of the sketch."""
+        return [self._states[i] for i in self._shown]
 
     @property
     def tracks(self) -> list[Track]:
-        """Signals of the logs that rows and residuals are of."""
-        return [t for t, _ in self._logs]
+        """Signals of the logs of the sketch."""
+        return [self._tracks[i] for i in self._shown]
+
+
+def _rows_that_count(tracks: Sequence[Track]) -> list[Array]:
+    """Rows on which each joint moves, in logs of a live torque. Shapes (m, dof)."""
+    out = []
+    for pieces in logs_of([t.id for t in tracks]):
+        own = [tracks[i] for i in pieces]
+        alive = np.any([np.ptp(t.tau, axis=0) > 0 for t in own], axis=0)
+        out += [t.moving & alive for t in own]
+    return out
+
+
+def _inertial_parts(regressor: Array, dof: int) -> list[tuple[Joints, Array]]:
+    """The inertial regressor link by link: no link loads a joint that it is before."""
+    if regressor.shape[2] != PER_LINK * dof:  # of a problem that is no arm
+        return [(tuple(range(dof)), regressor)]
+    links = (
+        regressor[:, : i + 1, PER_LINK * i : PER_LINK * (i + 1)] for i in range(dof)
+    )
+    return [(tuple(range(x.shape[1])), x) for x in links]

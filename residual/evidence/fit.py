@@ -5,17 +5,16 @@ integrated autocorrelation time of the residual (initial positive pairs, Geyer 1
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
-from residual.evidence.design import Design, Group
+from residual.evidence.design import LAGS, Design, Group
 from residual.recording import Array
 
 NOISE_FLOOR = 0.003  # of torque rms: no log is believed to be cleaner
-LAGS = 80
 FEWEST_ROWS = 5.0
 
 
@@ -98,6 +97,7 @@ def fit(
     counted: Array,
     variance: Array | None = None,
     rounds: int = 3,
+    system: "System | None" = None,
 ) -> Fit:
     """Fit nominal and effects jointly; alternate coefficients and noise variance.
 
@@ -108,8 +108,9 @@ def fit(
         counted: Effective rows of each joint. Shape (dof,).
         variance: Noise variance to start from [N^2 m^2]. Shape (dof,).
         rounds: Alternations.
+        system: The normal equations of these members, where they are known already.
     """
-    system = System.of(design, prior, members)
+    system = system or System.of(design, prior, members)
     floor = (NOISE_FLOOR * design.rms) ** 2
     sigma = system.power / design.rows + floor if variance is None else variance
     for _ in range(rounds):
@@ -171,12 +172,52 @@ class System:
         gram, cross = np.zeros((design.dof, m, m)), np.zeros((design.dof, m))
         for j in range(design.dof):
             place, have = design.present(j, ids)
-            all_gram, all_cross = design.total(j, folds)
-            gram[j, have[:, None], have] = all_gram[place[:, None], place]
-            cross[j, have] = all_cross[place]
+            if folds is None:
+                all_gram, all_cross = design.total(j)
+                own = all_gram[place[:, None], place], all_cross[place]
+            else:
+                own = tuple(x[folds].sum(axis=0) for x in design.fold_sums(j, place))
+            gram[j, have[:, None], have], cross[j, have] = own
         chosen = slice(None) if folds is None else folds
         power = design.power[chosen].sum(axis=0)
         return cls(ids, precision, log_det, gram, cross, power)
+
+    def folds(self, design: Design) -> list["System"]:
+        """The same equations, of each fold alone."""
+        m, dof = len(self.ids), design.dof
+        gram = np.zeros((design.folds, dof, m, m))
+        cross = np.zeros((design.folds, dof, m))
+        for j in range(dof):
+            place, have = design.present(j, self.ids)
+            gram[:, j, have[:, None], have], cross[:, j, have] = design.fold_sums(
+                j, place
+            )
+        parts = zip(gram, cross, design.power, strict=True)
+        return [replace(self, gram=g, cross=c, power=p) for g, c, p in parts]
+
+    def beside(self, design: Design, group: Group) -> "System":
+        """The same with one more effect: only what is new is gathered."""
+        m, k = len(self.ids), len(group.ids)
+        precision = np.zeros((m + k, m + k))
+        precision[:m, :m], precision[m:, m:] = self.precision, group.precision
+        gram = np.zeros((design.dof, m + k, m + k))
+        cross = np.zeros((design.dof, m + k))
+        gram[:, :m, :m], cross[:, :m] = self.gram, self.cross
+        for j in range(design.dof):
+            new, mine = design.present(j, group.ids)
+            if not len(new):
+                continue
+            mine = mine + m
+            old, have = design.present(j, self.ids)
+            every, products = design.total(j)
+            block = every[old[:, None], new]
+            gram[j, have[:, None], mine] = block
+            gram[j, mine[:, None], have] = block.T
+            gram[j, mine[:, None], mine] = every[new[:, None], new]
+            cross[j, mine] = products[new]
+        ids = np.concatenate([self.ids, group.ids])
+        log_det = self.log_det + group.log_det
+        return System(ids, precision, log_det, gram, cross, self.power)
 
     def solve(self, weight: Array) -> tuple[Array, Array]:
         """Posterior mean and the lower Cholesky factor of its precision."""
@@ -213,7 +254,7 @@ def chance_of(gap: Array, covariance: Array, floor: float) -> float:
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     along = vectors.T @ (gap / size)
-    return float(chi2.sf(np.sum(along**2 / np.maximum(values, floor)), len(gap)))
+    return float(chdtrc(len(gap), np.sum(along**2 / np.maximum(values, floor))))
 
 
 def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
@@ -224,40 +265,51 @@ def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
     out = fitted.counted.copy()
     for j in joints:
         left = design.residual(j, fitted.ids, fitted.theta)
-        out[j] = max(
-            design.rows[j] / autocorrelation_time(design.series(j, left)), FEWEST_ROWS
-        )
-        out[j] = min(out[j], design.rows[j])
+        slow = autocorrelation_time(design.line(j, left))
+        out[j] = min(max(design.rows[j] / slow, FEWEST_ROWS), design.rows[j])
     return out
 
 
-def autocorrelation_time(lines: Sequence[Array]) -> float:
+def autocorrelation_time(line: Array) -> float:
     """Integrated autocorrelation time of the rows of several logs (Geyer 1992).
 
     Args:
-        lines: Values on each log's time line, 0 where masked. Shapes (m,).
+        line: Values of all logs on one time line, 0 where masked, the logs apart by
+            ``LAGS`` rows and as many at the end (``Design.line``). Shape (n,).
     """
-    acov = np.zeros(LAGS)
-    for line in lines:
-        spectrum = np.fft.rfft(line, 2 * len(line))
-        lags = np.fft.irfft(spectrum * spectrum.conj())[: min(LAGS, len(line) - 1)]
-        acov[: len(lags)] += lags
+    spectrum = np.fft.rfft(line)
+    acov = np.fft.irfft(spectrum.real**2 + spectrum.imag**2, len(line))[:LAGS]
     rho = acov / max(acov[0], 1e-30)
     pairs = rho[1:-1:2] + rho[2::2]
     stop = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     return float(1 + 2 * pairs[:stop].sum())
 
 
-def gain(design: Design, prior: Prior, big: Fit, small: Fit) -> tuple[float, Fit, Fit]:
+def gain(
+    design: Design,
+    prior: Prior,
+    big: Fit,
+    small: Fit,
+    systems: "tuple[System | None, System | None]" = (None, None),
+) -> tuple[float, Fit, Fit]:
     """Evidence of the larger set over the smaller [nats], and both fits.
 
     Rows are counted by the larger model's residual: what the smaller model leaves is
     correlated because it lacks the effect, and would hide it.
+
+    Args:
+        design: Columns and Gram.
+        prior: Prior of the nominal coefficients.
+        big: Fit of the larger set.
+        small: Fit of the smaller one.
+        systems: Normal equations of both, where they are known already.
     """
     changed = np.flatnonzero(np.abs(small.sse / np.maximum(big.sse, 1e-300) - 1) > 0.02)
     counted = np.maximum(effective_rows(design, big, changed), small.counted)
-    first = fit(design, prior, big.members, counted, big.variance, rounds=2)
-    second = fit(design, prior, small.members, counted, small.variance, rounds=2)
+    first, second = (
+        fit(design, prior, f.members, counted, f.variance, rounds=2, system=system)
+        for f, system in zip((big, small), systems, strict=True)
+    )
     return first.score - second.score, first, second
 
 

@@ -6,19 +6,26 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, System
+from residual.evidence.fit import Fit, System
 from residual.recording import Array
 
 
-def screen(design: Design, prior: Prior, base: Fit, groups: Sequence[Group]) -> Array:
+def screen(
+    design: Design, base: Fit, groups: Sequence[Group], system: System
+) -> Array:
     """Quadratic evidence gain of every group on top of a fit [nats]. Shape (g,).
 
     Noise is held at the fit's own, rows at a quarter of their number or more:
     optimistic, so that nothing worth an exact look is lost. Groups of one shape go as
     one stack.
+
+    Args:
+        design: The columns.
+        base: The fit.
+        groups: The candidates.
+        system: Normal equations of the fit.
     """
     weight = np.maximum(0.25, base.counted / design.rows) / base.variance
-    system = System.of(design, prior, base.members)
     theta, lower = system.solve(weight)
     shared = overlap(design, system, weight)
     pull = pulls(design, weight) - theta @ shared

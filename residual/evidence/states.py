@@ -4,11 +4,10 @@ from dataclasses import replace
 
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, start
-from residual.evidence.long_design import design_of
 from residual.evidence.priors import priors, relative_prior
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
-from residual.model.observed import is_long, observed
+from residual.model.observed import observed
 from residual.model.term import Term
 
 ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
@@ -22,7 +21,7 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
         nominal: The model to be doubted.
         named: A model to see features with instead, such as one with what was named.
     """
-    design = design_of(logs.tracks, nominal.model)
+    design = Design(logs.tracks, nominal.model)
     if named is None:
         if nominal.covariance is None:
             prior = relative_prior(design, nominal, ROUGH_SCALE)
@@ -36,12 +35,7 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
 
 def show_torque(design: Design, logs: Logs, named: Model) -> None:
     """From now on let features read the torque of that model."""
-    if is_long(logs.tracks):
-        design.show_torque(observed(named, logs.tracks))
-        return
-    rigid = [s.regressor for s in design.states]
-    states = zip(logs.tracks, rigid, strict=True)
-    design.show_torque([named.observe(t, r) for t, r in states])
+    design.show_torque(observed(named, logs.tracks, design.states))
 
 
 def physical(model: Model) -> Model:

@@ -9,7 +9,7 @@ they count as in the weights, and p is spent of all of them alike.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtri
 
 from residual.identification import solve
 from residual.identification.estimate import Estimate
@@ -67,7 +67,7 @@ def reduce(
         count = len(kept.dropped) + 1
         more = float(weight @ solve.squares(blocks, theta)) - least
         ratio = more / count / (least / left)
-        limit = float(f_distribution.ppf(_CHANCE, count, left))
+        limit = float(fdtri(count, left, _CHANCE))
         if ratio > limit:
             break
         kept = Essential((*kept.dropped, worst), tried, float(ratio), limit)

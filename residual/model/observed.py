@@ -40,16 +40,20 @@ def with_regressor(state: State) -> State:
     return replace(state, regressor=np.asarray(state.regressor))
 
 
-def observed(model: Model, tracks: Sequence[Track]) -> Sequence[State]:
+def observed(
+    model: Model, tracks: Sequence[Track], known: Sequence[State] = ()
+) -> Sequence[State]:
     """What a model's effects see of logs; of long ones it is made when it is needed.
 
     Args:
         model: The model.
         tracks: Signals of the logs.
+        known: What another model saw of them, whose regressors are the same.
     """
     if is_long(tracks):
         return Observed(model, tracks)
-    return [model.observe(track) for track in tracks]
+    rigid = [s.regressor for s in known] or [None] * len(tracks)
+    return [model.observe(t, r) for t, r in zip(tracks, rigid, strict=True)]
 
 
 def is_long(tracks: Sequence[Track]) -> bool:

@@ -9,8 +9,6 @@ leaves is not as harmless as noise. Several draws of torque noise share one of e
 noise: what costs time is the columns, and they depend on the angles alone.
 """
 
-from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +21,7 @@ from residual.diagnosis.task import Rules, Task
 from residual.evidence.background import usual_background
 from residual.evidence.colour import coloured
 from residual.evidence.design import Design
-from residual.evidence.fit import Fit, fit, gain
+from residual.evidence.fit import Fit, System, fit, gain
 from residual.evidence.limits import possible
 from residual.evidence.priors import Space
 from residual.evidence.states import first_design
@@ -70,32 +68,8 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
             place, have = design.present(j, design.nominal)
             change[:] = design.calmed(j, change) + design.target[j]
             change += design.columns(j, place) @ moved[have]
-        out.append(_searched(with_torque(design, target), another, candidates))
+        out.append(_searched(design.with_target(target), another, candidates))
     return tuple(out)
-
-
-def with_torque(design: Design, target: Sequence[Array]) -> Design:
-    """The same columns on the same rows, with another torque to explain.
-
-    Torque rms, to which tolerances and priors of effects refer, stays: another draw of
-    the noise changes it by next to nothing.
-
-    Args:
-        design: The columns.
-        target: Filtered torque minus nominal torque on the rows, one per joint.
-    """
-    out = copy(design)
-    out.target = list(target)
-    out.power = design._per_fold(target)
-    out._sums = [None] * design.dof
-    out._x, out.gram = list(design._x), list(design.gram)
-    out.place, out.cross = list(design.place), []
-    for j, y in enumerate(target):
-        own = [design.folds_of(j) == f for f in range(design.folds)]
-        out.cross.append(np.array([design._x[j][rows].T @ y[rows] for rows in own]))
-    # Columns added to one of them must not show in the other.
-    out._buffers = list(zip(out._x, out.gram, out.cross, strict=True))
-    return out
 
 
 def _searched(design: Design, nominal: Nominal, candidates: Candidates) -> Draw:
@@ -116,7 +90,8 @@ def loudest(task: Task, base: Fit) -> tuple[float, float]:
     """
     open_rules = replace(task.rules, threshold=ALL)
     nats, net = [ALL], [ALL]
-    for group in _shortlist(replace(task, rules=open_rules), base, None):
+    own = System.of(task.design, task.prior, base.members)
+    for group in _shortlist(replace(task, rules=open_rules), base, None, own):
         members = (*base.members, group)
         trial = fit(task.design, task.prior, members, task.design.rows / 4)
         trial = replace(trial, counted=base.counted)

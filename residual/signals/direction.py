@@ -9,7 +9,6 @@ need an answer all the same.
 from dataclasses import dataclass
 from typing import Literal
 
-import numba
 import numpy as np
 
 from residual.recording import Array
@@ -63,30 +62,36 @@ def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
     elif shape.size == 0.0:
         out = np.sign(qd)
     else:
-        out = bristle(np.ascontiguousarray(q), shape.size)
+        out = bristle(q, shape.size)
     if shape.hold == 1.0:
         return out
     return np.where(np.abs(qd) < shape.reach * floor, shape.hold, 1.0) * out
 
 
-@numba.njit(cache=True)
-def bristle(q, displacement):
+def bristle(q: Array, displacement: float) -> Array:
     """Dahl's state by its exact solution over each step of position, start at rest.
 
+    Each step is z -> fade z + (1 - fade) goal. Two such steps in a row make one of the
+    same kind, so after log2(n) rounds of joining each with those before it every
+    sample has its whole past.
+
     Args:
-        q: Position [rad], contiguous. Shape (n,).
+        q: Position [rad]. Shape (n,).
         displacement: Way over which it yields [rad].
 
     Returns:
         State, -1 to 1. Shape (n,).
     """
-    state = np.zeros(len(q))
-    for i in range(1, len(q)):
-        step = q[i] - q[i - 1]
-        goal = 1.0 if step > 0 else -1.0
-        fade = np.exp(-abs(step) / displacement)
-        state[i] = goal + (state[i - 1] - goal) * fade
-    return state
+    step = np.diff(q)
+    fade = np.exp(-np.abs(step) / displacement)
+    state = np.where(step > 0, 1.0, -1.0) * (1 - fade)
+    reach = 1
+    while reach < len(step) and fade.any():
+        state[reach:] += fade[reach:] * state[:-reach]
+        fade[reach:] *= fade[:-reach]
+        fade[:reach] = 0.0  # at rest before
+        reach *= 2
+    return np.concatenate([np.zeros(min(len(q), 1)), state])
 
 
 def directions(

@@ -1,75 +1,80 @@
-"""The zero-phase low-pass, and the same where only every k-th value is asked for."""
+"""The zero-phase low-pass, and every k-th value of it, as one product."""
 
 from functools import cache
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from residual.recording import Array
 
+ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
 REACH = 6.0  # periods of the cut-off after which it has forgotten all but 1e-6
 BLOCK = 32  # rows that are made at once
 
 
-def low_pass(x: Array, cutoff: float, rate: float) -> Array:
-    """Zero-phase Butterworth low-pass of order 4 (twice 4) along the first axis."""
-    if cutoff >= 0.45 * rate:
-        return np.asarray(x, dtype=float)
-    return sosfiltfilt(
-        _butterworth(cutoff / (rate / 2)), x, axis=0, padlen=min(len(x) - 2, int(rate))
-    )
+def low_pass(x: Array, cutoff: float, rate: float, step: int = 1) -> Array:
+    """Butterworth low-pass of order 4, forwards and backwards, along the first axis.
 
-
-@cache
-def _butterworth(share: float) -> Array:
-    """Second-order sections of the low-pass; its design costs more than its use."""
-    return butter(4, share, output="sos")
-
-
-def decimated(x: Array, cutoff: float, rate: float, step: int) -> Array:
-    """Every ``step``-th value of ``low_pass``, right but for the ends.
-
-    As a product with the filter's own impulse response, cut off where it has died away:
-    a tenth of the work. At the ends, where it reaches beyond the signal, values are of
-    no use.
+    As a product with the filter's own impulse response: what is thrown away is not
+    made. Beyond its ends the signal goes on turned about its last value.
 
     Args:
         x: Signals. Shape (n, ...).
         cutoff: Of the low-pass [Hz].
         rate: Of the signals [Hz].
-        step: Which values.
+        step: Which values are wanted: 0, step, 2 step, ...
 
     Returns:
-        Values at 0, step, 2 step, ... Shape (ceil(n / step), ...).
+        Shape (ceil(n / step), ...).
     """
+    x = np.asarray(x, dtype=float)
     if cutoff >= 0.45 * rate:
-        return np.asarray(x, dtype=float)[::step]
+        return x[::step]
     band, reach = _band(cutoff, rate, step)
     rows = -(-len(x) // step)
     blocks = -(-rows // BLOCK)
-    flat = np.asarray(x, dtype=float).reshape(len(x), -1)
-    span = band.shape[1]
-    padded = np.zeros(((blocks - 1) * BLOCK * step + span, flat.shape[1]))
-    padded[reach : reach + len(flat)] = flat
+    flat = x.reshape(len(x), -1)
+    longer = _with_ends(flat, reach, (blocks - 1) * BLOCK * step + band.shape[1])
     out = np.empty((blocks * BLOCK, flat.shape[1]))
     for b in range(blocks):
-        first = b * BLOCK * step
+        first, row = b * BLOCK * step, b * BLOCK
         np.matmul(
-            band,
-            padded[first : first + span],
-            out=out[b * BLOCK : (b + 1) * BLOCK],
+            band, longer[first : first + band.shape[1]], out=out[row : row + BLOCK]
         )
-    return out[:rows].reshape(rows, *np.shape(x)[1:])
+    return out[:rows].reshape(rows, *x.shape[1:])
+
+
+def _with_ends(x: Array, reach: int, length: int) -> Array:
+    """The signal from ``reach`` before its start on, to the length asked for."""
+    n, ends = len(x), min(reach, len(x) - 1)
+    out = np.empty((length, x.shape[1]))
+    out[reach : reach + n] = x
+    out[reach - ends : reach] = 2 * x[0] - x[ends:0:-1]
+    out[: reach - ends] = out[reach - ends]
+    stop = min(reach + n + ends, length)
+    after = x[n - 1 - (stop - reach - n) : n - 1]
+    out[reach + n : stop] = 2 * x[-1] - after[::-1]
+    out[stop:] = out[stop - 1]
+    return out
 
 
 @cache
 def _band(cutoff: float, rate: float, step: int) -> tuple[Array, int]:
     """What makes a block of rows of the samples around it, and how far it reaches."""
     reach = int(np.ceil(REACH / cutoff * rate))
-    pulse = np.zeros(8 * reach + 1)
-    pulse[4 * reach] = 1.0
-    taps = low_pass(pulse, cutoff, rate)[3 * reach : 5 * reach + 1]
-    band = np.zeros((BLOCK, (BLOCK - 1) * step + 2 * reach + 1))
+    taps = _impulse_response(cutoff, rate, reach)
+    band = np.zeros((BLOCK, (BLOCK - 1) * step + len(taps)))
     for row in range(BLOCK):
         band[row, row * step : row * step + len(taps)] = taps
     return band, reach
+
+
+def _impulse_response(cutoff: float, rate: float, reach: int) -> Array:
+    """Values from -reach to reach. The filter is |H|^2, in closed form.
+
+    1 / (1 + (tan(w / 2) / tan(w_c / 2))^(2 N))    (bilinear transform, w in rad/sample)
+    """
+    half = np.linspace(0, np.pi / 2, 4 * reach + 1)[:-1]  # at pi it is zero
+    warped = np.tan(half) / np.tan(np.pi * cutoff / rate)
+    pulse = np.fft.irfft(np.append(1 / (1 + warped ** (2 * ORDER)), 0.0))
+    taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
+    return taps / taps.sum()

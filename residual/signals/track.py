@@ -10,11 +10,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from residual.recording import Array, Recording
-from residual.signals.low_pass import decimated, low_pass
+from residual.signals.low_pass import low_pass
 from residual.signals.pieces import cut, let_go, overlap
+
+ROWS = 4.2  # rows per period of the cut-off: some 33 a second behind 8 Hz
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +89,7 @@ class Track:
         Returns:
             Values at the rows. Shape (m, ...).
         """
-        if not self.whole:
-            return decimated(columns, self.cutoff, self.rate, self.step)
-        return low_pass(columns, self.cutoff, self.rate)[:: self.step]
+        return low_pass(columns, self.cutoff, self.rate, self.step)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -225,14 +224,13 @@ def _track(label, u: _Uniform, motion, filters: Filters, options) -> Track:
     first = 1 if full_rate else _thinning(u.rate, filters)
     rate = u.rate / first
     cutoff = filters.cutoff(u.rate)
-    step = max(1, int(rate // (3.2 * cutoff)))
+    step = max(1, round(rate / (ROWS * cutoff)))
     q, qd, qdd = (x[::first] for x in motion)
     still = (np.abs(qd) < speed_floor) | u.gap[::first, None]
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
-    width = 2 * int(np.ceil(filters.margin / cutoff * rate)) + 1
-    still = maximum_filter1d(still.astype(np.uint8), width, axis=0) > 0
-    rows = slice(None, None, first * step)
-    inner = ~maximum_filter1d(u.gap.astype(np.uint8), width * first)[rows].astype(bool)
+    half = int(np.ceil(filters.margin / cutoff * rate))
+    still = _widened(still, half)
+    inner = ~_widened(u.gap, (2 * half + 1) * first // 2)[:: first * step]
     edge = max(2, round(filters.edge * rate / step))
     inner[:edge] = inner[-edge:] = False
     return Track(
@@ -244,7 +242,7 @@ def _track(label, u: _Uniform, motion, filters: Filters, options) -> Track:
         qdd=qdd,
         cutoff=cutoff,
         step=step,
-        tau=low_pass(_thinned(u, first), cutoff, rate)[::step],
+        tau=low_pass(_thinned(u, first), cutoff, rate, step),
         inner=inner,
         moving=~still[::step] & inner[:, None],
         torque_noise=_white_noise(u.tau, u.rate, cutoff),
@@ -258,7 +256,16 @@ def _thinned(u: _Uniform, first: int) -> Array:
     """
     if first == 1:
         return u.tau
-    return low_pass(u.tau, 0.4 * u.rate / first, u.rate)[::first]
+    return low_pass(u.tau, 0.4 * u.rate / first, u.rate, first)
+
+
+def _widened(marks: Array, half: int) -> Array:
+    """Marks, and as many samples before and after each of them. Shape as given."""
+    count = np.cumsum(marks, axis=0)
+    count = np.pad(count, [(1, 0)] + [(0, 0)] * (marks.ndim - 1))
+    at = np.arange(len(marks))
+    last = np.minimum(at + half + 1, len(marks))
+    return count[last] > count[np.maximum(at - half, 0)]
 
 
 def _white_noise(tau: Array, rate: float, cutoff: float) -> Array:

@@ -14,7 +14,6 @@ from residual.diagnosis.drift import Drift
 from residual.effects import registry
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit, start
-from residual.evidence.long_design import design_of
 from residual.evidence.priors import priors
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
@@ -76,7 +75,7 @@ def _friction(model: Model) -> list[_Part]:
 
 
 def _design(logs: Logs, model: Model) -> Design:
-    return design_of(logs.tracks, model)
+    return Design(logs.tracks, model)
 
 
 def _spread(model: Model, parts: Sequence[_Part], common: float, own: float) -> Array:

@@ -15,7 +15,6 @@ from residual.diagnosis.examine import Examined
 from residual.diagnosis.habit import Habit
 from residual.evidence.design import AMPLITUDE, Design, Group
 from residual.evidence.fit import System, scaled_inverse
-from residual.evidence.part import Part
 from residual.evidence.priors import POSTERIOR_FLOOR
 from residual.evidence.screen import beyond, overlap, pulls, stacks
 from residual.model.nominal import Nominal
@@ -96,7 +95,7 @@ def _ratios(first: Examined, groups: Sequence[Group], folds: Array) -> Array:
     design = task.design
     weight = fitted.weight(design.rows)
     others = np.setdiff1d(np.arange(design.folds), folds)
-    rest, own = Part(design, others), Part(design, folds)
+    rest, own = design.part(others), design.part(folds)
     before = System.of(rest, task.prior, fitted.members)
     theta, lower = before.solve(weight)
     covariance = np.linalg.inv(lower @ lower.T)

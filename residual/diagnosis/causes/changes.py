@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from residual.diagnosis.causes.change import Change
 from residual.diagnosis.examine import Examined
@@ -60,7 +60,7 @@ def changes(examined: Examined, fitted: Fit) -> tuple[Change, ...]:
     every = sum(len(a.names) for a in asked)
     if not every:
         return ()
-    sure = float(norm.isf(CHANCE / every / 2))
+    sure = -float(ndtri(CHANCE / every / 2))
     state = _State.of(examined, fitted)
     return tuple(c for a in asked for c in _told(state, a, sure))
 

@@ -11,7 +11,6 @@ from residual.diagnosis.search import admissible, best, torque_share
 from residual.diagnosis.task import Task
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, gain
-from residual.evidence.part import Part
 
 PARTS = 3
 SHARE = 1 - 1 / PARTS  # of the evidence that is left in what remains
@@ -49,7 +48,7 @@ def found_again(task: Task, fitted: Fit, tested: Sequence[Tested]) -> list[Split
         return []
     found, of = np.zeros(len(tested), dtype=int), np.zeros(len(tested), dtype=int)
     for out in np.array_split(np.arange(task.design.folds), PARTS):
-        part = Part(task.design, np.setdiff1d(np.arange(task.design.folds), out))
+        part = task.design.part(np.setdiff1d(np.arange(task.design.folds), out))
         rules = replace(task.rules, threshold=SHARE * task.rules.threshold)
         one = replace(task, design=part, rules=rules)
         again = one.settle(one.fit(fitted.members, fitted, rounds=4))

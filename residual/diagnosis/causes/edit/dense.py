@@ -18,7 +18,6 @@ import numpy as np
 
 from residual.effects import registry
 from residual.evidence.design import Design
-from residual.evidence.long_design import design_of
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs
 from residual.recording import Array, Recording
@@ -37,7 +36,7 @@ def dense_model(nominal: Model, recordings: Sequence[Recording]) -> Model:
     """
     clock = session_clock(recordings)
     logs = prepare_logs(nominal.robot, recordings, clock, nominal.filters)
-    return dense_fit(design_of(logs.tracks, nominal))
+    return dense_fit(Design(logs.tracks, nominal))
 
 
 def dense_fit(design: Design) -> Model:
