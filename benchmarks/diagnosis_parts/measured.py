@@ -137,7 +137,7 @@ def _without_structure(
     rng, out = np.random.default_rng(_SEED), []
     for recording in (*fit, *held_out):
         (witness,) = prepare_held_out([recording], model)
-        torque = model.torque_of_state(witness.observe(model))
+        torque = model.torque_on(witness.track)
         tau_hat = at_samples(torque, witness.track, recording)
         left = recording.tau - tau_hat
         left -= left.mean(axis=0)  # in any order a mean stays an offset

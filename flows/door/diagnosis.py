@@ -40,7 +40,7 @@ class Diagnosis(result.Diagnosis):
         return summary(self)
 
 
-def diagnose(  # noqa: PLR0913  called from outside, by keyword
+def diagnose(
     robot: Robot,
     fit: Sequence[Recording],
     held_out: Sequence[Recording] = (),

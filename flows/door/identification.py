@@ -65,7 +65,7 @@ class Identification(Identified):
         )
 
 
-def identify(  # noqa: PLR0913  called from outside, by keyword
+def identify(
     robot: Robot,
     fit: Sequence[Recording],
     held_out: Sequence[Recording] = (),

@@ -19,7 +19,7 @@ _NIGHT = 24 * tasks.HOUR
 
 
 @flow(name="nightly", flow_run_name="nightly {campaign_file}", timeout_seconds=_NIGHT)
-def nightly(  # noqa: PLR0913  those of before stay, whoever has scheduled it
+def nightly(
     campaign_file: str = "examples/nightly.toml",
     held_out: str = "welding",
     store: str | None = None,

@@ -32,14 +32,12 @@ class Prepared:
         logs: Signals and the range of motion.
         runs: The logs behind them.
         names: Declared effects.
-        regressors: Inertial regressor of each log. Shapes (n, dof, 10 dof).
         parts: Blocks of the logs, which identifications may leave out.
     """
 
     logs: Logs
     runs: tuple[Run, ...]
     names: tuple[str, ...]
-    regressors: tuple[Array, ...]
     parts: tuple[Part, ...]
 
     @property
@@ -50,10 +48,8 @@ class Prepared:
     def residuals(self, model: Model) -> tuple[Array, ...]:
         """Measured minus model torque on each log's track [N m]. Shapes (n, dof)."""
         out = []
-        for run, track, regressor in zip(
-            self.runs, self.tracks, self.regressors, strict=True
-        ):
-            torque = model.torque_of_state(model.observe(track, regressor))
+        for run, track in zip(self.runs, self.tracks, strict=True):
+            torque = model.torque_on(track)
             out.append(torque_at(run.log, track) - torque)
         return tuple(out)
 
@@ -70,10 +66,8 @@ def prepare_runs(
     """
     logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), whole=True)
     names = declared_names(robot, declared)
-    model = start_nominal(logs, names).model
-    regressors = tuple(model.observe(track).regressor for track in logs.tracks)
     parts = cut_parts([track.t[chosen_rows(track)] for track in logs.tracks])
-    return Prepared(logs, tuple(runs), names, regressors, parts)
+    return Prepared(logs, tuple(runs), names, parts)
 
 
 def identified_without(
@@ -88,20 +82,15 @@ def identified_without(
     """
     kept = tracks_without(prepared.tracks, prepared.parts, left_out)
     tracks = tuple(track for _, track in kept)
-    regressors = [prepared.regressors[run] for run, _ in kept]
     nominal = start_nominal(replace(prepared.logs, tracks=tracks), prepared.names)
-    states = _observed(nominal.model, tracks, regressors)
-    design = Design(tracks, nominal.model, states)
+    design = Design(tracks, nominal.model)
     wide = priors(design, nominal)
     first = start(design, wide[-1])
     if named:
         # Some effects read the model's own torque: it should be about right.
-        design.show_torque(_observed(as_model(nominal, first), tracks, regressors))
+        seen = as_model(nominal, first)
+        design.show_torque([seen.observe(track) for track in tracks])
     groups = design.add([(t.effect, t.joints, t.shape) for t in named])
     fits = [fit(design, p, groups, first.counted, None, rounds=4) for p in wide]
     best = max(fits, key=lambda f: f.score)
     return with_standstill(as_model(nominal, best), tracks)
-
-
-def _observed(model: Model, tracks: Sequence[Track], regressors) -> list:
-    return [model.observe(t, r) for t, r in zip(tracks, regressors, strict=True)]

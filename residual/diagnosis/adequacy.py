@@ -135,7 +135,7 @@ def carried(model: Model, tracks: Sequence[Track], moved: Sequence[Track]) -> Ar
     """
     squares, rows = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
     for own, other in zip(tracks, moved, strict=True):
-        torque = [model.torque_of_state(model.observe(t)) for t in (own, other)]
+        torque = [model.torque_on(t) for t in (own, other)]
         gap = own.filter(torque[1] - torque[0]) * own.moving
         squares += (gap**2).sum(axis=0)
         rows += own.moving.sum(axis=0)

@@ -23,9 +23,9 @@ from residual.evidence.states import as_model, first_design, physical, show_torq
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
-from residual.model.observed import is_long, observed
 from residual.model.standstill import with_standstill
 from residual.recording import Array
+from residual.signals.pieces import is_cut
 
 Progress = Callable[[str, float], None]
 LOOKS = 4  # at what was named, before the second search
@@ -105,7 +105,7 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         progress: Told the stage and the share done.
     """
     design = first_design(logs, nominal)
-    if not is_long(logs.tracks):
+    if not is_cut([t.seconds for t in logs.tracks]):
         tables = usual_background(design, nominal.usual)
         logs = replace(logs, background=tables)
         design.calm(logs.background)
@@ -246,8 +246,7 @@ def _refitted(
     """
     nominal, tracks = examined.nominal, examined.logs.tracks
     base = replace(nominal.model, standstill=rough.standstill)
-    states = observed(rough, tracks, examined.task.design.states)
-    design = Design(tracks, base, states)
+    design = Design(tracks, base, [rough.observe(track) for track in tracks])
     background = examined.logs.background
     design.calm(background)
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])

@@ -62,9 +62,7 @@ def delayed_at_source(model: Model, logs: Logs) -> str | None:
     """
     miss = np.zeros((len(SHIFTS), model.robot.dof))
     for track in logs.sketch:
-        torque = low_pass(
-            model.torque_of_state(model.observe(track)), track.cutoff, track.rate
-        )
+        torque = low_pass(model.torque_on(track), track.cutoff, track.rate)
         rows = track.t[:: track.step]
         for i, shift in enumerate(SHIFTS):
             moved = [np.interp(rows - shift, track.t, column) for column in torque.T]

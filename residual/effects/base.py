@@ -13,6 +13,7 @@ import numpy as np
 
 from residual.effects._portable import NOWHERE, Portable
 from residual.recording import Array
+from residual.robot.regressor import LazyRegressor
 from residual.robot.robot import Robot
 
 Joints = tuple[int, ...]
@@ -31,7 +32,7 @@ class State:
         t: Session time [s]. Shape (n,).
         q, qd, qdd: Kinematics [rad, rad/s, rad/s^2]. Shape (n, dof).
         sign: Direction of motion, smoothed where the joint stands. Shape (n, dof).
-        regressor: Inertial regressor. Shape (n, dof, 10 dof).
+        regressor: Inertial regressor, made when it is read. Shape (n, dof, 10 dof).
         rigid: Rigid-body torque of the current model [N m]. Shape (n, dof).
         tau_model: Torque of the current model [N m]. Shape (n, dof).
         inertial: Inertial parameters of the current model, loads included [SI]; None
@@ -47,7 +48,7 @@ class State:
     qd: Array
     qdd: Array
     sign: Array
-    regressor: Array
+    regressor: Array | LazyRegressor
     rigid: Array
     tau_model: Array
     inertial: Array | None = None

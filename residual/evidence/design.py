@@ -10,6 +10,7 @@ sketch: of seven minutes evenly spread, and of all rows where there is one chunk
 
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,9 +19,8 @@ from residual.evidence.columns import ColumnCache, Sums
 from residual.evidence.folds import fold_labels
 from residual.evidence.group import Group
 from residual.model.model import Model
-from residual.model.observed import is_long, observed, with_regressor
 from residual.recording import Array
-from residual.signals.pieces import logs_of, spread
+from residual.signals.pieces import is_cut, logs_of, spread
 from residual.signals.track import Track
 
 AMPLITUDE = 0.3  # prior size of an effect's torque, as a share of torque rms
@@ -63,8 +63,9 @@ class Design:
             states: What effects see of them; without, with the nominal model's torque.
         """
         self.dof, self.model = model.robot.dof, model
-        self._tracks, self._states = list(tracks), states or observed(model, tracks)
-        every, long = range(len(tracks)), is_long(tracks)
+        self._tracks = list(tracks)
+        self._states = states or [model.observe(t) for t in tracks]
+        every, long = range(len(tracks)), is_cut([t.seconds for t in tracks])
         self._chunks = [[i] for i in every] if long else [list(every)]
         self._shown = spread([t.seconds for t in tracks])
         self._use = _rows_that_count(tracks)
@@ -163,7 +164,9 @@ class Design:
             fresh: list[list[Array]] = [[] for _ in self._js]
             for i in chunk:
                 state = self._states[i]
-                parts = made(with_regressor(state) if bodies else state)
+                if bodies:  # read many times, and of a long log not kept
+                    state = replace(state, regressor=np.asarray(state.regressor))
+                parts = made(state)
                 if not ids:
                     ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
                 for j, columns in self._filtered(i, parts):

@@ -10,9 +10,7 @@ from residual.evidence.fit import Fit, System
 from residual.recording import Array
 
 
-def screen(
-    design: Design, base: Fit, groups: Sequence[Group], system: System
-) -> Array:
+def screen(design: Design, base: Fit, groups: Sequence[Group], system: System) -> Array:
     """Quadratic evidence gain of every group on top of a fit [nats]. Shape (g,).
 
     Noise is held at the fit's own, rows at a quarter of their number or more:

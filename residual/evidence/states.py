@@ -7,7 +7,6 @@ from residual.evidence.fit import Fit, start
 from residual.evidence.priors import priors, relative_prior
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
-from residual.model.observed import observed
 from residual.model.term import Term
 
 ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
@@ -35,7 +34,7 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
 
 def show_torque(design: Design, logs: Logs, named: Model) -> None:
     """From now on let features read the torque of that model."""
-    design.show_torque(observed(named, logs.tracks, design.states))
+    design.show_torque([named.observe(track) for track in logs.tracks])
 
 
 def physical(model: Model) -> Model:

@@ -5,9 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.effects.base import State
 from residual.model.corrected import Corrected
-from residual.model.later import Later
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.pieces import are_long, in_pieces, logs_of, overlap, spread
@@ -58,7 +56,6 @@ class Cloud:
 
 
 BLOCK = 1.0  # s: longer than noise remembers
-KEPT = 60_000  # samples whose regressors are kept: 170 MB for six joints
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -68,17 +65,10 @@ class HeldOutLog:
     Attributes:
         recording: The log.
         track: Its signals at its own rate.
-        regressor: Inertial regressor, made when it is read where it has many rows.
-            Shape (n, dof, 10 dof).
     """
 
     recording: Recording
     track: Track
-    regressor: Array | Later
-
-    def observe(self, model: Model | Corrected) -> State:
-        """What the model's effects see of this log."""
-        return model.observe(self.track, self.regressor)
 
 
 def prepare_held_out(
@@ -92,13 +82,7 @@ def prepare_held_out(
     long = are_long(recordings)
     floor = model.speed_floor
     tracks, _ = prepare(pieces, model.filters, floor, full_rate=not long)
-    out = []
-    many = long or sum(len(track.t) for track in tracks) > KEPT
-    for recording, track in zip(pieces, tracks, strict=True):
-        late = Later(model.robot, (track.q, track.qd, track.qdd))
-        regressor = late if many else np.asarray(late)
-        out.append(HeldOutLog(recording, track, regressor))
-    return tuple(out)
+    return tuple(map(HeldOutLog, pieces, tracks))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -141,8 +125,7 @@ def compare(
     for witness in held_out:
         curves = {}
         for name, model in models.items():
-            state = witness.observe(model)
-            torque = model.torque_of_state(state)
+            torque = model.torque_on(witness.track)
             curves[name] = witness.track.filter(torque)
             _accumulate(sums[name], witness, torque, curves[name], filters.edge)
         inner = witness.track.inner
@@ -187,7 +170,7 @@ def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
     out = []
     for witness in _sketch(held_out):
         track = witness.track
-        torque = track.filter(model.torque_of_state(witness.observe(model)))
+        torque = track.filter(model.torque_on(track))
         miss = ((track.tau - torque) * track.moving) ** 2
         t = track.t[:: track.step]
         starts = np.searchsorted(t, np.arange(t[0], t[-1], BLOCK))

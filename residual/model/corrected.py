@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from residual.effects.base import State
-from residual.model.later import read_late
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.track import Track, at_samples, prepare
@@ -75,21 +74,27 @@ class Corrected:
         """Torque on a recorded motion, as ``Model.predict`` [N m]. Shape (n, dof)."""
         own = self.model
         (track,), _ = prepare([recording], own.filters, own.speed_floor, True)
-        torque = self.torque_of_state(self.observe(track, read_late(own.robot, track)))
-        return at_samples(torque, track, recording)
+        return at_samples(self.torque_on(track), track, recording)
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
         """Torque along a motion that is known, as ``Model.along`` [N m]. (n, dof)."""
         rate = (len(t) - 1) / np.ptp(t)
         return self.torque_of_state(self.model.state(rate, t, motion))
 
-    def observe(self, track: Track, regressor: Array | None = None) -> State:
+    def observe(self, track: Track) -> State:
         """What the model's effects see of one log."""
-        return self.model.observe(track, regressor)
+        return self.model.observe(track)
+
+    def torque_on(self, track: Track) -> Array:
+        """Torque at the samples of a log's signals [N m]. Shape (n, dof)."""
+        state = self.observe(track)
+        return self._and_tables(self.model.torque_seen(state), state)
 
     def torque_of_state(self, state: State) -> Array:
         """Torque of the model and the tables [N m]. Shape (n, dof)."""
-        out = self.model.torque_of_state(state)
+        return self._and_tables(self.model.torque_of_state(state), state)
+
+    def _and_tables(self, out: Array, state: State) -> Array:
         for own in self.tables:
             if own.kind != NONE:
                 out[:, own.joint] += own.torque(state, out[:, own.joint])

@@ -10,11 +10,10 @@ import numpy as np
 from residual.effects.base import State
 from residual.errors import InputError
 from residual.model.edit import taken_out, with_values
-from residual.model.later import read_late
 from residual.model.term import Term, with_slots
 from residual.names import shown
 from residual.recording import Array, Recording
-from residual.robot import dynamics
+from residual.robot.regressor import LazyRegressor
 from residual.robot.robot import Robot, robot_from_texts
 from residual.signals.direction import SMOOTH, Standstill, directions
 from residual.signals.track import Filters, Track, at_samples, prepare
@@ -71,8 +70,7 @@ class Model:
             Joint torque [N m]. Shape (n, dof).
         """
         (track,), _ = prepare([recording], self.filters, self.speed_floor, True)
-        torque = self.torque_of_state(self.observe(track, read_late(self.robot, track)))
-        return at_samples(torque, track, recording)
+        return at_samples(self.torque_on(track), track, recording)
 
     def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torque at single states, each by itself.
@@ -129,10 +127,12 @@ class Model:
         known = self.speed_floor
         return np.full(self.robot.dof, LEAST_SPEED) if known is None else known
 
-    def observe(self, track: Track, regressor: Array | None = None) -> State:
+    def observe(self, track: Track) -> State:
         """What the effects see of one log, with this model's own torque."""
         t = track.t - (track.t[0] if self.clock is None else self.clock)
-        return self.state(track.rate, t, (track.q, track.qd, track.qdd), regressor)
+        motion = track.q, track.qd, track.qdd
+        late = LazyRegressor(self.robot, motion, once=not track.whole)
+        return self.state(track.rate, t, motion, late)
 
     def state(
         self, rate: float, t: Array, motion: Sequence[Array], regressor=None
@@ -147,8 +147,7 @@ class Model:
         """
         q, qd, qdd = motion
         if regressor is None:
-            regressor = dynamics.regressor(self.robot.model, q, qd, qdd)
-        shapes = self.standstill or (SMOOTH,) * self.robot.dof
+            regressor = LazyRegressor(self.robot, (q, qd, qdd), once=True)
         rigid = regressor @ self.inertial
         state = State(
             robot=self.robot,
@@ -157,22 +156,38 @@ class Model:
             q=q,
             qd=qd,
             qdd=qdd,
-            sign=directions(q, qd, self._floor(), shapes),
+            sign=np.zeros(q.shape),
             regressor=regressor,
             rigid=rigid,
             tau_model=rigid,
             inertial=self.loaded(),
             drive=self.drive(),
         )
-        return replace(state, tau_model=self.torque_of_state(state, as_reported=False))
+        return self.seen_by(state, self.standstill or (SMOOTH,) * self.robot.dof)
 
-    def torque_of_state(self, state: State, as_reported: bool = True) -> Array:
-        """Torque at the samples of a state made by ``observe`` [N m]. (n, dof)."""
-        rigid = state.regressor @ self.inertial if as_reported else state.rigid
-        out = rigid.copy()
+    def seen_by(self, state: State, standstill: Sequence[Standstill]) -> State:
+        """The same motion with another behaviour at standstill, of every joint."""
+        sign = directions(state.q, state.qd, self._floor(), tuple(standstill))
+        state = replace(state, sign=sign)
+        return replace(state, tau_model=self.torque_seen(state, as_reported=False))
+
+    def torque_on(self, track: Track) -> Array:
+        """Torque at the samples of a log's signals [N m]. Shape (n, dof)."""
+        return self.torque_seen(self.observe(track))
+
+    def torque_seen(self, state: State, as_reported: bool = True) -> Array:
+        """Torque at the samples of a state that this very model made. (n, dof)."""
+        out = state.rigid.copy()
         for term in (*self.terms, *self.tables):
             if as_reported or not term.effect.of_report:
-                out = out + term.torque(state)
+                term.add_to(out, state)
+        return out
+
+    def torque_of_state(self, state: State) -> Array:
+        """Torque at the samples of a state of any model [N m]. Shape (n, dof)."""
+        out = state.regressor @ self.inertial
+        for term in (*self.terms, *self.tables):
+            term.add_to(out, state)
         return out
 
     def loaded(self) -> Array:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from residual.effects.base import State
 from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.direction import CHOICES, SMOOTH, Standstill
@@ -19,8 +20,8 @@ def with_standstill(model: Model, tracks: Sequence[Track]) -> Model:
     The torque is linear in the share that is held at standstill, so that share has a
     closed form for each kind.
     """
-    regressors = [model.observe(t).regressor for t in tracks]
-    tried = [_held(model, tracks, regressors, shape) for shape in CHOICES]
+    seen = [(track, model.observe(track)) for track in tracks]
+    tried = [_held(model, seen, shape) for shape in CHOICES]
     miss = np.array([m for m, _ in tried])
     order = np.argmin(miss, axis=0)
     usual = CHOICES.index(SMOOTH)
@@ -32,15 +33,15 @@ def with_standstill(model: Model, tracks: Sequence[Track]) -> Model:
 
 
 def _held(
-    model: Model, tracks: Sequence[Track], regressors, shape: Standstill
+    model: Model, seen: Sequence[tuple[Track, State]], shape: Standstill
 ) -> tuple[Array, Array]:
     """Squared error at the best share held, and that share. Shapes (dof,), (dof,)."""
     dof = model.robot.dof
     own, mixed, power = np.zeros(dof), np.zeros(dof), np.zeros(dof)
-    for track, regressor in zip(tracks, regressors, strict=True):
+    for track, state in seen:
         sides = [
-            _torque(replace(model, standstill=(s,) * dof), track, regressor)
-            for s in (replace(shape, hold=0.0), shape)
+            model.torque_seen(model.seen_by(state, (side,) * dof))
+            for side in (replace(shape, hold=0.0), shape)
         ]
         none, full = np.split(track.filter(np.concatenate(sides, axis=1)), 2, axis=1)
         gap, step = (track.tau - none)[track.inner], (full - none)[track.inner]
@@ -50,7 +51,3 @@ def _held(
     share = np.clip(mixed / np.maximum(power, 1e-30), 0, 1).round(2)
     share[power <= 1e-12 * own] = 1.0
     return own - 2 * share * mixed + share**2 * power, share
-
-
-def _torque(model: Model, track: Track, regressor: Array) -> Array:
-    return model.torque_of_state(model.observe(track, regressor))

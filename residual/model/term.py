@@ -37,11 +37,15 @@ class Term:
 
     def torque(self, state: State) -> Array:
         """Torque of this effect on all joints [N m]. Shape (n, dof)."""
-        dof = state.q.shape[1]
-        out = np.zeros((len(state.t), dof))
-        rows = list(self.effect.rows(self.joints, dof))
-        out[:, rows] = self.effect.columns(state, self.joints, self.shape) @ self.theta
+        out = np.zeros(state.q.shape)
+        self.add_to(out, state)
         return out
+
+    def add_to(self, torque: Array, state: State) -> None:
+        """Add the torque of this effect to that of others [N m]. Shape (n, dof)."""
+        columns = self.effect.columns(state, self.joints, self.shape)
+        for row, j in enumerate(self.effect.rows(self.joints, torque.shape[1])):
+            torque[:, j] += columns[:, row] @ self.theta
 
     def parameters(self, robot: Robot) -> dict[str, float]:
         """Physical parameters by key, in the units of the effect."""

@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from residual.effects.base import State
-from residual.model.later import Later
 from residual.model.model import Model
 from residual.monitoring.track import Rows, period_of, rows_of
 from residual.recording import Array, Recording
@@ -72,7 +71,7 @@ def sight_of(model: Model, recording: Recording) -> Sight:
         InputError: If the log is too short or too slow.
     """
     rows = rows_of(recording)
-    state = _seen(model, rows)
+    state = model.observe(rows.track())
     slow = np.abs(rows.qd) < _SLOW * model.speed_floor
     return Sight(
         rows=rows,
@@ -83,14 +82,6 @@ def sight_of(model: Model, recording: Recording) -> Sight:
         slow=_remembered(slow, round(_MEMORY * rows.rate)),
         period=period_of(rows),
     )
-
-
-def _seen(model: Model, rows: Rows) -> State:
-    """What the effects see; of a long log the regressor is made when it is read."""
-    track = rows.track()
-    if len(rows.t) <= AT_ONCE:
-        return model.observe(track)
-    return model.observe(track, Later(model.robot, (rows.q, rows.qd, rows.qdd)))
 
 
 def _columns(model: Model, state: State) -> Iterator[Array]:

@@ -87,7 +87,7 @@ def logged_products(
     (track,), _ = prepare([recording], model.filters, floor)
     state = question.seen_with.observe(track)
     columns = track.filter(every_column(question, state))
-    y = track.tau - track.filter(model.torque_of_state(model.observe(track)))
+    y = track.tau - track.filter(model.torque_on(track))
     root = np.sqrt(question.signals.information * track.moving)
     t = track.t[:: track.step] - track.t[0]
     out = []

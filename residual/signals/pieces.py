@@ -100,6 +100,11 @@ def logs_of(ids: Sequence[str]) -> list[list[int]]:
     return [list(numbers) for _, numbers in by_id]
 
 
+def is_cut(seconds: Sequence[float]) -> bool:
+    """Whether logs are too long to be kept whole, by the length of each [s]."""
+    return len(spread(seconds)) < len(seconds)
+
+
 def spread(seconds: Sequence[float]) -> list[int]:
     """Choose pieces, evenly spread, that make seven minutes; of short logs all.
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from residual.evidence.part import Part
 
 from residual.diagnosis.doubt.held_out import rises
 from residual.diagnosis.doubt.splits import contradict
 from residual.diagnosis.result import Splits
 from residual.diagnosis.verdict import from_json, to_json
-from residual.evidence.part import Part
 from sim.records import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
 from tests.residual.linear import Problem

@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from residual.evidence.long_design import LongDesign, design_of
+from residual.evidence.spool import Spool
+from residual.model.later import Later
+from residual.model.observed import Observed
 
 from residual.close import close_the_loop
 from residual.effects import registry
 from residual.errors import RecordingError
 from residual.evidence.design import Design
 from residual.evidence.folds import fold_labels
-from residual.evidence.long_design import LongDesign, design_of
-from residual.evidence.spool import Spool
 from residual.identification.identify import identify
 from residual.identification.validation import acceleration_error
 from residual.model import later
 from residual.model.compare import compare, prepare_held_out
-from residual.model.later import Later
 from residual.model.nominal import prepare_logs, start_nominal
-from residual.model.observed import Observed
 from residual.monitoring import scores as monitoring
 from residual.monitoring.usual import block_maxima, peaks_of
 from residual.recording import Recording

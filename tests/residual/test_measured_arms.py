@@ -130,7 +130,7 @@ def _shuffled(track, model, rng, piece=0.5):
 
     Without its mean, which stands in any order: an offset would be named rightly.
     """
-    expected = track.filter(model.torque_of_state(model.observe(track)))
+    expected = track.filter(model.torque_on(track))
     tau = track.tau.copy()
     for j, moving in enumerate(track.moving.T):
         left = (track.tau - expected)[moving, j]

@@ -248,7 +248,7 @@ def test_the_torque_at_states_is_that_of_the_log():
     model = model_of(["payload", "viscous", "spring", "torque_gain"])
     smooth = replace(model, standstill=())
     track = seen_track(model.robot)
-    expected = smooth.torque_of_state(smooth.observe(track))
+    expected = smooth.torque_on(track)
     torque = smooth.torque(track.q, track.qd, track.qdd)
     np.testing.assert_allclose(torque, expected, rtol=1e-12, atol=1e-12)
     few = slice(7, 9)

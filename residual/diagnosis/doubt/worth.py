@@ -133,9 +133,7 @@ def _shown(model: Model, term: Term, logs: Sequence[HeldOutLog]) -> Shown:
     own, left = [], []
     for log in logs:
         track = log.track
-        whole, without = (
-            track.filter(m.torque_of_state(log.observe(m))) for m in (model, rest)
-        )
+        whole, without = (track.filter(m.torque_on(track)) for m in (model, rest))
         own.append((whole - without) * track.moving)
         left.append((track.tau - without) * track.moving)
     effect, gap = np.concatenate(own), np.concatenate(left)
