@@ -89,7 +89,7 @@ def _root(information: Array) -> Array:
 
 
 WIDEST, STEPS = 300.0, 24  # times the size that is worth a nat: where to look
-HALVINGS = 7
+FINER = 128  # steps from one of those to the next
 CLEAR = 3.0  # times the smallest size: where a name should be sure
 CLIPS = (0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the largest torque: plateaus to try
 
@@ -206,14 +206,12 @@ def _first(bench: Bench, one: Expected, unit: float) -> float:
     Far above it an effect may be lost again, since its own prior does not believe it.
     """
     ladder = unit * np.geomspace(1, WIDEST, STEPS)
-    high = next((x for x in ladder if found(bench, one, x)), np.inf)
-    if not np.isfinite(high) or high == unit:
-        return float(high)
-    low = high / (ladder[1] / ladder[0])
-    for _ in range(HALVINGS):
-        middle = np.sqrt(low * high)
-        low, high = (low, middle) if found(bench, one, middle) else (middle, high)
-    return float(high)
+    seen = found(bench, one, ladder)
+    if seen[0] or not seen.any():
+        return float(ladder[0]) if seen[0] else np.inf
+    step = int(np.argmax(seen))
+    between = np.geomspace(ladder[step - 1], ladder[step], FINER + 1)[1:]
+    return float(between[int(np.argmax(found(bench, one, between)))])
 
 
 def directions(bench: Bench, group: Group) -> list[Array]:
@@ -259,6 +257,6 @@ def _plateau(bench: Bench, group: Group) -> _Least | None:
     levels = [(group.effect, group.joints, (c * group.shape[0],)) for c in CLIPS]
     for made in bench.task.design.add(levels):
         (one,) = expected(bench, made, [np.ones(1)])
-        if one.torque.any() and found(bench, one, 1.0):
+        if one.torque.any() and found(bench, one, np.ones(1)).all():
             return _Least(made.shape[0], made, np.ones(1))
     return None

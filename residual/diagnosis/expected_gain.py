@@ -29,20 +29,20 @@ class Bench:
         task: Data, chosen prior, candidates and rules.
         fitted: The fit to which an effect would come.
         systems: Its normal equations under each prior, the chosen one first.
-        inverses: Posterior covariances of those. Each (m, m).
+        inverses: Posterior covariances of those. Shape (priors, m, m).
         scores: Evidence of the fit under each prior [nats].
-        others: Per fold, covariance under the chosen prior without that fold.
-        grams: Per fold, Gram of the fit on that fold. Each (dof, m, m).
+        others: Covariance under the chosen prior without each fold. (folds, m, m).
+        grams: Gram of the fit on each fold. Shape (folds, dof, m, m).
         left: Squared error of all folds, each predicted from the others. (dof,).
     """
 
     task: Task
     fitted: Fit
     systems: tuple[System, ...]
-    inverses: tuple[Array, ...]
+    inverses: Array
     scores: tuple[float, ...]
-    others: tuple[Array, ...]
-    grams: tuple[Array, ...]
+    others: Array
+    grams: Array
     left: Array
 
     @classmethod
@@ -66,10 +66,10 @@ class Bench:
             task,
             fitted,
             tuple(systems),
-            tuple(_covariance(s, weight) for s in systems),
+            np.stack([_covariance(s, weight) for s in systems]),
             tuple(scores),
-            tuple(others),
-            tuple(grams),
+            np.stack(others),
+            np.stack(grams),
             left_out(task, fitted, whole).sum(axis=0),
         )
 
@@ -116,25 +116,28 @@ def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Ex
         group: The effect.
         directions: Coefficients of an effect of size one. Each (k,).
     """
-    task, design = bench.task, bench.task.design
-    own, mixed = _blocks(bench, group, None)
-    falls, bends, occams, known = [], [], [], []
-    for system, inverse in zip(bench.systems, bench.inverses, strict=True):
-        moved = inverse @ np.tensordot(bench.weight, mixed, 1)
-        falls.append(_added(system.gram, own, mixed, moved))
-        bends.append(moved.T @ system.precision @ moved)
-        known.append(np.tensordot(bench.weight, falls[-1], 1) + bends[-1])
-        log_det = np.linalg.slogdet(known[-1] + group.precision)[1]
-        occams.append(0.5 * max(log_det - group.log_det, 0.0))
-    outs = [_left_out(bench, group, fold, mixed) for fold in range(design.folds)]
+    task, design, weight = bench.task, bench.task.design, bench.weight
+    own, mixed = _blocks(bench, group)
+    every, across = own.sum(axis=0), mixed.sum(axis=0)  # over folds
+    pull = np.tensordot(weight, across, 1)
+    moved = bench.inverses @ pull
+    # A prior bends the fit; what it leaves is the data's own affair.
+    falls = _added(bench.systems[0].gram, every, across, moved[:, None])
+    precisions = np.stack([system.precision for system in bench.systems])
+    bends = moved.transpose(0, 2, 1) @ precisions @ moved
+    known = np.tensordot(falls, weight, (1, 0)) + bends
+    log_det = np.linalg.slogdet(known + group.precision)[1]
+    without = bench.others @ (pull - np.tensordot(mixed, weight, (1, 0)))
+    outs = _added(bench.grams, own, mixed, without[:, None])
+    occam = 0.5 * np.maximum(log_det - group.log_det, 0.0)
     return [
         Expected(
-            fall=np.array([_along(f, u) for f in falls]),
-            bent=np.array([u @ b @ u for b in bends]),
-            occam=np.array(occams),
+            fall=_along(falls, u),
+            bent=np.einsum("k,pkl,l->p", u, bends, u),
+            occam=occam,
             held=float(u @ group.precision @ u),
-            out=np.array([_along(o, u) for o in outs]),
-            torque=_along(own, u) / design.rows / design.rms**2,
+            out=_along(outs, u),
+            torque=_along(every, u) / design.rows / design.rms**2,
             count=len(group.ids),
             cost=task.candidates.cost(group),
             counts=_counts(task, group, known[0], u),
@@ -152,51 +155,71 @@ def _counts(task: Task, group: Group, information: Array, theta: Array) -> float
     return fresh.share(theta, information, group.precision)
 
 
-def found(bench: Bench, one: Expected, size: float) -> bool:
-    """Whether an effect of that size is found, if the noise does as it does on average.
+def found(bench: Bench, one: Expected, sizes: Array) -> Array:
+    """Whether effects of some sizes are found, if the noise does as on average.
 
     The estimate of the size is the one thing that chance moves; every rule below rises
     with it, so what holds at the average holds in half of the draws.
+
+    Args:
+        bench: The logs.
+        one: The effect.
+        sizes: Its sizes. Shape (s,).
+
+    Returns:
+        Shape (s,), bool.
     """
-    fitted, rules, square = bench.fitted, bench.task.rules, size**2
-    rise = np.log1p(square * one.fall / np.maximum(fitted.sse, 1e-300))
+    fitted, rules = bench.fitted, bench.task.rules
+    square = np.asarray(sizes)[:, None] ** 2
+    fall = square[..., None] * one.fall
+    rise = np.log1p(fall / np.maximum(fitted.sse, 1e-300))
     spared = 0.5 * square * one.bent
     lost = 0.5 * rise @ fitted.counted + spared  # by the fit without it
     paid = one.occam + 0.5 * square * one.held - 0.5 * one.count
     net = one.counts * (lost - paid) - one.cost
-    named = bench.scores - paid - one.cost - PER_NAME
-    wins = (net >= rules.threshold) & (named >= np.max(bench.scores - lost))
-    if not wins.any():  # so of most sizes, and what follows takes the longest
-        return False
-    by_fit = _lowers(bench, square * one.fall) & _confirmed(bench, one, size)
-    big = np.sqrt(square * one.torque).max() >= rules.size
+    scores = np.array(bench.scores)
+    named = scores - paid - one.cost - PER_NAME
+    others = np.max(scores - lost, axis=1, keepdims=True)
+    wins = (net >= rules.threshold) & (named >= others)
+    by_fit = _lowers(bench, fall) & _confirmed(bench, one, square)
+    big = np.sqrt(square * one.torque).max(axis=1, keepdims=True) >= rules.size
     spares = (net >= rules.plausible) & (spared >= rules.bent * net) & big
-    return bool(np.any(wins & (by_fit | spares)))
+    return np.any(wins & (by_fit | spares), axis=1)
 
 
 def _lowers(bench: Bench, fall: Array) -> Array:
-    """Whether the error falls by enough under each prior. Shape (priors,)."""
+    """Whether the error falls by enough under each prior. Shape (sizes, priors)."""
     design, rules = bench.task.design, bench.task.rules
     relative = np.sqrt(fall / design.rows) / design.rms
     share = fall / np.maximum(bench.fitted.sse + fall, 1e-300)
-    return rules.lower(relative, share).any(axis=1)
+    return rules.lower(relative, share).any(axis=2)
 
 
-def _confirmed(bench: Bench, one: Expected, size: float) -> bool:
-    """Whether logs left out are predicted better by enough, and enough of them."""
+def _confirmed(bench: Bench, one: Expected, square: Array) -> Array:
+    """Whether logs left out are predicted better by enough, and enough of them.
+
+    Args:
+        bench: The logs.
+        one: The effect.
+        square: Squares of its sizes. Shape (sizes, 1).
+
+    Returns:
+        Shape (sizes, 1).
+    """
     fitted, design, rules = bench.fitted, bench.task.design, bench.task.rules
     acts = one.torque > 0
     # What its coefficients catch of the noise makes it predict worse.
     caught = one.count / max(acts.sum(), 1) * fitted.sse / fitted.counted
-    fall = np.maximum(size**2 * one.out.sum(axis=0) - acts * caught, 0)
+    fall = np.maximum(square * one.out.sum(axis=0) - acts * caught, 0)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
     share = fall / np.maximum(bench.left + fall, 1e-300)
     enough = rules.lower(np.sqrt(fall / power), share)
     # A fold is better with it by a normal chance of this many standard deviations.
-    sure = 0.5 * size * np.sqrt(np.maximum(one.out, 0) * bench.weight)
+    sure = np.sqrt(square[..., None] * np.maximum(one.out, 0) * bench.weight)
     folds = one.out > 1e-3 * np.maximum(one.out.max(axis=0), 1e-300)
-    better = np.where(folds, ndtr(sure), 0).sum(axis=0) / np.maximum(folds.sum(0), 1)
-    return bool(np.any(enough & (better >= MOST_FOLDS)))
+    better = np.where(folds, ndtr(0.5 * sure), 0).sum(axis=1)
+    better = better / np.maximum(folds.sum(axis=0), 1)
+    return np.any(enough & (better >= MOST_FOLDS), axis=1, keepdims=True)
 
 
 def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
@@ -215,35 +238,39 @@ def _covariance(system: System, weight: Array) -> Array:
     )
 
 
-def _blocks(bench: Bench, group: Group, fold: int | None) -> tuple[Array, Array]:
-    """Gram of a group and with the fit, per joint. (dof, k, k), (dof, m, k)."""
+def _blocks(bench: Bench, group: Group) -> tuple[Array, Array]:
+    """Gram of a group and with the fit, per fold and joint.
+
+    Returns:
+        Shapes (folds, dof, k, k), (folds, dof, m, k).
+    """
     design, ids = bench.task.design, bench.systems[0].ids
-    own = np.zeros((design.dof, len(group.ids), len(group.ids)))
-    mixed = np.zeros((design.dof, len(ids), len(group.ids)))
+    shape, k = (design.folds, design.dof), len(group.ids)
+    own, mixed = np.zeros((*shape, k, k)), np.zeros((*shape, len(ids), k))
     for j in range(design.dof):
         place, mine = design.present(j, group.ids)
         if len(place):
             theirs, have = design.present(j, ids)
-            gram = design.total(j)[0] if fold is None else design.gram[j][fold]
-            own[j, mine[:, None], mine] = gram[place[:, None], place]
-            mixed[j, have[:, None], mine] = gram[theirs[:, None], place]
+            gram = design.gram[j]
+            own[:, j, mine[:, None], mine] = gram[:, place[:, None], place]
+            mixed[:, j, have[:, None], mine] = gram[:, theirs[:, None], place]
     return own, mixed
 
 
 def _added(gram: Array, own: Array, mixed: Array, moved: Array) -> Array:
-    """Squared error of a group less what the moved fit imitates. Shape (dof, k, k)."""
-    across = moved.T @ mixed
-    bent = moved.T @ (gram @ moved)
-    return own - across - across.transpose(0, 2, 1) + bent
+    """Squared error of a group less what the moved fit imitates. Shape (..., k, k).
 
-
-def _left_out(bench: Bench, group: Group, fold: int, every: Array) -> Array:
-    """The same on one fold, the fit moved by the others. Shape (dof, k, k)."""
-    own, mixed = _blocks(bench, group, fold)
-    moved = bench.others[fold] @ np.tensordot(bench.weight, every - mixed, 1)
-    return _added(bench.grams[fold], own, mixed, moved)
+    Args:
+        gram: Of the fit. Shape (..., m, m).
+        own: Of the group. Shape (..., k, k).
+        mixed: Of the fit with the group. Shape (..., m, k).
+        moved: What the fit moves by. Shape (..., m, k).
+    """
+    turned = np.swapaxes(moved, -1, -2)
+    across = turned @ mixed
+    return own - across - np.swapaxes(across, -1, -2) + turned @ (gram @ moved)
 
 
 def _along(form: Array, u: Array) -> Array:
-    """Quadratic form of each joint along a direction. Shape (dof,)."""
-    return np.maximum(np.einsum("k,jkl,l->j", u, form, u), 0)
+    """Quadratic forms along a direction. Shape (...) of (..., k, k)."""
+    return np.maximum(np.einsum("k,...kl,l->...", u, form, u), 0)

@@ -48,29 +48,29 @@ class ColumnCache:
 
         Args:
             shelf: Its name; as many rows on each shelf at any time.
-            columns: Shape (rows, k).
+            columns: Shape (k, rows).
         """
         if self._file is None:
             self._keep(shelf, columns)
             return
-        data = np.ascontiguousarray(columns.T)
+        data = np.ascontiguousarray(columns)
         self._blocks.setdefault(shelf, []).append((self._end, len(data)))
         os.pwrite(self._file.fileno(), data, self._end) if data.size else None
         self._end += data.nbytes
 
     def _keep(self, shelf: object, columns: Array) -> None:
-        rows, k = columns.shape
+        k, rows = columns.shape
         have, n = self._kept.get(shelf, (np.empty((0, rows)), 0))
         if n + k > len(have):
             # Many are added at once first, then a few at a time.
             longer = np.empty((n + k + (n + k) // 8 if n else k, rows))
             longer[:n] = have[:n]
             have = longer
-        have[n : n + k] = columns.T
+        have[n : n + k] = columns
         self._kept[shelf] = have, n + k
 
     def read(self, shelf: object, rows: int) -> Array:
-        """Return all columns of a shelf, transposed. Shape (columns, rows)."""
+        """Return all columns of a shelf. Shape (k, rows)."""
         if self._file is None:
             have, n = self._kept.get(shelf, (np.empty((0, rows)), 0))
             return have[:n]

@@ -173,25 +173,26 @@ class Design:
                     fresh[j].append(columns)
             for j in self._js:
                 if fresh[j]:
-                    self._extend(c, j, np.concatenate(fresh[j]))
+                    self._extend(c, j, np.concatenate(fresh[j], axis=1))
         return ids
 
     def _filtered(self, i: int, parts) -> Iterator[tuple[int, Array]]:
-        """Filtered columns of one log on the rows of each joint. Shapes (rows, k)."""
-        track, use = self._tracks[i], self._use[i]
+        """Filtered columns of one log on the rows of each joint. Shapes (k, rows)."""
+        track = self._tracks[i]
+        rows = [np.flatnonzero(use) for use in self._use[i].T]
         by_joint: list[list[Array]] = [[] for _ in self._js]
         for on, columns in parts:
-            filtered = track.filter(columns)
-            for r, j in enumerate(on):
-                by_joint[j].append(filtered[use[:, j], r])
+            filtered = track.filter(columns).transpose(1, 2, 0)
+            for own, j in zip(filtered, on, strict=True):
+                by_joint[j].append(own[:, rows[j]])
         for j, own in enumerate(by_joint):
             if own:
-                yield j, np.concatenate(own, axis=1)
+                yield j, np.concatenate(own)
 
     def _extend(self, c: int, j: int, new: Array) -> None:
         """Keep new columns of a joint on one chunk's rows, and add up their sums."""
         y = self._targets[j][c]
-        new = self.calmed(j, new)
+        new = self.calmed(j, new.T).T
         first = self._columns.read((j, c), len(y)).shape[0]
         self._columns.write((j, c), new)
         every = self._columns.read((j, c), len(y))
@@ -224,11 +225,11 @@ class Design:
             out = []
             for rows, members in by_rows.items():
                 own = [
-                    e.columns(state, js, sh)
+                    e.columns(state, js, sh).transpose(1, 2, 0)
                     for e, js, sh in (candidates[i] for i in members)
                 ]
-                sizes.update(zip(members, (c.shape[2] for c in own), strict=True))
-                out.append((rows, np.concatenate(own, axis=2)))
+                sizes.update(zip(members, (c.shape[1] for c in own), strict=True))
+                out.append((rows, np.concatenate(own, axis=1).transpose(2, 0, 1)))
             return out
 
         bodies = any(e.scope in ("link", "flange") for e, _, _ in candidates)
@@ -322,7 +323,7 @@ class Design:
         for j in self._js:
             self._targets[j] = [self.calmed(j, y) for y in self._targets[j]]
             sums.grow(j, counts[j])
-            self._extend(0, j, old.read((j, 0), len(self.target[j])).T)
+            self._extend(0, j, old.read((j, 0), len(self.target[j])))
         sums.place, sums.size = place, size
         self._show_target()
 

@@ -32,28 +32,27 @@ def low_pass(x: Array, cutoff: float, rate: float, step: int = 1) -> Array:
     band, reach = _band(cutoff, rate, step)
     rows = -(-len(x) // step)
     blocks = -(-rows // BLOCK)
-    flat = x.reshape(len(x), -1)
-    longer = _with_ends(flat, reach, (blocks - 1) * BLOCK * step + band.shape[1])
-    out = np.empty((blocks * BLOCK, flat.shape[1]))
+    flat = x.reshape(len(x), -1).T  # time last: a signal lies together
+    longer = _with_ends(flat, reach, (blocks - 1) * BLOCK * step + len(band))
+    out = np.empty((len(flat), blocks * BLOCK))
     for b in range(blocks):
         first, row = b * BLOCK * step, b * BLOCK
-        np.matmul(
-            band, longer[first : first + band.shape[1]], out=out[row : row + BLOCK]
-        )
-    return out[:rows].reshape(rows, *x.shape[1:])
+        out[:, row : row + BLOCK] = longer[:, first : first + len(band)] @ band
+    return out[:, :rows].T.reshape(rows, *x.shape[1:])
 
 
 def _with_ends(x: Array, reach: int, length: int) -> Array:
     """The signal from ``reach`` before its start on, to the length asked for."""
-    n, ends = len(x), min(reach, len(x) - 1)
-    out = np.empty((length, x.shape[1]))
-    out[reach : reach + n] = x
-    out[reach - ends : reach] = 2 * x[0] - x[ends:0:-1]
-    out[: reach - ends] = out[reach - ends]
+    n = x.shape[1]
+    ends, first, last = min(reach, n - 1), x[:, :1], x[:, -1:]
+    out = np.empty((len(x), length))
+    out[:, reach : reach + n] = x
+    out[:, reach - ends : reach] = 2 * first - x[:, ends:0:-1]
+    out[:, : reach - ends] = out[:, [reach - ends]]
     stop = min(reach + n + ends, length)
-    after = x[n - 1 - (stop - reach - n) : n - 1]
-    out[reach + n : stop] = 2 * x[-1] - after[::-1]
-    out[stop:] = out[stop - 1]
+    after = x[:, n - 1 - (stop - reach - n) : n - 1]
+    out[:, reach + n : stop] = 2 * last - after[:, ::-1]
+    out[:, stop:] = out[:, [stop - 1]]
     return out
 
 
@@ -62,9 +61,9 @@ def _band(cutoff: float, rate: float, step: int) -> tuple[Array, int]:
     """What makes a block of rows of the samples around it, and how far it reaches."""
     reach = int(np.ceil(REACH / cutoff * rate))
     taps = _impulse_response(cutoff, rate, reach)
-    band = np.zeros((BLOCK, (BLOCK - 1) * step + len(taps)))
+    band = np.zeros(((BLOCK - 1) * step + len(taps), BLOCK))
     for row in range(BLOCK):
-        band[row, row * step : row * step + len(taps)] = taps
+        band[row * step : row * step + len(taps), row] = taps
     return band, reach
 
 
