@@ -164,7 +164,11 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         notes=_noted(standing, asked, models["augmented"]),
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in listed),
-        known=learnt(examined, judged.fit if judged.kept else examined.plain),
+        known=learnt(
+            examined,
+            judged.fit if judged.kept else examined.plain,
+            models["augmented"],
+        ),
     )
 
 

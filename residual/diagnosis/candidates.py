@@ -83,7 +83,9 @@ class Candidates:
         return self.price[group.key] / group.fellows
 
     def without(self, names: Sequence[str]) -> "Candidates":
-        """The same without some effects."""
+        """The same without some effects; itself where it has none of them."""
+        if not any(g.effect.name in names for g in self.groups):
+            return self
         kept = tuple(g for g in self.groups if g.effect.name not in names)
         return replace(self, groups=kept)
 

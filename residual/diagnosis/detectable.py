@@ -19,7 +19,7 @@ from residual.effects.base import Effect
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, System
 from residual.evidence.limits import limits_of
-from residual.evidence.screen import beyond, overlap, stacks
+from residual.evidence.screen import overlap, stacks
 from residual.recording import Array
 
 FLAT = 1e-9  # of the largest information of a group: a direction that does nothing
@@ -48,8 +48,12 @@ def lookalikes(
     half = solve_triangular(system.solve(weight)[1], shared, lower=True)
     others = [g for g in task.candidates.groups if not g.parts]
     bases = [
-        ([others[i] for i in members], ids, _root(beyond(design, weight, ids, half)))
-        for members, ids in stacks(others)
+        (
+            [others[i] for i in stack.members],
+            stack.ids,
+            _root(stack.beyond(weight, half)),
+        )
+        for stack in stacks(design, others)
     ]
     out = []
     for group, theta in effects:

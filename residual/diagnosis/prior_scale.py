@@ -41,18 +41,21 @@ class Selection:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Runs:
-    """Searches made so far, by the prior's scale and widths."""
+    """Searches so far by the prior's scale and widths, and what each may name."""
 
     space: Space
     candidates: Candidates
     rules: Rules
     done: dict[tuple, Selection] = field(default_factory=dict)
+    allowed: dict[frozenset[str], Candidates] = field(default_factory=dict)
 
     def search(self, prior: Prior) -> None:
         """Search under a prior, unless that was done."""
         if (key := _key(prior)) not in self.done:
-            allowed = self.candidates.without(tuple(self.space.barred(prior)))
-            task = Task(self.space.design, prior, allowed, self.rules)
+            barred = frozenset(self.space.barred(prior))
+            if barred not in self.allowed:
+                self.allowed[barred] = self.candidates.without(tuple(barred))
+            task = Task(self.space.design, prior, self.allowed[barred], self.rules)
             self.done[key] = Selection(task, search(task), prior)
 
     @property

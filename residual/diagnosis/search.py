@@ -102,10 +102,11 @@ def _shortlist(
 ) -> list[Group]:
     """The best shape of the most promising keys, at most a third of them per joint."""
     groups = task.candidates.groups
+    values = screen(task.design, base, groups, own)
     if instead is not None:
         where = rows_of(task, instead)
-        groups = [g for g in groups if not g.parts and where & rows_of(task, g)]
-    values = screen(task.design, base, groups, own)
+        other = [bool(g.parts) or not where & rows_of(task, g) for g in groups]
+        values = np.where(other, -np.inf, values)
     net = task.candidates.net
     values = np.array([net(g, v) for g, v in zip(groups, values, strict=True)])
     taken = {g.key for g in base.members if not g.effect.repeats}

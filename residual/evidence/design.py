@@ -47,6 +47,7 @@ class Design:
         folds: Number of folds.
         fold_rows: Rows of each fold and joint. Shape (folds, dof).
         power, tau_power: Sum of squares of target and torque. Shape (folds, dof).
+        remembered: What is made of groups of its columns once (``evidence.screen``).
     """
 
     _background: tuple = ()  # tables of each joint; none, or not yet
@@ -77,6 +78,7 @@ class Design:
         self._targets: list[list[Array]] = [[] for _ in range(self.dof)]
         self._totals: list = [None] * self.dof
         self._lines: dict[int, tuple[Array, int]] = {}
+        self.remembered: dict = {}
         self._measure_torque()
         self._take_nominal()
 
@@ -282,7 +284,7 @@ class Design:
         out._kept, out.folds = folds, len(folds)
         out.power, out.tau_power = self.power[folds], self.tau_power[folds]
         out.rows = np.maximum(self.fold_rows[folds].sum(axis=0), 1.0)
-        out._totals = [None] * self.dof
+        out._totals, out.remembered = [None] * self.dof, {}
         return out
 
     def with_target(self, target: Sequence[Array]) -> "Design":
@@ -296,7 +298,7 @@ class Design:
         """
         out = copy(self)
         out._targets = [[y] for y in target]
-        out._totals = [None] * self.dof
+        out._totals, out.remembered = [None] * self.dof, {}
         out._columns, cross = self._columns.copy(), []
         for j, y in enumerate(target):
             x, own = self._columns.read((j, 0), len(y)), np.zeros_like(self.cross[j])
@@ -319,7 +321,7 @@ class Design:
         old, place, size = self._columns, self._sums.place, self._sums.size
         self._columns, sums = ColumnCache(False), Sums(self.dof, self.folds)
         counts = [x.shape[1] for x in self.cross]
-        self._sums, self._totals = sums, [None] * self.dof
+        self._sums, self._totals, self.remembered = sums, [None] * self.dof, {}
         for j in self._js:
             self._targets[j] = [self.calmed(j, y) for y in self._targets[j]]
             sums.grow(j, counts[j])

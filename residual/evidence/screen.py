@@ -1,6 +1,7 @@
 """A quick look at every candidate at once, and what it shares with a fit."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -29,11 +30,9 @@ def screen(design: Design, base: Fit, groups: Sequence[Group], system: System) -
     pull = pulls(design, weight) - theta @ shared
     half = solve_triangular(lower, shared, lower=True, check_finite=False)
     out = np.empty(len(groups))
-    for members, ids in stacks(groups):
-        c = np.stack([groups[i].precision for i in members])
-        c = c + beyond(design, weight, ids, half)
-        log_det = np.array([groups[i].log_det for i in members])
-        out[members] = _quadratic(c, pull[ids], log_det)
+    for stack in stacks(design, groups):
+        c = stack.precision + stack.beyond(weight, half)
+        out[stack.members] = _quadratic(c, pull[stack.ids], stack.log_det)
     return out
 
 
@@ -59,43 +58,78 @@ def overlap(design: Design, system: System, weight: Array) -> Array:
     return out
 
 
-def beyond(design: Design, weight: Array, ids: Array, half: Array) -> Array:
-    """Information of groups of columns that a fit cannot imitate. (g, k, k).
+@dataclass(frozen=True, eq=False, slots=True)
+class Stack:
+    """Groups of as many columns on the same joints.
 
-    Args:
-        design: The columns.
-        weight: Information of a unit of squared error of each joint. Shape (dof,).
-        ids: Columns of groups of equal size. Shape (g, k).
-        half: ``overlap`` by the lower factor of the fit's precision. (m, size).
+    Attributes:
+        members: Their numbers among all groups. Shape (g,).
+        ids: Their columns. Shape (g, k).
+        gram: Of each by itself, on the joints where they act. Shape (joints, g, k, k).
+        joints: Those joints.
+        precision: Their priors. Shape (g, k, k).
+        log_det: Log determinants of these. Shape (g,).
     """
-    own = half[:, ids].transpose(1, 0, 2)
-    return _information(design, weight, ids) - own.transpose(0, 2, 1) @ own
+
+    members: Array
+    ids: Array
+    gram: Array
+    joints: Array
+    precision: Array
+    log_det: Array
+
+    def beyond(self, weight: Array, half: Array) -> Array:
+        """Information of the groups that a fit cannot imitate. Shape (g, k, k).
+
+        Args:
+            weight: Information of a unit of squared error of each joint. Shape (dof,).
+            half: ``overlap`` by the lower factor of the fit's precision. (m, size).
+        """
+        own = half[:, self.ids].transpose(1, 0, 2)
+        known = np.tensordot(weight[self.joints], self.gram, 1)
+        return known - own.transpose(0, 2, 1) @ own
 
 
-def stacks(groups: Sequence[Group]) -> list[tuple[Array, Array]]:
-    """Groups of as many columns on the same joints: their indices and columns."""
-    alike: dict[tuple, list[int]] = {}
-    for i, g in enumerate(groups):
-        alike.setdefault((len(g.ids), g.effect.scope, g.joints), []).append(i)
-    return [(np.array(m), np.stack([groups[i].ids for i in m])) for m in alike.values()]
+def stacks(design: Design, groups: Sequence[Group]) -> list[Stack]:
+    """Return groups, put together where they are alike; remembered by the design."""
+    known = design.remembered
+    if id(groups) not in known:
+        alike: dict[tuple, list[int]] = {}
+        for i, g in enumerate(groups):
+            alike.setdefault((len(g.ids), g.effect.scope, g.joints), []).append(i)
+        # The groups are kept with them, so that nothing else can get their id.
+        made = [_stack(design, groups, np.array(m)) for m in alike.values()]
+        known[id(groups)] = groups, made
+    return known[id(groups)][1]
 
 
-def _information(design: Design, weight: Array, ids: Array) -> Array:
-    """Weighted Gram of each row of columns. Shape (g, k, k) from (g, k)."""
-    out = np.zeros((*ids.shape, ids.shape[1]))
+def _stack(design: Design, groups: Sequence[Group], members: Array) -> Stack:
+    own = [groups[i] for i in members]
+    ids = np.stack([g.ids for g in own])
+    joints, grams = [], []
     for j in range(design.dof):
         place = design.place[j][ids]
         have = place >= 0
         if have.any():
-            gram, _ = design.total(j)
-            block = gram[place[:, :, None], place[:, None, :]]
-            out += weight[j] * block * (have[:, :, None] & have[:, None, :])
-    return out
+            block = design.total(j)[0][place[:, :, None], place[:, None, :]]
+            joints.append(j)
+            grams.append(block * (have[:, :, None] & have[:, None, :]))
+    k = ids.shape[1]
+    return Stack(
+        members,
+        ids,
+        np.array(grams).reshape(len(grams), len(own), k, k),
+        np.array(joints, dtype=int),
+        np.stack([g.precision for g in own]),
+        np.array([g.log_det for g in own]),
+    )
 
 
 def _quadratic(c: Array, u: Array, log_det: Array) -> Array:
     """u'c^-1 u / 2 less the Occam factor, for stacks. Shape (g,)."""
     size = np.sqrt(np.maximum(np.diagonal(c, axis1=1, axis2=2), 1e-300))
+    if c.shape[1] == 1:
+        return 0.5 * (u[:, 0] / size[:, 0]) ** 2 - np.log(size[:, 0]) + 0.5 * log_det
     scaled = c / size[:, :, None] / size[:, None, :]
     values, vectors = np.linalg.eigh(scaled)
     values = np.maximum(values, 1e-12)

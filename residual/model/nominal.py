@@ -201,7 +201,7 @@ def prepare_logs(
     )
     shown = spread([t.seconds for t in tracks])
     some = [recordings[i] for i in shown], [tracks[i] for i in shown]
-    moved = shaken(*some, filters, floor)
+    moved = shaken(*some, filters)
     return Logs(robot, tracks, clock, span, floor, filters, moved)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual.recording import Array, Recording
-from residual.signals.track import Filters, Track, at_samples, prepare, sample_rate
+from residual.signals.track import Filters, Track, motion_of, sample_rate
 
 SEED = 0  # of the redrawn noise: a diagnosis says the same twice
 
@@ -21,8 +21,8 @@ def smooth(recording: Recording, filters: Filters) -> Array:
     Returns:
         Angles [rad]. Shape (n, dof).
     """
-    (track,), _ = prepare([recording], filters, full_rate=True)
-    return at_samples(track.q, track, recording)
+    t, _, (q, _, _) = motion_of(recording, filters)
+    return np.column_stack([np.interp(recording.t, t, x) for x in q.T])
 
 
 def encoder_noise(recording: Recording, filters: Filters) -> Array:
@@ -30,18 +30,15 @@ def encoder_noise(recording: Recording, filters: Filters) -> Array:
 
     By the median, so that jerks of the motion do not count. Shape (dof,).
     """
+    _, q, (low, _, _) = motion_of(recording, filters)
     rate = sample_rate(recording.t)
-    high = recording.q - smooth(recording, filters)
     passed_on = min(filters.kinematics, 0.12 * rate) / (rate / 2)
-    level = np.median(np.abs(high), axis=0) / 0.6745
+    level = np.median(np.abs(q - low), axis=0) / 0.6745
     return level / np.sqrt(1 - passed_on)
 
 
 def shaken(
-    recordings: Sequence[Recording],
-    tracks: Sequence[Track],
-    filters: Filters,
-    speed_floor: Array,
+    recordings: Sequence[Recording], tracks: Sequence[Track], filters: Filters
 ) -> tuple[Track, ...]:
     """The logs with one more helping of the noise of their angles.
 
@@ -49,13 +46,15 @@ def shaken(
         recordings: The logs.
         tracks: The same, prepared: their rows and torque are kept.
         filters: The signal path.
-        speed_floor: Standstill thresholds [rad/s]. Shape (dof,).
     """
-    rng, noisier = np.random.default_rng(SEED), []
-    for r in recordings:
+    rng, out = np.random.default_rng(SEED), []
+    for r, track in zip(recordings, tracks, strict=True):
         noise = encoder_noise(r, filters) * rng.normal(size=r.q.shape)
-        noisier.append(replace(r, q=r.q + noise, qd=None, qdd=None))
-    return on_rows_of(tracks, prepare(noisier, filters, speed_floor)[0])
+        *_, motion = motion_of(replace(r, q=r.q + noise), filters)
+        thin = round(sample_rate(r.t) / track.rate)
+        q, qd, qdd = (x[::thin] for x in motion)
+        out.append(replace(track, q=q, qd=qd, qdd=qdd))
+    return tuple(out)
 
 
 def on_rows_of(real: Sequence[Track], others: Sequence[Track]) -> tuple[Track, ...]:

@@ -167,6 +167,18 @@ def _signals(
     return lambda: once
 
 
+def motion_of(
+    recording: Recording, filters: Filters
+) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+    """Return times, angles and filtered kinematics of a log, evenly spaced.
+
+    Returns:
+        Shapes (n,), (n, dof), and (n, dof) each of q, qd and qdd.
+    """
+    uniform = _resample(recording)
+    return uniform.t, uniform.q, _kinematics(uniform, filters)
+
+
 def _resample(recording: Recording) -> _Uniform:
     rate = sample_rate(recording.t)
     t = np.arange(recording.t[0], recording.t[-1] + 0.5 / rate, 1 / rate)

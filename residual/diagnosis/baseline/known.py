@@ -22,18 +22,21 @@ from residual.model.term import with_slots
 from residual.recording import Array
 
 
-def learnt(examined: Examined, fitted: Fit) -> Nominal:
+def learnt(examined: Examined, fitted: Fit, augmented: Model) -> Nominal:
     """Return what is known of an arm after a diagnosis.
 
     Args:
         examined: The diagnosis.
         fitted: Its fit, with the names that stand.
+        augmented: The model of that fit, without tables.
 
     Returns:
         The augmented model, tables included, with its posterior. What was there for
         friction to fade with during the logs is gone: it is no part of the arm.
     """
-    model = examined.model(fitted, tables=True)
+    model = augmented
+    if examined.logs.background:
+        model = examined.model(fitted, like=augmented, tables=True)
     covariance = posterior_of(fitted, len(model.coefficients()))
     model, covariance = _without_fading(examined.nominal, model, covariance)
     return Nominal(

@@ -16,7 +16,7 @@ from residual.diagnosis.habit import Habit
 from residual.evidence.design import AMPLITUDE, Design, Group
 from residual.evidence.fit import System, scaled_inverse
 from residual.evidence.priors import POSTERIOR_FLOOR
-from residual.evidence.screen import beyond, overlap, pulls, stacks
+from residual.evidence.screen import overlap, pulls, stacks
 from residual.model.nominal import Nominal
 from residual.recording import Array
 
@@ -65,8 +65,9 @@ def _had(first: Examined, groups: Sequence[Group], excess: Array) -> list[tuple]
     half = solve_triangular(lower, shared, lower=True)
     usual = np.array([design.usual(j) for j in range(design.dof)])
     out: list[tuple] = [()] * len(groups)
-    for members, ids in stacks(groups):
-        information = beyond(design, weight, ids, half)
+    for stack in stacks(design, groups):
+        members, ids = stack.members, stack.ids
+        information = stack.beyond(weight, half)
         for i, own, columns in zip(members, information, ids, strict=True):
             out[i] = _one_had(groups[i], own, pull[columns], (usual, excess[i]))
     return out
@@ -108,10 +109,10 @@ def _ratios(first: Examined, groups: Sequence[Group], folds: Array) -> Array:
     pull -= cho_solve(factor, pull[system.ids]) @ shared
     half = solve_triangular(np.tril(factor[0]), shared, lower=True)
     out = np.empty(len(groups))
-    for members, ids in stacks(groups):
-        information = beyond(own, weight, ids, half)
-        bound = np.stack([groups[i].precision for i in members])
-        out[members] = _ratio(information, bound, pull[ids])
+    for stack in stacks(own, groups):
+        information = stack.beyond(weight, half)
+        pulled = pull[stack.ids]
+        out[stack.members] = _ratio(information, stack.precision, pulled)
     return out
 
 

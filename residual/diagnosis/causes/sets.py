@@ -23,7 +23,7 @@ from residual.diagnosis.task import Task
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System
 from residual.evidence.limits import possible
-from residual.evidence.screen import beyond, overlap
+from residual.evidence.screen import overlap, stacks
 from residual.recording import Array
 
 ROUNDS = 3
@@ -199,5 +199,7 @@ def _information(
     system = System.of(task.design, task.prior, members)
     shared = overlap(task.design, system, weight)
     half = solve_triangular(system.solve(weight)[1], shared, lower=True)
-    ids = np.stack([g.ids for g in others])
-    return beyond(task.design, weight, ids, half)[:, 0, 0]
+    out = np.empty(len(others))
+    for stack in stacks(task.design, others):
+        out[stack.members] = stack.beyond(weight, half)[:, 0, 0]
+    return out
