@@ -42,6 +42,8 @@ from residual.model.nominal import (
     prepare_logs,
     start_nominal,
 )
+from residual.planning.gather import open_question
+from residual.planning.promise import promised
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.split import hold_out_end, session_clock
@@ -156,8 +158,9 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
         least_drift=least,
         p_value=asked.null.p_value if asked.null else None,
     )
+    verdict = replace(conclude(case), next_experiment=_hint(case))
     return Diagnosis(
-        verdict=_with_edits(conclude(case), models, examined, asked),
+        verdict=_with_edits(verdict, models, examined, asked),
         models=models,
         proofs=proofs,
         clouds=clouds(examined, judged.fit, listed),
@@ -170,6 +173,12 @@ def _prove(examined: Examined, asked: _Asked) -> Diagnosis:
             models["augmented"],
         ),
     )
+
+
+def _hint(case: Case) -> dict | None:
+    """Say whether another experiment would decide what is left open."""
+    found = promised(open_question(case.examined, case.judged.fit, case.named))
+    return None if found is None else found.document()
 
 
 def _with_edits(

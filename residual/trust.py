@@ -42,6 +42,7 @@ def _unnamed(verdict: Verdict) -> Verdict:
         verdict="unknown",
         effects=(),
         minimum_detectable=(),
+        next_experiment=None,
         edit=None,
         error=_errors(verdict.error),
     )

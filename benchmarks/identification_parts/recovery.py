@@ -97,8 +97,5 @@ def _recovered(found: Identification, truth: np.ndarray, held_out: list) -> floa
 
 def _gap(model: Model, true: Model, held_out: list) -> float:
     tracks, _ = prepare(held_out, model.filters, model.speed_floor)
-    gaps = [
-        model.torque_on(t) - true.torque_on(t)
-        for t in tracks
-    ]
+    gaps = [model.torque_on(t) - true.torque_on(t) for t in tracks]
     return float(np.linalg.norm(np.concatenate(gaps)))

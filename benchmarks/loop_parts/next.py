@@ -28,9 +28,9 @@ from benchmarks.loop_parts.next_bars import (
 )
 from benchmarks.seeded import guarded
 from flows.specs.experiment import derived_seed
+from flows.steps.planning.ask import Listener
 from flows.steps.planning.design import design, hint
 from flows.steps.planning.motions import Search, with_twins
-from flows.steps.planning.suggest import Listener
 from residual.close import close_the_loop
 from residual.diagnosis.result import Diagnosis, Place
 from residual.effects import reported_joints

@@ -15,7 +15,6 @@ from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.check import checked
-from flows.steps.planning.suggest import Listener, suggested
 from residual.close import Inside, close_the_loop
 from residual.diagnosis.result import Diagnosis
 from residual.robot.robot import Robot
@@ -60,27 +59,12 @@ def _of_others(request: Diagnose, robot: Robot) -> list[str]:
 
 
 def diagnose(
-    request: Diagnose, logs: LogSets, progress: Progress | None = None
+    request: Diagnose,
+    logs: LogSets,
+    progress: Progress | None = None,
+    inside: Inside | None = None,
 ) -> Diagnosis:
-    """Find what the model lacks, and where that is left open, what to do next.
-
-    Args:
-        request: What is wanted.
-        logs: The logs (`read_logs`).
-        progress: Told the stage and the share done.
-
-    Raises:
-        InputError: If the logs are not usable together, or a fault of them is certain.
-    """
-    heard = Listener()
-    found = diagnose_heard(request, logs, progress, heard)
-    return suggested(found, heard.question, logs.robot)
-
-
-def diagnose_heard(
-    request: Diagnose, logs: LogSets, progress: Progress | None, inside: Inside
-) -> Diagnosis:
-    """Find what the model lacks, and show what the search knows.
+    """Find what the model lacks, and say whether an experiment would tell more.
 
     Args:
         request: What is wanted.

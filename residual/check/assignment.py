@@ -159,3 +159,20 @@ def _joint(motion: Motion, own: Columns) -> tuple:
         weight * len(tau),
         vectors.T @ own.brake,
     )
+
+
+def best_order(value: Array) -> Array:
+    """Assign a channel to every joint, so that the values are the most in all.
+
+    Args:
+        value: What each channel is worth to each joint. Shape (dof, dof).
+
+    Returns:
+        The channel of each joint. Shape (dof,).
+    """
+    if np.all(value.argmax(axis=1) == np.arange(len(value))):
+        return np.arange(len(value))
+    # Late: a slow import, and logs in the order that they say are the rule.
+    from scipy.optimize import linear_sum_assignment
+
+    return linear_sum_assignment(value, maximize=True)[1]

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import BarycentricInterpolator
-from scipy.signal import welch
 
 from residual.check.columns import Columns, columns
 from residual.check.motion import Motion, thin_rows
@@ -15,6 +13,7 @@ from residual.check.result import DELAY, Fault
 from residual.names import listed
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
+from residual.signals.spectrum import power_density
 
 _SEGMENT = 128  # samples: short enough that most segments hold no reversal
 # Shares of the sampling rate: noise of a sensor is as strong in both.
@@ -63,9 +62,7 @@ def filtered(recordings: Sequence[Recording]) -> list[Fault]:
 def _spectrum(recording: Recording) -> tuple[Array, Array]:
     """Fall of the torque's spectrum in dB, its noise as a share of its rms. (dof,)."""
     tau = recording.tau
-    share, power = welch(
-        tau, nperseg=_SEGMENT, window="blackmanharris", axis=0, average="median"
-    )
+    share, power = power_density(tau, _SEGMENT, robust=True)
     near, high = (
         power[(share >= low) & (share < top)].mean(axis=0)
         for low, top in (_NEAR, _HIGH)
@@ -93,7 +90,9 @@ def late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         return []
     motion = rows[len(rows) // 2]
     # In between the filtered torque is smooth enough for a polynomial.
-    between = BarycentricInterpolator(_SHIFTS, np.eye(len(_SHIFTS)))(_DELAYS)
+    powers = (np.vander(x, len(_SHIFTS)) for x in (_SHIFTS, _DELAYS))
+    at_shifts, at_delays = powers
+    between = at_delays @ np.linalg.inv(at_shifts)
     torques = np.einsum("ks,snj->jkn", between, np.stack([m.tau for m in rows]))
     joints = columns(robot, motion)
     nats = np.array([_nats(motion, torques[j], j, own) for j, own in enumerate(joints)])

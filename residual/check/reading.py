@@ -10,9 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
-from residual.check.assignment import Scores, torque_scores
+from residual.check.assignment import Scores, best_order, torque_scores
 from residual.check.motion import Motion
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -167,7 +166,7 @@ def _with_torques(
             turned = np.array([1, -1]) != usual
             against = _ODDS * (1 - np.eye(dof))[:, :, None] + _ODDS * turned
             value = table[:, :, k] - against
-            joints, channels = linear_sum_assignment(value.max(-1), maximize=True)
+            joints, channels = np.arange(dof), best_order(value.max(-1))
             which = value[joints, channels].argmax(-1)
             changed = replace(
                 reading,

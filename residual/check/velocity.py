@@ -7,9 +7,8 @@ velocity: no derivative of a noisy signal is taken.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.optimize import linear_sum_assignment
 
+from residual.check.assignment import best_order
 from residual.check.result import Fault, Repair
 from residual.names import listed
 from residual.recording import Array, Recording
@@ -55,7 +54,9 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
     t, q = recording.t, recording.q
     step = float(np.median(np.diff(t)))
     stride = min(max(1, round(_WINDOW / step)), max(1, len(t) // 20))
-    travelled = cumulative_trapezoid(recording.qd, t, axis=0, initial=0)
+    mean = (recording.qd[1:] + recording.qd[:-1]) / 2
+    travelled = np.cumsum(mean * np.diff(t)[:, None], axis=0)
+    travelled = np.concatenate([np.zeros((1, q.shape[1])), travelled])
     late = np.diff(t[::stride]) > 1.5 * stride * step
     parts = (np.diff(x[::stride], axis=0)[~late] for x in (q, travelled))
     return tuple(parts)
@@ -65,7 +66,7 @@ def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
     """Velocities of other joints: each angle finds its own among them."""
     own = np.diag(related)
     sure = np.abs(related) + 0.2 * np.eye(len(own))
-    _, order = linear_sum_assignment(sure, maximize=True)
+    order = best_order(sure)
     joints = tuple(j + 1 for j, i in enumerate(order) if i != j)
     best = np.abs(related[np.arange(len(own)), order])
     if not joints or any(best[j - 1] < _SAME for j in joints if moved[j - 1]):

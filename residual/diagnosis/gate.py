@@ -124,6 +124,15 @@ def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], fl
         Candidates within 6 nats of the member when swapped in, nearest first; the
         probability of that class against every other candidate and against nothing.
     """
+    known = task.design.remembered
+    key = ("alternatives", id(task), id(fitted), id(group))
+    if key not in known:
+        # Kept with what it is of, so that nothing else can get these ids.
+        known[key] = (task, fitted, group), _alternatives(task, fitted, group)
+    return known[key][1]
+
+
+def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], float]:
     rest = [g for g in fitted.members if g is not group]
     without = task.fit(rest, fitted)
     own = task.net_gain(fitted, without, group)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import welch
 
 from residual.diagnosis.doubt.standing import Withdrawn
 from residual.diagnosis.examine import Examined
@@ -15,6 +14,7 @@ from residual.names import joints_listed, listed
 from residual.recording import Recording
 from residual.signals.low_pass import low_pass
 from residual.signals.pieces import in_pieces
+from residual.signals.spectrum import power_density
 from residual.signals.track import sample_rate
 
 QUIET = (
@@ -35,8 +35,8 @@ def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
     for recording in in_pieces(recordings):
         rate = sample_rate(recording.t)
         length = min(512, len(recording.t))
-        f, density = welch(recording.tau, rate, nperseg=length, axis=0)
-        top, middle = f > 0.4 * rate, (f > 0.1 * rate) & (f < 0.2 * rate)
+        f, density = power_density(recording.tau, length)
+        top, middle = f > 0.4, (f > 0.1) & (f < 0.2)
         shares.append(
             density[top].mean(axis=0) / (density[middle].mean(axis=0) + 1e-30)
         )

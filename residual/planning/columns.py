@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from residual.effects.base import State
 from residual.planning.question import Question
 from residual.recording import Array, Recording
-from residual.signals.track import prepare
+from residual.signals.track import prepare, widened
 
 
 def planned_gram(
@@ -123,5 +122,4 @@ def standing(question: Question, qd: Array, rate: float) -> Array:
     """
     still = np.abs(qd) < question.signals.speed_floor
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
-    width = 2 * int(np.ceil(question.signals.margin * rate)) + 1
-    return maximum_filter1d(still.astype(np.uint8), width, axis=0) > 0
+    return widened(still, int(np.ceil(question.signals.margin * rate)))

@@ -235,7 +235,8 @@ def _strongest(examined: Examined, fitted: Fit, joint: int) -> list[Group]:
         if not g.parts and joint in g.effect.rows(g.joints, dof)
     ]
     price = np.array([task.candidates.cost(g) for g in groups])
-    net = screen(task.design, task.prior, fitted, groups) - price
+    own = System.of(task.design, task.prior, fitted.members)
+    net = screen(task.design, fitted, groups, own) - price
     chosen: dict[tuple, Group] = {}
     known = {g.key for g in fitted.members}
     for i in np.argsort(-net):

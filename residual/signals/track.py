@@ -241,8 +241,8 @@ def _track(label, u: _Uniform, motion, filters: Filters, options) -> Track:
     still = (np.abs(qd) < speed_floor) | u.gap[::first, None]
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
     half = int(np.ceil(filters.margin / cutoff * rate))
-    still = _widened(still, half)
-    inner = ~_widened(u.gap, (2 * half + 1) * first // 2)[:: first * step]
+    still = widened(still, half)
+    inner = ~widened(u.gap, (2 * half + 1) * first // 2)[:: first * step]
     edge = max(2, round(filters.edge * rate / step))
     inner[:edge] = inner[-edge:] = False
     return Track(
@@ -271,7 +271,7 @@ def _thinned(u: _Uniform, first: int) -> Array:
     return low_pass(u.tau, 0.4 * u.rate / first, u.rate, first)
 
 
-def _widened(marks: Array, half: int) -> Array:
+def widened(marks: Array, half: int) -> Array:
     """Marks, and as many samples before and after each of them. Shape as given."""
     count = np.cumsum(marks, axis=0)
     count = np.pad(count, [(1, 0)] + [(0, 0)] * (marks.ndim - 1))

@@ -54,7 +54,7 @@ def page_with_motion(found: Diagnosis, origin: Origin | None = None) -> str:
 def motion_chart(found: Diagnosis) -> Chart | None:
     """Return the picture of the motion that a diagnosis proposes; None for none."""
     plan, nominal = found.verdict.next_experiment, found.models.get("nominal")
-    if not plan or nominal is None:
+    if not plan or plan["family"] is None or nominal is None:
         return None
     told = plan["parameters"]
     spec = TrajectorySpec.from_record(

@@ -27,13 +27,13 @@ def next_words(verdict: Verdict) -> list[str]:
     if not plan:
         alike = any(finding.equivalent for finding in verdict.effects)
         return [_OFFER] if alike else []
+    apart = from_one_another([_place(p) for p in plan["rivals"]])
+    if plan["family"] is None:
+        return [_promise(plan, apart)]
     periods = plan["parameters"].get("periods")
     times = f" in {periods} periods" if periods else ""
     family = _FAMILIES.get(plan["family"], f"a motion of kind {plan['family']}")
-    out = [
-        f"{family} of {number(plan['seconds'])} s{times} tells "
-        f"{from_one_another([_place(p) for p in plan['rivals']])}"
-    ]
+    out = [f"{family} of {number(plan['seconds'])} s{times} tells {apart}"]
     if known(plan["expected_nats"]):
         out.append(
             f"expected evidence between the two that are nearest: "
@@ -47,6 +47,16 @@ def next_words(verdict: Verdict) -> list[str]:
     else:
         out.append("modelgap next finds a better one, and writes it for a controller")
     return out
+
+
+def _promise(plan: Mapping, apart: str) -> str:
+    """What a free motion would tell, where none was designed yet."""
+    nats = plan["expected_nats"]
+    worth = f", by {number(nats)} nats at the nearest" if known(nats) else ""
+    return (
+        f"{number(plan['seconds'])} s of another motion may tell {apart}{worth} where "
+        "nothing is in its way: modelgap next designs it for this arm"
+    )
 
 
 def _place(entry: Mapping) -> Place:

@@ -10,15 +10,15 @@ from flows.keep.diagnosis import checked_verdict, read_verdict
 from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
-from flows.steps.diagnose import diagnose_heard, read_logs, runs_of
+from flows.steps.diagnose import diagnose, read_logs, runs_of
 from flows.steps.planning.request import Next
-from flows.steps.planning.suggest import Listener
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named
 from residual.diagnosis.result import Diagnosis, Verdict
 from residual.errors import InputError
 from residual.evidence.fit import Fit
 from residual.names import check_nesting
+from residual.planning.gather import open_question
 from residual.planning.question import Question
 from residual.planning.wish import Wish, parse_wish, wished_question
 from residual.robot.robot import Robot
@@ -56,15 +56,21 @@ class Asked:
 
 
 @dataclass(eq=False, slots=True)
-class _Wisher(Listener):
-    """Keeps the question of a wish in place of what is open."""
+class Listener:
+    """Hears what a search knows before it is let go, and keeps what is asked of it.
+
+    Attributes:
+        wish: What is asked; None for what is open.
+        question: The question; None before the search has ended.
+    """
 
     wish: Wish | None = None
+    question: Question | None = None
 
     def __call__(self, examined: Examined, fitted: Fit, named: Sequence[Named]) -> None:
         """Keep the question."""
         if self.wish is None:
-            Listener.__call__(self, examined, fitted, named)
+            self.question = open_question(examined, fitted, named)
         else:
             self.question = wished_question(examined, fitted, self.wish)
 
@@ -86,8 +92,8 @@ def ask(request: Next, progress: Progress | None = None) -> Asked:
     wish = None if request.want is None else parse_wish(request.want)
     stored = is_run(request.verdict)
     verdict, again, logs = (_of_store if stored else _of_file)(request)
-    heard = _Wisher(wish=wish)
-    found = diagnose_heard(again, logs, progress, heard)
+    heard = Listener(wish)
+    found = diagnose(again, logs, progress, heard)
     assert heard.question is not None
     return Asked(verdict, found, heard.question, logs.robot, again, logs.lines)
 

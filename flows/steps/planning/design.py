@@ -14,15 +14,15 @@ from flows.steps.planning.motions import (
     fourier,
     planned,
     seconds_to,
-    series_gram,
 )
 from residual.planning.outlook import chance
+from residual.planning.promise import told_apart
 from residual.planning.question import Place
 from sim.records import TrajectorySpec
 from sim.streams import stream
 from sim.trajectories.reference import KINDS
 
-FEW, MANY = 30, 60  # random motions: for a hint, and for a design
+MANY = 60  # random motions
 _STARTS, _LOOKS = 2, 350  # of local searches, and motions that each may look at
 _SEEDS = 3  # of every other family
 _PERIODS = 2  # of motions that nobody designed: what a specification has by default
@@ -56,7 +56,7 @@ class Design:
         chance: Chance that it settles the question.
         seconds: After how long of it every pair is expected to have enough [s]; None
             where all of it is not enough, or nobody looked.
-        compared: What others would do; empty for a hint.
+        compared: What others would do.
     """
 
     search: Search
@@ -66,23 +66,9 @@ class Design:
     compared: tuple[Compared, ...] = ()
 
     @property
-    def rivals(self) -> list[Place]:
+    def rivals(self) -> tuple[Place, ...]:
         """What the motion tells apart, each once."""
-        contests = self.search.question.contests
-        told = {
-            contests[c].rivals[i].place
-            for c, a, b in self.best.seen.nats
-            for i in (a, b)
-        }
-        every = (r.place for contest in contests for r in contest.rivals)
-        return [place for place in dict.fromkeys(every) if place in told]
-
-
-def hint(search: Search) -> Design:
-    """Return the best of a few random motions: what a diagnosis has time for."""
-    motions = drawn(search, FEW)
-    worth = [search.weighed(series_gram(search, *m)).worth for m in motions]
-    return _design(search, fourier(search, *motions[int(np.argmax(worth))]))
+        return told_apart(self.search.question, self.best.seen)
 
 
 def design(search: Search, tell: Progress | None = None) -> Design:

@@ -93,6 +93,14 @@ def near_sets(task: Task, fitted: Fit) -> list[Rival]:
     """
     if not fitted.members or any(g.fellows > 1 for g in fitted.members):
         return []
+    known, key = task.design.remembered, ("sets", id(task), id(fitted))
+    if key not in known:
+        # Kept with what it is of, so that nothing else can get these ids.
+        known[key] = (task, fitted), _near_sets(task, fitted)
+    return known[key][1]
+
+
+def _near_sets(task: Task, fitted: Fit) -> list[Rival]:
     own, found = _score(task, fitted), {}
     for other in _near(task, fitted):
         gap = _score(task, other) - own
