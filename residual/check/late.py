@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual.check.columns import Columns, columns
-from residual.check.motion import Motion, thin_rows
+from residual.check.motion import Motion, later_torques, thin_rows
 from residual.check.physics import BENT, bent
 from residual.check.reading import as_given, judge
 from residual.check.result import DELAY, Fault
@@ -85,15 +85,15 @@ def late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         robot: The arm.
         recordings: Its logs, whose columns are read rightly.
     """
-    rows = [thin_rows([_shifted(r, s) for r in recordings]) for s in _SHIFTS]
-    if any(each is None for each in rows):
+    motion = thin_rows(recordings)
+    if motion is None:
         return []
-    motion = rows[len(rows) // 2]
     # In between the filtered torque is smooth enough for a polynomial.
     powers = (np.vander(x, len(_SHIFTS)) for x in (_SHIFTS, _DELAYS))
     at_shifts, at_delays = powers
     between = at_delays @ np.linalg.inv(at_shifts)
-    torques = np.einsum("ks,snj->jkn", between, np.stack([m.tau for m in rows]))
+    moved = later_torques(recordings, _SHIFTS)
+    torques = np.einsum("ks,snj->jkn", between, moved)
     joints = columns(robot, motion)
     nats = np.array([_nats(motion, torques[j], j, own) for j, own in enumerate(joints)])
     delay, sd = _peak(nats.sum(axis=0))
@@ -116,11 +116,12 @@ def long_late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         robot: The arm.
         recordings: Its logs, whose columns are read rightly.
     """
-    strain = {}
-    for shift in _FAR:
-        rows = thin_rows([_shifted(r, shift) for r in recordings])
-        if rows is not None:
-            strain[shift] = bent(judge(robot, rows, as_given(robot.dof)))
+    motion, strain = thin_rows(recordings), {}
+    if motion is None:
+        return []
+    for shift, tau in zip(_FAR, later_torques(recordings, _FAR), strict=True):
+        rows = replace(motion, tau=tau)
+        strain[shift] = bent(judge(robot, rows, as_given(robot.dof)))
     best = min(strain, key=strain.__getitem__, default=0.0)
     if best == 0 or strain[best] >= BENT:
         return []
@@ -160,11 +161,3 @@ def _peak(nats: Array) -> tuple[float, float]:
 
 def _rms(x: Array) -> Array:
     return np.sqrt(np.mean(x**2, axis=0))
-
-
-def _shifted(recording: Recording, shift: float) -> Recording:
-    if shift == 0:
-        return recording
-    t = recording.t
-    moved = [np.interp(t + shift, t, column) for column in recording.tau.T]
-    return replace(recording, tau=np.column_stack(moved))

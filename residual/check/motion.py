@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.recording import Array, Recording
-from residual.signals.track import Filters, prepare
+from residual.signals.track import Filters, Track, prepare, torque_later
 
 _FILTERS = Filters(kinematics=5.0, torque=5.0, rate=60.0)
 _MOST_ROWS = 360
@@ -70,18 +70,12 @@ def thin_rows(recordings: Sequence[Recording]) -> Motion | None:
     Args:
         recordings: Logs of one robot, read with one column map.
     """
-    long = [r for r in recordings if len(r.t) > 20]
-    if not long:
+    chosen = _chosen(recordings)
+    if not chosen:
         return None
-    tracks, _ = prepare(long, _FILTERS)
-    total = sum(int(track.inner.sum()) for track in tracks)
-    if total < 10:
-        return None
-    every = max(1, int(np.ceil(total / _MOST_ROWS)))
     parts: dict[str, list] = {k: [] for k in ("q", "qd", "qdd", "tau", "moving", "log")}
     seconds = 0.0
-    for number, track in enumerate(tracks):
-        use = np.flatnonzero(track.inner)[::every]
+    for number, (_, track, use) in enumerate(chosen):
         for key in ("q", "qd", "qdd"):
             parts[key].append(getattr(track, key)[:: track.step][use])
         parts["tau"].append(track.tau[use])
@@ -91,3 +85,37 @@ def thin_rows(recordings: Sequence[Recording]) -> Motion | None:
     rows = {key: np.concatenate(value) for key, value in parts.items()}
     count = len(rows["log"])
     return Motion(**rows, spread=min(1.0, seconds / _APART / count))
+
+
+def later_torques(recordings: Sequence[Recording], ahead: Sequence[float]) -> Array:
+    """Torque on the rows of ``thin_rows``, of moments that follow them.
+
+    Args:
+        recordings: Logs of one robot, of which something is left.
+        ahead: By how much the moments follow [s].
+
+    Returns:
+        Torques [N m]. Shape (len(ahead), n, dof).
+    """
+    chosen = _chosen(recordings)
+    torques = (
+        [torque_later(r, track, _FILTERS, s)[use] for r, track, use in chosen]
+        for s in ahead
+    )
+    return np.stack([np.concatenate(parts) for parts in torques])
+
+
+def _chosen(
+    recordings: Sequence[Recording],
+) -> list[tuple[Recording, Track, Array]]:
+    """Logs that are long enough, with the numbers of the rows that are looked at."""
+    long = [r for r in recordings if len(r.t) > 20]
+    tracks, _ = prepare(long, _FILTERS) if long else ((), None)
+    total = sum(int(track.inner.sum()) for track in tracks)
+    if total < 10:
+        return []
+    every = max(1, int(np.ceil(total / _MOST_ROWS)))
+    return [
+        (r, track, np.flatnonzero(track.inner)[::every])
+        for r, track in zip(long, tracks, strict=True)
+    ]

@@ -16,13 +16,13 @@ def _feature(state, j, shape):
 def _shapes(span, j):
     """Orders that the travel can resolve and the identification filter lets pass.
 
-    Two neighbours differ by at most 1.5 rad of phase over the travel, so that the
-    search between them has one peak.
+    Two neighbours differ by at most 2.4 rad of phase over the travel: half way between
+    them a wave keeps 89 % of its power, and the search from there has one peak.
     """
     travel = max(span.travel[j], 1e-3)
     lowest = max(4.0, 3 * np.pi / travel)
     highest = min(60.0, 2 * np.pi * span.cutoff / max(0.25 * span.speed[j], 1e-3))
-    step = min(1.0, 1.5 / travel)
+    step = min(1.6, 2.4 / travel)
     return tuple((float(n),) for n in np.arange(lowest, highest, step))
 
 

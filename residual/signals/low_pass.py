@@ -7,11 +7,13 @@ import numpy as np
 from residual.recording import Array
 
 ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
-REACH = 6.0  # periods of the cut-off after which it has forgotten all but 1e-6
-BLOCK = 32  # rows that are made at once
+REACH = 4.5  # periods of the cut-off after which it has forgotten all but 1e-5
+BLOCK = 16  # rows that are made at once
 
 
-def low_pass(x: Array, cutoff: float, rate: float, step: int = 1) -> Array:
+def low_pass(
+    x: Array, cutoff: float, rate: float, step: int = 1, ahead: float = 0.0
+) -> Array:
     """Butterworth low-pass of order 4, forwards and backwards, along the first axis.
 
     As a product with the filter's own impulse response: what is thrown away is not
@@ -22,14 +24,15 @@ def low_pass(x: Array, cutoff: float, rate: float, step: int = 1) -> Array:
         cutoff: Of the low-pass [Hz].
         rate: Of the signals [Hz].
         step: Which values are wanted: 0, step, 2 step, ...
+        ahead: Time by which the values are of a later signal [s].
 
     Returns:
         Shape (ceil(n / step), ...).
     """
     x = np.asarray(x, dtype=float)
-    if cutoff >= 0.45 * rate:
+    if cutoff >= 0.45 * rate and not ahead:
         return x[::step]
-    band, reach = _band(cutoff, rate, step)
+    band, reach = _band(cutoff, rate, step, ahead)
     rows = -(-len(x) // step)
     blocks = -(-rows // BLOCK)
     flat = x.reshape(len(x), -1).T  # time last: a signal lies together
@@ -57,23 +60,24 @@ def _with_ends(x: Array, reach: int, length: int) -> Array:
 
 
 @cache
-def _band(cutoff: float, rate: float, step: int) -> tuple[Array, int]:
+def _band(cutoff: float, rate: float, step: int, ahead: float) -> tuple[Array, int]:
     """What makes a block of rows of the samples around it, and how far it reaches."""
-    reach = int(np.ceil(REACH / cutoff * rate))
-    taps = _impulse_response(cutoff, rate, reach)
+    reach = int(np.ceil((REACH / cutoff + abs(ahead)) * rate))
+    taps = _impulse_response(cutoff, rate, reach, ahead)
     band = np.zeros(((BLOCK - 1) * step + len(taps), BLOCK))
     for row in range(BLOCK):
         band[row * step : row * step + len(taps), row] = taps
     return band, reach
 
 
-def _impulse_response(cutoff: float, rate: float, reach: int) -> Array:
+def _impulse_response(cutoff: float, rate: float, reach: int, ahead: float) -> Array:
     """Values from -reach to reach. The filter is |H|^2, in closed form.
 
     1 / (1 + (tan(w / 2) / tan(w_c / 2))^(2 N))    (bilinear transform, w in rad/sample)
     """
     half = np.linspace(0, np.pi / 2, 4 * reach + 1)[:-1]  # at pi it is zero
-    warped = np.tan(half) / np.tan(np.pi * cutoff / rate)
-    pulse = np.fft.irfft(np.append(1 / (1 + warped ** (2 * ORDER)), 0.0))
+    warped = np.tan(half) / np.tan(np.pi * min(cutoff / rate, 0.49))
+    gain = np.exp(-2j * half * ahead * rate) / (1 + warped ** (2 * ORDER))
+    pulse = np.fft.irfft(np.append(gain, 0.0))
     taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
     return taps / taps.sum()
