@@ -7,7 +7,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from residual.errors import InputError
-from warehouse.kinds import FOLDERS
+from residual.lazy import Lazy
+
+kinds = Lazy("warehouse.kinds")
 
 
 def json_text(document: Mapping) -> str:
@@ -62,7 +64,7 @@ def check_outside(option: str, file: str | None, store: Path) -> None:
     place, store = Path(file or store).resolve(), store.resolve()
     # A store may be a folder with other things beside its own.
     inside = place.relative_to(store).parts[:1] if place.is_relative_to(store) else ()
-    if set(inside) & FOLDERS:
+    if set(inside) & kinds.FOLDERS:
         raise InputError(
             f"{option} {file} is among the records of the store. Name a file elsewhere."
         )

@@ -8,8 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from residual.errors import InputError
+from residual.lazy import Lazy
 from warehouse.objects.address import is_address
-from warehouse.objects.mirror import mirror_of
+
+mirror = Lazy("warehouse.objects.mirror")
 
 PROJECT = "modelgap.toml"  # file of a project, which names its store
 ROOT = Path(__file__).resolve().parents[1]
@@ -39,7 +41,7 @@ def store_folder(option: str | None = None) -> Path:
     """
     word = str(option or os.environ.get(STORE) or _of_project())
     if is_address(word):
-        return mirror_of(word)
+        return mirror.mirror_of(word)
     place = Path(word).resolve()
     for folder in (place, *place.parents):
         if folder.exists():

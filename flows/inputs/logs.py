@@ -6,6 +6,7 @@ from pathlib import Path
 
 from flows.settings import store_folder
 from residual.errors import InputError
+from residual.lazy import Lazy
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs import (
@@ -17,7 +18,8 @@ from warehouse.logs import (
     read_log,
     unique_ids,
 )
-from warehouse.runs import read_run
+
+runs = Lazy("warehouse.runs")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -126,7 +128,7 @@ def _use(*sets: tuple[Recording, ...]) -> str:
 
 
 def _read_run(word: str, robot: Robot, store: Path) -> tuple[Recording, str, str]:
-    log = read_run(store, word)
+    log = runs.read_run(store, word)
     if log.dof != robot.dof:
         raise InputError(
             f"Run {log.id} has {log.dof} joints, {robot.name} has {robot.dof}. Give "

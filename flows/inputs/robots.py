@@ -9,10 +9,12 @@ from flows.inputs.logs import is_run
 from flows.settings import store_folder
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
+from residual.lazy import Lazy
 from residual.names import check_name
 from residual.robot.robot import Robot, load_robot, with_serial
-from warehouse.origin.robots import robot_of_hash
-from warehouse.runs import read_manifest
+
+origin = Lazy("warehouse.origin.robots")
+stored = Lazy("warehouse.runs")
 
 _INSTEAD: ContextVar[Mapping[str, str]] = ContextVar("instead", default={})  # noqa: B039
 
@@ -49,9 +51,9 @@ def robot_of(runs: Sequence[str], store: Path) -> str:
     """
     if not runs:
         raise InputError("No run given, expected one or more ids.")
-    manifest = read_manifest(store, runs[0])
+    manifest = stored.read_manifest(store, runs[0])
     if "spec" not in manifest:
-        return robot_of_hash(store, manifest["robot_hash"])
+        return origin.robot_of_hash(store, manifest["robot_hash"])
     return manifest.get("robot") or manifest["spec"]["robot"]["name"]
 
 
@@ -85,7 +87,7 @@ def serial_of(run: str, store: str | Path | None) -> str | None:
     Raises:
         InputError: If there is no such run.
     """
-    return read_manifest(store_folder(store), run).get("serial")
+    return stored.read_manifest(store_folder(store), run).get("serial")
 
 
 def check_declared(names: Sequence[str] | None) -> None:

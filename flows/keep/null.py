@@ -9,9 +9,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from residual.diagnosis.null_record import Null, from_record, to_record
 from residual.errors import InputError
-from warehouse.commit import read_record
-from warehouse.layout import list_folders
-from warehouse.query.store import open_store
+from residual.lazy import Lazy
+
+commit = Lazy("warehouse.commit")
+sql = Lazy("warehouse.query.store")
+layout = Lazy("warehouse.layout")
 
 KIND = "null"  # of validations
 
@@ -108,12 +110,12 @@ def nulls_in(store: Path) -> tuple[Null, ...]:
 
 def null_records(store: Path) -> list[tuple[str, Mapping]]:
     """Return ids and records of all nulls, the latest first."""
-    if not list_folders(store, "validations"):
+    if not layout.list_folders(store, "validations"):
         return []
     query = (
         "SELECT validation_id FROM validations "
         f"WHERE kind = '{KIND}' ORDER BY created DESC"
     )
-    with open_store(store) as opened:
+    with sql.open_store(store) as opened:
         ids = opened.sql(query).column(0).to_pylist()
-    return [(id, read_record(store, id)) for id in ids]
+    return [(id, commit.read_record(store, id)) for id in ids]

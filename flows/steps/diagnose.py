@@ -8,18 +8,20 @@ from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of, robot_of, serial_of
-from flows.keep.diagnosis import read_known, store_outcome
 from flows.keep.method import of_this_version
-from flows.keep.null import nulls_in, read_null
 from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.check import checked
 from residual.close import Inside, close_the_loop
 from residual.diagnosis.result import Diagnosis
+from residual.lazy import Lazy
 from residual.robot.robot import Robot
 from residual.trust import with_check
-from warehouse.runs import read_run
+
+kept = Lazy("flows.keep.diagnosis")
+null = Lazy("flows.keep.null")
+stored = Lazy("warehouse.runs")
 
 _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 
@@ -77,9 +79,9 @@ def diagnose(
     """
     report = checked(logs, request.declared, request.trust_log)
     store = store_folder(request.store)
-    known = read_known(store, request.model) if request.model else None
-    wanted = (read_null(request.null),) if request.null else None
-    nulls = wanted or nulls_in(store)
+    known = kept.read_known(store, request.model) if request.model else None
+    wanted = (null.read_null(request.null),) if request.null else None
+    nulls = wanted or (null.nulls_in(store) if store.is_dir() else ())
     nulls, outdated = of_this_version(nulls, logs.robot)
     # One thread: the products are small, two threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
@@ -109,7 +111,7 @@ def runs_of(request: Diagnose) -> LogSets:
     """
     store, robot = store_folder(request.store), _robot(request)
     sets = {
-        role: tuple(read_run(store, id) for id in getattr(request, name))
+        role: tuple(stored.read_run(store, id) for id in getattr(request, name))
         for role, name in _ROLES.items()
     }
     return LogSets(robot, **sets)
@@ -152,7 +154,7 @@ def keep(request: Diagnose, logs: LogSets, found: Diagnosis) -> tuple[str, str]:
     asked = replace(request, **words).to_record()
     parents = {role: names for role, names in ids.items() if names}
     hash = {"robot_hash": logs.robot.content_hash}
-    return store_outcome(store_folder(request.store), found, parents, asked | hash)
+    return kept.store_outcome(store_folder(request.store), found, parents, asked | hash)
 
 
 def as_stored(logs: LogSets) -> LogSets | None:

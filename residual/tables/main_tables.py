@@ -10,12 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from residual.errors import InputError
+from residual.lazy import Lazy
 from residual.recording import Array
 from residual.tables.blocks import as_pair, frozen
 from residual.tables.levels import Codes, Levels, merge_rows, quantile_levels
+
+kernels = Lazy("residual.tables.main_kernels")
 
 PYRAMID = (5, 10, 20, 40)  # levels, from wide to narrow
 RIDGES = (1.0, 10.0, 100.0, 1000.0)  # per ROWS rows
@@ -228,21 +230,9 @@ def _joint_sums(codes: Codes, Y: Array) -> tuple[Array, Array]:
     starts = np.concatenate([[0], np.cumsum(cells.sizes)[:-1]])
     size = int(cells.sizes.sum())
     count, sums = np.zeros((size, size)), np.zeros((size, Y.shape[1]))
-    _count_pairs(cells.codes, starts, cells.count, cells.sums(Y), count, sums)
+    kernels.count_pairs(cells.codes, starts, cells.count, cells.sums(Y), count, sums)
     upper = np.triu(count, 1)
     return count + upper.T, sums
-
-
-@njit(cache=True)
-def _count_pairs(codes, starts, weight, totals, count, sums):
-    """Fill the upper triangle of Z'Z, and Z'Y, from cells and their sums."""
-    for c in range(codes.shape[0]):
-        for i in range(codes.shape[1]):
-            a = starts[i] + codes[c, i]
-            for m in range(totals.shape[1]):
-                sums[a, m] += totals[c, m]
-            for j in range(i, codes.shape[1]):
-                count[a, starts[j] + codes[c, j]] += weight[c]
 
 
 def _block_diagonal(roots: Sequence[Array]) -> Array:

@@ -6,14 +6,16 @@ from pathlib import Path
 
 from flows.inputs.logs import is_run
 from flows.inputs.robots import load_of, robot_of
-from flows.keep.diagnosis import read_known
 from flows.settings import store_folder
 from residual.errors import InputError
+from residual.lazy import Lazy
 from residual.robot.robot import Robot
-from warehouse.adoptions import Adoption, adopted
-from warehouse.commit import read_record
-from warehouse.layout import find
-from warehouse.query.store import open_store
+
+keep = Lazy("flows.keep.diagnosis")
+adoptions = Lazy("warehouse.adoptions")
+commit = Lazy("warehouse.commit")
+sql = Lazy("warehouse.query.store")
+layout = Lazy("warehouse.layout")
 
 NOMINAL = "nominal"
 
@@ -79,7 +81,9 @@ def choose(robot: Robot, wanted: Wanted) -> Choice:
         return Choice(id, f"model: that of diagnosis {id[:8]}, as --model says")
     runs = wanted.logs and all(map(is_run, wanted.logs))
     in_store = wanted.store is not None or runs
-    last = in_store and adopted(store_folder(wanted.store), robot.name, robot.serial)
+    last = in_store and adoptions.adopted(
+        store_folder(wanted.store), robot.name, robot.serial
+    )
     if not last or last[1].diagnosis_id is None:
         return Choice(line=_nominal(robot, last or None))
     name = _named(robot, *last)
@@ -141,7 +145,7 @@ def chosen_to_drive(store: Path, run: str, model: str | None) -> Choice:
     if model is None or model == NOMINAL:
         word = robot_of([run], store)
         return choose_for(word, Wanted(model, store))
-    id = find(store, model).id
+    id = layout.find(store, model).id
     return Choice(id, f"model: {id[:8]}, as --model says")
 
 
@@ -155,9 +159,9 @@ def diagnosis_of(store: Path, word: str) -> str:
     Raises:
         InputError: If there is none, or it is another record.
     """
-    found = find(store, word)
+    found = layout.find(store, word)
     if found.kind == "adoptions":
-        id = read_record(store, found.id)["diagnosis_id"]
+        id = commit.read_record(store, found.id)["diagnosis_id"]
         if id is None:
             raise InputError(f"Adoption {found.id} went back to the nominal model.")
         return id
@@ -175,12 +179,12 @@ def diagnosis_of(store: Path, word: str) -> str:
 def _ended_with(store: Path, model_id: str) -> list[str]:
     """Diagnoses that ended with a model, the first one first."""
     query = "SELECT diagnosis_id FROM diagnoses WHERE model_id = $id ORDER BY created"
-    with open_store(store) as opened:
+    with sql.open_store(store) as opened:
         return opened.sql(query, {"id": model_id}).column(0).to_pylist()
 
 
 def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:
-    own = read_known(store, diagnosis).model.robot
+    own = keep.read_known(store, diagnosis).model.robot
     if own.name != robot.name:
         raise InputError(
             f"The model of diagnosis {diagnosis[:8]} is of {own.name}, the robot is "
@@ -194,7 +198,7 @@ def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:
         )
 
 
-def _named(robot: Robot, id: str, made: Adoption) -> str:
+def _named(robot: Robot, id: str, made: "adoptions.Adoption") -> str:
     serial = f" {robot.serial}" if robot.serial else ""
     forced = ", against the gate" if made.action == "forced" else ""
     return (
@@ -203,7 +207,7 @@ def _named(robot: Robot, id: str, made: Adoption) -> str:
     )
 
 
-def _nominal(robot: Robot, last: tuple[str, Adoption] | None) -> str | None:
+def _nominal(robot: Robot, last: "tuple[str, adoptions.Adoption] | None") -> str | None:
     """Nothing is said of a robot that never had another model."""
     if last is None:
         return None

@@ -10,10 +10,12 @@ from functools import cached_property
 import numpy as np
 
 from residual.errors import InputError
+from residual.lazy import Lazy
 from residual.recording import Array
 from residual.tables.blocks import as_block, frozen
-from residual.tables.lookup.kernels import evaluate_levels, evaluate_row, evaluate_rows
 from residual.tables.lookup.pack import Axis, Table, pack
+
+kernels = Lazy("residual.tables.lookup.kernels")
 
 _ARRAYS = ("offset", "slope", "low", "high")
 
@@ -55,7 +57,7 @@ class Lookup:
         """
         X = np.ascontiguousarray(self._checked(X))
         out = np.empty((len(X), len(self.joints)))
-        evaluate_rows(X, self.packed, out)
+        kernels.evaluate_rows(X, self.packed, out)
         return out
 
     def predict_row(self, x: Array, out: Array) -> None:
@@ -65,7 +67,7 @@ class Lookup:
             x: Variables; float64. Shape (d,).
             out: Where the correction goes; float64. Shape (j,).
         """
-        evaluate_row(x, self.packed, out)
+        kernels.evaluate_row(x, self.packed, out)
 
     def outside(self, X: Array) -> Array:
         """Values outside the calibrated range, which take the nearest level. (m, d)."""
@@ -80,7 +82,7 @@ class Lookup:
                 Shape (m, axes).
         """
         out = np.empty((len(levels), len(self.joints)))
-        evaluate_levels(np.ascontiguousarray(levels), self.packed, out)
+        kernels.evaluate_levels(np.ascontiguousarray(levels), self.packed, out)
         return out
 
     @cached_property

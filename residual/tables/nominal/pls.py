@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from residual.errors import InputError
+from residual.lazy import Lazy
 from residual.recording import Array
 from residual.tables.blocks import EXHAUSTED, as_pair, check_count, frozen
 from residual.tables.levels import (
@@ -21,14 +22,8 @@ from residual.tables.levels import (
     merge_rows,
     quantile_levels,
 )
-from residual.tables.nominal.kernels import (
-    aim,
-    explain,
-    gather_pairs,
-    scatter_pairs,
-    score,
-    turn,
-)
+
+kernels = Lazy("residual.tables.nominal.kernels")
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +115,7 @@ class NominalPls:
         codes = self.levels.encode(X)
         B = self.coefficients(components)
         out = np.empty((len(codes.values), B.shape[1]))
-        gather_pairs(*_compiled(codes), B, out)
+        kernels.gather_pairs(*_compiled(codes), B, out)
         return out + (self.y_mean - self.x_mean @ B)
 
     def tables(self, components: int | None = None) -> tuple[Array, ...]:
@@ -151,7 +146,7 @@ class NominalPls:
     def _read(self, X: Array, table: Array) -> Array:
         codes = self.levels.encode(X)
         out = np.empty((len(codes.values), len(table)))
-        gather_pairs(*_compiled(codes), np.ascontiguousarray(table.T), out)
+        kernels.gather_pairs(*_compiled(codes), np.ascontiguousarray(table.T), out)
         return out
 
 
@@ -185,7 +180,7 @@ def fit_cells(cells: Cells, Y: Array, levels: Levels, form: NominalForm) -> Nomi
     n, y_mean = len(Y), Y.mean(axis=0)
     table = np.zeros((cells.pair_columns, Y.shape[1] + 1))
     weighted = np.column_stack([cells.sums((Y - y_mean) / scale), cells.count])
-    scatter_pairs(cells.codes, cells.sizes, weighted, table)
+    kernels.scatter_pairs(cells.codes, cells.sizes, weighted, table)
     x_mean = table[:, -1] / n
     # The responses are centred, so that their product with X - xbar is that with X.
     S = np.ascontiguousarray(table[:, :-1].T)
@@ -258,13 +253,13 @@ def _components(
         first = first or size
         if size <= EXHAUSTED * first:
             break
-        aim(S, q, W[a], form.sparsity)
-        turn(W, V, P, a)
+        kernels.aim(S, q, W[a], form.sparsity)
+        kernels.turn(W, V, P, a)
         middle = float(x_mean @ V[a])
-        energy[a], total = score(
+        energy[a], total = kernels.score(
             cells.codes, cells.sizes, cells.count, V[a], middle, P[a]
         )
-        Q[a] = explain(S, V[a], P[a], x_mean, energy[a], total)
+        Q[a] = kernels.explain(S, V[a], P[a], x_mean, energy[a], total)
         done = a + 1
     return W[:done], V[:done], P[:done], Q[:done], energy[:done]
 
