@@ -13,7 +13,6 @@ from time import perf_counter
 
 import numpy as np
 import pyarrow as pa
-from threadpoolctl import threadpool_limits
 
 from flows.blind.draw import Asked, Draft, Excitation, arm_of, motions
 from flows.blind.row import case_row, true_parameters
@@ -32,6 +31,7 @@ from residual.diagnosis.result import Detectable
 from residual.diagnosis.verdict import to_json
 from residual.effects import registry, reported_joints
 from residual.plain import plain
+from residual.threads import one_blas_thread
 from sim.records import PlantEffect
 from sim.streams import stream
 from warehouse import seal
@@ -246,6 +246,7 @@ def _unit(effect: PlantEffect) -> str | None:
     return next(iter(known.parameters.values())) if known else None
 
 
+@one_blas_thread
 def _oracle(
     asked: Asked, runs: Runs, hidden: Sequence[Hidden], store: Path
 ) -> float | None:
@@ -256,6 +257,5 @@ def _oracle(
         (h.effect.name, reported_joints(h.effect.name, h.joints, robot.dof))
         for h in hidden
     ]
-    with threadpool_limits(1, user_api="blas"):
-        error = oracle(robot, fit, held_out, told).overall("filtered")
+    error = oracle(robot, fit, held_out, told).overall("filtered")
     return float(error) if np.isfinite(error) else None

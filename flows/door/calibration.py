@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.logs import LogSets
 from flows.keep.calibration_files import calibration_files
 from flows.outputs import write_all
@@ -19,6 +17,7 @@ from residual.calibration.scores import RUN, find
 from residual.model.corrected import Corrected
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from warehouse.logs import check_distinct
 
 
@@ -50,6 +49,7 @@ class Calibration(core.Calibration):
         return f"Calibration({self.robot}: unseen runs {error})"
 
 
+@one_blas_thread
 def calibrate(
     robot: Robot,
     fit: Sequence[Recording],
@@ -75,7 +75,6 @@ def calibrate(
     report = checked(LogSets(robot, tuple(fit)), declared, trust_log)
     names = None if declared is None else tuple(declared)
     settings = core.Settings(declared=names, views=figures)
-    with threadpool_limits(1, user_api="blas"):
-        made = core.calibrate(robot, [Run(log) for log in fit], settings)
+    made = core.calibrate(robot, [Run(log) for log in fit], settings)
     made = replace(made, notes=(*report.sentences, *made.notes))
     return Calibration(*(getattr(made, field.name) for field in fields(made)))

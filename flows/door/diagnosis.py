@@ -4,8 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.logs import LogSets
 from flows.keep.method import of_this_version
 from flows.outputs import write_all
@@ -17,6 +15,7 @@ from residual.diagnosis.null_record import Null
 from residual.diagnosis.verdict import to_json
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from residual.trust import with_check
 from warehouse.logs import check_distinct
 
@@ -40,6 +39,7 @@ class Diagnosis(result.Diagnosis):
         return summary(self)
 
 
+@one_blas_thread
 def diagnose(
     robot: Robot,
     fit: Sequence[Recording],
@@ -72,16 +72,15 @@ def diagnose(
     report = checked(sets, declared, trust_log)
     nulls, outdated = of_this_version([null] if null else (), robot)
     # One thread: the products are small, two threads only wait for each other.
-    with threadpool_limits(1, user_api="blas"):
-        found = close_the_loop(
-            robot,
-            fit,
-            baseline=baseline,
-            held_out=held_out,
-            declared=declared,
-            progress=progress,
-            null=nulls[0] if nulls else None,
-        )
+    found = close_the_loop(
+        robot,
+        fit,
+        baseline=baseline,
+        held_out=held_out,
+        declared=declared,
+        progress=progress,
+        null=nulls[0] if nulls else None,
+    )
     found = with_check(found, report)
     warned = replace(found.verdict, warnings=(*outdated, *found.warnings))
     found = replace(found, verdict=warned)

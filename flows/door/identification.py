@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import pyarrow as pa
-from threadpoolctl import threadpool_limits
 
 from flows.door.table import Table
 from flows.inputs.logs import LogSets
@@ -18,6 +17,7 @@ from residual.model.export import robot_files
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from warehouse.logs import check_distinct
 
 _COLUMNS = ("name", "value", "sd", "nominal", "unit", "status", "joint", "is")
@@ -65,6 +65,7 @@ class Identification(Identified):
         )
 
 
+@one_blas_thread
 def identify(
     robot: Robot,
     fit: Sequence[Recording],
@@ -94,7 +95,6 @@ def identify(
     check_distinct([*fit, *held_out])
     sets = LogSets(robot, tuple(fit), held_out=tuple(held_out))
     report = checked(sets, declared, trust_log)
-    with threadpool_limits(1, user_api="blas"):
-        found = identify_and_prove(robot, fit, held_out, declared, options, consistent)
+    found = identify_and_prove(robot, fit, held_out, declared, options, consistent)
     found = replace(found, warnings=(*report.sentences, *found.warnings))
     return Identification(*(getattr(found, field.name) for field in fields(found)))

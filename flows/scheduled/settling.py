@@ -4,7 +4,6 @@ To be imported after `flows.settings.prepare_prefect`.
 """
 
 from prefect import flow
-from threadpoolctl import threadpool_limits
 
 from flows.scheduled import events, tasks
 from flows.scheduled.surroundings import surroundings
@@ -15,18 +14,19 @@ from flows.steps.planning.motions import Search, with_twins
 from flows.steps.planning.request import Next
 from residual.errors import InputError
 from residual.planning.outlook import HOPELESS
+from residual.threads import one_blas_thread
 
 
 @tasks.task(name="settle", task_run_name="settle {id}", tags=["simulation"])
+@one_blas_thread
 def settle(id: str, request: Next) -> list[str]:
     """Design the motion, run it, diagnose all logs; returns diagnosis and proof."""
     tell = surroundings().progress
     asked = ask.ask(request, tell)
     if not asked.question.contests:
         raise InputError(f"Diagnosis {id} leaves nothing open.")
-    with threadpool_limits(1, user_api="blas"):
-        wanted = Search(asked.question, asked.robot, request.seconds, request.seed)
-        made = design(with_twins(wanted), tell)
+    wanted = Search(asked.question, asked.robot, request.seconds, request.seed)
+    made = design(with_twins(wanted), tell)
     if made.best.seen.worth < HOPELESS:
         raise InputError(f"No motion tells apart what diagnosis {id} leaves open.")
     run = execute.execute(asked.request, made.best.spec)

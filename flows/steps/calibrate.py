@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of
 from flows.keep.calibration import (
@@ -21,6 +19,7 @@ from flows.steps.check import checked
 from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run
+from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.layout import find_run
 from warehouse.runs import read_channels
@@ -66,6 +65,7 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
     return replace(logs, lines=tuple(lines)), tuple(runs)
 
 
+@one_blas_thread
 def calibrate(
     request: Calibrate,
     logs: LogSets,
@@ -92,8 +92,7 @@ def calibrate(
     elif not request.paper:
         found = found_effects(store, ids, logs.robot, request.declared)
     # One thread: the products are small, two threads only wait for each other.
-    with threadpool_limits(1, user_api="blas"):
-        made = fit_tables(logs.robot, runs, settings, found.effects, progress)
+    made = fit_tables(logs.robot, runs, settings, found.effects, progress)
     if found.line:
         made = replace(made, notes=(*made.notes, found.line))
     asked = request.to_record() | {

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.follow import with_followers
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.repair import gravity_line, place_of, repair_lines
@@ -15,6 +13,7 @@ from residual.check.report import CheckReport, FaultReport
 from residual.check.result import Fault
 from residual.errors import InputError
 from residual.recording import Recording
+from residual.threads import one_blas_thread
 
 
 def read_logs(request: Check) -> LogSets:
@@ -33,6 +32,7 @@ def read_logs(request: Check) -> LogSets:
     return read_sets(sets, robot, request.columns, request.store, to_check=True)
 
 
+@one_blas_thread
 def check(logs: LogSets, declared: Sequence[str] | None = None) -> CheckReport:
     """Check whether logs are what they say they are.
 
@@ -45,9 +45,8 @@ def check(logs: LogSets, declared: Sequence[str] | None = None) -> CheckReport:
     """
     faults: list[Fault] = []
     # One thread: the products are small, two threads only wait for each other.
-    with threadpool_limits(1, user_api="blas"):
-        for group in ((*logs.fit, *logs.held_out), logs.baseline):
-            faults += _faults(logs, group, declared) if group else []
+    for group in ((*logs.fit, *logs.held_out), logs.baseline):
+        faults += _faults(logs, group, declared) if group else []
     return _told(_once(faults), logs)
 
 

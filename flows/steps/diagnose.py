@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of, robot_of, serial_of
 from flows.keep.method import of_this_version
@@ -17,6 +15,7 @@ from residual.close import Inside, close_the_loop
 from residual.diagnosis.result import Diagnosis
 from residual.lazy import Lazy
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from residual.trust import with_check
 
 kept = Lazy("flows.keep.diagnosis")
@@ -60,6 +59,7 @@ def _of_others(request: Diagnose, robot: Robot) -> list[str]:
     ]
 
 
+@one_blas_thread
 def diagnose(
     request: Diagnose,
     logs: LogSets,
@@ -84,18 +84,17 @@ def diagnose(
     nulls = wanted or (null.nulls_in(store) if store.is_dir() else ())
     nulls, outdated = of_this_version(nulls, logs.robot)
     # One thread: the products are small, two threads only wait for each other.
-    with threadpool_limits(1, user_api="blas"):
-        found = close_the_loop(
-            logs.robot,
-            logs.fit,
-            baseline=logs.baseline,
-            held_out=logs.held_out,
-            declared=request.declared,
-            progress=progress,
-            null=nulls[0] if wanted and nulls else nulls,
-            inside=inside,
-            known=known,
-        )
+    found = close_the_loop(
+        logs.robot,
+        logs.fit,
+        baseline=logs.baseline,
+        held_out=logs.held_out,
+        declared=request.declared,
+        progress=progress,
+        null=nulls[0] if wanted and nulls else nulls,
+        inside=inside,
+        known=known,
+    )
     logs = replace(logs, warnings=(*logs.warnings, *outdated))
     return _with_reading(with_check(found, report), logs)
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from threadpoolctl import threadpool_limits
 
 from flows.inputs.robots import load
 from flows.keep.diagnosis import read_models, read_verdict
@@ -22,6 +21,7 @@ from residual.model.model import Model
 from residual.model.term import Term
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
+from residual.threads import one_blas_thread
 from sim.catalogue import acting, changed, kinds
 from sim.experiment import run_experiment
 from sim.plant.arm import build_arm
@@ -31,6 +31,7 @@ from warehouse.runs import read_manifest, read_run
 Drives = Mapping[tuple[str, int], float]  # true values by name and joint from 1
 
 
+@one_blas_thread
 def sealed_edits(
     runs: Mapping[str, Sequence[str]], diagnosis: str, plant: PlantSpec, store: Path
 ) -> tuple[Edit, ...]:
@@ -59,13 +60,12 @@ def sealed_edits(
     models = {k: m for k, m in read_models(store, diagnosis).items() if k != "plsr"}
     fit = [read_run(store, id) for id in runs["fit"]]
     out = []
-    with threadpool_limits(1, user_api="blas"):
-        models["dense"] = dense_model(models["nominal"], fit)
-        for effect, place in wanted:
-            others = tuple(e for e in plant.effects if e is not effect)
-            arm = replace(plant, effects=others)
-            models["oracle"] = _truth(manifest, arm, models["augmented"])
-            out.append(sealed_edit(place, models, [_simulated(manifest, arm)]))
+    models["dense"] = dense_model(models["nominal"], fit)
+    for effect, place in wanted:
+        others = tuple(e for e in plant.effects if e is not effect)
+        arm = replace(plant, effects=others)
+        models["oracle"] = _truth(manifest, arm, models["augmented"])
+        out.append(sealed_edit(place, models, [_simulated(manifest, arm)]))
     return tuple(out)
 
 

@@ -7,14 +7,13 @@ from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.robots import load
 from flows.specs.experiment import NOMINAL, ExperimentSpec
 from flows.steps.loop.controller import given_by, settled
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from sim.catalogue import check_effect
 from sim.experiment import run_experiment
 from sim.records import Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
@@ -275,15 +274,15 @@ def _parents(spec: ExperimentSpec) -> dict:
     return {} if model == NOMINAL else {"controller": [model]}
 
 
+@one_blas_thread
 def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     rates, clock = spec.log_rates(), [perf_counter()]
-    with threadpool_limits(1, user_api="blas"):
-        reference = reference_of(robot, spec.reference(), rates.control)
-        given = given_by(spec.controller, robot, reference, store)
-        clock.append(perf_counter())
-        plant = spec.plant_spec()
-        made = run_experiment(robot, reference, plant, rates, spec.start, given)
-        clock.append(perf_counter())
+    reference = reference_of(robot, spec.reference(), rates.control)
+    given = given_by(spec.controller, robot, reference, store)
+    clock.append(perf_counter())
+    plant = spec.plant_spec()
+    made = run_experiment(robot, reference, plant, rates, spec.start, given)
+    clock.append(perf_counter())
     names = ("reference_s", "plant_s")
     times = (round(b - a, 3) for a, b in pairwise(clock))
     return made, dict(zip(names, times, strict=True))

@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of
 from flows.keep.diagnosis import read_known
@@ -17,6 +15,7 @@ from residual.identification.consistency import solver
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified, identify_and_prove
 from residual.model.model import Model
+from residual.threads import one_blas_thread
 
 
 def read_logs(request: Identify) -> LogSets:
@@ -38,6 +37,7 @@ def read_logs(request: Identify) -> LogSets:
     return read_sets(sets, robot, request.columns, request.store, to_check=True)
 
 
+@one_blas_thread
 def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
     """Identify, prove it, and keep the model if it is from runs or a store was named.
 
@@ -55,15 +55,14 @@ def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
     known: Sequence[str] | Model | None = request.declared
     if request.model:
         known = read_known(store_folder(request.store), request.model).model
-    with threadpool_limits(1, user_api="blas"):
-        made = identify_and_prove(
-            logs.robot,
-            logs.fit,
-            logs.held_out,
-            known,
-            _options(request),
-            request.consistent,
-        )
+    made = identify_and_prove(
+        logs.robot,
+        logs.fit,
+        logs.held_out,
+        known,
+        _options(request),
+        request.consistent,
+    )
     made = replace(made, warnings=(*logs.warnings, *report.sentences, *made.warnings))
     count = len(request.logs) + len(request.held_out)
     if request.store is None and len(logs.runs) < count:

@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import pyarrow as pa
-from threadpoolctl import threadpool_limits
 
 from flows.inputs.robots import serial_of
 from flows.requests import Monitor as Request
@@ -14,6 +13,7 @@ from flows.steps.monitor_model import Source, model_of, robot_of, source_of
 from residual.errors import InputError
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, to_record
 from residual.recording import Array, Recording
+from residual.threads import one_blas_thread
 from warehouse.commit import commit_record, read_record
 from warehouse.layout import find_run
 from warehouse.query.store import open_store
@@ -63,6 +63,7 @@ class Watched:
         return tuple(out)
 
 
+@one_blas_thread
 def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
     """Calibrate a monitor, watch runs, and store what was found.
 
@@ -84,16 +85,15 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
     robot = robot_of(source, next(iter(healthy.values())), store)
     for run in (*healthy.values(), *watched.values()):
         robot_of(source, run, store)
-    with threadpool_limits(1, user_api="blas"):
-        start = model_of(source, robot, list(healthy.values()))
-        made = calibrate(start, list(healthy.values()), request.per_hour)
-        found = Watched(
-            monitor=made,
-            calibration=tuple(healthy),
-            alarms={id: made.watch(run) for id, run in watched.items()},
-            novelty={id: made.novelty(run) for id, run in watched.items()},
-            seconds=sum(run.duration for run in watched.values()),
-        )
+    start = model_of(source, robot, list(healthy.values()))
+    made = calibrate(start, list(healthy.values()), request.per_hour)
+    found = Watched(
+        monitor=made,
+        calibration=tuple(healthy),
+        alarms={id: made.watch(run) for id, run in watched.items()},
+        novelty={id: made.novelty(run) for id, run in watched.items()},
+        seconds=sum(run.duration for run in watched.values()),
+    )
     asked = request.to_record() | {
         "model": source.diagnosis or request.model,
         "runs": list(watched),

@@ -9,8 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load, load_of
 from flows.keep.method import method_hash
@@ -23,6 +21,7 @@ from residual.diagnosis.null_record import Null, from_record
 from residual.errors import InputError, ModelgapError
 from residual.null.draws import block
 from residual.null.source import source
+from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.ids import data_hash
 
@@ -140,13 +139,13 @@ def _keep(asked: Request, done: Mapping[int, Mapping], ids: Sequence[str]) -> Nu
     return from_record(record, id)
 
 
+@one_blas_thread
 def _block(job: tuple[Request, int]) -> dict:
     """Do one block; whatever it raises can cross to the parent process."""
     asked, index = job
     try:
-        with threadpool_limits(1, user_api="blas"):
-            made_after = _source(asked)
-            draws = block(made_after, asked.seed, index, OF_A_BLOCK)
+        made_after = _source(asked)
+        draws = block(made_after, asked.seed, index, OF_A_BLOCK)
     except ModelgapError as error:
         raise InputError(str(error)) from None
     key = {name: getattr(made_after.key, name) for name in made_after.key.__slots__}

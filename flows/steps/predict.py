@@ -9,7 +9,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
-from threadpoolctl import threadpool_limits
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.keep.export import read_model
@@ -22,6 +21,7 @@ from residual.export.exported import Whole, body_of
 from residual.model.prediction import EDITED, WHOLE, Edits, Prediction
 from residual.model.prediction import predict as core_predict
 from residual.plain import plain
+from residual.threads import one_blas_thread
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
 FORMS = (".csv", ".parquet")
@@ -43,6 +43,7 @@ def read(request: Predict) -> tuple[Whole, LogSets]:
     return model, read_sets(sets, body_of(model).robot, request.columns, store)
 
 
+@one_blas_thread
 def predict(request: Predict, model: Whole, logs: LogSets) -> Prediction:
     """Compute the torque of the model on the logs.
 
@@ -54,8 +55,7 @@ def predict(request: Predict, model: Whole, logs: LogSets) -> Prediction:
     Raises:
         InputError: If an effect to take out is not in the model.
     """
-    with threadpool_limits(1, user_api="blas"):
-        return core_predict(model, logs.fit, parse_edits(request.without))
+    return core_predict(model, logs.fit, parse_edits(request.without))
 
 
 def parse_edits(words: Sequence[str]) -> Edits:

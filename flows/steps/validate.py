@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 from scipy.interpolate import CubicSpline
-from threadpoolctl import threadpool_limits
 
 from flows.inputs.robots import load
 from flows.requests import Validate as Request
@@ -24,6 +23,7 @@ from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
+from residual.threads import one_blas_thread
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
@@ -69,6 +69,7 @@ class Validation:
         return "open_loop" if self.nominal is None else "open_loop,feed_forward"
 
 
+@one_blas_thread
 def validate(request: Request) -> tuple[str, Validation]:
     """Validate the nominal model on a run, and store what was found.
 
@@ -86,11 +87,10 @@ def validate(request: Request) -> tuple[str, Validation]:
     log = read_run(store, request.run)
     manifest = read_manifest(store, log.id)
     robot = robot_of(log, manifest)
-    with threadpool_limits(1, user_api="blas"):
-        strayed, used = open_loop_error(robot, log, window)
-        plant, tracked = hidden_plant(store, log.id, manifest), {}
-        if plant:
-            tracked = feed_forward_errors(robot, _reference(robot, manifest), plant)
+    strayed, used = open_loop_error(robot, log, window)
+    plant, tracked = hidden_plant(store, log.id, manifest), {}
+    if plant:
+        tracked = feed_forward_errors(robot, _reference(robot, manifest), plant)
     notes = _notes(manifest, plant is not None)
     if used < window:
         notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")

@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.logs import is_run, read_sets
 from flows.inputs.robots import load_of, robot_of
 from flows.keep.diagnosis import read_models, read_verdict
@@ -18,6 +16,7 @@ from residual.export.exported import Whole, body_of
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.robot.shapes import Look, look_of
+from residual.threads import one_blas_thread
 from warehouse.layout import find
 
 
@@ -45,6 +44,7 @@ class Viewed:
     lines: tuple[str, ...]
 
 
+@one_blas_thread
 def view(request: View) -> Viewed:
     """Read a log and compute the torque of its models.
 
@@ -60,14 +60,13 @@ def view(request: View) -> Viewed:
     robot = _robot(request, store, models)
     sets = read_sets(((request.log,), (), ()), robot, request.columns, store)
     (log,) = sets.fit
-    with threadpool_limits(1, user_api="blas"):
-        if not models:
-            models = {"nominal": nominal_of(robot, sets.fit)}
-        torque = {name: model.predict(log) for name, model in models.items()}
-        effects = tuple(
-            (effect, torque["augmented"] - _without(models["augmented"], effect, log))
-            for effect in (verdict.effects if verdict else ())
-        )
+    if not models:
+        models = {"nominal": nominal_of(robot, sets.fit)}
+    torque = {name: model.predict(log) for name, model in models.items()}
+    effects = tuple(
+        (effect, torque["augmented"] - _without(models["augmented"], effect, log))
+        for effect in (verdict.effects if verdict else ())
+    )
     folder = _folder(request.robot)
     return Viewed(
         robot, look_of(robot, folder), log, torque, effects, verdict, sets.lines[1:]

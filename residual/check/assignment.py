@@ -13,7 +13,7 @@ unit, for every sigma.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
+from numpy.linalg import eigh
 from scipy.special import log_ndtr
 
 from residual.check.columns import Columns, columns

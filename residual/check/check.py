@@ -101,10 +101,10 @@ def _of_the_arm(
     columns, reading = misread(robot, motion)
     columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
     if any(fault.kind == "wrong_robot" for fault in columns):
-        columns = long_late(robot, logs) or columns
+        columns = long_late(robot, motion, logs) or columns
     if columns and zero_explains(robot, motion, logs, reading):
         return [*faults, *filtered(logs), *speeds, *out_of_range(robot, whole)]
-    columns += filtered(logs) + ([] if columns else late(robot, logs))
+    columns += filtered(logs) + ([] if columns else late(robot, motion, logs))
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += carried(columns, speeds, logs)
     return faults if mended else faults + out_of_range(robot, whole)

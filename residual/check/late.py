@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual.check.columns import Columns, columns
-from residual.check.motion import Motion, later_torques, thin_rows
+from residual.check.motion import Motion, later_torques
 from residual.check.physics import BENT, bent
 from residual.check.reading import as_given, judge
 from residual.check.result import DELAY, Fault
@@ -75,7 +75,7 @@ def _spectrum(recording: Recording) -> tuple[Array, Array]:
     )
 
 
-def late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+def late(robot: Robot, motion: Motion, recordings: Sequence[Recording]) -> list[Fault]:
     """Find torque that belongs to earlier angles, or to later ones.
 
     The torque is moved back and forth in time: where it fits the motion best, all
@@ -83,11 +83,9 @@ def late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
 
     Args:
         robot: The arm.
-        recordings: Its logs, whose columns are read rightly.
+        motion: Rows of its logs.
+        recordings: The logs, whose columns are read rightly.
     """
-    motion = thin_rows(recordings)
-    if motion is None:
-        return []
     # In between the filtered torque is smooth enough for a polynomial.
     powers = (np.vander(x, len(_SHIFTS)) for x in (_SHIFTS, _DELAYS))
     at_shifts, at_delays = powers
@@ -109,16 +107,17 @@ def late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     return [Fault(DELAY, (), False, words)]
 
 
-def long_late(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+def long_late(
+    robot: Robot, motion: Motion, recordings: Sequence[Recording]
+) -> list[Fault]:
     """Find torque so late that the log looks like that of another arm.
 
     Args:
         robot: The arm.
-        recordings: Its logs, whose columns are read rightly.
+        motion: Rows of its logs.
+        recordings: The logs, whose columns are read rightly.
     """
-    motion, strain = thin_rows(recordings), {}
-    if motion is None:
-        return []
+    strain = {}
     for shift, tau in zip(_FAR, later_torques(recordings, _FAR), strict=True):
         rows = replace(motion, tau=tau)
         strain[shift] = bent(judge(robot, rows, as_given(robot.dof)))

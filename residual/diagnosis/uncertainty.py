@@ -187,7 +187,7 @@ def _slope(design: Design, group: Group, theta: Array) -> Group | None:
         below = effect.columns(state, joints, (x - step, *rest))
         return ((above - below) @ theta / (2 * step))[:, :, None]
 
-    derivative = Effect(effect.name, "", {}, columns, effect.scope)
+    derivative = Effect(effect.name, "", {}, columns, scope=effect.scope)
     (made,) = design.add([(derivative, group.joints, ())])
     # The search was confined to the shape's own scale: 100 % of it, one sigma.
     width = abs(x)

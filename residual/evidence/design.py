@@ -205,10 +205,10 @@ class Design:
         """Folds of a chunk with their rows, which follow each other."""
         labels = self._rows_labels(j, self._chunks[c])
         folds, starts = np.unique(labels, return_index=True)
-        for fold, start, stop in zip(
-            folds, starts, [*starts[1:], len(labels)], strict=True
+        for fold, start, count in zip(
+            folds, starts, np.bincount(labels)[folds], strict=True
         ):
-            yield int(fold), slice(int(start), int(stop))
+            yield int(fold), slice(int(start), int(start + count))
 
     def add(self, candidates: Sequence[tuple[Effect, Joints, Shape]]) -> list[Group]:
         """Append candidates and return their groups, in order.

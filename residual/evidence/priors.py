@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -37,6 +38,7 @@ def inertial_sd(robot: Robot) -> Array:
     return np.concatenate(out)
 
 
+@lru_cache(maxsize=4)  # of one robot, asked for under a score of priors
 def inertial_precision(robot: Robot) -> Array:
     """Prior precision of the inertial parameters at a relative scale of 1.
 
@@ -54,6 +56,7 @@ def inertial_precision(robot: Robot) -> Array:
         shared = body.toDynamicParameters() / sd[own]
         inner = 0.5 * np.outer(shared, shared) + 0.5 * np.eye(10)
         out[own, own] = np.linalg.inv(inner) / np.outer(sd[own], sd[own])
+    out.setflags(write=False)
     return out
 
 

@@ -91,7 +91,7 @@ def bristle(q: Array, displacement: float) -> Array:
         fade[reach:] *= fade[:-reach]
         fade[:reach] = 0.0  # at rest before
         reach *= 2
-    return np.concatenate([np.zeros(min(len(q), 1)), state])
+    return np.concatenate([np.zeros(min(len(q), 1)), np.clip(state, -1, 1)])
 
 
 def directions(

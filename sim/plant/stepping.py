@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from threadpoolctl import threadpool_limits
 
 from residual.errors import ModelgapError
+from residual.threads import one_blas_thread
 from sim.effects.base import Moving
 from sim.engine.bullet import World
 from sim.plant import tables as at
@@ -74,6 +74,7 @@ class Trace:
         return np.array(out)
 
 
+@one_blas_thread
 def simulate(
     arm: Arm,
     reference: Reference,
@@ -107,19 +108,18 @@ def simulate(
     series = series_of(arm.effects, start + t, seed, label)
     parts, state = phases(arm, len(t), dt, series), new_state(arm, start)
     run = _Run(controller, reference.q, rows, channels, state)
-    with threadpool_limits(1):
-        q, qd = _start(parts[0], reference, state)
-        for i, phase in enumerate(parts):
-            if i > 0:
-                _join_springs(phase, parts[i - 1], state, (q, qd))
-            try:
-                q, qd = _run(phase, run, q, qd)
-            except DivergedError as trip:
-                if phase.faults is None:
-                    raise
-                parts[i:] = [replace(phase, last=round(trip.time / dt))]
-                q, qd = trip.q, trip.qd
-                break
+    q, qd = _start(parts[0], reference, state)
+    for i, phase in enumerate(parts):
+        if i > 0:
+            _join_springs(phase, parts[i - 1], state, (q, qd))
+        try:
+            q, qd = _run(phase, run, q, qd)
+        except DivergedError as trip:
+            if phase.faults is None:
+                raise
+            parts[i:] = [replace(phase, last=round(trip.time / dt))]
+            q, qd = trip.q, trip.qd
+            break
     t, rows = t[: parts[-1].last], rows[: parts[-1].last]
     if not np.isfinite(qd).all():
         raise DivergedError(t[-1], q, qd, int(np.isfinite(qd).argmin()) + 1)

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from residual.errors import InputError
 from residual.names import check_name
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from sim.records import Reference, TrajectorySpec
 from sim.streams import stream
 from sim.trajectories.cyclic import RAMP, plan_cyclic
@@ -52,22 +52,22 @@ def make_reference(
     return sample(make_plan(robot, spec, optimised), rate)
 
 
+@one_blas_thread
 def make_plan(robot: Robot, spec: TrajectorySpec, optimised: bool = True) -> Plan:
     """Plan a motion and check it; arguments and errors as of `make_reference`."""
     _check_spec(spec)
     rng = stream(spec.seed, f"trajectory/{spec.kind}")
     # One thread: sums in another order would end the search elsewhere.
-    with threadpool_limits(1, user_api="blas"):
-        if spec.kind == "fourier":
-            return _plan_fourier(robot, spec, rng, optimised)
-        return _PLANNERS[spec.kind](robot, spec.duration, spec.periods, rng)
+    if spec.kind == "fourier":
+        return _plan_fourier(robot, spec, rng, optimised)
+    return _PLANNERS[spec.kind](robot, spec.duration, spec.periods, rng)
 
 
+@one_blas_thread
 def sample(plan: Plan, rate: float) -> Reference:
     """Return the samples of a planned motion at a rate [Hz], both ends included."""
     t = even(plan.duration, rate)
-    with threadpool_limits(1, user_api="blas"):
-        q, qd, qdd = plan.curve(t)
+    q, qd, qdd = plan.curve(t)
     return Reference(plan.kind, t, q, qd, qdd, plan.period)
 
 

@@ -142,6 +142,8 @@ def nominal_prior(rng) -> Prior:
 
 def random_state(rng, rows, slow=0.0) -> State:
     q, qd, qdd = (coloured(rng, rows, slow) for _ in range(3))
+    regressor = rng.normal(size=(rows, DOF, NOMINAL))
+    regressor[:, 1, : NOMINAL // 2] = 0.0  # no link loads a joint that it is before
     return State(
         robot=arm(),
         rate=1.0,
@@ -150,7 +152,7 @@ def random_state(rng, rows, slow=0.0) -> State:
         qd=qd,
         qdd=qdd,
         sign=np.sign(qd),
-        regressor=rng.normal(size=(rows, DOF, NOMINAL)),
+        regressor=regressor,
         rigid=np.zeros((rows, DOF)),
         tau_model=np.zeros((rows, DOF)),
     )
@@ -161,12 +163,12 @@ def track(tau, keep, label) -> Track:
     zeros = np.zeros_like(tau)
     return Track(
         id=label,
-        rate=1.0,
+        rate=100.0,
         t=np.arange(len(tau), dtype=float),
         q=zeros,
         qd=zeros,
         qdd=zeros,
-        cutoff=1.0,
+        cutoff=100.0,
         step=1,
         tau=tau,
         inner=np.ones(len(tau), dtype=bool),
@@ -176,7 +178,8 @@ def track(tau, keep, label) -> Track:
 
 
 def build(logs) -> Design:
-    return Design(logs, Model(arm(), np.zeros(NOMINAL), (), np.ones(DOF)))
+    model = Model(arm(), np.zeros(NOMINAL), (), np.ones(DOF))
+    return Design([t for t, _ in logs], model, [s for _, s in logs])
 
 
 def coloured(rng, rows, a):

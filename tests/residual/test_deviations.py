@@ -131,6 +131,6 @@ def test_torque_noise_of_the_angles_goes_with_their_noise(rng, axes):
         log = replace(clean, q=clean.q + size * rng.normal(size=clean.q.shape))
         tracks, floor = prepare([log], Filters())
         model = replace(model, speed_floor=floor)
-        found.append(carried(model, tracks, shaken([log], tracks, Filters(), floor)))
+        found.append(carried(model, tracks, shaken([log], tracks, Filters())))
     assert (found[0] > 0).all()
     np.testing.assert_allclose(found[1] / found[0], 2.0, rtol=0.3)

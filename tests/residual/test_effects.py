@@ -581,7 +581,7 @@ def test_no_warmup_is_tried_where_the_session_clock_is_unknown():
 
 def test_ripple_orders_are_dense_enough_for_the_travel():
     orders = np.array(registry()["ripple"].shapes(span(2), 0))[:, 0]
-    assert np.diff(orders).max() * 2.0 <= 1.5 + 1e-9
+    assert np.diff(orders).max() * 2.0 <= 2.4 + 1e-9
     assert orders.min() >= 4
 
 

@@ -201,7 +201,8 @@ def test_the_screen_is_exact_for_every_kind_of_candidate(rng, named):
     problem = Problem.draw(rng, truth, masked=0.2)
     base = every_row_counts(problem, problem.design.add(named), rounds=5)
     groups = every_group(problem.design)
-    values = screen(problem.design, problem.prior, base, groups)
+    own = System.of(problem.design, problem.prior, base.members)
+    values = screen(problem.design, base, groups, own)
     expected = [exact_gain(problem, base, g) for g in groups]
     np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-6)
     assert values.max() > 5
@@ -220,7 +221,8 @@ def exact_gain(problem, base, group):
 
 def test_a_screen_of_nothing_is_empty(problem):
     base = every_row_counts(problem, [])
-    assert screen(problem.design, problem.prior, base, []).shape == (0,)
+    own = System.of(problem.design, problem.prior, base.members)
+    assert screen(problem.design, base, [], own).shape == (0,)
 
 
 # -- the design --------------------------------------------------------------------

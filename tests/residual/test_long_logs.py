@@ -5,27 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from residual.evidence.long_design import LongDesign, design_of
-from residual.evidence.spool import Spool
-from residual.model.later import Later
-from residual.model.observed import Observed
 
 from residual.close import close_the_loop
 from residual.effects import registry
 from residual.errors import RecordingError
+from residual.evidence.columns import ColumnCache
 from residual.evidence.design import Design
 from residual.evidence.folds import fold_labels
 from residual.identification.identify import identify
 from residual.identification.validation import acceleration_error
-from residual.model import later
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring import scores as monitoring
 from residual.monitoring.usual import block_maxima, peaks_of
 from residual.recording import Recording
+from residual.robot import regressor as lazy
 from residual.robot.dynamics import inertial_parameters, regressor
+from residual.robot.regressor import LazyRegressor
 from residual.signals import pieces
-from residual.signals.low_pass import decimated, low_pass
 from residual.signals.track import Filters, prepare
 from tests.residual.arms import arm, plain_logs
 
@@ -63,15 +60,6 @@ def made(seconds, seed):
     return Recording(f"long {seed}", like.robot, t, q, tau)
 
 
-def test_a_filter_that_makes_every_fourth_row_makes_the_rows_of_the_filter():
-    x = np.random.default_rng(1).normal(size=(900, 2, 3))
-    fast, slow = decimated(x, 8.0, 110.0, 4), low_pass(x, 8.0, 110.0)[::4]
-    assert fast.shape == slow.shape
-    inside = slice(28, -28)
-    assert_allclose(fast[inside], slow[inside], atol=3e-6)
-    assert np.abs(fast - slow).max() > 1e-3  # at the ends it knows less
-
-
 def test_short_logs_are_not_cut(log):
     assert pieces.in_pieces([log, log]) == (log, log)
 
@@ -107,14 +95,15 @@ def test_a_piece_is_in_one_fold(short, log):
 
 
 @pytest.mark.parametrize("lengths", [(36.0,), (5.0, 5.5, 6.0), (5.0, 20.0)])
-def test_sums_over_pieces_are_those_of_all_rows(short, lengths):
+def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
     recordings = [made(s, seed) for seed, s in enumerate(lengths)]
     logs = prepare_logs(arm(), recordings, None, Filters())
     model = start_nominal(logs, NAMES).model
-    long = design_of(logs.tracks, model)
-    assert isinstance(long, LongDesign)
-    states = [model.observe(t) for t in logs.tracks]
-    whole = Design(list(zip(logs.tracks, states, strict=True)), model)
+    long = Design(logs.tracks, model)
+    with monkeypatch.context() as room:
+        room.setattr(pieces, "LONG", np.inf)
+        whole = Design(logs.tracks, model)
+    assert len(long.tracks) < len(whole.tracks)
     wanted = [(registry()[n], (1,), ()) for n in ("spring", "offset")]
     wanted += [(registry()["payload"], (1,), ()), (registry()["spring"], (0,), ())]
     groups = [design.add(wanted) for design in (long, whole)]
@@ -130,7 +119,7 @@ def test_sums_over_pieces_are_those_of_all_rows(short, lengths):
 
 def test_residuals_of_a_long_design_are_those_of_its_sketch(short, log):
     logs = prepare_logs(arm(), [log], None, Filters())
-    long = design_of(logs.tracks, start_nominal(logs, NAMES).model)
+    long = Design(logs.tracks, start_nominal(logs, NAMES).model)
     assert 1 < len(long.tracks) < len(logs.tracks)
     assert list(logs.sketch) == long.tracks
     theta = np.random.default_rng(2).normal(size=len(long.nominal))
@@ -142,9 +131,10 @@ def test_residuals_of_a_long_design_are_those_of_its_sketch(short, log):
     assert np.isin(left.round(9), every.round(9)).all()
 
 
-def test_a_regressor_that_is_made_later_is_the_regressor(rng):
+@pytest.mark.parametrize("once", [False, True])
+def test_a_regressor_that_is_made_later_is_the_regressor(rng, once):
     motion = tuple(rng.normal(size=(50, 2)) for _ in range(3))
-    late, real = Later(arm(), motion), regressor(arm().model, *motion)
+    late, real = LazyRegressor(arm(), motion, once), regressor(arm().model, *motion)
     assert_allclose(np.asarray(late), real)
     assert_allclose(late[7:20], real[7:20])
     assert_allclose(late[:, :, 3:5], real[:, :, 3:5])
@@ -155,11 +145,11 @@ def test_a_regressor_that_is_made_later_is_the_regressor(rng):
 def test_what_a_model_sees_of_pieces_is_what_it_sees(short, log):
     logs = prepare_logs(arm(), [log], None, Filters())
     model = start_nominal(logs, NAMES).model
-    seen = Observed(model, logs.tracks)
-    for mine, track in zip(seen, logs.tracks, strict=True):
-        theirs = model.observe(track)
+    for track in logs.tracks:
+        assert not track.whole
+        mine, theirs = model.observe(track), model.observe(replace(track, whole=True))
         assert_allclose(mine.tau_model, theirs.tau_model, atol=1e-9)
-        assert_allclose(np.asarray(mine.regressor), theirs.regressor)
+        assert_allclose(np.asarray(mine.regressor), np.asarray(theirs.regressor))
 
 
 def test_a_prediction_of_many_rows_keeps_no_regressor_of_them(log, monkeypatch):
@@ -171,20 +161,24 @@ def test_a_prediction_of_many_rows_keeps_no_regressor_of_them(log, monkeypatch):
         asked.append(len(q))
         return regressor(model, q, qd, qdd)
 
-    monkeypatch.setattr(later, "MANY", 100)
-    monkeypatch.setattr(later, "regressor", counted)
+    monkeypatch.setattr(lazy, "LARGEST", 100)
+    monkeypatch.setattr(lazy, "regressor", counted)
     assert_allclose(model.predict(log), whole, atol=1e-9)
     assert sum(asked) == 0  # the recursive algorithm makes the torque
 
 
-def test_a_spool_gives_back_all_that_was_written(rng):
-    spool, blocks = Spool(), [rng.normal(size=(7, k)) for k in (2, 3, 1)]
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_a_cache_gives_back_all_columns_that_were_written(rng, on_disk):
+    cache, blocks = ColumnCache(on_disk), [rng.normal(size=(k, 7)) for k in (2, 3, 1)]
     for block in blocks:
-        spool.write("a", block)
-        spool.write("b", -block)
-    assert_allclose(spool.read("a", 7), np.concatenate(blocks, axis=1).T)
-    assert_allclose(spool.read("b", 7), -spool.read("a", 7))
-    assert spool.read("nothing", 7).shape == (0, 7)
+        cache.write("a", block)
+        cache.write("b", -block)
+    copy = cache.copy()
+    assert_allclose(cache.read("a", 7), np.concatenate(blocks))
+    assert_allclose(cache.read("b", 7), -cache.read("a", 7))
+    assert cache.read("nothing", 7).shape == (0, 7)
+    cache.write("a", blocks[0])
+    assert (len(cache.read("a", 7)), len(copy.read("a", 7))) == (8, 6)
 
 
 def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):

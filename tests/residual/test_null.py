@@ -11,11 +11,11 @@ from residual.diagnosis.null_key import Key
 from residual.diagnosis.null_record import Null, choose_null, from_record, to_record
 from residual.errors import InputError
 from residual.evidence.colour import LONGEST, autocovariance, coloured
-from residual.null.draws import block, loudest, with_torque
+from residual.null.draws import block, loudest
 from residual.null.source import null_recordings, redrawn, source
 from sim.records import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
-from tests.residual.linear import DOF, Problem, every_group
+from tests.residual.linear import DOF, Problem, build, every_group
 
 KEY = Key(
     robot="a" * 64,
@@ -162,12 +162,12 @@ def test_another_torque_on_the_same_columns_is_as_good_as_a_new_design():
     problem = Problem.draw(rng, rows=80)
     groups = every_group(problem.design)
     target = [y + rng.normal(size=len(y)) for y in problem.design.target]
-    told = with_torque(problem.design, target)
+    told = problem.design.with_target(target)
     logs = [
         (replace(t, tau=t.tau + change), s)
         for (t, s), change in zip(problem.logs, _per_log(problem, target), strict=True)
     ]
-    fresh = Problem(logs, type(problem.design)(logs, _model()), problem.prior)
+    fresh = Problem(logs, build(logs), problem.prior)
     every_group(fresh.design)
     for j in range(DOF):
         np.testing.assert_allclose(told.cross[j], fresh.design.cross[j], atol=1e-9)
@@ -185,13 +185,6 @@ def _per_log(problem, target):
         for j in range(DOF)
     ]
     return [np.column_stack(pair) for pair in zip(*lines, strict=True)]
-
-
-def _model():
-    from residual.model.model import Model
-    from tests.residual.linear import NOMINAL
-
-    return Model(arm(), np.zeros(NOMINAL), (), np.ones(DOF))
 
 
 def test_p_values_of_fresh_draws_are_uniform_enough():

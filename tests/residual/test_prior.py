@@ -43,7 +43,7 @@ def design_of(found, rng):
         made.append(
             (track(rng.normal(size=(100, 2)), np.ones((100, 2), bool), k), state)
         )
-    return Design(made, found.model)
+    return Design([t for t, _ in made], found.model, [s for _, s in made])
 
 
 @pytest.mark.parametrize("scale", [0.01, 0.3])

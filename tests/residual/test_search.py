@@ -46,7 +46,7 @@ TWIN = Effect(
     "twin",
     "a nominal column",
     {"a": "1"},
-    lambda s, joints, x: s.regressor[:, :, :1],
+    lambda s, joints, x: s.regressor[:, :, 10:11],
     scope="flange",
 )
 WAVE = Effect(
@@ -180,9 +180,9 @@ def _wave(state, order):
 def imitated(rng):
     """A missing effect that the nominal can take over, if it bends by 30 sigma."""
     problem = Problem.draw(rng, rows=200, noise=1.0)
-    size = 30 / np.sqrt(problem.prior.precision[0, 0])
+    size = 30 / np.sqrt(problem.prior.precision[10, 10])
     logs = [
-        (replace(t, tau=t.tau + size * s.regressor[:, :, 0]), s)
+        (replace(t, tau=t.tau + size * s.regressor[:, :, 10]), s)
         for t, s in problem.logs
     ]
     problem = Problem(logs, build(logs), problem.prior)

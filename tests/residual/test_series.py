@@ -27,8 +27,7 @@ def judged(rng):
             logs.append(type(log)(log.id, log.robot, log.t, log.q, tau))
         tracks, floor = prepare(logs, Filters())
         model = Model(arm(), inertial_parameters(arm().model), (), floor)
-        states = [model.observe(t) for t in tracks]
-        design = Design(list(zip(tracks, states, strict=True)), model)
+        design = Design(tracks, model)
         wanted = [(registry()[name], (1,), order) for name, order in names]
         # Friction of the logs is no part of the question.
         wanted += [(registry()[n], (1,), ()) for n in ("coulomb", "viscous")]

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from flows.blind import steps
 from flows.blind.draw import Asked, Draft, arm_of, motions
@@ -18,6 +17,7 @@ from residual.diagnosis.oracle import oracle_model
 from residual.effects import registry
 from residual.model.model import Model
 from residual.recording import Array, Recording
+from residual.threads import one_blas_thread
 from sim.records import PlantEffect
 from warehouse.runs import read_run
 
@@ -146,6 +146,7 @@ def _told(job: Job, effects: Sequence[PlantEffect]) -> list | None:
     return [(h.effect.name, h.joints) for h in found]
 
 
+@one_blas_thread
 def _seal(
     job: Job,
     told: Sequence,
@@ -154,14 +155,13 @@ def _seal(
 ) -> None:
     """Write measured torque beside that of who is told the names, logs as given."""
     robot, (held, after) = load(job.asked.robot), logs
-    with threadpool_limits(1, user_api="blas"):
-        model = oracle_model(robot, fit, list(held.values()), told)
-        for name, log in held.items():
-            _keep(job, name, log, model)
-        for (name, log), number in zip(after.items(), _missing(told), strict=True):
-            if number is not None:
-                effect, joints = told[number]
-                _keep(job, name, log, model.without(effect, joints or None))
+    model = oracle_model(robot, fit, list(held.values()), told)
+    for name, log in held.items():
+        _keep(job, name, log, model)
+    for (name, log), number in zip(after.items(), _missing(told), strict=True):
+        if number is not None:
+            effect, joints = told[number]
+            _keep(job, name, log, model.without(effect, joints or None))
 
 
 def _keep(job: Job, name: str, log: Recording, model: Model) -> None:

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
-from threadpoolctl import threadpool_limits
 
 from flows.cli.options import (
     FASTEST,
@@ -38,6 +37,7 @@ from flows.steps.trajectory import as_csv
 from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.planning.outlook import HOPELESS
+from residual.threads import one_blas_thread
 from sim.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse.objects.mirror import shown
@@ -159,13 +159,13 @@ def _check(request: Next, files: Mapping[str, Path], rate: float, run: bool) -> 
         )
 
 
+@one_blas_thread
 def _designed(asked: Asked, request: Next, tell: Progress | None) -> Design | None:
     """Return the best motion; None where nothing is open."""
     if not asked.question.contests:
         return None
-    with threadpool_limits(1, user_api="blas"):
-        wanted = Search(asked.question, asked.robot, request.seconds, request.seed)
-        return design(with_twins(wanted), tell)
+    wanted = Search(asked.question, asked.robot, request.seconds, request.seed)
+    return design(with_twins(wanted), tell)
 
 
 def _filled(asked: Asked, made: Design, out: str | None) -> str:

@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from flows.keep.diagnosis import read_verdict
 from flows.progress import Progress
 from flows.requests import Diagnose
@@ -26,6 +24,7 @@ from residual.diagnosis.causes.alternative import Alternative
 from residual.diagnosis.result import Finding, Place, Verdict
 from residual.names import joints_listed
 from residual.quantity import percent
+from residual.threads import one_blas_thread
 from sim.records import TrajectorySpec
 from warehouse.decisions import Decision
 
@@ -133,6 +132,7 @@ def _driver(loop: Loop) -> str:
     return given[-1].result["diagnosis"] if given else NOMINAL
 
 
+@one_blas_thread
 def _designed(
     loop: Loop, diagnosis: str, tell: Progress | None
 ) -> tuple[TrajectorySpec, Design]:
@@ -141,9 +141,8 @@ def _designed(
     seconds = loop.asked.seconds
     wanted = Next(diagnosis, seconds=seconds, seed=seed, store=loop.store)
     asked = ask(wanted, tell)
-    with threadpool_limits(1, user_api="blas"):
-        search = Search(asked.question, asked.robot, seconds, seed)
-        made = design(with_twins(search), tell)
+    search = Search(asked.question, asked.robot, seconds, seed)
+    made = design(with_twins(search), tell)
     return cut(made.best.spec, made.seconds), made
 
 

@@ -3,13 +3,12 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from flows.keep.diagnosis import read_known, read_models, read_verdict
 from flows.steps.loop.choose import diagnosis_of
 from residual.diagnosis.doubt.worth import Worth, worth
 from residual.diagnosis.result import Verdict
 from residual.model.model import Model
+from residual.threads import one_blas_thread
 from warehouse.adoptions import Adoption, adopted
 from warehouse.commit import read_record
 from warehouse.runs import read_run
@@ -46,6 +45,7 @@ class Judged:
         return {"held_out": seen, "doubts": list(self.doubts)}
 
 
+@one_blas_thread
 def judge(store: Path, word: str) -> Judged:
     """Hold the model of a diagnosis against the one that its robot has.
 
@@ -68,8 +68,7 @@ def judge(store: Path, word: str) -> Judged:
         doubts.append("no run was held out; diagnose with --holdout RUN")
     else:
         before = _before(store, id, parent)
-        with threadpool_limits(1, user_api="blas"):
-            seen = worth(model, before, [read_run(store, run) for run in runs])
+        seen = worth(model, before, [read_run(store, run) for run in runs])
         doubts += seen.doubts
     record = read_record(store, id)
     return Judged(id, record["model_id"], model, parent, seen, tuple(doubts))

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 from scipy import stats
-from threadpoolctl import threadpool_limits
 
 from flows.progress import Progress
 from flows.requests import Request
@@ -27,6 +26,7 @@ from residual.model.control import Use
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
+from residual.threads import one_blas_thread
 from sim.records import PlantSpec, Reference, TrajectorySpec
 from sim.tracking import Driven, drive
 from sim.trajectories import make_reference
@@ -144,6 +144,7 @@ class Tracked:
         return tuple(self.gain(*p, what) for what, p in product(METRICS, pairs))
 
 
+@one_blas_thread
 def track(request: Track, progress: Progress | None = None) -> tuple[str, Tracked]:
     """Drive the arm of simulated runs by the nominal model and another, and keep it.
 
@@ -170,8 +171,7 @@ def track(request: Track, progress: Progress | None = None) -> tuple[str, Tracke
     motions = _motions(store, robot, manifests, (request.runs, request.seeds))
     whole = model_of(store, request.model, robot)
     models = {NOMINAL: nominal_of(robot, logs[:1]), MODEL: whole}
-    with threadpool_limits(1, user_api="blas"):
-        made = tracked(robot, models, motions, progress)
+    made = tracked(robot, models, motions, progress)
     asked = replace(request, runs=tuple(log.id for log in logs)).to_record()
     asked["model"] = find(store, request.model).id
     asked |= {"robot": manifests[0]["robot"], "robot_hash": robot.content_hash}

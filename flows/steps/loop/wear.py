@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from flows.inputs.robots import load_of
 from flows.keep.diagnosis import read_known
@@ -19,6 +18,7 @@ from residual.monitoring.wear.friction import LogFriction, friction_of_each
 from residual.monitoring.wear.trend import JointTrend, sessions, trends
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from warehouse.query.store import open_store
 from warehouse.runs import read_run
 
@@ -55,6 +55,7 @@ class Wear:
     sd: Array
 
 
+@one_blas_thread
 def follow(
     store: Path,
     word: str,
@@ -78,12 +79,11 @@ def follow(
     listed = _listed(store, robot, runs)
     choice = choose(robot, Wanted(model, store, [id for id, _, _ in listed]))
     logs = [read_run(store, id) for id, _, _ in listed]
-    with threadpool_limits(1, user_api="blas"):
-        if choice.diagnosis:
-            known = read_known(store, choice.diagnosis).model
-        else:
-            known = identify(robot, logs).model
-        seen = _seen(robot, logs, known, progress)
+    if choice.diagnosis:
+        known = read_known(store, choice.diagnosis).model
+    else:
+        known = identify(robot, logs).model
+    seen = _seen(robot, logs, known, progress)
     days, since, clock = _times(listed, logs)
     change = np.array([one.change for one in seen])
     joints, time = trends(change, days, since)

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from flows.inputs.robots import load
 from flows.settings import store_folder
 from flows.steps.loop.choose import Choice, Wanted, choose
@@ -14,6 +12,7 @@ from residual.errors import InputError
 from residual.monitoring.monitor import LEAST_RUNS
 from residual.monitoring.stream.learn import PER_HOUR, learn
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from warehouse.runs import read_run
 
 STATES = "_watch"  # folder of states in the store
@@ -116,13 +115,13 @@ def _good(
     return good
 
 
+@one_blas_thread
 def _learnt(asked: Watch, store: Path, robot: Robot, origin: Origin):
     source = source_of(origin.diagnosis or asked.robot, store)
     runs = [read_run(store, id) for id in origin.good]
     for run in runs:
         robot_of(source, run, store)
-    with threadpool_limits(1, user_api="blas"):
-        return learn(model_of(source, robot, runs), runs, asked.per_hour)
+    return learn(model_of(source, robot, runs), runs, asked.per_hour)
 
 
 def _learnt_from(session: Session) -> str:

@@ -114,7 +114,8 @@ def test_what_the_model_misses_of_a_torque_makes_no_delay_smaller():
         columns = [np.interp(log.t - 0.03, log.t, x) for x in (log.tau + strange).T]
         return replace(log, tau=np.column_stack(columns))
 
-    (fault,) = late(robot, [spoiled(log) for log in logs])
+    strange = [spoiled(log) for log in logs]
+    (fault,) = late(robot, thin_rows(strange), strange)
     delay, sd = map(
         float, re.search(r"(\d+) ms \(\+- ([\d.]+)", fault.evidence).groups()
     )

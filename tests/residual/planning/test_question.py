@@ -143,7 +143,7 @@ def test_a_candidate_without_evidence_is_no_rival_of_nothing(monkeypatch):
         doubted = replace(examined, adequacy=replace(examined.adequacy, doubted=(2,)))
         plain = examined.plain
         heard.append(open_question(doubted, plain, []))
-        monkeypatch.setattr(gather, "screen", lambda *words: np.zeros(len(words[3])))
+        monkeypatch.setattr(gather, "screen", lambda *words: np.zeros(len(words[2])))
         heard.append(open_question(doubted, plain, []))
 
     close_the_loop(robot, [fit], held_out=[proof], inside=inside)
