@@ -20,11 +20,11 @@ from residual.evidence.folds import fold_labels
 from residual.evidence.group import Group
 from residual.model.model import Model
 from residual.recording import Array
+from residual.robot.regressor import links_of
 from residual.signals.pieces import is_cut, logs_of, spread
 from residual.signals.track import Track
 
 AMPLITUDE = 0.3  # prior size of an effect's torque, as a share of torque rms
-PER_LINK = 10  # inertial parameters
 LAGS = 80  # rows over which noise is asked whether it remembers
 QUICK = 256  # a time line of a multiple of it has a quick Fourier transform
 
@@ -124,7 +124,8 @@ class Design:
         dof, model = self.dof, self.model
 
         def made(state: State) -> list[tuple[Joints, Array]]:
-            out = _inertial_parts(state.regressor, dof)
+            links = links_of(state.regressor, dof)
+            out = [(tuple(range(x.shape[1])), x) for x in links]
             for t in model.terms:
                 columns = t.effect.columns(state, t.joints, t.shape)
                 out.append((t.effect.rows(t.joints, dof), columns))
@@ -138,7 +139,7 @@ class Design:
             for j in self._js:
                 self._targets[j].append(self._stacked(gaps, j, chunk))
         self._show_target()
-        ids = self._append(made, bodies=True)
+        ids = self._append(made, bodies=False)
         self.nominal = np.concatenate(ids)
         self.inertial = self.nominal[: len(model.inertial)]
 
@@ -166,16 +167,18 @@ class Design:
             fresh: list[list[Array]] = [[] for _ in self._js]
             for i in chunk:
                 state = self._states[i]
-                if bodies:  # read many times, and of a long log not kept
+                if bodies:  # read for every body, and of a long log not kept
                     state = replace(state, regressor=np.asarray(state.regressor))
                 parts = made(state)
                 if not ids:
                     ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
                 for j, columns in self._filtered(i, parts):
                     fresh[j].append(columns)
-            for j in self._js:
-                if fresh[j]:
-                    self._extend(c, j, np.concatenate(fresh[j], axis=1))
+            for j, parts in enumerate(fresh):
+                if parts:
+                    columns = np.concatenate(parts, axis=1)
+                    parts.clear()  # they are as much again
+                    self._extend(c, j, columns)
         return ids
 
     def _filtered(self, i: int, parts) -> Iterator[tuple[int, Array]]:
@@ -500,13 +503,3 @@ def _rows_that_count(tracks: Sequence[Track]) -> list[Array]:
         alive = np.any([np.ptp(t.tau, axis=0) > 0 for t in own], axis=0)
         out += [t.moving & alive for t in own]
     return out
-
-
-def _inertial_parts(regressor: Array, dof: int) -> list[tuple[Joints, Array]]:
-    """The inertial regressor link by link: no link loads a joint that it is before."""
-    if regressor.shape[2] != PER_LINK * dof:  # of a problem that is no arm
-        return [(tuple(range(dof)), regressor)]
-    links = (
-        regressor[:, : i + 1, PER_LINK * i : PER_LINK * (i + 1)] for i in range(dof)
-    )
-    return [(tuple(range(x.shape[1])), x) for x in links]

@@ -1,27 +1,30 @@
 """The inertial regressor of a motion, made when somebody reads it.
 
-It has 360 numbers a row for six joints: of short logs it is remembered, since many look
-at the same motion, of long ones only what is asked for is made.
+It has 360 numbers a row for six joints. Of short logs it is remembered, since many look
+at the same motion, link by link: no link loads a joint that it is before, so that 210
+are enough. Of long ones only what is asked for is made.
 """
 
 from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from residual.recording import Array
 from residual.robot.dynamics import (
+    PER_LINK,
     inverse_dynamics,
     regressor,
     with_inertial_parameters,
 )
 from residual.robot.robot import Robot
 
-AT_ONCE = 1 << 13  # rows of a regressor
-LARGEST = 1 << 26  # bytes of one that is remembered: 23 000 rows for six joints
-KEPT = 1 << 28  # bytes of all of them: ten minutes of six joints
+AT_ONCE = 1 << 11  # rows of a regressor
+LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
+KEPT = 1 << 28  # bytes of all of them
 
-_Known = OrderedDict[tuple, tuple[tuple, Array]]
+_Known = OrderedDict[tuple, tuple[tuple, tuple[Array, ...]]]
 _KNOWN: _Known = OrderedDict()
 
 
@@ -40,21 +43,32 @@ class LazyRegressor:
     once: bool = False
 
     def __array__(self, dtype=None, copy=None) -> Array:
-        known = self._remembered()
-        return self._of(slice(None)) if known is None else known
+        n, dof = self.motion[0].shape
+        out = np.zeros((n, dof, PER_LINK * dof))
+        for i, block in enumerate(self.links()):
+            out[:, : i + 1, PER_LINK * i : PER_LINK * (i + 1)] = block
+        return out
 
     def __getitem__(self, key) -> Array:
         """Some of it: rows, or columns of all rows as [:, :, columns]."""
-        known = self._remembered()
-        if known is not None:
-            return known[key]
         if isinstance(key, slice):
             return self._of(key)
-        rest = key[1:]
-        starts = range(0, len(self.motion[0]), AT_ONCE)
-        blocks = (self._of(slice(i, i + AT_ONCE)) for i in starts)
-        parts = [block[(slice(None), *rest)] for block in blocks]
-        return np.concatenate(parts)[key[0]]
+        dof = self.motion[0].shape[1]
+        if isinstance(key[2], slice):
+            first, stop, step = key[2].indices(PER_LINK * dof)
+            i, start = divmod(first, PER_LINK)
+            if step == 1 and stop <= PER_LINK * (i + 1):
+                return self._of_link(i)[key[0], key[1], start : start + stop - first]
+        return np.asarray(self)[key]
+
+    def _of_link(self, i: int) -> Array:
+        """Columns of one link's parameters. Shape (n, dof, 10)."""
+        n, dof = self.motion[0].shape
+        out = np.zeros((n, dof, PER_LINK))
+        for k, block in enumerate(self.links()):
+            if k == i:
+                out[:, : i + 1] = block
+        return out
 
     def __matmul__(self, parameters: Array) -> Array:
         """Torque of these inertial parameters [N m]. Shape (n, dof).
@@ -62,27 +76,58 @@ class LazyRegressor:
         By the recursive algorithm, in a third of the time, where it is not known.
         """
         known = self._remembered()
-        if known is not None:
-            n, dof, p = known.shape
-            return (known.reshape(n * dof, p) @ parameters).reshape(n, dof)
-        body = with_inertial_parameters(self.robot.model, parameters)
-        return inverse_dynamics(body, *self.motion)
+        if known is None:
+            body = with_inertial_parameters(self.robot.model, parameters)
+            return inverse_dynamics(body, *self.motion)
+        out = np.zeros(self.motion[0].shape)
+        for i, block in enumerate(known):
+            own = parameters[PER_LINK * i : PER_LINK * (i + 1)]
+            out[:, : i + 1] += (block.reshape(-1, PER_LINK) @ own).reshape(-1, i + 1)
+        return out
+
+    def links(self) -> tuple[Array, ...]:
+        """Columns of each link on the joints that carry it. Shapes (n, i + 1, 10)."""
+        known = self._remembered()
+        return self._by_link() if known is None else known
 
     def _of(self, rows: slice) -> Array:
         return regressor(self.robot.model, *(x[rows] for x in self.motion))
 
-    def _remembered(self) -> Array | None:
+    def _by_link(self) -> tuple[Array, ...]:
+        n, dof = self.motion[0].shape
+        out = tuple(np.empty((n, i + 1, PER_LINK)) for i in range(dof))
+        for start in range(0, n, AT_ONCE):
+            rows = slice(start, start + AT_ONCE)
+            dense = self._of(rows)
+            for i, block in enumerate(out):
+                own = slice(PER_LINK * i, PER_LINK * (i + 1))
+                block[rows] = dense[:, : i + 1, own]
+        return out
+
+    def _remembered(self) -> tuple[Array, ...] | None:
         """All of it, where it is small enough to be kept."""
         n, dof = self.motion[0].shape
-        if self.once or 80 * n * dof**2 > LARGEST:
+        if self.once or 8 * PER_LINK * n * dof * (dof + 1) // 2 > LARGEST:
             return None
         # They are kept with the result, so that nothing else can get these ids.
         known = self.robot, *self.motion
         key = tuple(map(id, known))
         if key not in _KNOWN:
-            _KNOWN[key] = known, self._of(slice(None))
-            _KNOWN[key][1].setflags(write=False)
+            _KNOWN[key] = known, self._by_link()
         _KNOWN.move_to_end(key)
-        while len(_KNOWN) > 1 and sum(x.nbytes for _, x in _KNOWN.values()) > KEPT:
+        while len(_KNOWN) > 1 and _size() > KEPT:
             _KNOWN.popitem(last=False)
         return _KNOWN[key][1]
+
+
+def _size() -> int:
+    return sum(x.nbytes for _, blocks in _KNOWN.values() for x in blocks)
+
+
+def links_of(regressor: Array | LazyRegressor, dof: int) -> Iterator[Array]:
+    """Columns of each link on the joints that carry it. Shapes (n, i + 1, 10)."""
+    if isinstance(regressor, LazyRegressor):
+        yield from regressor.links()
+    else:
+        for i in range(dof):
+            yield regressor[:, : i + 1, PER_LINK * i : PER_LINK * (i + 1)]
