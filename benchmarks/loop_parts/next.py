@@ -29,13 +29,14 @@ from benchmarks.loop_parts.next_bars import (
 from benchmarks.seeded import guarded
 from flows.specs.experiment import derived_seed
 from flows.steps.planning.ask import Listener
-from flows.steps.planning.design import design, hint
+from flows.steps.planning.design import design
 from flows.steps.planning.motions import Search, with_twins
 from residual.close import close_the_loop
 from residual.diagnosis.result import Diagnosis, Place
 from residual.effects import reported_joints
 from residual.planning.columns import logged_products
-from residual.planning.outlook import HOPELESS, Pair, realised
+from residual.planning.outlook import Pair, realised
+from residual.planning.promise import promised
 from residual.planning.question import Question
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
@@ -161,15 +162,10 @@ def _drawn(seed: int) -> Case | None:
             continue
         if not heard.question.contests:
             continue
-        search = with_twins(Search(heard.question, robot, SECONDS, seed))
-        if _can_be_parted(search):
+        if promised(heard.question):
+            search = with_twins(Search(heard.question, robot, SECONDS, seed))
             return Case(plant, effect, logs, search, found, number)
     return None
-
-
-def _can_be_parted(search: Search) -> bool:
-    """Whether some motion parts some pair: the best of a few random ones does."""
-    return hint(search).best.seen.worth >= HOPELESS
 
 
 def _settled(after: Diagnosis, truth: Place, search: Search) -> bool:

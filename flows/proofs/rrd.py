@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from flows.proofs.proof import Proof, extra
-from residual.export.chain import chain_of
 from residual.export.exported import Exported, Whole, body_of, file_stem, split
 from residual.export.motion import exciting
 from residual.recording import Array, Recording
+from residual.robot.chain import chain_of
 from residual.signals.track import Track, prepare
 
 APP, CLOCK, ARM = "modelgap", "time", "arm"

@@ -142,6 +142,8 @@ class System:
         gram, cross: Per joint, zero for columns that do not act on it.
             Shapes (dof, m, m), (dof, m).
         power: Sum of squares of the target of each joint. Shape (dof,).
+        present: Per joint, where the columns that act on it stand among its own, and
+            which of these they are (``Design.present``).
     """
 
     ids: Array
@@ -150,6 +152,7 @@ class System:
     gram: Array
     cross: Array
     power: Array
+    present: tuple[tuple[Array, Array], ...]
 
     @classmethod
     def of(
@@ -170,8 +173,8 @@ class System:
             precision[start:stop, start:stop] = g.precision
             log_det, start = log_det + g.log_det, stop
         gram, cross = np.zeros((design.dof, m, m)), np.zeros((design.dof, m))
-        for j in range(design.dof):
-            place, have = design.present(j, ids)
+        present = tuple(design.present(j, ids) for j in range(design.dof))
+        for j, (place, have) in enumerate(present):
             if folds is None:
                 all_gram, all_cross = design.total(j)
                 own = all_gram[place[:, None], place], all_cross[place]
@@ -180,15 +183,14 @@ class System:
             gram[j, have[:, None], have], cross[j, have] = own
         chosen = slice(None) if folds is None else folds
         power = design.power[chosen].sum(axis=0)
-        return cls(ids, precision, log_det, gram, cross, power)
+        return cls(ids, precision, log_det, gram, cross, power, present)
 
     def folds(self, design: Design) -> list["System"]:
         """The same equations, of each fold alone."""
         m, dof = len(self.ids), design.dof
         gram = np.zeros((design.folds, dof, m, m))
         cross = np.zeros((design.folds, dof, m))
-        for j in range(dof):
-            place, have = design.present(j, self.ids)
+        for j, (place, have) in enumerate(self.present):
             gram[:, j, have[:, None], have], cross[:, j, have] = design.fold_sums(
                 j, place
             )
@@ -203,12 +205,13 @@ class System:
         gram = np.zeros((design.dof, m + k, m + k))
         cross = np.zeros((design.dof, m + k))
         gram[:, :m, :m], cross[:, :m] = self.gram, self.cross
-        for j in range(design.dof):
+        present = list(self.present)
+        for j, (old, have) in enumerate(self.present):
             new, mine = design.present(j, group.ids)
             if not len(new):
                 continue
             mine = mine + m
-            old, have = design.present(j, self.ids)
+            present[j] = np.concatenate([old, new]), np.concatenate([have, mine])
             every, products = design.total(j)
             block = every[old[:, None], new]
             gram[j, have[:, None], mine] = block
@@ -217,7 +220,7 @@ class System:
             cross[j, mine] = products[new]
         ids = np.concatenate([self.ids, group.ids])
         log_det = self.log_det + group.log_det
-        return System(ids, precision, log_det, gram, cross, self.power)
+        return System(ids, precision, log_det, gram, cross, self.power, tuple(present))
 
     def solve(self, weight: Array) -> tuple[Array, Array]:
         """Posterior mean and the lower Cholesky factor of its precision."""

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from residual.effects import registry
+from residual.effects.base import Joints
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, scaled_inverse
 from residual.model.model import Model
@@ -141,8 +142,7 @@ def relative_prior(
     for (term, own), given in zip(placed, nominal.given, strict=True):
         ids = design.nominal[own]
         rows = term.effect.rows(term.joints, design.dof)
-        flat = design.unit_information(ids, rows)
-        flat += 1e-6 * np.diag(np.diag(flat)) + TINY * np.eye(len(ids))
+        flat = _flat(design, ids, rows)
         if given is None:
             precision[own, own] = flat
         else:
@@ -150,6 +150,19 @@ def relative_prior(
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
     return replace(_prior(precision, scale), widths=dict(widths))
+
+
+def _flat(design: Design, ids: Array, rows: Joints) -> Array:
+    """Precision of coefficients whose torque may be as large as the torque. (k, k).
+
+    The same under every prior, so the design remembers it.
+    """
+    key = ("flat", int(ids[0]), len(ids))
+    if key not in design.remembered:
+        flat = design.unit_information(ids, rows)
+        flat += 1e-6 * np.diag(np.diag(flat)) + TINY * np.eye(len(ids))
+        design.remembered[key] = flat
+    return design.remembered[key]
 
 
 def _posterior(nominal: Nominal) -> Prior:

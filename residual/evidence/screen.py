@@ -49,9 +49,9 @@ def overlap(design: Design, system: System, weight: Array) -> Array:
     """Weighted products of a fit's columns with all columns. Shape (m, size)."""
     out = np.zeros((len(system.ids), design.size))
     for j in range(design.dof):
-        _, have = design.present(j, system.ids)
+        rows, have = system.present[j]
         every = np.flatnonzero(design.place[j] >= 0)
-        rows, columns = design.place[j][system.ids[have]], design.place[j][every]
+        columns = design.place[j][every]
         out[np.ix_(have, every)] += (
             weight[j] * design.total(j)[0][np.ix_(rows, columns)]
         )

@@ -11,11 +11,11 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError
-from residual.export.chain import chain_of
 from residual.export.exported import Exported, Whole, body_of, file_stem, with_bodies
 from residual.export.passive import properties, split_passive
 from residual.model.model import Model
 from residual.recording import Array
+from residual.robot.chain import chain_of
 
 CAN = ("damping", "quadratic_damping", "friction", "armature", "stiffness", "constant")
 STEP = 0.001  # s

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.effects._portable import BRISTLE, Portable
-from residual.export.chain import Chain, chain_of
 from residual.export.exported import Split, Whole, body_of, file_stem, split
 from residual.model.corrected import Corrected, Tables
 from residual.model.model import LEAST_SPEED, Model
 from residual.model.term import Term
 from residual.recording import Array
+from residual.robot.chain import Chain, chain_of
 from residual.signals.direction import SMOOTH, Standstill
 from residual.tables.form import NONE
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from residual.robot.dynamics import flange_frame
+from residual.robot.chain import Chain, chain_of
 
 Array = np.ndarray
 
@@ -25,7 +25,7 @@ class Body:
     """The capsules of an arm and what is checked.
 
     Attributes:
-        model: Pinocchio model.
+        chain: Where the joints sit.
         kept: Which of base, joints 1 to dof and flange (0 to dof + 1) are ends of
             capsules; capsule i runs from end i to end i + 1.
         radius: Radius of all capsules [m].
@@ -34,7 +34,7 @@ class Body:
         names: What each check is about, the floor first.
     """
 
-    model: pin.Model
+    chain: Chain
     kept: tuple[int, ...]
     radius: float
     low: tuple[int, ...]
@@ -48,7 +48,8 @@ def body(model: pin.Model) -> Body:
     Neighbours are not checked, nor capsules with so little between them that they
     always touch.
     """
-    at_rest = _frames(model, pin.neutral(model)[None])[0]
+    chain = chain_of(model)
+    at_rest = chain.origins(np.zeros((1, model.nv)))[0]
     lengths = np.linalg.norm(np.diff(at_rest, axis=0), axis=1)
     reach = lengths.sum()
     kept, gap = [0], 0.0
@@ -72,7 +73,7 @@ def body(model: pin.Model) -> Body:
     names += [
         f"{_piece(model, kept, j)} from {_piece(model, kept, i)}" for i, j in pairs
     ]
-    return Body(model, tuple(kept), float(radius), low, pairs, tuple(names))
+    return Body(chain, tuple(kept), float(radius), low, pairs, tuple(names))
 
 
 def clearances(arm: Body, q: Array) -> Array:
@@ -96,18 +97,7 @@ def clearances(arm: Body, q: Array) -> Array:
 
 def capsule_ends(arm: Body, q: Array) -> Array:
     """Return the ends of the capsules in the base frame [m]. Shape (n, ends, 3)."""
-    return _frames(arm.model, q)[:, arm.kept]
-
-
-def _frames(model: pin.Model, q: Array) -> Array:
-    """Return the origins of base, joints and flange. Shape (n, dof + 2, 3)."""
-    data, flange = model.createData(), flange_frame(model)
-    out = np.zeros((len(q), model.nv + 2, 3))
-    for i, row in enumerate(np.ascontiguousarray(q, dtype=float)):
-        pin.forwardKinematics(model, data, row)
-        out[i, 1:-1] = [data.oMi[j].translation for j in range(1, model.njoints)]
-        out[i, -1] = pin.updateFramePlacement(model, data, flange).translation
-    return out
+    return arm.chain.origins(np.asarray(q, dtype=float))[:, arm.kept]
 
 
 def _stands(model: pin.Model) -> bool:

@@ -57,9 +57,7 @@ def test_a_clear_name_must_come_back_twice_in_three_and_a_faint_one_once():
 def test_a_part_has_the_sums_of_its_folds_alone():
     problem = Problem.draw(np.random.default_rng(3), noise=0.1, logs=6)
     whole = problem.design
-    part, rest = (
-        whole.part(np.array(folds)) for folds in ([0, 2], [1, 3, 4, 5])
-    )
+    part, rest = (whole.part(np.array(folds)) for folds in ([0, 2], [1, 3, 4, 5]))
     for j in range(whole.dof):
         for a, b, both in zip(
             part.total(j), rest.total(j), whole.total(j), strict=True

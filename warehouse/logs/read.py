@@ -1,5 +1,6 @@
 """One log: opened by what is in it, read into a checked recording."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -27,6 +28,7 @@ from warehouse.logs.window import Window, split_spec
 
 _SQLITE = b"SQLite format 3\0"
 _ROS1 = b"#ROSBAG V"
+_BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")  # control characters
 
 
 def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
@@ -50,7 +52,7 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
         return open_mcap(path, joints, columns.bag)
     if head.startswith(b"PAR1"):
         return ParquetLog(path)
-    if any(c < 32 and c not in b"\t\r\n\f" for c in head):
+    if _BINARY.search(head):
         raise InputError(
             f"{path.name} is binary but not Parquet, a ROS bag or MCAP, expected one "
             "of them or CSV text (UTF-8). Export the log as one of them."

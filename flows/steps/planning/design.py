@@ -7,6 +7,7 @@ import numpy as np
 from flows.progress import Progress
 from flows.steps.planning.improve import improve
 from flows.steps.planning.motions import (
+    COARSER,
     FOURIER,
     Motion,
     Search,
@@ -14,6 +15,7 @@ from flows.steps.planning.motions import (
     fourier,
     planned,
     seconds_to,
+    series_gram,
 )
 from residual.planning.outlook import chance
 from residual.planning.promise import told_apart
@@ -23,11 +25,10 @@ from sim.streams import stream
 from sim.trajectories.reference import KINDS
 
 MANY = 60  # random motions
-_STARTS, _LOOKS = 2, 350  # of local searches, and motions that each may look at
-_SEEDS = 3  # of every other family
+_STARTS, _LOOKS = 1, 180  # of local searches, and motions that each may look at
 _PERIODS = 2  # of motions that nobody designed: what a specification has by default
 
-RANDOM, D_OPTIMAL = "random fourier", "D-optimal fourier"
+RANDOM = "random fourier"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +75,8 @@ class Design:
 def design(search: Search, tell: Progress | None = None) -> Design:
     """Return the best motion of all families that a seeded search finds.
 
-    Random Fourier motions are ranked; a local search improves the best of them, the
-    D-optimal one among the starts; motions of the other families are drawn.
+    Random Fourier motions are ranked by a coarse look; a local search improves the best
+    of them; of every other family one motion is drawn.
 
     Args:
         search: What is looked for.
@@ -83,37 +84,32 @@ def design(search: Search, tell: Progress | None = None) -> Design:
     """
     tell = tell or (lambda stage, share: None)
     motions = drawn(search, MANY)
-    looked = [fourier(search, *m) for m in motions]
-    order = np.argsort([-m.seen.worth for m in looked])
+    worth = [search.weighed(series_gram(search, *m, COARSER)).worth for m in motions]
+    order = np.argsort(worth)[::-1]
     tell("other motions", 0.1)
     others = _families(search)
-    starts, found = [motions[i] for i in order[:_STARTS]], [looked[order[0]]]
+    starts, found = [motions[i] for i in order[:_STARTS]], []
     for i, (place, series) in enumerate(starts):
-        tell("better motions", 0.3 + 0.7 * i / len(starts))
+        tell("better motions", 0.4 + 0.6 * i / len(starts))
         better = improve(search, place, series, _LOOKS)
-        found.append(fourier(search, place, better))
-    usual = looked[order[len(order) // 2]]
-    every = [*found, *(m for m in others.values() if m)]
-    best = max(every, key=lambda motion: motion.seen.worth)
+        found += [fourier(search, place, one) for one in (series, better)]
+    usual = fourier(search, *motions[order[len(order) // 2]])
     named = {RANDOM: usual, **others}
-    compared = [_compared(search, name, m) for name, m in named.items() if m]
+    every = [*found, *others.values()]
+    best = max(every, key=lambda motion: motion.seen.worth)
+    compared = [_compared(search, name, m) for name, m in named.items()]
     tell("better motions", 1.0)
     seconds = seconds_to(search, best)
     return replace(_design(search, best), seconds=seconds, compared=tuple(compared))
 
 
-def _families(search: Search) -> dict[str, Motion | None]:
-    """Return the D-optimal motion, and the best of some of every other family."""
-    periods = min(_PERIODS, max(search.periods))
-
-    def of(kind: str, seed: int) -> Motion | None:
-        seed = 100 * search.seed + seed
-        return planned(search, TrajectorySpec(kind, search.seconds, periods, seed))
-
-    out = {D_OPTIMAL: of(FOURIER, 0)}
+def _families(search: Search) -> dict[str, Motion]:
+    """Return a motion of every other family that the arm finds room for."""
+    periods, out = min(_PERIODS, max(search.periods)), {}
     for kind in (k for k in KINDS if k != FOURIER):
-        found = [m for seed in range(_SEEDS) if (m := of(kind, seed))]
-        out[kind] = max(found, key=lambda m: m.seen.worth, default=None)
+        spec = TrajectorySpec(kind, search.seconds, periods, 100 * search.seed)
+        if motion := planned(search, spec):
+            out[kind] = motion
     return out
 
 

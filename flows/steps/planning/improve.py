@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from flows.steps.planning.motions import Search, series_gram
+from flows.steps.planning.motions import COARSER, Search, series_gram
 from sim.synthetic.series import Series
 from sim.trajectories.fourier import (
     FREE,
@@ -65,7 +65,7 @@ class Form:
         series = self.series(x)
         if series is None:
             return -float(np.log(_NONE))
-        gram = series_gram(self.search, self.place, series)
+        gram = series_gram(self.search, self.place, series, COARSER)
         return -float(np.log(self.search.weighed(gram).worth + _NONE))
 
 

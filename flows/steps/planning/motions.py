@@ -32,7 +32,8 @@ PERIODS = (2, 4)  # of a motion, tried in turn
 LEAST_PERIOD = 2.5  # s
 FREE = 6  # motions that tell what is the same on every motion
 STEP = 0.5  # s, in which it is said when a motion has brought enough
-FINER = 2  # samples of a motion per row of a log, where it is looked at closely
+# Samples of a motion per row of a log: where it is one of many, and looked at closely.
+COARSER, FINER = 0.5, 2
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,7 +94,9 @@ def with_twins(search: Search) -> Search:
     return replace(search, twins=structural_twins(search.question, grams))
 
 
-def series_gram(search: Search, place: Arena, series: Series, finer: int = 1) -> Array:
+def series_gram(
+    search: Search, place: Arena, series: Series, finer: float = 1.0
+) -> Array:
     """Return the Gram of a Fourier motion, by one of its periods. Shape (m, m)."""
     rate = finer * search.question.signals.rate
     count = round(place.period * rate)

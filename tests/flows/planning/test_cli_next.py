@@ -48,15 +48,13 @@ GIVEN = ("v.json", "fit.csv", "--robot", "irb140", "--holdout", "proof.csv")
 def test_a_verdict_says_by_itself_what_a_motion_could_settle(place):
     plan = json.loads((place / "v.json").read_text())["next_experiment"]
     assert {r["name"] for r in plan["rivals"]} == {"spring", "balancer"}
-    assert plan["family"] == "fourier"
-    assert plan["program"] is None
+    assert [plan[k] for k in ("family", "parameters", "program")] == [None] * 3
     assert plan["seconds"] == 20.0
     assert plan["expected_nats"] > 1
     assert 0 <= plan["chance"] <= 1
-    assert np.shape(plan["parameters"]["coefficients"]) == (9, 6)
     page = (place / "v.html").read_text()
     assert "The next experiment" in page
-    assert "Angles of 6 joints over 20 s" in page
+    assert "modelgap next designs it for this arm" in page
 
 
 def test_a_program_is_found_written_and_explained(here, capsys):

@@ -27,6 +27,29 @@ class Chain:
     flange: Array
     flange_rotation: Array
 
+    def origins(self, q: Array) -> Array:
+        """Return the origins of base, joints and flange in the base frame [m].
+
+        All postures at once; one axis after the other, by Rodrigues' formula.
+
+        Args:
+            q: Positions [rad]. Shape (n, dof).
+
+        Returns:
+            Shape (n, dof + 2, 3).
+        """
+        n, dof = q.shape
+        out, turned = np.zeros((n, dof + 2, 3)), np.broadcast_to(np.eye(3), (n, 3, 3))
+        for j in range(dof):
+            out[:, j + 1] = out[:, j] + turned @ self.place[j]
+            about = np.cross(self.axis[j], np.eye(3)).T  # v -> axis x v
+            angle = q[:, j, None, None]
+            turn = np.eye(3) + np.sin(angle) * about
+            turn = turn + (1 - np.cos(angle)) * (about @ about)
+            turned = turned @ (self.rotation[j] @ turn)
+        out[:, -1] = out[:, -2] + turned @ self.flange
+        return out
+
 
 def chain_of(model: pin.Model) -> Chain:
     """Return the kinematics of a Pinocchio model."""
