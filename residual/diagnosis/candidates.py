@@ -15,6 +15,7 @@ from residual.evidence.fit import FEWEST_ROWS, Fit, scaled_inverse
 from residual.evidence.group import union
 from residual.evidence.priors import forbidden, priors
 from residual.model.nominal import Nominal
+from residual.recording import Array
 
 FLAT = 1e-9  # of the largest information: a direction that the logs do not know
 
@@ -28,11 +29,33 @@ class Candidates:
             effects that are also tried on all joints at once.
         price: What choosing one of so many costs [nats], by key.
         habits: What a baseline knows of them, by key, one of each shape.
+        keys, unions, costs: Of each group its key, whether it is one of several joints,
+            and its price [nats].
     """
 
     groups: tuple[Group, ...]
     price: Mapping[tuple, float]
     habits: Mapping[tuple, Sequence[Habit]] = field(default_factory=dict)
+    keys: tuple[tuple, ...] = field(init=False)
+    unions: Array = field(init=False)
+    costs: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        every = self.groups
+        object.__setattr__(self, "keys", tuple(g.key for g in every))
+        object.__setattr__(self, "unions", np.array([bool(g.parts) for g in every]))
+        object.__setattr__(self, "costs", np.array([self.cost(g) for g in every]))
+
+    def nets(self, values: Array) -> Array:
+        """Evidence of each group that counts, less its price, at a quick look [nats].
+
+        Args:
+            values: Evidence of each. Shape (g,).
+        """
+        if self.habits:
+            pairs = zip(self.groups, values, strict=True)
+            values = np.array([self.counted(g, v) for g, v in pairs])
+        return values - self.costs
 
     def net(self, group: Group, nats: float, big: Fit | None = None) -> float:
         """Evidence of a group that counts, less its price [nats]."""

@@ -9,11 +9,14 @@ from residual.diagnosis.task import Task
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, System, fit, gain
 from residual.evidence.limits import possible
-from residual.evidence.screen import screen
+from residual.evidence.screen import acting, screen
 from residual.evidence.wide import widened
 from residual.recording import Array
 
 HARMONIC = 1.5  # ratio of orders from which two ripples are two
+# Shares of quick evidence under which no exact look is taken:
+# of a member, whose place nothing may take with less; of the best, to be the best.
+RIVAL, FAINT = 0.5, 0.3
 
 
 def search(task: Task, members: Sequence[Group] = ()) -> Fit:
@@ -102,13 +105,15 @@ def _shortlist(
 ) -> list[Group]:
     """The best shape of the most promising keys, at most a third of them per joint."""
     groups = task.candidates.groups
-    values = screen(task.design, base, groups, own)
+    values, floor = screen(task.design, base, groups, own), task.rules.threshold / 4
     if instead is not None:
-        where = rows_of(task, instead)
-        other = [bool(g.parts) or not where & rows_of(task, g) for g in groups]
-        values = np.where(other, -np.inf, values)
-    net = task.candidates.net
-    values = np.array([net(g, v) for g, v in zip(groups, values, strict=True)])
+        beside = acting(task.design, groups, rows_of(task, instead))
+        values = np.where(beside & ~task.candidates.unions, values, -np.inf)
+        alike = values[[key == instead.key for key in task.candidates.keys]]
+        floor = max(floor, RIVAL * alike.max(initial=0.0))
+    values = task.candidates.nets(values)
+    if instead is None:
+        floor = max(floor, FAINT * values.max(initial=0.0))
     taken = {g.key for g in base.members if not g.effect.repeats}
     if instead is not None:
         taken.add(instead.key)
@@ -116,7 +121,7 @@ def _shortlist(
     chosen, per_joint, limit = {}, {}, task.rules.shortlist
     for i in np.argsort(-values):
         g = groups[i]
-        if values[i] < task.rules.threshold / 4 or len(chosen) >= limit:
+        if values[i] < floor or len(chosen) >= limit:
             break
         place = g.joints if len(g.joints) == 1 else ()
         barred = g.key in taken or g.key in chosen or _overlaps(g, taken)

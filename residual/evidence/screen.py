@@ -1,6 +1,6 @@
 """A quick look at every candidate at once, and what it shares with a fit."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,13 +60,13 @@ def overlap(design: Design, system: System, weight: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stack:
-    """Groups of as many columns on the same joints.
+    """Groups of as many columns.
 
     Attributes:
         members: Their numbers among all groups. Shape (g,).
         ids: Their columns. Shape (g, k).
-        gram: Of each by itself, on the joints where they act. Shape (joints, g, k, k).
-        joints: Those joints.
+        gram: Of each by itself, joint by joint. Shape (dof, g, k, k).
+        acts: The joints on which they act. Shape (g, dof), bool.
         precision: Their priors. Shape (g, k, k).
         log_det: Log determinants of these. Shape (g,).
     """
@@ -74,7 +74,7 @@ class Stack:
     members: Array
     ids: Array
     gram: Array
-    joints: Array
+    acts: Array
     precision: Array
     log_det: Array
 
@@ -86,7 +86,7 @@ class Stack:
             half: ``overlap`` by the lower factor of the fit's precision. (m, size).
         """
         own = half[:, self.ids].transpose(1, 0, 2)
-        known = np.tensordot(weight[self.joints], self.gram, 1)
+        known = np.tensordot(weight, self.gram, 1)
         return known - own.transpose(0, 2, 1) @ own
 
 
@@ -94,35 +94,38 @@ def stacks(design: Design, groups: Sequence[Group]) -> list[Stack]:
     """Return groups, put together where they are alike; remembered by the design."""
     known = design.remembered
     if id(groups) not in known:
-        alike: dict[tuple, list[int]] = {}
+        alike: dict[int, list[int]] = {}
         for i, g in enumerate(groups):
-            alike.setdefault((len(g.ids), g.effect.scope, g.joints), []).append(i)
+            alike.setdefault(len(g.ids), []).append(i)
         # The groups are kept with them, so that nothing else can get their id.
         made = [_stack(design, groups, np.array(m)) for m in alike.values()]
         known[id(groups)] = groups, made
     return known[id(groups)][1]
 
 
+def acting(design: Design, groups: Sequence[Group], joints: Iterable[int]) -> Array:
+    """Which groups act on one of some joints. Shape (g,), bool."""
+    out, on = np.zeros(len(groups), dtype=bool), sorted(joints)
+    for stack in stacks(design, groups):
+        out[stack.members] = stack.acts[:, on].any(axis=1)
+    return out
+
+
 def _stack(design: Design, groups: Sequence[Group], members: Array) -> Stack:
     own = [groups[i] for i in members]
     ids = np.stack([g.ids for g in own])
-    joints, grams = [], []
+    grams = np.zeros((design.dof, *ids.shape, ids.shape[1]))
+    acts = np.zeros((len(own), design.dof), dtype=bool)
     for j in range(design.dof):
         place = design.place[j][ids]
         have = place >= 0
-        if have.any():
-            block = design.total(j)[0][place[:, :, None], place[:, None, :]]
-            joints.append(j)
-            grams.append(block * (have[:, :, None] & have[:, None, :]))
-    k = ids.shape[1]
-    return Stack(
-        members,
-        ids,
-        np.array(grams).reshape(len(grams), len(own), k, k),
-        np.array(joints, dtype=int),
-        np.stack([g.precision for g in own]),
-        np.array([g.log_det for g in own]),
-    )
+        acts[:, j] = have.any(axis=1)
+        some = np.flatnonzero(acts[:, j])
+        block = design.total(j)[0][place[some][:, :, None], place[some][:, None, :]]
+        grams[j, some] = block * (have[some][:, :, None] & have[some][:, None, :])
+    precision = np.stack([g.precision for g in own])
+    log_det = np.array([g.log_det for g in own])
+    return Stack(members, ids, grams, acts, precision, log_det)
 
 
 def _quadratic(c: Array, u: Array, log_det: Array) -> Array:

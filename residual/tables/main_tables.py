@@ -12,12 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.errors import InputError
-from residual.lazy import Lazy
 from residual.recording import Array
 from residual.tables.blocks import as_pair, frozen
 from residual.tables.levels import Codes, Levels, merge_rows, quantile_levels
-
-kernels = Lazy("residual.tables.main_kernels")
 
 PYRAMID = (5, 10, 20, 40)  # levels, from wide to narrow
 RIDGES = (1.0, 10.0, 100.0, 1000.0)  # per ROWS rows
@@ -227,10 +224,17 @@ def normal_equations(X: Array, Y: Array, pyramid: Pyramid) -> Normal:
 def _joint_sums(codes: Codes, Y: Array) -> tuple[Array, Array]:
     """Z'Z and Z'Y of the indicators of single levels. Shapes (k, k), (k, j)."""
     cells = merge_rows(codes)
-    starts = np.concatenate([[0], np.cumsum(cells.sizes)[:-1]])
-    size = int(cells.sizes.sum())
+    ends = np.cumsum(cells.sizes)
+    size, own = int(ends[-1]), cells.sums(Y)
     count, sums = np.zeros((size, size)), np.zeros((size, Y.shape[1]))
-    kernels.count_pairs(cells.codes, starts, cells.count, cells.sums(Y), count, sums)
+    tables = [slice(end - k, end) for end, k in zip(ends, cells.sizes, strict=True)]
+    for i, rows in enumerate(tables):
+        codes, k = cells.codes[:, i], cells.sizes[i]
+        sums[rows] = np.stack([np.bincount(codes, y, k) for y in own.T], axis=1)
+        for j in range(i, len(tables)):
+            pair = codes * cells.sizes[j] + cells.codes[:, j]
+            block = np.bincount(pair, cells.count, k * cells.sizes[j])
+            count[rows, tables[j]] = block.reshape(k, -1)
     upper = np.triu(count, 1)
     return count + upper.T, sums
 
