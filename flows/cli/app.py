@@ -12,7 +12,9 @@ from pathlib import Path
 
 from cyclopts import App, Group
 
-from warehouse.origin.version import version_text
+from residual.lazy import Lazy
+
+origin = Lazy("warehouse.origin.version")
 
 _HELP = """Find what a robot's dynamic model is missing.
 
@@ -94,7 +96,7 @@ app = App(
     name="modelgap",
     help=_HELP,
     help_format="plaintext",  # what draws Markdown is a slow import
-    version=version_text,
+    version=lambda: origin.version_text(),
     suppress_keyboard_interrupt=False,
 )
 for flag in ("--help", "--version"):

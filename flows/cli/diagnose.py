@@ -13,13 +13,15 @@ from flows.cli.options import (
 )
 from flows.outputs import check_writable, json_text, read_files, write_all
 from flows.progress import progress_bar
-from flows.report.terminal.diagnosis import print_diagnosis
 from flows.requests import Diagnose
 from flows.say import say
 from flows.steps import diagnose as steps
 from flows.steps.loop.choose import Wanted, choose_for
-from residual.diagnosis.result import Diagnosis
-from residual.diagnosis.verdict import to_json
+from residual.lazy import Lazy
+
+terminal = Lazy("flows.report.terminal.diagnosis")
+result = Lazy("residual.diagnosis.result")
+verdict = Lazy("residual.diagnosis.verdict")
 
 
 def diagnose(
@@ -113,11 +115,11 @@ def diagnose(
         found = steps.diagnose(request, stored or read, progress)
     # Those of the logs were printed before the work.
     say(console, *found.notes[len(read.lines) :])
-    text = json_text(to_json(found.verdict))
+    text = json_text(verdict.to_json(found.verdict))
     page = {"--report": _page(found, request, report)} if report else {}
     contents = {"--json": text} | page
     write_all({path: contents[option] for option, path in files.items()})
-    print_diagnosis(found, console, verbose)
+    terminal.print_diagnosis(found, console, verbose)
     say(console, *(f"wrote {path}" for path in files.values()))
     if stored:
         id, _ = steps.keep(request, stored, found)
@@ -133,7 +135,7 @@ def _instead(baseline: tuple[str, ...], declared: str | None) -> str | None:
     return None if declared is None else "--declared"
 
 
-def _page(found: Diagnosis, request: Diagnose, path: str) -> str:
+def _page(found: "result.Diagnosis", request: Diagnose, path: str) -> str:
     # Here, since who wants no page need not wait for what makes it.
     from flows.report.page.next import page_with_motion
     from flows.report.page.origin import of_request

@@ -6,18 +6,18 @@ from pathlib import Path
 
 from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of, robot_of, serial_of
-from flows.keep.method import of_this_version
 from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
-from flows.steps.check import checked
-from residual.close import Inside, close_the_loop
-from residual.diagnosis.result import Diagnosis
 from residual.lazy import Lazy
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
-from residual.trust import with_check
 
+check = Lazy("flows.steps.check")
+method = Lazy("residual.close")
+result = Lazy("residual.diagnosis.result")
+trust = Lazy("residual.trust")
+versions = Lazy("flows.keep.method")
 kept = Lazy("flows.keep.diagnosis")
 null = Lazy("flows.keep.null")
 stored = Lazy("warehouse.runs")
@@ -64,8 +64,8 @@ def diagnose(
     request: Diagnose,
     logs: LogSets,
     progress: Progress | None = None,
-    inside: Inside | None = None,
-) -> Diagnosis:
+    inside: "method.Inside | None" = None,
+) -> "result.Diagnosis":
     """Find what the model lacks, and say whether an experiment would tell more.
 
     Args:
@@ -77,14 +77,14 @@ def diagnose(
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
-    report = checked(logs, request.declared, request.trust_log)
+    report = check.checked(logs, request.declared, request.trust_log)
     store = store_folder(request.store)
     known = kept.read_known(store, request.model) if request.model else None
     wanted = (null.read_null(request.null),) if request.null else None
     nulls = wanted or (null.nulls_in(store) if store.is_dir() else ())
-    nulls, outdated = of_this_version(nulls, logs.robot)
+    nulls, outdated = versions.of_this_version(nulls, logs.robot)
     # One thread: the products are small, two threads only wait for each other.
-    found = close_the_loop(
+    found = method.close_the_loop(
         logs.robot,
         logs.fit,
         baseline=logs.baseline,
@@ -96,7 +96,7 @@ def diagnose(
         known=known,
     )
     logs = replace(logs, warnings=(*logs.warnings, *outdated))
-    return _with_reading(with_check(found, report), logs)
+    return _with_reading(trust.with_check(found, report), logs)
 
 
 def runs_of(request: Diagnose) -> LogSets:
@@ -137,7 +137,9 @@ def diagnose_runs(
     return keep(request, logs, diagnose(request, logs, progress))
 
 
-def keep(request: Diagnose, logs: LogSets, found: Diagnosis) -> tuple[str, str]:
+def keep(
+    request: Diagnose, logs: LogSets, found: "result.Diagnosis"
+) -> tuple[str, str]:
     """Store a diagnosis of runs; one on the same runs that says the same is kept once.
 
     Args:
@@ -186,7 +188,7 @@ def request_of(
     return Diagnose(robot=robot, **words, store=store, model=model)
 
 
-def _with_reading(found: Diagnosis, logs: LogSets) -> Diagnosis:
+def _with_reading(found: "result.Diagnosis", logs: LogSets) -> "result.Diagnosis":
     """Add what the readers said to what the diagnosis says."""
     warnings = (*logs.warnings, *found.warnings)
     return replace(

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from residual.errors import InputError, RecordingError
+from residual.lazy import Lazy
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs.broken import finite_rows, whole_rows
@@ -17,14 +18,15 @@ from warehouse.logs.check import Doubt, check_samples, odd
 from warehouse.logs.columns import ColumnMap
 from warehouse.logs.convert import Understood, channels_of, describe, to_link_side
 from warehouse.logs.file import LogFile
-from warehouse.logs.formats.bag import open_bag
 from warehouse.logs.formats.csv import HEAD, CsvLog, find_layout
-from warehouse.logs.formats.mcap import open_mcap
-from warehouse.logs.formats.parquet import ParquetLog
 from warehouse.logs.moment import from_seconds, later
 from warehouse.logs.put_away import put_away
 from warehouse.logs.select import Selection, check_units, select
 from warehouse.logs.window import Window, split_spec
+
+bag = Lazy("warehouse.logs.formats.bag")
+mcap = Lazy("warehouse.logs.formats.mcap")
+parquet = Lazy("warehouse.logs.formats.parquet")
 
 _SQLITE = b"SQLite format 3\0"
 _ROS1 = b"#ROSBAG V"
@@ -47,11 +49,11 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
     """
     head = b"" if path.is_dir() else _head(path)
     if path.is_dir() or head.startswith((_SQLITE, _ROS1)):
-        return open_bag(path, joints, columns.bag)
+        return bag.open_bag(path, joints, columns.bag)
     if head.startswith(b"\x89MCAP"):
-        return open_mcap(path, joints, columns.bag)
+        return mcap.open_mcap(path, joints, columns.bag)
     if head.startswith(b"PAR1"):
-        return ParquetLog(path)
+        return parquet.ParquetLog(path)
     if _BINARY.search(head):
         raise InputError(
             f"{path.name} is binary but not Parquet, a ROS bag or MCAP, expected one "
