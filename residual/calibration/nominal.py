@@ -88,8 +88,7 @@ def identified_without(
     first = start(design, wide[-1])
     if named:
         # Some effects read the model's own torque: it should be about right.
-        seen = as_model(nominal, first)
-        design.show_torque([seen.observe(track) for track in tracks])
+        design.show_torque(as_model(nominal, first))
     groups = design.add([(t.effect, t.joints, t.shape) for t in named])
     fits = [fit(design, p, groups, first.counted, None, rounds=4) for p in wide]
     best = max(fits, key=lambda f: f.score)

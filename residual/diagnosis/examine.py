@@ -19,7 +19,7 @@ from residual.evidence.background import learnt_tables, usual_background, with_t
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.priors import Space
-from residual.evidence.states import as_model, first_design, physical, show_torque
+from residual.evidence.states import as_model, first_design, physical
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
@@ -114,7 +114,7 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
     selection = _search(design, nominal, everything, (rules, progress))
     if _needs_second_search(selection):
         settled = _refit_named(logs, nominal, selection)
-        show_torque(design, logs, physical(as_model(nominal, settled)))
+        design.show_torque(physical(as_model(nominal, settled)))
         progress("features", 0.5)
         everything = renewed(design, everything)
         prior, wide = selection.task.prior, selection.wide
@@ -210,7 +210,7 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     task, fitted = selection.task, selection.fit
     design = task.design
     for _ in range(LOOKS):
-        show_torque(design, logs, physical(as_model(nominal, fitted)))
+        design.show_torque(physical(as_model(nominal, fitted)))
         members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
         for group in [g for g in members if g.effect.uses_model and g.effect.refine]:
             others = [g for g in members if g is not group]
@@ -246,7 +246,7 @@ def _refitted(
     """
     nominal, tracks = examined.nominal, examined.logs.tracks
     base = replace(nominal.model, standstill=rough.standstill)
-    design = Design(tracks, base, [rough.observe(track) for track in tracks])
+    design = Design(tracks, base, seen_with=rough)
     background = examined.logs.background
     design.calm(background)
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])

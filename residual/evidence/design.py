@@ -54,18 +54,24 @@ class Design:
     _kept: Array | None = None  # the folds of a part; None for all
 
     def __init__(
-        self, tracks: Sequence[Track], model: Model, states: Sequence[State] = ()
+        self,
+        tracks: Sequence[Track],
+        model: Model,
+        states: Sequence[State] = (),
+        seen_with: Model | None = None,
     ) -> None:
         """Make the nominal model's columns.
 
         Args:
             tracks: Signals of the logs.
             model: The nominal model.
-            states: What effects see of them; without, with the nominal model's torque.
+            states: What effects see of them, where that is known already.
+            seen_with: The model whose torque effects see; the nominal one where None.
         """
         self.dof, self.model = model.robot.dof, model
         self._tracks = list(tracks)
-        self._states = states or [model.observe(t) for t in tracks]
+        self._seen_with = seen_with or model
+        self._states: list = list(states) or [None] * len(tracks)
         every, long = range(len(tracks)), is_cut([t.seconds for t in tracks])
         self._chunks = [[i] for i in every] if long else [list(every)]
         self._shown = spread([t.seconds for t in tracks])
@@ -131,17 +137,27 @@ class Design:
                 out.append((t.effect.rows(t.joints, dof), columns))
             return out
 
-        for chunk in self._chunks:
-            gaps = []
-            for i in chunk:
-                track, state = self._tracks[i], self._states[i]
-                gaps.append(track.tau - track.filter(model.torque_of_state(state)))
-            for j in self._js:
-                self._targets[j].append(self._stacked(gaps, j, chunk))
-        self._show_target()
         ids = self._append(made, bodies=False)
+        self._show_target()
         self.nominal = np.concatenate(ids)
         self.inertial = self.nominal[: len(model.inertial)]
+
+    def _take_target(self, c: int, chunk: Sequence[int]) -> None:
+        """What the nominal model leaves of the torque of a chunk, at the first look."""
+        if len(self._targets[0]) > c:
+            return
+        gaps = []
+        for i in chunk:
+            track, torque = self._tracks[i], self.model.torque_of_state(self._seen(i))
+            gaps.append(track.tau - track.filter(torque))
+        for j in self._js:
+            self._targets[j].append(self._stacked(gaps, j, chunk))
+
+    def _seen(self, i: int) -> State:
+        """What effects see of a log, when it is looked at first."""
+        if self._states[i] is None:
+            self._states[i] = self._seen_with.observe(self._tracks[i])
+        return self._states[i]
 
     def _show_target(self) -> None:
         """Sums of the target, and the target of the sketch."""
@@ -165,8 +181,9 @@ class Design:
         ids: list[Array] = []
         for c, chunk in enumerate(self._chunks):
             fresh: list[list[Array]] = [[] for _ in self._js]
+            self._take_target(c, chunk)
             for i in chunk:
-                state = self._states[i]
+                state = self._seen(i)
                 if bodies:  # read for every body, and of a long log not kept
                     state = replace(state, regressor=np.asarray(state.regressor))
                 parts = made(state)
@@ -174,11 +191,10 @@ class Design:
                     ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
                 for j, columns in self._filtered(i, parts):
                     fresh[j].append(columns)
-            for j, parts in enumerate(fresh):
-                if parts:
-                    columns = np.concatenate(parts, axis=1)
-                    parts.clear()  # they are as much again
-                    self._extend(c, j, columns)
+            for j in (j for j in self._js if fresh[j]):
+                columns = np.concatenate(fresh[j], axis=1)
+                fresh[j].clear()  # they are as much again
+                self._extend(c, j, columns)
         return ids
 
     def _filtered(self, i: int, parts) -> Iterator[tuple[int, Array]]:
@@ -270,9 +286,9 @@ class Design:
 
     # -- other designs of the same columns ----------------------------------------
 
-    def show_torque(self, states: Sequence[State]) -> None:
+    def show_torque(self, model: Model) -> None:
         """From now on let effects see the logs with another model's torque."""
-        self._states = states
+        self._seen_with, self._states = model, [None] * len(self._tracks)
 
     def part(self, folds: Array) -> "Design":
         """Some folds as a design of its own; columns are shared with the whole.
@@ -487,7 +503,7 @@ class Design:
     @property
     def states(self) -> list[State]:
         """What the effects see of each log of the sketch."""
-        return [self._states[i] for i in self._shown]
+        return [self._seen(i) for i in self._shown]
 
     @property
     def tracks(self) -> list[Track]:

@@ -27,14 +27,9 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
         else:
             (prior,) = priors(design, nominal)
         named = as_model(nominal, start(design, prior))
-    show_torque(design, logs, named)
+    design.show_torque(named)
     design.calm(logs.background)
     return design
-
-
-def show_torque(design: Design, logs: Logs, named: Model) -> None:
-    """From now on let features read the torque of that model."""
-    design.show_torque([named.observe(track) for track in logs.tracks])
 
 
 def physical(model: Model) -> Model:

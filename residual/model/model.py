@@ -131,8 +131,7 @@ class Model:
         """What the effects see of one log, with this model's own torque."""
         t = track.t - (track.t[0] if self.clock is None else self.clock)
         motion = track.q, track.qd, track.qdd
-        late = LazyRegressor(self.robot, motion, once=not track.whole)
-        return self.state(track.rate, t, motion, late)
+        return self.state(track.rate, t, motion)
 
     def state(
         self, rate: float, t: Array, motion: Sequence[Array], regressor=None
@@ -147,7 +146,7 @@ class Model:
         """
         q, qd, qdd = motion
         if regressor is None:
-            regressor = LazyRegressor(self.robot, (q, qd, qdd), once=True)
+            regressor = LazyRegressor(self.robot, (q, qd, qdd))
         rigid = regressor @ self.inertial
         state = State(
             robot=self.robot,

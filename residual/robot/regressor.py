@@ -1,8 +1,8 @@
 """The inertial regressor of a motion, made when somebody reads it.
 
-It has 360 numbers a row for six joints. Of short logs it is remembered, since many look
+It has 360 numbers a row for six joints. The last ones are remembered, since many look
 at the same motion, link by link: no link loads a joint that it is before, so that 210
-are enough. Of long ones only what is asked for is made.
+are enough. Of one that is too large for that only what is asked for is made.
 """
 
 from collections import OrderedDict
@@ -22,7 +22,7 @@ from residual.robot.robot import Robot
 
 AT_ONCE = 1 << 11  # rows of a regressor
 LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
-KEPT = 1 << 28  # bytes of all of them
+KEPT = 1 << 27  # bytes of all of them: thirteen minutes for six joints
 
 _Known = OrderedDict[tuple, tuple[tuple, tuple[Array, ...]]]
 _KNOWN: _Known = OrderedDict()
@@ -35,12 +35,10 @@ class LazyRegressor:
     Attributes:
         robot: The arm.
         motion: q, qd and qdd [rad, rad/s, rad/s^2]. Shapes (n, dof).
-        once: Whether it is of a piece that nobody looks at for long.
     """
 
     robot: Robot
     motion: tuple[Array, Array, Array]
-    once: bool = False
 
     def __array__(self, dtype=None, copy=None) -> Array:
         n, dof = self.motion[0].shape
@@ -107,7 +105,7 @@ class LazyRegressor:
     def _remembered(self) -> tuple[Array, ...] | None:
         """All of it, where it is small enough to be kept."""
         n, dof = self.motion[0].shape
-        if self.once or 8 * PER_LINK * n * dof * (dof + 1) // 2 > LARGEST:
+        if 8 * PER_LINK * n * dof * (dof + 1) // 2 > LARGEST:
             return None
         # They are kept with the result, so that nothing else can get these ids.
         known = self.robot, *self.motion

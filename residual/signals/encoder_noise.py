@@ -50,9 +50,9 @@ def shaken(
     rng, out = np.random.default_rng(SEED), []
     for r, track in zip(recordings, tracks, strict=True):
         noise = encoder_noise(r, filters) * rng.normal(size=r.q.shape)
-        *_, motion = motion_of(replace(r, q=r.q + noise), filters)
         thin = round(sample_rate(r.t) / track.rate)
-        q, qd, qdd = (x[::thin] for x in motion)
+        *_, motion = motion_of(replace(r, q=r.q + noise), filters, thin)
+        q, qd, qdd = motion
         out.append(replace(track, q=q, qd=qd, qdd=qdd))
     return tuple(out)
 

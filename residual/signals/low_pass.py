@@ -12,7 +12,12 @@ BLOCK = 16  # rows that are made at once
 
 
 def low_pass(
-    x: Array, cutoff: float, rate: float, step: int = 1, ahead: float = 0.0
+    x: Array,
+    cutoff: float,
+    rate: float,
+    step: int = 1,
+    ahead: float = 0.0,
+    order: int = 0,
 ) -> Array:
     """Butterworth low-pass of order 4, forwards and backwards, along the first axis.
 
@@ -25,6 +30,8 @@ def low_pass(
         rate: Of the signals [Hz].
         step: Which values are wanted: 0, step, 2 step, ...
         ahead: Time by which the values are of a later signal [s].
+        order: Of the time derivative that is wanted, by central differences; above 0
+            the cut-off must be well below half of the rate.
 
     Returns:
         Shape (ceil(n / step), ...).
@@ -32,7 +39,7 @@ def low_pass(
     x = np.asarray(x, dtype=float)
     if cutoff >= 0.45 * rate and not ahead:
         return x[::step]
-    band, reach = _band(cutoff, rate, step, ahead)
+    band, reach = _band(cutoff, rate, step, ahead, order)
     rows = -(-len(x) // step)
     blocks = -(-rows // BLOCK)
     flat = x.reshape(len(x), -1).T  # time last: a signal lies together
@@ -60,10 +67,15 @@ def _with_ends(x: Array, reach: int, length: int) -> Array:
 
 
 @cache
-def _band(cutoff: float, rate: float, step: int, ahead: float) -> tuple[Array, int]:
+def _band(
+    cutoff: float, rate: float, step: int, ahead: float, order: int
+) -> tuple[Array, int]:
     """What makes a block of rows of the samples around it, and how far it reaches."""
     reach = int(np.ceil((REACH / cutoff + abs(ahead)) * rate))
     taps = _impulse_response(cutoff, rate, reach, ahead)
+    for _ in range(order):  # d/dt of the output: the response differenced, turned
+        taps = np.convolve(taps, [-rate / 2, 0.0, rate / 2])
+    reach += order
     band = np.zeros(((BLOCK - 1) * step + len(taps), BLOCK))
     for row in range(BLOCK):
         band[row * step : row * step + len(taps), row] = taps

@@ -129,9 +129,9 @@ def prepare(
         One track per log, and the standstill thresholds [rad/s]. Shape (dof,).
     """
     pieces = cut([r.id for r in recordings])
-    signals = _signals(recordings, filters, again=any(pieces))
+    signals = _signals(recordings, filters, full_rate, again=any(pieces))
     if speed_floor is None:
-        speed_floor = _standstill_speed(signals(), filters, thin=any(pieces))
+        speed_floor = _standstill_speed(signals(), filters)
     options = speed_floor, full_rate
     tracks = tuple(
         _track(r.id, u, m, filters, options)
@@ -143,13 +143,14 @@ def prepare(
 
 
 def _signals(
-    recordings: Sequence[Recording], filters: Filters, again: bool
+    recordings: Sequence[Recording], filters: Filters, full_rate: bool, again: bool
 ) -> Callable[[], Iterable]:
     """Return what gives each log resampled, with its kinematics.
 
     Args:
         recordings: The logs.
         filters: Cut-offs.
+        full_rate: Keep the logs' own rates.
         again: Make them anew each time: two passes over pieces of a long log take less
             room than all of it.
     """
@@ -157,7 +158,8 @@ def _signals(
     def made() -> Iterable:
         for recording in recordings:
             uniform = _resample(recording)
-            yield uniform, _kinematics(uniform, filters)
+            step = 1 if full_rate else _thinning(uniform.rate, filters)
+            yield uniform, _kinematics(uniform, filters, step)
             if again:
                 let_go(recording)
 
@@ -168,15 +170,21 @@ def _signals(
 
 
 def motion_of(
-    recording: Recording, filters: Filters
+    recording: Recording, filters: Filters, step: int = 1
 ) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     """Return times, angles and filtered kinematics of a log, evenly spaced.
+
+    Args:
+        recording: A log.
+        filters: Cut-offs.
+        step: Samples per one that is returned.
 
     Returns:
         Shapes (n,), (n, dof), and (n, dof) each of q, qd and qdd.
     """
     uniform = _resample(recording)
-    return uniform.t, uniform.q, _kinematics(uniform, filters)
+    motion = _kinematics(uniform, filters, step)
+    return uniform.t[::step], uniform.q[::step], motion
 
 
 def _resample(recording: Recording) -> _Uniform:
@@ -192,13 +200,19 @@ def _resample(recording: Recording) -> _Uniform:
     return _Uniform(rate, t, at(recording.q), at(recording.tau), gap)
 
 
-def _kinematics(u: _Uniform, filters: Filters) -> tuple[Array, Array, Array]:
-    q = low_pass(u.q, min(filters.kinematics, 0.12 * u.rate), u.rate)
+def _kinematics(u: _Uniform, filters: Filters, step: int) -> tuple[Array, Array, Array]:
+    """Filtered angles and their derivatives, every so many samples."""
+    cutoff = min(filters.kinematics, 0.12 * u.rate)
+    if step > 1:  # no sample is made that is not kept
+        made = (low_pass(u.q, cutoff, u.rate, step, order=k) for k in range(3))
+        q, qd, qdd = made
+        return q, qd, qdd
+    q = low_pass(u.q, cutoff, u.rate)
     qd = np.gradient(q, 1 / u.rate, axis=0)
     return q, qd, np.gradient(qd, 1 / u.rate, axis=0)
 
 
-def _standstill_speed(signals: Iterable, filters: Filters, thin: bool) -> Array:
+def _standstill_speed(signals: Iterable, filters: Filters) -> Array:
     """Speed below which a joint counts as standing: 2 % of its usual speed, or noise.
 
     The velocity noise is the encoder's stop-band noise, carried through the
@@ -206,9 +220,10 @@ def _standstill_speed(signals: Iterable, filters: Filters, thin: bool) -> Array:
     """
     speeds, noise = [], 0.0
     for u, (q, qd, _) in signals:
-        speeds.append(qd[:: _thinning(u.rate, filters) if thin else 1])
+        speeds.append(qd)
         cutoff = min(filters.kinematics, 0.12 * u.rate)
-        density = np.std(u.q - q, axis=0) * np.sqrt(cutoff / (u.rate / 2))
+        step = -(-len(u.q) // len(q))
+        density = np.std(u.q[::step] - q, axis=0) * np.sqrt(cutoff / (u.rate / 2))
         noise = np.maximum(noise, 2 * np.pi * cutoff / np.sqrt(3) * density)
     speed = np.quantile(np.abs(np.concatenate(speeds)), 0.95, axis=0)
     return np.maximum.reduce(
@@ -237,7 +252,7 @@ def _track(label, u: _Uniform, motion, filters: Filters, options) -> Track:
     rate = u.rate / first
     cutoff = filters.cutoff(u.rate)
     step = max(1, round(rate / (ROWS * cutoff)))
-    q, qd, qdd = (x[::first] for x in motion)
+    q, qd, qdd = motion
     still = (np.abs(qd) < speed_floor) | u.gap[::first, None]
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
     half = int(np.ceil(filters.margin / cutoff * rate))
