@@ -19,6 +19,8 @@ from flows.steps import diagnose as steps
 from flows.steps.loop.choose import Wanted, choose_for
 from residual.lazy import Lazy
 
+page = Lazy("flows.report.page.next")
+origin = Lazy("flows.report.page.origin")
 terminal = Lazy("flows.report.terminal.diagnosis")
 result = Lazy("residual.diagnosis.result")
 verdict = Lazy("residual.diagnosis.verdict")
@@ -116,8 +118,9 @@ def diagnose(
     # Those of the logs were printed before the work.
     say(console, *found.notes[len(read.lines) :])
     text = json_text(verdict.to_json(found.verdict))
-    page = {"--report": _page(found, request, report)} if report else {}
-    contents = {"--json": text} | page
+    contents = {"--json": text}
+    if report:
+        contents["--report"] = _page(found, request, report)
     write_all({path: contents[option] for option, path in files.items()})
     terminal.print_diagnosis(found, console, verbose)
     say(console, *(f"wrote {path}" for path in files.values()))
@@ -136,8 +139,4 @@ def _instead(baseline: tuple[str, ...], declared: str | None) -> str | None:
 
 
 def _page(found: "result.Diagnosis", request: Diagnose, path: str) -> str:
-    # Here, since who wants no page need not wait for what makes it.
-    from flows.report.page.next import page_with_motion
-    from flows.report.page.origin import of_request
-
-    return page_with_motion(found, of_request(request, path))
+    return page.page_with_motion(found, origin.of_request(request, path))

@@ -17,6 +17,7 @@ HARMONIC = 1.5  # ratio of orders from which two ripples are two
 # Shares of quick evidence under which no exact look is taken:
 # of a member, whose place nothing may take with less; of the best, to be the best.
 RIVAL, FAINT = 0.5, 0.3
+CLEAR = 20.0  # nats of the best, from which on that holds
 
 
 def search(task: Task, members: Sequence[Group] = ()) -> Fit:
@@ -112,8 +113,8 @@ def _shortlist(
         alike = values[[key == instead.key for key in task.candidates.keys]]
         floor = max(floor, RIVAL * alike.max(initial=0.0))
     values = task.candidates.nets(values)
-    if instead is None:
-        floor = max(floor, FAINT * values.max(initial=0.0))
+    if instead is None and (top := values.max(initial=0.0)) > CLEAR:
+        floor = max(floor, FAINT * top)
     taken = {g.key for g in base.members if not g.effect.repeats}
     if instead is not None:
         taken.add(instead.key)

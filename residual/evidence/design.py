@@ -16,12 +16,12 @@ import numpy as np
 
 from residual.effects.base import Effect, Joints, Shape, State
 from residual.evidence.columns import ColumnCache, Sums
-from residual.evidence.folds import fold_labels
-from residual.evidence.group import Group
+from residual.evidence.folds import fold_labels, rows_that_count
+from residual.evidence.group import Group, sound
 from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.regressor import links_of
-from residual.signals.pieces import is_cut, logs_of, spread
+from residual.signals.pieces import is_cut, spread
 from residual.signals.track import Track
 
 AMPLITUDE = 0.3  # prior size of an effect's torque, as a share of torque rms
@@ -75,7 +75,7 @@ class Design:
         every, long = range(len(tracks)), is_cut([t.seconds for t in tracks])
         self._chunks = [[i] for i in every] if long else [list(every)]
         self._shown = spread([t.seconds for t in tracks])
-        self._use = _rows_that_count(tracks)
+        self._use = rows_that_count(tracks)
         self._labels = fold_labels(tracks)
         self.folds = 1 + max(int(x.max(initial=0)) for x in self._labels)
         qd = np.concatenate([t.qd for t in tracks])
@@ -119,10 +119,8 @@ class Design:
 
     def _per_fold(self, values: Sequence[Array], labels: Sequence[Array]) -> Array:
         """Sum of squares per fold and joint. Shape (folds, dof)."""
-        sums = [
-            np.bincount(f, x**2, minlength=self.folds)
-            for f, x in zip(labels, values, strict=True)
-        ]
+        pairs = zip(labels, values, strict=True)
+        sums = [np.bincount(f, x**2, minlength=self.folds) for f, x in pairs]
         return np.stack(sums, axis=1)
 
     def _take_nominal(self) -> None:
@@ -164,12 +162,8 @@ class Design:
         labels = [self._rows_labels(j, range(len(self._tracks))) for j in self._js]
         whole = [np.concatenate(own) for own in self._targets]
         self.power = self._per_fold(whole, labels)
-        if len(self._chunks) == 1:
-            self.target = [own[0] for own in self._targets]
-        else:
-            self.target = [
-                np.concatenate([own[i] for i in self._shown]) for own in self._targets
-            ]
+        chunks = [0] if len(self._chunks) == 1 else self._shown
+        self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
     def _append(self, made: Made, bodies: bool) -> list[Array]:
         """Append columns of all logs, and return their numbers, part by part.
@@ -269,11 +263,7 @@ class Design:
             precision = np.diag(1 / effect.prior_sd(self.model.robot) ** 2)
         else:
             precision = self.unit_information(ids, rows) / AMPLITUDE**2
-        scale = np.sqrt(np.maximum(np.diag(precision), 1e-12))
-        precision = precision + 1e-6 * np.diag(scale**2)
-        log_det = 2 * np.log(scale).sum()
-        log_det += np.linalg.slogdet(precision / np.outer(scale, scale))[1]
-        return Group(effect, joints, shape, ids, precision, float(log_det))
+        return Group(effect, joints, shape, ids, *sound(precision))
 
     def unit_information(self, ids: Array, rows: Joints) -> Array:
         """Mean square of the columns in units of torque rms. Shape (k, k)."""
@@ -432,10 +422,8 @@ class Design:
 
     def _of_sketch(self, j: int, of: Callable[[Array], Array]) -> Array:
         """What is made of columns (p, rows), on the rows of the sketch."""
-        chunks = [0] if len(self._chunks) == 1 else self._shown
-        parts = [
-            of(self._columns.read((j, c), len(self._targets[j][c]))) for c in chunks
-        ]
+        chunks, rows = [0] if len(self._chunks) == 1 else self._shown, self._targets[j]
+        parts = [of(self._columns.read((j, c), len(rows[c]))) for c in chunks]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
 
     def chunks(self, j: int, place: Array) -> Iterator[tuple[Array, Array]]:
@@ -509,13 +497,3 @@ class Design:
     def tracks(self) -> list[Track]:
         """Signals of the logs of the sketch."""
         return [self._tracks[i] for i in self._shown]
-
-
-def _rows_that_count(tracks: Sequence[Track]) -> list[Array]:
-    """Rows on which each joint moves, in logs of a live torque. Shapes (m, dof)."""
-    out = []
-    for pieces in logs_of([t.id for t in tracks]):
-        own = [tracks[i] for i in pieces]
-        alive = np.any([np.ptp(t.tau, axis=0) > 0 for t in own], axis=0)
-        out += [t.moving & alive for t in own]
-    return out

@@ -24,3 +24,13 @@ def fold_labels(tracks: Sequence[Track]) -> list[Array]:
             within = (np.arange(m) if len(pieces) == 1 else np.full(m, i)) * blocks
             out.append(k * blocks + within // (m if len(pieces) == 1 else len(pieces)))
     return out
+
+
+def rows_that_count(tracks: Sequence[Track]) -> list[Array]:
+    """Rows on which each joint moves, in logs of a live torque. Shapes (m, dof)."""
+    out = []
+    for pieces in logs_of([t.id for t in tracks]):
+        own = [tracks[i] for i in pieces]
+        alive = np.any([np.ptp(t.tau, axis=0) > 0 for t in own], axis=0)
+        out += [t.moving & alive for t in own]
+    return out

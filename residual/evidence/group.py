@@ -40,6 +40,15 @@ class Group:
         return (self.label or self.effect.name, self.joints, fixed)
 
 
+def sound(precision: Array) -> tuple[Array, float]:
+    """A precision that has an inverse, and its log determinant. (k, k) as given."""
+    scale = np.sqrt(np.maximum(np.diag(precision), 1e-12))
+    precision = precision + 1e-6 * np.diag(scale**2)
+    log_det = 2 * np.log(scale).sum()
+    log_det += np.linalg.slogdet(precision / np.outer(scale, scale))[1]
+    return precision, float(log_det)
+
+
 def union(parts: Sequence[Group], label: str = "") -> Group:
     """One candidate of several groups, such as an effect on all joints."""
     parts = [replace(g, fellows=len(parts)) for g in parts]

@@ -48,7 +48,7 @@ def calls(monkeypatch):
     def render(outcome, robot_name, motion=None, origin=None):
         return f"<html>{robot_name} {outcome.notes} {origin.command}</html>"
 
-    monkeypatch.setattr("flows.steps.diagnose.close_the_loop", close_the_loop)
+    monkeypatch.setattr("residual.close.close_the_loop", close_the_loop)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr("flows.cli.diagnose.print_diagnosis", print_diagnosis)
     monkeypatch.setattr("flows.report.page.diagnosis.render", render)

@@ -63,7 +63,6 @@ def test_a_program_is_found_written_and_explained(here, capsys):
     shown = capsys.readouterr().out
     assert "next experiment: 10 s of" in shown
     assert "random fourier" in shown
-    assert "D-optimal fourier" in shown
     assert "wrote p.csv" in shown
     table = np.genfromtxt("p.csv", delimiter=",", names=True)
     assert len(table) == 2501
