@@ -13,7 +13,7 @@ from residual.model.nominal import Logs
 from residual.names import joints_listed, listed
 from residual.recording import Recording
 from residual.signals.low_pass import low_pass
-from residual.signals.pieces import in_pieces
+from residual.signals.pieces import in_pieces, let_go
 from residual.signals.spectrum import power_density
 from residual.signals.track import sample_rate
 
@@ -41,6 +41,7 @@ def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
             density[top].mean(axis=0) / (density[middle].mean(axis=0) + 1e-30)
         )
         rates.append(rate)
+        let_go(recording)
     share = np.median(np.array(shares), axis=0)
     dead = np.all([np.ptp(r.tau, axis=0) == 0 for r in recordings], axis=0)
     share[dead] = 1.0

@@ -104,7 +104,8 @@ def test_only_columns_that_read_the_model_are_made_anew(rng):
     groups = design.add([(LINE, (0,), ()), (READS, (0,), ()), (READS, (1,), ())])
     every = union(groups[1:])
     plain = union(design.add([(OTHER, (0,), ()), (OTHER, (1,), ())]))
-    known = Candidates((*groups, every, plain), {g.key: 1.0 for g in groups})
+    named = (*groups, every, plain)
+    known = Candidates(named, {g.key: 1.0 for g in named})
     seen = {id(t): replace(s, tau_model=s.q + 1.0) for t, s in problem.logs}
     design.show_torque(SimpleNamespace(observe=lambda track: seen[id(track)]))
     line, one, two, both, same = renewed(design, known).groups

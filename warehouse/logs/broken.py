@@ -48,7 +48,7 @@ def finite_rows(
         Which rows to keep, shape (n,); and what is wrong with the others.
     """
     # Not a number compares as false.
-    bad = {name: ~(np.abs(values) < LARGEST) for name, values in signals.items()}
+    bad = {k: ~((x > -LARGEST) & (x < LARGEST)) for k, x in signals.items()}
     keep = ~np.any([mask.any(axis=1) for mask in bad.values()], axis=0)
     doubts = []
     for name, mask in bad.items():

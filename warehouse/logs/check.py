@@ -118,15 +118,13 @@ def _why_slow(t: Array) -> str:
 
 
 def _constant(recording: Recording) -> Doubt | None:
-    if np.ptp(recording.q / 2, axis=0).max() < 1e-6:
+    if _half_span(recording.q).max() < 1e-6:
         words = (
             f"{recording.id}: q is constant on all joints, expected motion. "
             "Give a log in which the arm moves."
         )
         return Doubt("frozen", (), words, fatal=True)
-    frozen = [
-        int(j) + 1 for j in np.flatnonzero(np.ptp(recording.tau / 2, axis=0) == 0)
-    ]
+    frozen = [int(j) + 1 for j in np.flatnonzero(_half_span(recording.tau) == 0)]
     if not frozen:
         return None
     joints = "all joints" if len(frozen) == recording.dof else f"joint {frozen[0]}"
@@ -137,9 +135,14 @@ def _constant(recording: Recording) -> Doubt | None:
     return Doubt("frozen", tuple(frozen), words, fatal=True)
 
 
+def _half_span(x: Array) -> Array:
+    """Half of the span of each column; halves first, since both may be huge. (k,)."""
+    return x.max(axis=0) / 2 - x.min(axis=0) / 2
+
+
 def _out_of_range(recording: Recording, robot: Robot) -> Doubt | None:
     q = recording.q
-    beyond = np.maximum(robot.lower - q, q - robot.upper).max(axis=0)
+    beyond = np.maximum(robot.lower - q.min(axis=0), q.max(axis=0) - robot.upper)
     if beyond.max() <= LIMIT_SLACK:
         return None
     joint = int(np.argmax(beyond))
@@ -182,7 +185,7 @@ def _too_fast(recording: Recording, robot: Robot) -> Doubt | None:
 def odd(recording: Recording) -> tuple[str, ...]:
     """Return what is odd about a log but usable, in words."""
     said = []
-    still = np.flatnonzero(np.ptp(recording.q / 2, axis=0) == 0) + 1
+    still = np.flatnonzero(_half_span(recording.q) == 0) + 1
     if len(still):
         joints = ", ".join(f"q{j}" for j in still)
         said.append(f"{recording.id}: {joints} never changes; is it logged?")
