@@ -194,7 +194,7 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
         return tuple(members)
     ratio = how.step == "ratio"
     offsets = np.linspace(-how.reach, how.reach, 7)
-    own = System.of(task.design, task.prior, others)
+    own, size = System.of(task.design, task.prior, others), task.design.size
     counted = task.design.rows / 4
     centre, winner, top = last.shape[0], last, -np.inf
     for _ in range(3):
@@ -216,6 +216,9 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
                 top, winner = trial.score, group
         centre = winner.shape[0]
         offsets = np.array([-0.5, -0.2, 0.2, 0.5]) * (offsets[-1] - offsets[0]) / 6
+    task.design.take_back(size)  # of all that was tried one shape is kept
+    if winner is not last:
+        (winner,) = task.design.add([(last.effect, last.joints, winner.shape)])
     winner, *_ = _tried(task, replace(like, members=tuple(others)), winner, own)
     return (*others, winner)
 

@@ -1,7 +1,7 @@
 """Rows of columns by shelf, and their Gram matrices per joint and fold.
 
-Both are only ever appended to: what a search adds stays, and all designs that share
-these columns see it.
+Both are appended to, and all designs that share these columns see it. Only the newest
+columns may be taken back, those of shapes that were tried.
 """
 
 import os
@@ -68,6 +68,16 @@ class ColumnCache:
             have = longer
         have[n : n + k] = columns
         self._kept[shelf] = have, n + k
+
+    def cut(self, shelf: object, count: int) -> None:
+        """Take back the newest columns of a shelf, so that so many are left."""
+        if shelf in self._kept:
+            self._kept[shelf] = self._kept[shelf][0], count
+        blocks, have = [], 0
+        for offset, k in self._blocks.get(shelf, []):
+            blocks += [(offset, min(k, count - have))] if count > have else []
+            have += k
+        self._blocks[shelf] = blocks
 
     def read(self, shelf: object, rows: int) -> Array:
         """Return all columns of a shelf. Shape (k, rows)."""
@@ -145,6 +155,22 @@ class Sums:
             larger[0][:, :old, :old], larger[1][:, :old] = self.gram[j], self.cross[j]
             self._room[j] = gram, cross = larger
         self.gram[j], self.cross[j] = gram[:, :size, :size], cross[:, :size]
+
+    def cut(self, size: int) -> list[int]:
+        """Take back the newest columns, so that so many are left.
+
+        Returns:
+            How many of them act on each joint.
+        """
+        self.size, counts = size, []
+        for j, place in enumerate(self.place):
+            self.place[j] = place[:size]
+            n = int((self.place[j] >= 0).sum())
+            gram, cross = self._room[j]
+            gram[:, n:], gram[:, :, n:], cross[:, n:] = 0.0, 0.0, 0.0
+            self.gram[j], self.cross[j] = gram[:, :n, :n], cross[:, :n]
+            counts.append(n)
+        return counts
 
     def add(self, j: int, fold: int, rows: Array, first: int, y: Array) -> None:
         """Add rows of one fold to the sums of a joint's newest columns.

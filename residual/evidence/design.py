@@ -236,16 +236,14 @@ class Design:
             by_rows.setdefault(effect.rows(joints, self.dof), []).append(i)
         sizes: dict[int, int] = {}
 
+        def of_rows(state: State, members: list[int]) -> Array:
+            picked = (candidates[i] for i in members)
+            own = [e.columns(state, js, x).transpose(1, 2, 0) for e, js, x in picked]
+            sizes.update(zip(members, (c.shape[1] for c in own), strict=True))
+            return np.concatenate(own, axis=1).transpose(2, 0, 1)
+
         def made(state: State) -> list[tuple[Joints, Array]]:
-            out = []
-            for rows, members in by_rows.items():
-                own = [
-                    e.columns(state, js, sh).transpose(1, 2, 0)
-                    for e, js, sh in (candidates[i] for i in members)
-                ]
-                sizes.update(zip(members, (c.shape[1] for c in own), strict=True))
-                out.append((rows, np.concatenate(own, axis=1).transpose(2, 0, 1)))
-            return out
+            return [(rows, of_rows(state, own)) for rows, own in by_rows.items()]
 
         bodies = any(e.scope in ("link", "flange") for e, _, _ in candidates)
         groups: dict[int, Group] = {}
@@ -255,6 +253,15 @@ class Design:
             for i, columns in zip(members, parts, strict=True):
                 groups[i] = self._group(candidates[i], rows, columns)
         return [groups[i] for i in range(len(candidates))]
+
+    def take_back(self, size: int) -> None:
+        """Forget the columns that were added since there were ``size`` of them."""
+        for j, count in enumerate(self._sums.cut(size)):
+            for c in range(len(self._chunks)):
+                self._columns.cut((j, c), count)
+            if self._totals[j] is not None:
+                gram, cross, have = self._totals[j]
+                self._totals[j] = gram, cross, min(have, count)
 
     def _group(self, candidate, rows: Joints, ids: Array) -> Group:
         """Zellner's g-prior: 30 % of torque rms in every direction of the columns."""
@@ -281,13 +288,10 @@ class Design:
         self._seen_with, self._states = model, [None] * len(self._tracks)
 
     def part(self, folds: Array) -> "Design":
-        """Some folds as a design of its own; columns are shared with the whole.
+        """Some folds (k,) as a design of its own; columns are shared with the whole.
 
         Residuals are those of all rows: they tell how long noise remembers, which is
         the same in every part.
-
-        Args:
-            folds: Numbers of the folds that remain. Shape (k,).
         """
         out = copy(self)
         out._kept, out.folds = folds, len(folds)
@@ -319,11 +323,7 @@ class Design:
         return out
 
     def calm(self, background: Sequence) -> None:
-        """From now on see target and columns without what tables account for.
-
-        Args:
-            background: Tables of each joint, None for a joint without; empty for none.
-        """
+        """From now on see target and columns without what tables of joints account for."""
         if not background:
             return
         self._background = tuple(background)

@@ -50,7 +50,9 @@ def calls(monkeypatch):
 
     monkeypatch.setattr("residual.close.close_the_loop", close_the_loop)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
-    monkeypatch.setattr("flows.report.terminal.diagnosis.print_diagnosis", print_diagnosis)
+    monkeypatch.setattr(
+        "flows.report.terminal.diagnosis.print_diagnosis", print_diagnosis
+    )
     monkeypatch.setattr("flows.report.page.diagnosis.render", render)
     return made
 

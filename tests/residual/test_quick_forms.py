@@ -1,0 +1,165 @@
+"""What is computed in a quick way, held against the plain way."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+from scipy.signal import butter, sosfiltfilt, welch
+
+from residual.check.assignment import best_order
+from residual.diagnosis import oracle
+from residual.effects.backlash import _flight
+from residual.evidence.fit import System, fit
+from residual.model.nominal import prepare_logs, start_nominal
+from residual.robot.robot import load_robot
+from residual.signals.direction import bristle
+from residual.signals.low_pass import low_pass
+from residual.signals.spectrum import power_density
+from residual.signals.track import Filters, widened
+from sim.synthetic.logs import LogPlan, make
+from sim.synthetic.plant import Plant
+from tests.residual.linear import DOF, Problem, every_group
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def walk(seed, n, columns=1):
+    return np.cumsum(np.random.default_rng(seed).normal(size=(n, columns)), axis=0)
+
+
+# -- signals -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [94, 125, 250, 1000])
+@pytest.mark.parametrize("step", [1, 4])
+def test_the_low_pass_is_that_of_scipy_and_every_step_of_it(rate, step):
+    x, cutoff = walk(1, 6 * rate, 3), min(8.0, 0.08 * rate)
+    sections = butter(4, cutoff / (rate / 2), output="sos")
+    theirs = sosfiltfilt(sections, x, axis=0, padlen=rate)[::step]
+    # What it forgets after 4.5 periods is 1e-6 of the span.
+    np.testing.assert_allclose(
+        low_pass(x, cutoff, rate, step), theirs, atol=5e-6 * np.ptp(x)
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_derivative_is_the_central_difference_of_the_low_pass(order):
+    x, rate, step = walk(2, 1500, 2), 250.0, 2
+    theirs = low_pass(x, 12.0, rate)
+    for _ in range(order):
+        theirs = np.gradient(theirs, 1 / rate, axis=0)
+    ours = low_pass(x, 12.0, rate, step, order=order)
+    inside = slice(3, -3)
+    size = np.abs(theirs).max()
+    np.testing.assert_allclose(ours[inside], theirs[::step][inside], atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("ahead", [-0.5, -0.04, 0.013, 0.08])
+def test_a_signal_ahead_is_the_signal_of_a_later_moment(ahead):
+    t, rate = np.arange(1200) / 60, 60.0
+    wave = lambda t: np.sin(2 * np.pi * 1.1 * t)[:, None]  # noqa: E731
+    ours = low_pass(wave(t), 5.0, rate, 3, ahead=ahead)
+    inside = slice(60, -60)
+    np.testing.assert_allclose(ours[inside], wave(t + ahead)[::3][inside], atol=1e-4)
+
+
+@pytest.mark.parametrize("robust", [False, True])
+def test_power_is_that_of_welch(robust):
+    x = walk(3, 1000, 2)
+    how = {"average": "median"} if robust else {}
+    f, theirs = welch(x, nperseg=128, window="blackmanharris", axis=0, **how)
+    ours_f, ours = power_density(x, 128, robust)
+    np.testing.assert_allclose(ours_f, f)
+    # SciPy corrects a median of few for their number, here by 5 %.
+    inner = slice(1, -1)  # its ends are those of a one-sided spectrum
+    np.testing.assert_allclose(ours[inner], theirs[inner], rtol=0.1 if robust else 1e-9)
+
+
+@given(SEEDS, st.integers(1, 300), st.sampled_from([0, 1, 7]))
+def test_marks_are_widened_by_so_many_samples(seed, n, half):
+    marks = np.random.default_rng(seed).random((n, 2)) < 0.05
+    plain = [
+        [marks[max(i - half, 0) : i + half + 1, j].any() for j in range(2)]
+        for i in range(n)
+    ]
+    np.testing.assert_array_equal(widened(marks, half), plain)
+
+
+# -- motion ------------------------------------------------------------------------
+
+
+@given(SEEDS, st.integers(1, 400), st.sampled_from([3e-5, 1e-3, 5e-2]))
+def test_a_bristle_is_dahls_state_step_by_step(seed, n, displacement):
+    q, state = 1e-3 * walk(seed, n)[:, 0], np.zeros(n)
+    for i in range(1, n):
+        step = q[i] - q[i - 1]
+        goal = 1.0 if step > 0 else -1.0
+        state[i] = goal + (state[i - 1] - goal) * np.exp(-abs(step) / displacement)
+    np.testing.assert_allclose(bristle(q, displacement), state, atol=1e-12)
+
+
+@given(SEEDS, st.integers(1, 400), st.sampled_from([0.1, 1.0, 10.0]))
+def test_a_link_flies_as_step_by_step(seed, n, strong):
+    push, gap, dt = strong * walk(seed, n)[:, 0], 1e-3, 1 / 125
+    plain, x, v = np.empty(n), gap * np.sign(push[0]), 0.0
+    for i in range(n):
+        v += dt * push[i]
+        x += dt * v
+        if abs(x) >= gap:
+            x, v = gap * np.sign(x), 0.0
+        plain[i] = x
+    np.testing.assert_allclose(_flight(push, gap, dt), plain, atol=1e-12)
+
+
+@given(SEEDS, st.integers(1, 7))
+def test_the_best_order_has_the_most_value(seed, n):
+    value = np.random.default_rng(seed).normal(size=(n, n)) + np.eye(n)
+    rows, columns = linear_sum_assignment(value, maximize=True)
+    own = value[np.arange(n), best_order(value)].sum()
+    assert own == pytest.approx(value[rows, columns].sum())
+
+
+# -- normal equations --------------------------------------------------------------
+
+
+@given(SEEDS)
+def test_a_set_with_one_more_is_gathered_or_grown_alike(seed):
+    problem = Problem.draw(np.random.default_rng(seed), rows=60)
+    design, groups = problem.design, every_group(problem.design)
+    grown = System.of(design, problem.prior, groups[:1])
+    for group in groups[1:3]:
+        grown = grown.beside(design, group)
+    gathered = System.of(design, problem.prior, groups[:3])
+    for name in ("ids", "precision", "gram", "cross", "power"):
+        np.testing.assert_allclose(getattr(grown, name), getattr(gathered, name))
+    folds = gathered.folds(design)
+    np.testing.assert_allclose(sum(f.gram for f in folds), gathered.gram, atol=1e-9)
+    counted = np.full(DOF, 50.0)
+    one, other = (
+        fit(design, problem.prior, groups[:3], counted, system=s) for s in (grown, None)
+    )
+    assert one.score == pytest.approx(other.score)
+
+
+# -- memory ------------------------------------------------------------------------
+
+
+def test_a_ripple_told_on_six_joints_stays_small():
+    """A case of a study took 17 GB: every shape on every joint, for each prior."""
+    robot = load_robot("irb140")
+    plan = [LogPlan(f"{i}", "fit", "fourier", 8.0, 125.0) for i in range(2)]
+    logs = make(Plant(robot, (), 4), tuple(plan), 4)
+    ready = prepare_logs(robot, logs, None, Filters())
+    nominal = start_nominal(ready, ("viscous", "coulomb", "rotor_inertia"))
+    wanted = [pair for pair in oracle._placed(("ripple", (1, 2, 3, 4, 5, 6)), 6)]
+    tracemalloc.start()
+    design = oracle.first_design(ready, nominal)
+    _, fitted = oracle._best(design, ready, nominal, wanted)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(fitted.members) == 6
+    assert design.size < 1500
+    assert peak < 2e8
