@@ -323,7 +323,7 @@ class Design:
         return out
 
     def calm(self, background: Sequence) -> None:
-        """From now on see target and columns without what tables of joints account for."""
+        """From now on see all without what tables of the joints account for."""
         if not background:
             return
         self._background = tuple(background)
