@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.calibration.cut import cut_single, shorten
+from residual.calibration.cut import cut_single
 from residual.calibration.methods import (
     EFFECTS,
     Choices,
@@ -156,7 +156,8 @@ def calibrate(
 
     Args:
         robot: The arm as described.
-        runs: Its logs; a single one is cut into parts, and all to 15 min.
+        runs: Its logs; a single one is cut into parts. Of more than 15 min all identify
+            the model, and tables take every second row, or third, or fewer.
         settings: How.
         named: What a diagnosis found, for the model with named effects.
         progress: Told the stage and the share done.
@@ -167,7 +168,7 @@ def calibrate(
     """
     settings, tell = settings or Settings(), progress or (lambda stage, share: None)
     notes = (_CUT,) if len(runs) == 1 else ()
-    runs, less = shorten(cut_single(runs))
+    runs = cut_single(runs)
     tell("nominal model", 0.0)
     asked = Asked(settings.paper, settings.declared, settings.joints)
     source = Source(robot, runs, asked, tuple(named))
@@ -197,7 +198,7 @@ def calibrate(
         _paper_lookup(training, settings, levels),
         source.nominal,
         source.declared,
-        notes=(*notes, *less, *more, *source.notes),
+        notes=(*notes, *more, *source.notes),
     )
     if not settings.views:
         return made

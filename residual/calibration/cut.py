@@ -25,11 +25,29 @@ def cut_single(runs: Sequence[Run]) -> tuple[Run, ...]:
     )
 
 
+def thinning(runs: Sequence[Run]) -> tuple[int, tuple[str, ...]]:
+    """Return every how manieth row tables take of all logs, and that, a line.
+
+    The model is identified from all of them, piece by piece.
+
+    Args:
+        runs: The logs.
+    """
+    total = sum(run.log.duration for run in runs)
+    thin = max(1, int(np.ceil(total / MOST)))
+    if thin == 1:
+        return 1, ()
+    return thin, (
+        f"{total / 60:.3g} min of logs: the model is identified from all of them, "
+        f"tables are fitted to one row in {thin}",
+    )
+
+
 def shorten(runs: Sequence[Run]) -> tuple[tuple[Run, ...], tuple[str, ...]]:
     """Keep the middle of every run where all of them are longer than tables can use.
 
-    Every model is fitted again for every part that is left out; rows of more than a
-    quarter of an hour would take gigabytes and hours, and say what these say.
+    Of the paper's rows each needs the next one. Those of more than a quarter of an hour
+    would take gigabytes and hours, and say what these say.
 
     Args:
         runs: The logs.

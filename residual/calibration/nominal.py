@@ -7,20 +7,33 @@ diagnosis named can be added, and all are fitted together.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from residual.calibration.parts import Part, cut_parts, tracks_without
+from residual.calibration.parts import (
+    Part,
+    cut_parts,
+    folds_without,
+    label_rows,
+    tracks_without,
+)
 from residual.calibration.rows import Run, chosen_rows, torque_at
 from residual.evidence.design import Design
 from residual.evidence.fit import fit, start
 from residual.evidence.priors import priors
 from residual.evidence.states import as_model
 from residual.model.model import Model
-from residual.model.nominal import Logs, declared_names, prepare_logs, start_nominal
+from residual.model.nominal import (
+    Logs,
+    Nominal,
+    declared_names,
+    prepare_logs,
+    start_nominal,
+)
 from residual.model.standstill import with_standstill
 from residual.model.term import Term
 from residual.recording import Array
 from residual.robot.robot import Robot
+from residual.signals.pieces import spread
 from residual.signals.track import Filters, Track
 
 
@@ -31,14 +44,21 @@ class Prepared:
     Attributes:
         logs: Signals and the range of motion.
         runs: The logs behind them.
-        names: Declared effects.
+        nominal: Where every identification starts.
         parts: Blocks of the logs, which identifications may leave out.
+        design: Columns of the nominal model; its folds are those of ``label_rows``.
     """
 
     logs: Logs
     runs: tuple[Run, ...]
-    names: tuple[str, ...]
+    nominal: Nominal
     parts: tuple[Part, ...]
+    design: Design
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Declared effects."""
+        return self.nominal.names
 
     @property
     def tracks(self) -> tuple[Track, ...]:
@@ -65,9 +85,11 @@ def prepare_runs(
         declared: Effects that the model has; None for the robot's own list.
     """
     logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), whole=True)
-    names = declared_names(robot, declared)
+    nominal = start_nominal(logs, declared_names(robot, declared))
     parts = cut_parts([track.t[chosen_rows(track)] for track in logs.tracks])
-    return Prepared(logs, tuple(runs), names, parts)
+    labels = label_rows(logs.tracks, parts)
+    design = Design(logs.tracks, nominal.model, labels=labels)
+    return Prepared(logs, tuple(runs), nominal, parts, design)
 
 
 def identified_without(
@@ -80,16 +102,19 @@ def identified_without(
         left_out: Numbers of the parts that it must not see.
         named: Effects beyond the declared ones; their coefficients are fitted.
     """
-    kept = tracks_without(prepared.tracks, prepared.parts, left_out)
-    tracks = tuple(track for _, track in kept)
-    nominal = start_nominal(replace(prepared.logs, tracks=tracks), prepared.names)
-    design = Design(tracks, nominal.model)
-    wide = priors(design, nominal)
+    design, nominal, parts = prepared.design, prepared.nominal, prepared.parts
+    if left_out:
+        folds = folds_without(parts, left_out)  # a last edge may have no rows
+        design = design.part(folds[folds < design.folds], alone=True)
+    wide, size = priors(design, nominal), design.size
     first = start(design, wide[-1])
     if named:
         # Some effects read the model's own torque: it should be about right.
         design.show_torque(as_model(nominal, first))
     groups = design.add([(t.effect, t.joints, t.shape) for t in named])
     fits = [fit(design, p, groups, first.counted, None, rounds=4) for p in wide]
-    best = max(fits, key=lambda f: f.score)
-    return with_standstill(as_model(nominal, best), tracks)
+    best = as_model(nominal, max(fits, key=lambda f: f.score))
+    design.take_back(size)
+    tracks = tracks_without(prepared.tracks, parts, left_out)
+    shown = spread([track.seconds for track in tracks])
+    return with_standstill(best, [tracks[i] for i in shown])

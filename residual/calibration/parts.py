@@ -75,10 +75,47 @@ def part_of_rows(parts: Sequence[Part], times: Sequence[Array]) -> tuple[Array, 
     return np.concatenate(own), np.concatenate(near)
 
 
+def label_rows(tracks: Sequence[Track], parts: Sequence[Part]) -> list[Array]:
+    """Number the rows by part: three for each, its inside and both of its edges.
+
+    Args:
+        tracks: Signals of each run.
+        parts: Parts of all runs.
+
+    Returns:
+        3 times the part's number, and 0, 1 or 2 for rows close to the part before, to
+        none and to the part after. Shapes (m,).
+    """
+    out = []
+    for run, track in enumerate(tracks):
+        t, labels = _times(track), np.zeros(len(track.tau), dtype=int)
+        for number, part in enumerate(parts):
+            if part.run == run:
+                place = 1 - (t < part.begin + GUARD) + (t >= part.end - GUARD)
+                labels = np.where(part.rows(t), 3 * number + place, labels)
+        out.append(labels)
+    return out
+
+
+def folds_without(parts: Sequence[Part], left_out: Collection[int]) -> Array:
+    """Return the labels of the rows that are neither left out nor close to that."""
+
+    def near(number: int, other: int) -> bool:
+        same = 0 <= other < len(parts) and parts[other].run == parts[number].run
+        return same and other in left_out
+
+    kept = []
+    for number in (n for n in range(len(parts)) if n not in left_out):
+        kept += [] if near(number, number - 1) else [3 * number]
+        kept += [3 * number + 1]
+        kept += [] if near(number, number + 1) else [3 * number + 2]
+    return np.array(kept, dtype=int)
+
+
 def tracks_without(
     tracks: Sequence[Track], parts: Sequence[Part], left_out: Collection[int]
-) -> tuple[tuple[int, Track], ...]:
-    """Return what is left of each track, and the number of its run.
+) -> tuple[Track, ...]:
+    """Return what is left of each track.
 
     Args:
         tracks: Signals of each run.
@@ -91,13 +128,18 @@ def tracks_without(
         gone = [n for n in own if n in left_out]
         if len(gone) == len(own):
             continue
-        out.append((run, _masked(track, [parts[n] for n in gone])))
+        out.append(_masked(track, [parts[n] for n in gone]))
     return tuple(out)
 
 
 def _masked(track: Track, parts: Sequence[Part]) -> Track:
     if not parts:
         return track
-    t = track.t[:: track.step][: len(track.tau)]
+    t = _times(track)
     kept = ~np.any([part.rows(t, GUARD) for part in parts], axis=0)
     return replace(track, inner=track.inner & kept, moving=track.moving & kept[:, None])
+
+
+def _times(track: Track) -> Array:
+    """Times of a track's rows on the log's own clock [s]. Shape (m,)."""
+    return track.t[:: track.step][: len(track.tau)]

@@ -126,6 +126,7 @@ def measured_rows(
     tracks: Sequence[Track],
     residuals: Sequence[Array],
     joints: Sequence[int] | None = None,
+    thin: int = 1,
 ) -> Rows:
     """Return rows on measured motion.
 
@@ -134,6 +135,7 @@ def measured_rows(
         tracks: Their signals.
         residuals: Measured minus model torque on each track's times [N m]. (n, dof).
         joints: Joints of X and Y, from 1; all for None.
+        thin: Take every so manieth row, where there are more than tables can use.
 
     Raises:
         InputError: If the arm has no such joint.
@@ -142,11 +144,11 @@ def measured_rows(
     own = [j - 1 for j in joints]
     parts, rates = [], []
     for run, track, left in zip(runs, tracks, residuals, strict=True):
-        chosen = chosen_rows(track)
+        chosen = chosen_rows(track, thin)
         X = state_block(*(x[:, own] for x in (track.q, track.qd, track.qdd)))[chosen]
         Y, tau = left[:, own], torque_at(run.log, track)[:, own]
         parts.append((X, Y[chosen], tau[chosen], track.t[chosen]))
-        rates.append(track.rate / _step(track.rate, MEASURED_HZ))
+        rates.append(track.rate / _step(track.rate, MEASURED_HZ) / thin)
     return _stacked(MEASURED, joints, (parts, runs, rates))
 
 
@@ -155,12 +157,12 @@ def torque_at(log: Recording, track: Track) -> Array:
     return np.column_stack([np.interp(track.t, log.t, c) for c in log.tau.T])
 
 
-def chosen_rows(track: Track) -> Array:
+def chosen_rows(track: Track, thin: int = 1) -> Array:
     """Samples of a track that become rows: neither its ends nor gaps. Numbers."""
     inner = np.repeat(track.inner, track.step)[: len(track.t)]
     edge = round(Filters().edge * track.rate)
     inner[:edge] = inner[len(inner) - edge :] = False
-    return np.flatnonzero(inner)[:: _step(track.rate, MEASURED_HZ)]
+    return np.flatnonzero(inner)[:: thin * _step(track.rate, MEASURED_HZ)]
 
 
 def repeat_period(q: Array) -> int | None:

@@ -3,12 +3,13 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from residual.calibration.cut import shorten, thinning
 from residual.calibration.nominal import (
     Prepared,
     identified_without,
     prepare_runs,
 )
-from residual.calibration.rows import Run, measured_rows, paper_rows
+from residual.calibration.rows import Rows, Run, measured_rows, paper_rows
 from residual.model.model import Model
 from residual.model.term import Term
 from residual.recording import Array
@@ -43,9 +44,11 @@ class Source:
         self.notes: tuple[str, ...] = ()
         self.named: tuple = ()
         if asked.paper:
+            runs, self.notes = shorten(runs)
             self.rows = paper_rows(runs, asked.joints)
             if asked.declared is not None:
                 self.notes = (
+                    *self.notes,
                     "--declared says nothing with --paper: the twin has what its "
                     "robot declares",
                 )
@@ -54,8 +57,9 @@ class Source:
         self.declared = self._prepared.names
         self.nominal = identified_without(self._prepared)
         left = self._prepared.residuals(self.nominal)
+        self._thin, self.notes = thinning(runs)
         self._joints = asked.joints
-        self.rows = measured_rows(runs, self._prepared.tracks, left, self._joints)
+        self.rows = self._rows(left)
         self._known[frozenset(), False] = self.rows.Y
         self.named = named
 
@@ -73,9 +77,9 @@ class Source:
         key = (frozenset(left_out), bool(named))
         if key not in self._known:
             model = identified_without(self._prepared, left_out, named)
-            left = self._prepared.residuals(model)
-            rows = measured_rows(
-                self._prepared.runs, self._prepared.tracks, left, self._joints
-            )
-            self._known[key] = rows.Y
+            self._known[key] = self._rows(self._prepared.residuals(model)).Y
         return self._known[key]
+
+    def _rows(self, left: Sequence[Array]) -> Rows:
+        runs, tracks = self._prepared.runs, self._prepared.tracks
+        return measured_rows(runs, tracks, left, self._joints, self._thin)

@@ -52,6 +52,7 @@ class Design:
 
     _background: tuple = ()  # tables of each joint; none, or not yet
     _kept: Array | None = None  # the folds of a part; None for all
+    _alone = False  # whether a part looks at its own rows only
 
     def __init__(
         self,
@@ -59,6 +60,7 @@ class Design:
         model: Model,
         states: Sequence[State] = (),
         seen_with: Model | None = None,
+        labels: Sequence[Array] = (),
     ) -> None:
         """Make the nominal model's columns.
 
@@ -67,6 +69,8 @@ class Design:
             model: The nominal model.
             states: What effects see of them, where that is known already.
             seen_with: The model whose torque effects see; the nominal one where None.
+            labels: Fold of each row of each log, in ascending order; logs, or blocks
+                of few logs, where none is given. Shapes (m,).
         """
         self.dof, self.model = model.robot.dof, model
         self._tracks = list(tracks)
@@ -76,7 +80,7 @@ class Design:
         self._chunks = [[i] for i in every] if long else [list(every)]
         self._shown = spread([t.seconds for t in tracks])
         self._use = rows_that_count(tracks)
-        self._labels = fold_labels(tracks)
+        self._labels = list(labels) or fold_labels(tracks)
         self.folds = 1 + max(int(x.max(initial=0)) for x in self._labels)
         qd = np.concatenate([t.qd for t in tracks])
         self.speed = np.quantile(np.abs(qd), 0.95, axis=0)
@@ -287,16 +291,19 @@ class Design:
         """From now on let effects see the logs with another model's torque."""
         self._seen_with, self._states = model, [None] * len(self._tracks)
 
-    def part(self, folds: Array) -> "Design":
+    def part(self, folds: Array, alone: bool = False) -> "Design":
         """Some folds (k,) as a design of its own; columns are shared with the whole.
 
-        Residuals are those of all rows: they tell how long noise remembers, which is
-        the same in every part.
+        How long noise remembers, the same in every part, is told by all rows; not so
+        of a part ``alone``, which nothing of the others may reach.
         """
         out = copy(self)
+        out._alone = alone
         out._kept, out.folds = folds, len(folds)
         out.power, out.tau_power = self.power[folds], self.tau_power[folds]
         out.rows = np.maximum(self.fold_rows[folds].sum(axis=0), 1.0)
+        if alone:
+            out.rms = np.maximum(np.sqrt(out.tau_power.sum(axis=0) / out.rows), 1e-9)
         out._totals, out.remembered = [None] * self.dof, {}
         return out
 
@@ -481,6 +488,8 @@ class Design:
             self._lines[j] = np.concatenate(at), size
         at, size = self._lines[j]
         out = np.zeros(size)
+        if self._alone:
+            values = np.where(np.isin(self.folds_of(j), self._kept), values, 0.0)
         out[at] = values
         return out
 

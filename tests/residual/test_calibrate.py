@@ -393,3 +393,18 @@ def test_of_logs_that_are_too_long_the_middles_are_taken_in_step_with_their_twin
         np.testing.assert_array_equal(own.twin["e_tau"], run.twin["e_tau"][rows])
         beside = len(run.log.t) - rows.stop - first
         assert abs(beside) <= 1  # as much before as behind
+
+
+def test_long_logs_identify_the_model_whole_and_tables_take_fewer_rows(monkeypatch):
+    runs = [Run(log) for log in logs(3, noise=0.5, duration=8.0)]
+    settings = replace(QUICK, views=False)
+    whole = calibrate(truth().robot, runs, settings)
+    monkeypatch.setattr(cut, "MOST", 9.0)
+    thin = calibrate(truth().robot, runs, settings)
+    assert any("one row in 3" in note for note in thin.notes)
+    assert len(thin.rows.X) == pytest.approx(len(whole.rows.X) / 3, abs=3)
+    np.testing.assert_array_equal(
+        thin.nominal.coefficients(), whole.nominal.coefficients()
+    )
+    last = [rows.X[rows.run == 2][-1] for rows in (whole.rows, thin.rows)]
+    assert np.abs(last[0] - last[1]).max() < 1.0  # its end is there too
