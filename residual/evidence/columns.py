@@ -79,6 +79,12 @@ class ColumnCache:
             have += k
         self._blocks[shelf] = blocks
 
+    def count(self, shelf: object) -> int:
+        """Return the number of columns on a shelf."""
+        if self._file is None:
+            return self._kept[shelf][1] if shelf in self._kept else 0
+        return sum(k for _, k in self._blocks.get(shelf, []))
+
     def read(self, shelf: object, rows: int) -> Array:
         """Return all columns of a shelf. Shape (k, rows)."""
         if self._file is None:

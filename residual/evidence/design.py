@@ -212,7 +212,7 @@ class Design:
         """Keep new columns of a joint on one chunk's rows, and add up their sums."""
         y = self._targets[j][c]
         new = self.calmed(j, new.T).T
-        first = self._columns.read((j, c), len(y)).shape[0]
+        first = self._columns.count((j, c))
         self._columns.write((j, c), new)
         every = self._columns.read((j, c), len(y))
         for fold, own in self._fold_slices(c, j):
