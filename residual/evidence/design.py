@@ -2,7 +2,7 @@
 
 Rows of joint j are its moving samples, all fit logs stacked, at some 33 a second. The
 search needs but the Gram matrices per fold, which are added up chunk by chunk: logs of
-up to ten minutes are one chunk in memory, of longer ones each piece is one, and their
+up to ten minutes are one chunk in memory, of long ones each piece is one, and their
 columns wait in a file for those that are added later. What is asked of single rows
 (residuals, which tell how long noise remembers and what is left) is answered of a
 sketch: of seven minutes evenly spread, and of all rows where there is one chunk.
@@ -16,7 +16,7 @@ import numpy as np
 
 from residual.effects.base import Effect, Joints, Shape, State
 from residual.evidence.columns import ColumnCache, Sums
-from residual.evidence.folds import fold_labels, rows_that_count
+from residual.evidence.folds import fold_labels, rows_that_count, runs, squares_per_fold
 from residual.evidence.group import Group, sound
 from residual.model.model import Model
 from residual.recording import Array
@@ -99,8 +99,10 @@ class Design:
         every = range(len(self._tracks))
         tau = [self._stacked([t.tau for t in self._tracks], j, every) for j in self._js]
         labels = [self._rows_labels(j, every) for j in self._js]
-        self.fold_rows = self._per_fold([np.ones_like(x) for x in tau], labels)
-        self.tau_power = self._per_fold(tau, labels)
+        self.fold_rows = squares_per_fold(
+            [np.ones_like(x) for x in tau], labels, self.folds
+        )
+        self.tau_power = squares_per_fold(tau, labels, self.folds)
         count = self.fold_rows.sum(axis=0)
         self.rows = np.maximum(count, 1.0)
         rms = np.sqrt(self.tau_power.sum(axis=0) / self.rows)
@@ -120,12 +122,6 @@ class Design:
     def _rows_labels(self, j: int, numbers) -> Array:
         """Fold of each row of a joint, of some logs. Shape (rows,)."""
         return np.concatenate([self._labels[i][self._use[i][:, j]] for i in numbers])
-
-    def _per_fold(self, values: Sequence[Array], labels: Sequence[Array]) -> Array:
-        """Sum of squares per fold and joint. Shape (folds, dof)."""
-        pairs = zip(labels, values, strict=True)
-        sums = [np.bincount(f, x**2, minlength=self.folds) for f, x in pairs]
-        return np.stack(sums, axis=1)
 
     def _take_nominal(self) -> None:
         """Columns of the nominal model, and what it leaves of the torque."""
@@ -165,7 +161,7 @@ class Design:
         """Sums of the target, and the target of the sketch."""
         labels = [self._rows_labels(j, range(len(self._tracks))) for j in self._js]
         whole = [np.concatenate(own) for own in self._targets]
-        self.power = self._per_fold(whole, labels)
+        self.power = squares_per_fold(whole, labels, self.folds)
         chunks = [0] if len(self._chunks) == 1 else self._shown
         self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
@@ -215,17 +211,8 @@ class Design:
         first = self._columns.count((j, c))
         self._columns.write((j, c), new)
         every = self._columns.read((j, c), len(y))
-        for fold, own in self._fold_slices(c, j):
+        for fold, own in runs(self._rows_labels(j, self._chunks[c])):
             self._sums.add(j, fold, every[:, own], first, y[own])
-
-    def _fold_slices(self, c: int, j: int) -> Iterator[tuple[int, slice]]:
-        """Folds of a chunk with their rows, which follow each other."""
-        labels = self._rows_labels(j, self._chunks[c])
-        folds, starts = np.unique(labels, return_index=True)
-        for fold, start, count in zip(
-            folds, starts, np.bincount(labels)[folds], strict=True
-        ):
-            yield int(fold), slice(int(start), int(start + count))
 
     def add(self, candidates: Sequence[tuple[Effect, Joints, Shape]]) -> list[Group]:
         """Append candidates and return their groups, in order.
@@ -322,7 +309,7 @@ class Design:
         out._columns, cross = self._columns.copy(), []
         for j, y in enumerate(target):
             x, own = self._columns.read((j, 0), len(y)), np.zeros_like(self.cross[j])
-            for fold, rows in self._fold_slices(0, j):
+            for fold, rows in runs(self._rows_labels(j, self._chunks[0])):
                 own[fold] = x[:, rows] @ y[rows]
             cross.append(own)
         out._sums = self._sums.with_cross(cross)

@@ -1,6 +1,6 @@
 """Which fold each row of the logs is in."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -34,3 +34,20 @@ def rows_that_count(tracks: Sequence[Track]) -> list[Array]:
         alive = np.any([np.ptp(t.tau, axis=0) > 0 for t in own], axis=0)
         out += [t.moving & alive for t in own]
     return out
+
+
+def squares_per_fold(
+    values: Sequence[Array], labels: Sequence[Array], folds: int
+) -> Array:
+    """Sum of squares per fold and joint, of rows and folds. Shape (folds, dof)."""
+    pairs = zip(labels, values, strict=True)
+    sums = [np.bincount(own, x**2, minlength=folds) for own, x in pairs]
+    return np.stack(sums, axis=1)
+
+
+def runs(labels: Array) -> Iterator[tuple[int, slice]]:
+    """Folds of rows with their rows, which follow each other."""
+    folds, starts = np.unique(labels, return_index=True)
+    counts = np.bincount(labels)[folds]
+    for fold, start, count in zip(folds, starts, counts, strict=True):
+        yield int(fold), slice(int(start), int(start + count))

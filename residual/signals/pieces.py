@@ -16,6 +16,7 @@ import numpy as np
 from residual.recording import Recording
 
 LONG = 600.0  # s of logs in all from which on they are cut
+MANY = 300_000  # samples likewise: memory goes with them
 PIECE = 60.0  # s
 FORGETS = 8.0  # periods of the identification filter that are dropped at the ends
 SKETCH = 420.0  # s of long logs that are kept whole, for what no sum can tell
@@ -26,7 +27,7 @@ _MULTIPLE = 6
 def in_pieces(
     recordings: Sequence[Recording], cutoff: float = 8.0
 ) -> tuple[Recording, ...]:
-    """Cut the logs, where they are more than ten minutes in all.
+    """Cut the logs, where they are long.
 
     Args:
         recordings: Logs.
@@ -41,8 +42,9 @@ def in_pieces(
 
 
 def are_long(recordings: Sequence[Recording]) -> bool:
-    """Whether logs are more than ten minutes in all."""
-    return sum(r.duration for r in recordings) > LONG
+    """Whether logs are more than ten minutes, or 300 000 samples, in all."""
+    samples = sum(len(r.t) for r in recordings)
+    return samples > MANY or sum(r.duration for r in recordings) > LONG
 
 
 def _pieces(recording: Recording, cutoff: float) -> tuple[Recording, ...]:

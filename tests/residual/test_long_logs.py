@@ -64,6 +64,16 @@ def test_short_logs_are_not_cut(log):
     assert pieces.in_pieces([log, log]) == (log, log)
 
 
+def test_a_fast_log_is_long_sooner(log, monkeypatch):
+    monkeypatch.setattr(pieces, "PIECE", 3.0)
+    monkeypatch.setattr(pieces, "MANY", len(log.t))
+    assert pieces.in_pieces([log]) == (log,)
+    monkeypatch.setattr(pieces, "MANY", len(log.t) - 1)
+    cut = pieces.in_pieces([log])
+    assert len(cut) == 12
+    assert pieces.in_pieces(cut) == cut
+
+
 def test_pieces_are_views_of_the_log_and_keep_its_name(short, log):
     cut = pieces.in_pieces([log])
     assert len(cut) == 12
