@@ -72,7 +72,8 @@ class Diagnose(Request):
         null: File of a calibrated null; None for those of the store.
         store: Folder of the store, None for the usual one.
         trust_log: Whether to go on where a fault of the logs is certain.
-        model: Id of the diagnosis whose model is the nominal one; None for no such.
+        model: Id of the diagnosis whose model was adopted: then what changed since the
+            runs behind it is named; None for no such.
     """
 
     logs: tuple[str, ...]
@@ -159,7 +160,6 @@ class Null(Request):
     Attributes:
         logs: Logs: "FILE", "FILE@start:end", or ids of runs.
         robot: Built-in name, URDF file or folder.
-        baseline: Logs of healthy runs of the robot, the same way.
         declared: Effects that the model has; None for the robot's own list.
         columns: COLUMNS.toml, None for the default columns.
         draws: How many draws.
@@ -169,7 +169,6 @@ class Null(Request):
 
     logs: tuple[str, ...]
     robot: str
-    baseline: tuple[str, ...] = ()
     declared: tuple[str, ...] | None = None
     columns: str | None = None
     draws: int = 200

@@ -52,7 +52,7 @@ def calibrate_null(
         logs: Logs as they will be diagnosed: CSV, Parquet, or ids of runs.
         robot: Built-in name, URDF file, or folder with one *.urdf and an optional
             robot.toml.
-        baseline: Logs of healthy runs, if they will be diagnosed with them.
+        baseline: Refused: what is compared with healthy runs needs no null.
         declared: Effects that the model has, as a,b; "none" for a bare rigid body.
         map: TOML file that says which column is what, in which unit.
         draws: Number of recordings; one in 200 is the least p-value of 200.
@@ -61,14 +61,20 @@ def calibrate_null(
         out: JSON file to write as well.
         workers: Number of processes; one per core without it.
     """
+    if baseline:
+        raise InputError(
+            "--baseline: a comparison with healthy runs needs no null: those runs show "
+            "what chance does. Leave it out, or diagnose at once: "
+            "modelgap diagnose LOG ... --baseline HEALTHY ... --robot R."
+        )
     check_between("--seed", seed, 0, SEEDS)
     check_between("--draws", draws, 1, 1_000_000)
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}, expected 1 or more.")
     files = named_files({"--out": out})
-    check_writable(files, read_files((*logs, *baseline)))
+    check_writable(files, read_files(logs))
     names = parse_declared(declared)
-    request = Null(logs, robot, baseline, names, map, draws, seed, store)
+    request = Null(logs, robot, names, map, draws, seed, store)
     with progress_bar() as progress:
         made = steps.calibrate_null(request, progress, workers=workers)
     write_all({path: null_json(made.null) for path in files.values()})

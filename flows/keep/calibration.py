@@ -149,7 +149,7 @@ def effects_of(store: Path, diagnosis: str) -> Found:
     Raises:
         InputError: If there is none.
     """
-    terms = _beyond(read_known(store, diagnosis).model)
+    terms = _beyond(read_known(store, diagnosis))
     named = ", ".join(f"{t.effect.name} {_joints(t)}".strip() for t in terms)
     line = (
         f"named effects are those of the model of diagnosis {diagnosis[:8]} "

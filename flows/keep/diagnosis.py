@@ -1,6 +1,6 @@
 """A diagnosis and its report as records of the store."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from flows.keep.diagnosis_tables import (
@@ -12,13 +12,11 @@ from flows.keep.diagnosis_tables import (
     from_record,
     to_record,
 )
-from residual.diagnosis.baseline import known
 from residual.diagnosis.result import Diagnosis, Verdict
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
 from residual.model.corrected import Corrected
 from residual.model.model import Model
-from residual.model.nominal import Nominal
 from residual.model.record import from_record as read_model
 from residual.model.record import to_record as model_record
 from warehouse.commit import commit_record, read_record
@@ -49,7 +47,7 @@ def store_outcome(
     """
     asked, robot = {"request": request}, found.verdict.robot
     each = errors_by_run(found) if runs.get("held_out") else []
-    kept = {"known": known.to_record(found.known)} if found.known else {}
+    kept = {"known": _without_robot(found.known)} if found.known else {}
     serial = next((m.robot.serial for m in found.models.values()), None)
     whose = {"serial": serial} if serial else {}
     rows = Rows(
@@ -145,16 +143,43 @@ def _kept_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]
     return read_models_record(kept) if kept else {}
 
 
-def read_known(store: Path, diagnosis_id: str) -> Nominal:
-    """Return the augmented model of a diagnosis as the nominal one of others.
+def _without_robot(model: Model) -> dict:
+    record = model_record(model)
+    del record["robot"]  # it stands there once
+    return {"model": record}
+
+
+def read_known(store: Path, diagnosis_id: str) -> Model:
+    """Return the model of a diagnosis that may be adopted, with all its tables.
 
     Raises:
-        InputError: If there is none of that id, or it was stored without models.
+        InputError: If there is none of that id, it was stored without models, or is
+            damaged.
     """
     record = read_record(store, read_record(store, diagnosis_id)["model_id"])
-    if "known" in record:
-        return known.from_record(record["known"], record["models"]["robot"])
-    return known.given_values(read_models(store, diagnosis_id)["augmented"])
+    if "known" not in record:
+        return read_models(store, diagnosis_id)["augmented"]
+    try:
+        whole = {**record["known"]["model"], "robot": record["models"]["robot"]}
+    except (KeyError, TypeError) as error:
+        raise InputError(f"An adopted model is damaged: {error!r}.") from error
+    return read_model(whole)
+
+
+def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str, ...]:
+    """Return ids of the runs that a diagnosis was made from, role by role.
+
+    Args:
+        store: The store.
+        diagnosis_id: Its id.
+        roles: Of fit, held_out and baseline those that are wanted.
+
+    Raises:
+        InputError: If there is none of that id.
+    """
+    row = find(store, diagnosis_id).row
+    lineage = read_parquet(row, ["lineage"]).column("lineage")[0].as_py() or []
+    return tuple(p["parent"] for role in roles for p in lineage if p["role"] == role)
 
 
 def models_record(found: Mapping[str, Model | Corrected]) -> dict:

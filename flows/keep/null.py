@@ -29,7 +29,6 @@ class _Key(BaseModel):
     robot: str
     declared: list[str]
     candidates: list[str]
-    baseline: bool
     clock: bool
     cutoff: _Size
     duration: _Size

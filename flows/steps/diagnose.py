@@ -9,7 +9,9 @@ from flows.inputs.robots import check_declared, load_of, robot_of, serial_of
 from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
+from residual.errors import InputError
 from residual.lazy import Lazy
+from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 
@@ -78,25 +80,64 @@ def diagnose(
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
     report = check.checked(logs, request.declared, request.trust_log)
-    store = store_folder(request.store)
-    known = kept.read_known(store, request.model) if request.model else None
-    wanted = (null.read_null(request.null),) if request.null else None
-    nulls = wanted or (null.nulls_in(store) if store.is_dir() else ())
-    nulls, outdated = versions.of_this_version(nulls, logs.robot)
+    store, model, before = store_folder(request.store), None, logs.baseline
+    if request.model:
+        model = kept.read_known(store, request.model)
+        before = before or _behind(request.model, logs, store)
+    # What is compared with logs of before needs no null: these show what chance does.
+    nulls, outdated = ((), ()) if before else _nulls(request, logs.robot, store)
     # One thread: the products are small, two threads only wait for each other.
     found = method.close_the_loop(
         logs.robot,
         logs.fit,
-        baseline=logs.baseline,
+        baseline=before,
         held_out=logs.held_out,
         declared=request.declared,
         progress=progress,
-        null=nulls[0] if wanted and nulls else nulls,
+        null=nulls[0] if request.null and nulls else nulls,
         inside=inside,
-        known=known,
+        model=model,
     )
     logs = replace(logs, warnings=(*logs.warnings, *outdated))
     return _with_reading(trust.with_check(found, report), logs)
+
+
+def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]:
+    """Return the runs that an adopted model is from, but for those diagnosed now.
+
+    Raises:
+        InputError: If one is not in the store, or none is left.
+    """
+    known = logs.runs or {}
+    now = {known.get(log.id, log.id) for log in (*logs.fit, *logs.held_out)}
+    ids = kept.read_runs(store, diagnosis, ("fit", "held_out"))
+    ids = [id for id in ids if id not in now]
+    told = f"what changed since the model of diagnosis {diagnosis[:8]}"
+    if not ids:
+        raise InputError(
+            f"To say {told}, runs behind it are needed that are not diagnosed now: "
+            "expected one at least, got none. Diagnose later runs, or give --model "
+            "nominal."
+        )
+    try:
+        return tuple(stored.read_run(store, id) for id in ids)
+    except InputError as error:
+        raise InputError(
+            f"To say {told}, the runs behind it are needed: expected "
+            f"{', '.join(id[:8] for id in ids)} in {store}. Got: {error} Import them "
+            "into this store, or give logs of that time with --baseline."
+        ) from error
+
+
+def _nulls(
+    request: Diagnose, robot: Robot, store: Path
+) -> tuple[Sequence["null.Null"], tuple[str, ...]]:
+    """Return the nulls there are, and what to say of outdated ones."""
+    if request.null:
+        nulls = (null.read_null(request.null),)
+    else:
+        nulls = null.nulls_in(store) if store.is_dir() else ()
+    return versions.of_this_version(nulls, robot)
 
 
 def runs_of(request: Diagnose) -> LogSets:

@@ -54,7 +54,7 @@ def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
     report = checked(logs, request.declared, request.trust_log)
     known: Sequence[str] | Model | None = request.declared
     if request.model:
-        known = read_known(store_folder(request.store), request.model).model
+        known = read_known(store_folder(request.store), request.model)
     made = identify_and_prove(
         logs.robot,
         logs.fit,

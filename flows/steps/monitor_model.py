@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.robots import load_of
-from flows.keep.diagnosis import read_models
+from flows.keep.diagnosis import read_models, read_runs
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
@@ -15,7 +15,6 @@ from residual.robot.robot import Robot
 from residual.signals.track import Filters
 from warehouse.layout import find, list_folders
 from warehouse.objects.mirror import shown
-from warehouse.query.store import open_store
 from warehouse.runs import read_manifest
 
 _GOOD = ("baseline", "fit")  # roles of a diagnosis' runs; the first that there is
@@ -58,7 +57,8 @@ def source_of(word: str, store: Path) -> Source:
         )
     id = find(store, word).id
     model = read_models(store, id)["augmented"]
-    return Source(None, id, model, _good_runs(store, id))
+    good = next((ids for role in _GOOD if (ids := read_runs(store, id, (role,)))), ())
+    return Source(None, id, model, tuple(sorted(good)))
 
 
 def model_of(source: Source, robot: Robot, runs: Sequence[Recording]) -> Model:
@@ -96,11 +96,3 @@ def robot_of(source: Source, run: Recording, store: Path) -> Robot:
             "that time."
         )
     return robot
-
-
-def _good_runs(store: Path, id: str) -> tuple[str, ...]:
-    with open_store(store) as opened:
-        asked = f"SELECT parent, role FROM lineage WHERE child = '{id}'"
-        rows = opened.sql(asked).to_pylist()
-    by_role = [[r["parent"] for r in rows if r["role"] == role] for role in _GOOD]
-    return tuple(sorted(next((ids for ids in by_role if ids), [])))

@@ -106,11 +106,9 @@ def _begun(asked: Request) -> dict[int, dict]:
 def _identity(asked: Request) -> dict:
     """What makes two nulls the same but for the number of draws, as JSON has it."""
     sets = _read(asked)
-    both = (*sets.fit, *sets.baseline)
-    logs = [data_hash({"t": r.t, "q": r.q, "tau": r.tau}) for r in both]
+    logs = [data_hash({"t": r.t, "q": r.q, "tau": r.tau}) for r in sets.fit]
     return {
         "logs": logs,
-        "baseline": len(sets.baseline),
         "robot": load_of(asked.robot, asked.logs, asked.store).content_hash,
         "declared": None if asked.declared is None else list(asked.declared),
         "seed": asked.seed,
@@ -162,7 +160,7 @@ def _block(job: tuple[Request, int]) -> dict:
 def _source(asked: Request):
     """Return what the recordings are made after; each process finds it out once."""
     sets = _read(asked)
-    return source(sets.robot, sets.fit, asked.declared, sets.baseline)
+    return source(sets.robot, sets.fit, asked.declared)
 
 
 @lru_cache(maxsize=1)
@@ -171,6 +169,5 @@ def _read(asked: Request) -> LogSets:
     if asked.draws < 1:
         raise InputError(f"--draws is {asked.draws}, expected 1 or more; 200 is usual.")
     check_declared(asked.declared)
-    sets = (asked.logs, asked.baseline, ())
     robot = load_of(asked.robot, asked.logs, asked.store)
-    return read_sets(sets, robot, asked.columns, asked.store)
+    return read_sets((asked.logs, (), ()), robot, asked.columns, asked.store)

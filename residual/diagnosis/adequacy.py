@@ -42,7 +42,6 @@ def adequacy(
     tracks: tuple[Track, ...],
     before: Fit,
     after: Fit,
-    baseline: Array | None = None,
     angles: Array | None = None,
 ) -> Adequacy:
     """Compare what is left on the moving rows with the noise of torque and angles.
@@ -50,8 +49,8 @@ def adequacy(
     That of the torque is measured above the identification filter and taken as white,
     that of the angles is given as the torque it makes [N m]. A joint
     is flagged above 5 % of torque rms, unless the names halved it, and above 10 % in
-    any case; against a baseline, only beyond what the baseline left by itself. More
-    than 2 % of torque rms and three times the noise is not nothing, and is said.
+    any case. More than 2 % of torque rms and three times the noise is not nothing, and
+    is said.
     """
     squares = np.mean([t.torque_noise**2 for t in tracks], axis=0)
     if angles is not None:
@@ -59,20 +58,15 @@ def adequacy(
     noise = np.sqrt(squares) / design.rms
     structured = _structured(design, after, noise)
     first = _structured(design, before, noise)
-    limit = np.full(design.dof, FLAG)
-    if baseline is not None:
-        limit = np.maximum(limit, 1.5 * baseline)
     flagged = [
         j
         for j in range(design.dof)
-        if (structured[j] > limit[j] and structured[j] > 0.5 * first[j])
-        or structured[j] > 2 * limit[j]
+        if (structured[j] > FLAG and structured[j] > 0.5 * first[j])
+        or structured[j] > 2 * FLAG
     ]
     periods = [repeat(track) for track in tracks]
     kinds = tuple(_kind(design, periods, after, noise, j) for j in range(design.dof))
     least = np.maximum(DOUBT, NOISES * noise)
-    if baseline is not None:
-        least = np.maximum(least, 1.5 * baseline)
     doubted = sorted({*flagged, *np.flatnonzero(structured > least).tolist()})
     kinds = tuple(k if j in doubted else None for j, k in enumerate(kinds))
     return Adequacy(structured, first, noise, kinds, tuple(flagged), tuple(doubted))

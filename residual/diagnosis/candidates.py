@@ -7,17 +7,14 @@ from itertools import combinations
 
 import numpy as np
 
-from residual.diagnosis.habit import Habit
 from residual.effects import registry
 from residual.effects.base import Effect, Span
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import FEWEST_ROWS, Fit, scaled_inverse
+from residual.evidence.fit import FEWEST_ROWS
 from residual.evidence.group import union
 from residual.evidence.priors import forbidden, priors
 from residual.model.nominal import Nominal
 from residual.recording import Array
-
-FLAT = 1e-9  # of the largest information: a direction that the logs do not know
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -28,14 +25,12 @@ class Candidates:
         groups: All of them: each shape of each effect on each joint, then the
             effects that are also tried on all joints at once.
         price: What choosing one of so many costs [nats], by key.
-        habits: What a baseline knows of them, by key, one of each shape.
         keys, unions, costs: Of each group its key, whether it is one of several joints,
             and its price [nats].
     """
 
     groups: tuple[Group, ...]
     price: Mapping[tuple, float]
-    habits: Mapping[tuple, Sequence[Habit]] = field(default_factory=dict)
     keys: tuple[tuple, ...] = field(init=False)
     unions: Array = field(init=False)
     costs: Array = field(init=False)
@@ -45,61 +40,6 @@ class Candidates:
         object.__setattr__(self, "keys", tuple(g.key for g in every))
         object.__setattr__(self, "unions", np.array([bool(g.parts) for g in every]))
         object.__setattr__(self, "costs", np.array([self.cost(g) for g in every]))
-
-    def nets(self, values: Array) -> Array:
-        """Evidence of each group that counts, less its price, at a quick look [nats].
-
-        Args:
-            values: Evidence of each. Shape (g,).
-        """
-        if self.habits:
-            pairs = zip(self.groups, values, strict=True)
-            values = np.array([self.counted(g, v) for g, v in pairs])
-        return values - self.costs
-
-    def net(self, group: Group, nats: float, big: Fit | None = None) -> float:
-        """Evidence of a group that counts, less its price [nats]."""
-        return self.counted(group, nats, big) - self.cost(group)
-
-    def counted(self, group: Group, nats: float, big: Fit | None = None) -> float:
-        """What counts of the evidence of a group [nats].
-
-        Args:
-            group: The group.
-            nats: Its evidence.
-            big: The fit that has it; None for a quick look.
-        """
-        habit = self.habit(group)
-        if habit is None or nats <= 0:
-            return nats
-        if big is None:
-            return nats * habit.restless
-        at = big.place(group)
-        covariance = big.covariance()[np.ix_(at, at)]
-        pull = np.linalg.solve(covariance, big.theta[at])
-        information = scaled_inverse(covariance) - group.precision
-        values, vectors = np.linalg.eigh(information)
-        values = np.maximum(values, FLAT * max(values.max(), FLAT))
-        plain = vectors @ ((vectors.T @ pull) / values)
-        information = (vectors * values) @ vectors.T
-        return nats * habit.share(plain, information, group.precision)
-
-    def habit(self, group: Group) -> Habit | None:
-        """What a baseline knows of a group; of a searched shape of the nearest one."""
-        known = self.habits.get(group.key)
-        if not known:
-            return None
-        if len(known) == 1 or not group.shape:
-            return known[0]
-        alike = [h for h in known if h.shape[1:] == group.shape[1:]] or known
-        gaps = [abs(np.log(abs(h.shape[0] / group.shape[0]))) for h in alike]
-        return alike[int(np.argmin(gaps))]
-
-    def beside(self, unions: Sequence[Group]) -> "Candidates":
-        """The same with unions of some of them, at the price of all their parts."""
-        price = {g.key: sum(self.price[p.key] for p in g.parts) for g in unions}
-        groups = (*self.groups, *unions)
-        return replace(self, groups=groups, price={**self.price, **price})
 
     def cost(self, group: Group) -> float:
         """Price of a group [nats]; joints that came together share one price."""
@@ -208,16 +148,11 @@ def every_candidate(
     barred = [forbidden(p, nominal) for p in priors(design, nominal)]
     wanted = [e for e in effects if not all(e.name in b for b in barred)]
     every = collect(design, wanted, span, design.dof)
-    if nominal.covariance is not None:
-        # What all joints have of it since a baseline is drift, which the model may do.
-        kept = [g for g in every.groups if not g.parts]
-        every = replace(every, groups=tuple(kept))
-        every = every.beside(_of_one_drive(kept))
     # Where all values of a kind are off, that is how good they are, and no effect.
     given = nominal.kinds
     kept = [g for g in every.groups if not any(p.effect.name in given for p in g.parts)]
     every = replace(every, groups=tuple(kept))
-    return replace(_on_live_joints(design, every), habits=nominal.habits)
+    return _on_live_joints(design, every)
 
 
 def _on_live_joints(design: Design, every: Candidates) -> Candidates:
@@ -229,20 +164,3 @@ def _on_live_joints(design: Design, every: Candidates) -> Candidates:
         if g.effect.portable.bodies is not None or not dead & set(g.joints)
     )
     return replace(every, groups=tuple(kept))
-
-
-def _of_one_drive(groups: Sequence[Group]) -> list[Group]:
-    """All friction that every drive has, of one joint.
-
-    Where one of it changed the rest has, too, and each alone is less like it than a
-    curve of another name.
-    """
-    own: dict[tuple, list[Group]] = {}
-    for g in groups:
-        if g.effect.usual_in_every_drive and g.effect.brakes:
-            own.setdefault(g.joints, []).append(g)
-    return [
-        union(parts, " + ".join(p.effect.name for p in parts))
-        for parts in own.values()
-        if len(parts) > 1
-    ]

@@ -11,7 +11,6 @@ from residual.diagnosis.causes.sets import rivals
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.doubt.held_out import Verdicts, judgement
 from residual.diagnosis.doubt.splits import Splits
-from residual.diagnosis.drift import Drift
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
 from residual.diagnosis.leftover.leftover import Leftover, depends_on
@@ -54,8 +53,6 @@ class Case:
         warnings: Sentences.
         splits: For the id of each tested member, how often it was found again.
         contradictions: What of the fit no arm can be, in sentences.
-        drift: Friction of all joints against the baseline's.
-        least_drift: How much of it would be told, as a share; None without a baseline.
         p_value: Chance of so many nats where nothing is missing; None without a null.
     """
 
@@ -69,8 +66,6 @@ class Case:
     warnings: Sequence[str]
     splits: Mapping[int, Splits]
     contradictions: Sequence[str] = ()
-    drift: Drift | None = None
-    least_drift: float | None = None
     p_value: Callable[[float], float] | None = None
     folded: Sequence[Named] = ()
 
@@ -89,17 +84,13 @@ def conclude(case: Case) -> Verdict:
         declared=tuple(examined.nominal.names),
         verdict="effects" if case.named else nothing,
         effects=tuple(_finding(f, i, case) for i, f in enumerate(case.named, 1)),
-        minimum_detectable=(
-            *least,
-            *_least_drift(case),
-        ),
+        minimum_detectable=tuple(least),
         unexplained=_unexplained(case),
         error=_errors(case),
         nominal_scale=plain(examined.task.prior.scale),
         next_experiment=None,
         warnings=tuple(case.warnings),
         contradictions=tuple(case.contradictions),
-        drift=case.drift,
         changes=changes(examined, case.judged.fit),
         alternatives=_alternatives(case, least),
         background=tuple(_finding(f, i, case) for i, f in enumerate(case.folded, 1)),
@@ -109,8 +100,6 @@ def conclude(case: Case) -> Verdict:
 def _clear_links(examined: Examined, least: list[Detectable]) -> list[Detectable]:
     """Of a link at least what its description may be off by, four times."""
     prior = doubtful(examined)
-    if prior.scale is None:
-        return least
     bodies = inertial_parameters(examined.logs.robot.model)
     pull = inertial_precision(examined.logs.robot) @ np.diag(bodies)
     rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
@@ -132,12 +121,6 @@ def _alternatives(case: Case, least: Sequence[Detectable]) -> tuple[Alternative,
         )
         for one in found
     )
-
-
-def _least_drift(case: Case) -> list[Detectable]:
-    """What friction of all joints must have changed by, where a baseline tells."""
-    least = case.least_drift
-    return [] if least is None else [Detectable("drift", (), plain(least), "1")]
 
 
 def _finding(named: Named, order: int, case: Case) -> Finding:

@@ -77,8 +77,6 @@ class Examined:
     ) -> Model:
         """A fit as a model, with the standstill that suits the fit logs.
 
-        That of a baseline stays: it is the arm's own, and was seen for longer.
-
         Args:
             fitted: A fit of these logs.
             like: A model whose standstill to take over, so that two models differ by
@@ -87,10 +85,9 @@ class Examined:
                 name; it is there in the fit in either case.
         """
         rough = as_model(self.nominal, fitted)
-        known = self.nominal.covariance is not None
         if like is not None:
             rough = replace(rough, standstill=like.standstill)
-        elif not known:
+        else:
             rough = with_standstill(rough, self.logs.sketch)
         return _refitted(self, fitted, rough, tables)
 
@@ -106,7 +103,7 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
     """
     design = first_design(logs, nominal)
     if not is_cut([t.seconds for t in logs.tracks]):
-        tables = usual_background(design, nominal.usual)
+        tables = usual_background(design)
         logs = replace(logs, background=tables)
         design.calm(logs.background)
     progress("features", 0.0)
@@ -176,8 +173,7 @@ def _adequacy(
 ) -> Adequacy:
     """What is left of the logs, beside the noise of torque and angles."""
     angles = carried(as_model(nominal, fits[1]), logs.sketch, logs.shaken)
-    told = nominal.baseline_unexplained
-    return adequacy(design, logs.sketch, *fits, told, angles)
+    return adequacy(design, logs.sketch, *fits, angles)
 
 
 def _search(

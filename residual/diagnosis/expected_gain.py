@@ -94,7 +94,6 @@ class Expected:
         torque: Its own mean square torque, in shares of rms squared. Shape (dof,).
         count: Number of its coefficients.
         cost: Price of the choice [nats].
-        counts: Part of the evidence that counts.
     """
 
     fall: Array
@@ -105,7 +104,6 @@ class Expected:
     torque: Array
     count: int
     cost: float
-    counts: float = 1.0
 
 
 def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Expected]:
@@ -140,19 +138,9 @@ def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Ex
             torque=_along(every, u) / design.rows / design.rms**2,
             count=len(group.ids),
             cost=task.candidates.cost(group),
-            counts=_counts(task, group, known[0], u),
         )
         for u in directions
     ]
-
-
-def _counts(task: Task, group: Group, information: Array, theta: Array) -> float:
-    """Part of the evidence of a change that counts; the arm had none of it before."""
-    habit = task.candidates.habit(group)
-    if habit is None:
-        return 1.0
-    fresh = replace(habit, theta=np.zeros(len(theta)))
-    return fresh.share(theta, information, group.precision)
 
 
 def found(bench: Bench, one: Expected, sizes: Array) -> Array:
@@ -176,7 +164,7 @@ def found(bench: Bench, one: Expected, sizes: Array) -> Array:
     spared = 0.5 * square * one.bent
     lost = 0.5 * rise @ fitted.counted + spared  # by the fit without it
     paid = one.occam + 0.5 * square * one.held - 0.5 * one.count
-    net = one.counts * (lost - paid) - one.cost
+    net = lost - paid - one.cost
     scores = np.array(bench.scores)
     named = scores - paid - one.cost - PER_NAME
     others = np.max(scores - lost, axis=1, keepdims=True)

@@ -98,7 +98,7 @@ def findings(
         tested: The members that are named.
         checks: What noise of the angles does to the fit; None where nobody looked.
     """
-    sizes = {id(t.group): _size(examined, fitted, t, checks) for t in tested}
+    sizes = {id(t.group): _size(fitted, t, checks) for t in tested}
     doubts = standard_deviations(examined, fitted, sizes)
     near = {id(t): alternatives(examined.task, fitted, t.group) for t in tested}
     out = []
@@ -137,21 +137,12 @@ def _torque_on(design: Design, fitted: Fit, group: Group, j: int) -> Array:
     return design.as_logged(j, design.columns(j, place) @ fitted.of(group)[have])
 
 
-def _size(
-    examined: Examined, fitted: Fit, tested: Tested, checks: Checked | None
-) -> tuple[Array, Array]:
-    """Coefficients of a member as they are told, and what is doubtful of them.
-
-    Against a baseline they are what has changed: less what the arm had already.
-    """
-    theta = fitted.of(tested.group)
-    doubt = np.zeros((len(theta), len(theta)))
+def _size(fitted: Fit, tested: Tested, checks: Checked | None) -> tuple[Array, Array]:
+    """Coefficients of a member as they are told, and what is doubtful of them."""
     if checks:
-        theta, doubt = checks.estimate(tested)
-    habit = examined.task.candidates.habit(tested.group)
-    if habit is None:
-        return theta, doubt
-    return theta - habit.theta, doubt + habit.covariance
+        return checks.estimate(tested)
+    theta = fitted.of(tested.group)
+    return theta, np.zeros((len(theta), len(theta)))
 
 
 def public_joints(group: Group) -> tuple[int, ...]:

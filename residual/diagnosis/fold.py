@@ -1,7 +1,7 @@
 """What of the findings is no more than any used arm has: said in one line, not listed.
 
-Without a baseline a diagnosis finds small true things beside the large one: a ripple of
-the gear, friction that is another when the arm is cold. They are no reason to look.
+A diagnosis finds small true things beside the large one: a ripple of the gear, friction
+that is another when the arm is cold. They are no reason to look.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,7 @@ def folded(
     """Part the findings into those to be listed and those to be folded.
 
     Folded is friction or ripple of a size that the joints have anyway, beside something
-    much larger. Against a baseline nothing is: what it had is in the model, so all that
-    shows is a change.
+    much larger.
 
     Args:
         examined: The diagnosis.
@@ -29,7 +28,7 @@ def folded(
     Returns:
         What is listed, and what is folded, in the same order.
     """
-    if examined.nominal.covariance is not None or not named:
+    if not named:
         return tuple(named), ()
     largest = max(f.torque.max() for f in named)
     small = [f for f in named if _is_usual(examined, f, BESIDE * largest)]

@@ -72,7 +72,6 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     # larger model's noise it would bend its parameters beyond belief instead.
     without = task.settle(task.fit(rest, fitted, rounds=4))
     nats, big, small = gain(design, task.prior, fitted, without)
-    nats = task.candidates.counted(group, nats, big)
     left = leave_out(task, without)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
     fall = (left - full).sum(axis=0) / power

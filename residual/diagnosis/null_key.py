@@ -23,7 +23,6 @@ class Key:
         robot: Hash of the robot's content.
         declared: Effects that the model has, in alphabetical order.
         candidates: Effects that were looked for.
-        baseline: Whether the nominal model was that of a baseline.
         clock: Whether the order of the logs in time is known.
         cutoff: Identification cut-off [Hz].
         duration: Length of all fit logs together [s].
@@ -35,7 +34,6 @@ class Key:
     robot: str
     declared: tuple[str, ...]
     candidates: tuple[str, ...]
-    baseline: bool
     clock: bool
     cutoff: float
     duration: float
@@ -53,7 +51,6 @@ class Key:
             "robot": "another robot, or another description of it",
             "declared": "other declared effects",
             "candidates": "another vocabulary of effects",
-            "baseline": "a diagnosis with a baseline, or this is one",
             "clock": "logs whose order in time is known, or these are such",
         }
         for name, words in exact.items():
@@ -85,7 +82,6 @@ def key_of(logs: Logs, nominal: Nominal) -> Key:
         robot=logs.robot.content_hash,
         declared=tuple(sorted(nominal.names)),
         candidates=tuple(registry()),
-        baseline=nominal.covariance is not None,
         clock=logs.clock is not None,
         cutoff=_short(span.cutoff),
         duration=_short(sum(float(t.t[-1] - t.t[0]) for t in tracks)),

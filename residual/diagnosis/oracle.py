@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual.diagnosis.baseline.learn import from_baseline
 from residual.diagnosis.candidates import Candidates
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.search import refined
@@ -45,7 +44,6 @@ def oracle(
     held_out: Sequence[Recording],
     effects: Sequence[Told],
     declared: Sequence[str] | None = None,
-    baseline: Sequence[Recording] = (),
 ) -> Errors:
     """Fit the effects that one is told of, and predict the held-out logs.
 
@@ -55,7 +53,6 @@ def oracle(
         held_out: Logs for the proof.
         effects: Name and joints, from 1, of each missing effect.
         declared: Effects that the model has; None for the robot's own list.
-        baseline: Logs of the arm as commissioned.
 
     Returns:
         Errors on the held-out logs.
@@ -63,7 +60,7 @@ def oracle(
     Raises:
         UnknownNameError: If there is no such effect.
     """
-    found = _examined(robot, recordings, held_out, effects, (declared, baseline))
+    found = _examined(robot, recordings, held_out, effects, declared)
     proof = prepare_held_out(held_out, found.nominal.model)
     errors, _ = compare({"told": found.model(found.fit)}, proof, Filters())
     return errors["told"]
@@ -75,7 +72,7 @@ def oracle_model(
     held_out: Sequence[Recording],
     effects: Sequence[Told],
 ) -> Model:
-    """Return the model behind ``oracle``, for logs of an arm without a baseline.
+    """Return the model behind ``oracle``, with the effects that the robot declares.
 
     Args:
         robot: The arm as the user describes it.
@@ -86,7 +83,7 @@ def oracle_model(
     Raises:
         UnknownNameError: If there is no such effect.
     """
-    found = _examined(robot, recordings, held_out, effects, (None, ()))
+    found = _examined(robot, recordings, held_out, effects, None)
     return found.model(found.fit)
 
 
@@ -95,17 +92,12 @@ def _examined(
     recordings: Sequence[Recording],
     held_out: Sequence[Recording],
     effects: Sequence[Told],
-    given: tuple[Sequence[str] | None, Sequence[Recording]],
+    declared: Sequence[str] | None,
 ) -> Examined:
-    declared, baseline = given
-    names = declared_names(robot, declared)
     clock = session_clock([*recordings, *held_out])
     logs = prepare_logs(robot, recordings, clock, Filters())
-    if baseline:
-        nominal = from_baseline(robot, baseline, names, logs, lambda stage, share: None)
-    else:
-        nominal = start_nominal(logs, names)
-    wanted = [pair for told in effects for pair in _placed(told, robot.dof)]
+    nominal = start_nominal(logs, declared_names(robot, declared))
+    wanted = [pair for told in effects for pair in placed(told, robot.dof)]
     task, fitted = _best(first_design(logs, nominal), logs, nominal, wanted)
     if wanted:
         # As after a find: features that read the model's torque are made of the better.
@@ -118,7 +110,7 @@ def _examined(
     )
 
 
-def _placed(told: Told, dof: int) -> list[tuple[Effect, Joints]]:
+def placed(told: Told, dof: int) -> list[tuple[Effect, Joints]]:
     """Return an effect with the joints (from 0) of each of its candidates."""
     name, joints = told
     effect = registry()[check_name(name, registry(), "effect")]

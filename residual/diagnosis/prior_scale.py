@@ -76,7 +76,7 @@ class _Runs:
 
 
 def _key(prior: Prior) -> tuple:
-    return prior.scale, tuple(sorted((prior.widths or {}).items()))
+    return prior.scale, tuple(sorted(prior.widths.items()))
 
 
 def select(

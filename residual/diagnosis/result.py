@@ -13,7 +13,6 @@ from residual.diagnosis.leftover.remainder import Number, Unexplained
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
 from residual.model.model import Model
-from residual.model.nominal import Nominal
 from residual.names import joints_listed
 from residual.quantity import measured, percent
 
@@ -251,7 +250,7 @@ class Diagnosis:
         left: One per unexplained joint, without a name: what remains, over what it
             depends on most (over time where that is not known).
         sentences: One plain sentence per finding, in the order of the findings.
-        known: The augmented model with its posterior, for the next diagnosis.
+        known: The augmented model with all tables: what may be adopted.
     """
 
     verdict: Verdict
@@ -261,7 +260,7 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     left: tuple[Cloud, ...] = ()
     sentences: tuple[str, ...] = ()
-    known: Nominal | None = None
+    known: Model | None = None
 
     @property
     def effects(self) -> tuple[Finding, ...]:

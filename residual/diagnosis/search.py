@@ -63,12 +63,8 @@ def best(
         group, trial, system = _tried(task, base, group, own)
         trial = replace(trial, counted=base.counted)
         value, big, small = gain(task.design, task.prior, trial, base, (system, own))
-        counted = task.candidates.net(group, value, big)
         value -= task.candidates.cost(group)
-        # Names are compared by all of their evidence; that one of them is a change
-        # since a baseline is another question.
-        stands = instead is not None or counted >= min(value, task.rules.threshold)
-        if stands and admissible(task, group, value, big, small):
+        if admissible(task, group, value, big, small):
             found.append((value, group, big))
     return sorted(found, key=lambda item: -item[0])
 
@@ -112,7 +108,7 @@ def _shortlist(
         values = np.where(beside & ~task.candidates.unions, values, -np.inf)
         alike = values[[key == instead.key for key in task.candidates.keys]]
         floor = max(floor, RIVAL * alike.max(initial=0.0))
-    values = task.candidates.nets(values)
+    values = values - task.candidates.costs
     if instead is None and (top := values.max(initial=0.0)) > CLEAR:
         floor = max(floor, FAINT * top)
     taken = {g.key for g in base.members if not g.effect.repeats}
@@ -257,10 +253,8 @@ def _delete(task: Task, current: Fit) -> Fit:
     for group in current.members:
         rest = tuple(g for g in current.members if g is not group)
         without = task.fit(rest, current)
-        value, big, _ = gain(task.design, task.prior, current, without)
-        if task.candidates.counted(group, value, big) < least(
-            task, current.members, group
-        ):
+        value, _, _ = gain(task.design, task.prior, current, without)
+        if value < least(task, current.members, group):
             current = task.settle(without)
     return current
 

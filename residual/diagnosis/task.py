@@ -67,8 +67,3 @@ class Task:
         """Evidence of ``big`` over ``small`` less the price of the group [nats]."""
         value, _, _ = gain(self.design, self.prior, big, small)
         return value - self.candidates.cost(group)
-
-    def net_change(self, big: Fit, small: Fit, group: Group) -> float:
-        """The same, of it only what speaks for a change since a baseline [nats]."""
-        value, big, _ = gain(self.design, self.prior, big, small)
-        return self.candidates.net(group, value, big)

@@ -45,9 +45,8 @@ def standard_deviations(
     """Standard deviation of every parameter of every member.
 
     The largest of three: by the noise, by how much logs disagree, and by other forms of
-    the effect; the first two widened by what logs of a baseline disagree by. A searched
-    shape is uncertain too: its derivative columns join the fit (Gauss-Newton), and the
-    parameters' covariance follows by linearisation.
+    the effect. A searched shape is uncertain too: its derivative columns join the fit
+    (Gauss-Newton), and the parameters' covariance follows by linearisation.
 
     Args:
         examined: The diagnosis.
@@ -74,11 +73,7 @@ def standard_deviations(
             slots = np.concatenate([slots, full.slots(slope)])
         searched = slope is not None
         jacobian = values_jacobian(g.effect, theta, g.shape, robot, searched)
-        # What a baseline is restless by from log to log doubts the size as well.
-        habit = task.candidates.habit(g)
-        loose = 1.0 if habit is None else 1 + habit.excess
-        every = (covariance, between, sharp)
-        own = [loose * c[np.ix_(slots, slots)] for c in every]
+        own = [c[np.ix_(slots, slots)] for c in (covariance, between, sharp)]
         for c in own:
             c[: len(theta), : len(theta)] += doubt
         form = _form_doubt(examined, fitted, g)
@@ -93,7 +88,7 @@ def doubtful(examined: Examined) -> Prior:
     Their scale is an estimate from few sums of many parameters, good to such a step.
     """
     prior, wide = examined.task.prior, examined.wide
-    if prior.scale is None or wide.scale is None or prior.scale >= wide.scale:
+    if prior.scale >= wide.scale:
         return wide
     rougher = min([s for s in SCALES if s > prior.scale], default=wide.scale)
     space = Space(examined.task.design, examined.nominal)

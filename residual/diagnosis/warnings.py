@@ -109,7 +109,7 @@ def warnings(
             "the proof is weak, since it is the same run"
         )
     scale = examined.task.prior.scale
-    if scale is not None and scale > ROUGH:
+    if scale > ROUGH:
         off = "100 % or more" if scale >= 1 else f"about {100 * scale:.0f} %"
         out.append(
             f"the inertias of the nominal model are off by {off}: too rough to blame a "

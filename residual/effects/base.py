@@ -121,6 +121,10 @@ def _no_shape(span: Span, joint: int) -> tuple[Shape, ...]:
     return ((),)
 
 
+def _nowhere(span: Span, joint: int) -> tuple[Shape, ...]:
+    return ()
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Effect:
     """One physical effect that a model may lack.
@@ -178,6 +182,8 @@ class Effect:
         if_refuted: What to ask the user where held-out logs refute it.
         family: Effects of one family on one joint exclude each other.
         groupable: It is also tried on all joints at once.
+        in_any_arm: (span, joint) -> shapes in which every arm in use has a little of
+            it, model or not; none for what an arm is without.
         variable: (state, joint) -> what the report draws it against, with label; None
             where no one variable explains it, as with all that has inertia: then what
             was measured of it is drawn against what it explains, joint by joint.
@@ -222,6 +228,7 @@ class Effect:
     if_refuted: str = ""
     family: str = ""
     groupable: bool = False
+    in_any_arm: Callable[[Span, int], Sequence[Shape]] = _nowhere
     variable: Callable[[State, int], tuple[Array, str]] | None = lambda state, j: (
         state.qd[:, j],
         f"qd{j + 1} [rad/s]",

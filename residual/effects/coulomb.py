@@ -22,5 +22,6 @@ EFFECT = Effect(
     groupable=True,
     possible=dissipates,
     brakes=True,
+    in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * sign", joint=("friction",)),
 )

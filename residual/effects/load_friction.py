@@ -27,5 +27,6 @@ EFFECT = Effect(
     variable=_over_load,
     possible=lambda theta, shape, limits: bool(0 < theta[0] < 1),
     brakes=True,
+    in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * fabs(rigid) * sign"),
 )

@@ -21,5 +21,6 @@ EFFECT = Effect(
     family="static",
     groupable=True,
     possible=within_torque,
+    in_any_arm=lambda span, j: ((),),
     portable=formula("a[0]", joint=("constant",)),
 )

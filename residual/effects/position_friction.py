@@ -23,5 +23,6 @@ EFFECT = Effect(
     variable=against_position,
     possible=within_torque,
     brakes=True,
+    in_any_arm=lambda span, j: ((),),
     portable=formula("sign * (a[0] * cos(q) + a[1] * sin(q))"),
 )

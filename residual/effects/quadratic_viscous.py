@@ -23,5 +23,6 @@ EFFECT = Effect(
         theta * limits.speed, shape, limits
     ),
     brakes=True,
+    in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * qd * fabs(qd)", joint=("quadratic_damping",)),
 )

@@ -50,5 +50,6 @@ EFFECT = Effect(
     repeats=True,
     variable=against_position,
     possible=within_torque,
+    in_any_arm=lambda span, j: ((1.0,), (2.0,), (3.0,)),
     portable=formula("a[0] * cos(s[0] * q) + a[1] * sin(s[0] * q)"),
 )

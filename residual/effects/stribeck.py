@@ -21,6 +21,11 @@ def _shapes(span, j):
     return tuple((float(v), e) for v in velocities for e in (1.0, 2.0))
 
 
+def _usual_shapes(span, j):
+    widths = np.array([0.03, 0.06, 0.12]) * max(span.speed[j], 1e-3)
+    return tuple((float(v), 1.0) for v in widths)
+
+
 EFFECT = Effect(
     name="stribeck",
     noun="Stribeck friction",
@@ -35,5 +40,6 @@ EFFECT = Effect(
     not_negative=True,
     possible=dissipates,
     brakes=True,
+    in_any_arm=_usual_shapes,
     portable=formula("a[0] * sign * exp(-pow(fabs(qd / s[0]), s[1]))"),
 )

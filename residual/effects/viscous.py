@@ -23,5 +23,6 @@ EFFECT = Effect(
     groupable=True,
     possible=dissipates_with_speed,
     brakes=True,
+    in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * qd", joint=("damping",)),
 )

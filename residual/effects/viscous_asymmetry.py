@@ -22,5 +22,6 @@ EFFECT = Effect(
         theta * limits.speed, shape, limits
     ),
     brakes=True,
+    in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * fabs(qd)"),
 )

@@ -28,7 +28,6 @@ WORTH = 10.0  # nats that tables must gain on a joint, as a name must
 # Of the joints must need them, and so many: two may have reasons of their own.
 HALF, FEW = 0.5, 3
 BEYOND = 1.25  # times the common size: what one joint may have
-ANEW = 0.5  # of a baseline's tables: what other states may have otherwise
 FLAT = 1e-9
 
 
@@ -90,16 +89,7 @@ class Background:
         return tuple(out), freed[: len(self.own)]
 
 
-def sizes_of(background: Sequence[Background | None]) -> Array | None:
-    """Size of each joint's tables, as a share of torque rms; None without any."""
-    if not background:
-        return None
-    return np.array([0.0 if one is None else one.size for one in background])
-
-
-def usual_background(
-    design: Design, before: Array | None = None
-) -> tuple[Background | None, ...]:
+def usual_background(design: Design) -> tuple[Background | None, ...]:
     """Look whether most joints have more than their model, and how much of it.
 
     A change of the arm's bodies is no reason: all of the nominal model is free here. A
@@ -108,8 +98,6 @@ def usual_background(
 
     Args:
         design: The nominal model's columns on the fit logs.
-        before: Sizes of the tables that a baseline had, and the model has: another
-            motion needs a part of them anew. Shape (dof,).
 
     Returns:
         Tables of each joint; empty where the arm is as its model says.
@@ -117,15 +105,10 @@ def usual_background(
     looked = [_look(design, j) for j in range(design.dof)]
     known = [one for one in looked if one is not None]
     needed = np.array([x.size for x in known if x.nats > WORTH and x.size > LEAST])
-    usual = len(needed) >= max(HALF * len(known), FEW)
-    if not usual and before is None:
+    if len(needed) < max(HALF * len(known), FEW):
         return ()
-    most = BEYOND * float(np.median(needed)) if usual else 0.0
-    least = np.zeros(design.dof) if before is None else ANEW * before
-    return tuple(
-        one and one.of(max(min(one.size, most), least[j]))
-        for j, one in enumerate(looked)
-    )
+    most = BEYOND * float(np.median(needed))
+    return tuple(one and one.of(min(one.size, most)) for one in looked)
 
 
 def learnt_tables(

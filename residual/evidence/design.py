@@ -278,6 +278,10 @@ class Design:
         """From now on let effects see the logs with another model's torque."""
         self._seen_with, self._states = model, [None] * len(self._tracks)
 
+    def show_states(self, states: Sequence[State]) -> None:
+        """From now on let effects see these states of the logs, one of each."""
+        self._states = list(states)
+
     def part(self, folds: Array, alone: bool = False) -> "Design":
         """Some folds (k,) as a design of its own; columns are shared with the whole.
 

@@ -25,15 +25,14 @@ class Prior:
     Attributes:
         precision: Shape (p, p).
         log_det: Its log determinant.
-        scale: Relative scale of the rigid part; None where it is a posterior.
-        widths: Relative sd of each kind of value that is given, by the effect's name;
-            None where it is a posterior.
+        scale: Relative scale of the rigid part.
+        widths: Relative sd of each kind of value that is given, by the effect's name.
     """
 
     precision: Array
     log_det: float
-    scale: float | None
-    widths: Mapping[str, float] | None = None
+    scale: float
+    widths: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False, slots=True)

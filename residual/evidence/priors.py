@@ -9,7 +9,7 @@ import numpy as np
 from residual.effects import registry
 from residual.effects.base import Joints
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, scaled_inverse
+from residual.evidence.fit import Prior
 from residual.model.model import Model
 from residual.model.nominal import ASSUMED, GIVEN, Nominal
 from residual.model.term import with_slots
@@ -20,7 +20,6 @@ SCALES = (0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
 ROUGH = 0.1  # a nominal worse than this is too rough to blame a payload
 # How good values of one kind are, given or assumed: the logs of all joints tell.
 WIDTHS = (0.01, 0.03, GIVEN, 0.3, ASSUMED)
-POSTERIOR_FLOOR = 0.01  # no baseline is believed better than this
 TINY = 1e-9
 HELD = 1e6  # times a prior's precision: a thousandth of its deviation
 
@@ -77,17 +76,13 @@ class Space:
     nominal: Nominal
 
     @property
-    def scales(self) -> tuple[float | None, ...]:
-        """Scales of the rigid part; None alone where a baseline settled it."""
-        if self.nominal.covariance is not None:
-            return (None,)
+    def scales(self) -> tuple[float, ...]:
+        """Scales of the rigid part."""
         return SCALES if self.nominal.scale is None else (self.nominal.scale,)
 
     @property
-    def even(self) -> list[dict[str, float] | None]:
+    def even(self) -> list[dict[str, float]]:
         """Widths to compare first: as they were said, then one for every kind."""
-        if self.nominal.covariance is not None:
-            return [None]
         if not self.free:
             return [dict(self.nominal.widths)]
         said = self.nominal.kinds
@@ -97,12 +92,10 @@ class Space:
     @property
     def free(self) -> bool:
         """Whether the widths are still to be chosen."""
-        return self.nominal.covariance is None and self.nominal.widths is None
+        return self.nominal.widths is None
 
-    def at(self, scale: float | None, widths: Mapping[str, float] | None) -> Prior:
-        """The prior of a scale and widths; of neither the baseline's posterior."""
-        if scale is None:
-            return _posterior(self.nominal)
+    def at(self, scale: float, widths: Mapping[str, float] | None) -> Prior:
+        """The prior of a scale and widths."""
         return relative_prior(self.design, self.nominal, scale, widths)
 
     def barred(self, prior: Prior) -> set[str]:
@@ -111,10 +104,7 @@ class Space:
 
 
 def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
-    """The priors to compare first: each even width at each scale, the widest last.
-
-    One alone where a baseline settled both.
-    """
+    """The priors to compare first: each even width at each scale, the widest last."""
     space = Space(design, nominal)
     return tuple(space.at(s, widths) for widths in space.even for s in space.scales)
 
@@ -149,7 +139,7 @@ def relative_prior(
             width = widths[term.effect.name]
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
-    return replace(_prior(precision, scale), widths=dict(widths))
+    return _prior(precision, scale, dict(widths))
 
 
 def _flat(design: Design, ids: Array, rows: Joints) -> Array:
@@ -165,20 +155,11 @@ def _flat(design: Design, ids: Array, rows: Joints) -> Array:
     return design.remembered[key]
 
 
-def _posterior(nominal: Nominal) -> Prior:
-    """The baseline's posterior, widened by 1 % of each parameter."""
-    model = nominal.model
-    sizes = [inertial_sd(model.robot), *(np.abs(t.theta) for t in model.terms)]
-    floor = POSTERIOR_FLOOR * np.concatenate(sizes)
-    covariance = nominal.covariance + np.diag(floor**2 + TINY**2)
-    return _prior(scaled_inverse(covariance), None)
-
-
-def _prior(precision: Array, scale: float | None) -> Prior:
+def _prior(precision: Array, scale: float, widths: Mapping[str, float]) -> Prior:
     size = np.sqrt(np.diag(precision))
     log_det = 2 * np.log(size).sum()
     log_det += np.linalg.slogdet(precision / np.outer(size, size))[1]
-    return Prior(precision, float(log_det), scale)
+    return Prior(precision, float(log_det), scale, widths)
 
 
 def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
@@ -186,17 +167,14 @@ def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
 
     A declared effect is no candidate unless values of its kind are known, by what the
     logs say of all of them; a body is none where the rigid part is too rough. Named by
-    an exact duplicate of a column that is free already, both would be empty words. What
-    a baseline taught is known: all of it may have changed since.
+    an exact duplicate of a column that is free already, both would be empty words.
     """
-    if nominal.covariance is not None:
-        return set()
     out = set()
     for term, given in nominal.declared:
         settled = given is not None and prior.widths[term.effect.name] < ASSUMED
         if not (settled and term.effect.is_parameter):
             out.add(term.effect.name)
-    if prior.scale is not None and prior.scale > ROUGH:
+    if prior.scale > ROUGH:
         out |= {e.name for e in registry().values() if e.needs_known_body}
     return out
 
@@ -222,8 +200,3 @@ def held_at(prior: Prior, slots: Array) -> Prior:
     stiff = np.zeros(len(prior.precision))
     stiff[slots] = HELD * np.diag(prior.precision)[slots]
     return replace(prior, precision=prior.precision + np.diag(stiff))
-
-
-def posterior_of(fitted: Fit, count: int) -> Array:
-    """Covariance of the first ``count`` coefficients of a fit. Shape (count, count)."""
-    return fitted.covariance()[:count, :count]

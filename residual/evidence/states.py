@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, start
-from residual.evidence.priors import priors, relative_prior
+from residual.evidence.priors import relative_prior
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
 from residual.model.term import Term
@@ -22,10 +22,7 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
     """
     design = Design(logs.tracks, nominal.model)
     if named is None:
-        if nominal.covariance is None:
-            prior = relative_prior(design, nominal, ROUGH_SCALE)
-        else:
-            (prior,) = priors(design, nominal)
+        prior = relative_prior(design, nominal, ROUGH_SCALE)
         named = as_model(nominal, start(design, prior))
     design.show_torque(named)
     design.calm(logs.background)

@@ -1,7 +1,7 @@
 """Logs prepared for a fit, and the model as the user gave it: body and effects."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from residual.errors import InputError
 from residual.model.model import Model
 from residual.model.term import Term
 from residual.names import check_keys, check_name
-from residual.recording import Array, Recording
+from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot
 from residual.signals.encoder_noise import shaken
@@ -35,36 +35,20 @@ class Nominal:
     Attributes:
         model: The model.
         given: Relative sd of each term's coefficients; None where no value is given.
-        covariance: Posterior covariance of a baseline, inertial parameters first.
-            Shape (p, p); None where there was no baseline.
         scale: Fixed relative scale of the rigid part, None to estimate it.
         widths: Fixed relative sd of each kind of value that is given, by the effect's
             name; None to estimate them.
-        baseline_unexplained: Structured residual of the baseline, as a share of torque
-            rms. Shape (dof,), or None.
-        fading: How many of the last terms are there for friction to fade with, and
-            are not declared.
-        habits: What a baseline knows of effects that it has not, by candidate's key.
-        usual: Size of the tables that a baseline has, as a share of torque rms; None
-            where it has none. Shape (dof,).
     """
 
     model: Model
     given: tuple[float | None, ...]
-    covariance: Array | None = None
     scale: float | None = None
     widths: Mapping[str, float] | None = None
-    baseline_unexplained: Array | None = None
-    fading: int = 0
-    habits: Mapping[tuple, Sequence] = field(default_factory=dict)
-    usual: Array | None = None
 
     @property
     def declared(self) -> tuple[tuple[Term, float | None], ...]:
         """Terms that the model is said to have, each with what is given of it."""
-        count = len(self.model.terms) - self.fading
-        pairs = zip(self.model.terms[:count], self.given[:count], strict=True)
-        return tuple(pairs)
+        return tuple(zip(self.model.terms, self.given, strict=True))
 
     @property
     def kinds(self) -> dict[str, float]:

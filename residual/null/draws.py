@@ -98,7 +98,7 @@ def loudest(task: Task, base: Fit) -> tuple[float, float]:
         value, big, _ = gain(task.design, task.prior, trial, base)
         if possible(task.design, big, group):
             nats.append(float(value))
-            net.append(float(task.candidates.net(group, value, big)))
+            net.append(float(value - task.candidates.cost(group)))
     return max(nats), max(net)
 
 

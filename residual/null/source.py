@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.baseline.learn import from_baseline
 from residual.diagnosis.examine import examine
 from residual.diagnosis.null_key import Key, key_of
 from residual.diagnosis.task import Rules
@@ -42,7 +41,7 @@ class Source:
         logs: The same, ready.
         nominal: The user's model.
         truth: Its structure with the parameters that the logs show.
-        scale: Relative scale of the rigid part that they show; None for a posterior.
+        scale: Relative scale of the rigid part that they show.
         widths: Relative sd that they show of values given, by the effect's name.
         noise: Autocovariance of the torque's noise at the rows [N^2 m^2]. (lags, dof).
         left: What the fit left of each log, 0 where masked [N m]. Each (m, dof).
@@ -54,7 +53,7 @@ class Source:
     logs: Logs
     nominal: Nominal
     truth: Model
-    scale: float | None
+    scale: float
     widths: Mapping[str, float] | None
     noise: Array
     left: tuple[Array, ...]
@@ -66,7 +65,6 @@ def source(
     robot: Robot,
     recordings: Sequence[Recording],
     declared: Sequence[str] | None = None,
-    baseline: Sequence[Recording] = (),
 ) -> Source:
     """Measure on logs what null recordings of them need: a diagnosis of them.
 
@@ -76,7 +74,6 @@ def source(
         robot: The arm.
         recordings: Logs to diagnose.
         declared: Effects that the model has; None for the robot's own list.
-        baseline: Logs of the arm as commissioned.
     """
     names, filters = declared_names(robot, declared), Filters()
     clock = session_clock(recordings)
@@ -84,10 +81,7 @@ def source(
     # Of long logs the draws are made after seven minutes.
     recordings = sketch_of(recordings)
     logs = prepare_logs(robot, recordings, clock, filters)
-    if baseline:
-        nominal = from_baseline(robot, baseline, names, logs, _quiet)
-    else:
-        nominal = start_nominal(logs, names)
+    nominal = start_nominal(logs, names)
     made = examine(logs, nominal, Rules(), _quiet)
     whole = made.model(made.fit)
     truth = replace(
@@ -146,11 +140,7 @@ def redrawn(source: Source, rng: np.random.Generator) -> Nominal:
     """
     nominal, truth = source.nominal, source.truth
     size = len(truth.inertial)
-    if nominal.covariance is not None:
-        spread = np.linalg.cholesky(_symmetric(nominal.covariance))
-        off = truth.coefficients() + spread @ rng.normal(size=len(spread))
-        return replace(nominal, model=nominal.model.with_coefficients(off))
-    scale = min(source.scale or FARTHEST, FARTHEST)
+    scale = min(source.scale, FARTHEST)
     lower = np.linalg.cholesky(inertial_precision(source.logs.robot) / scale**2)
     parts = [truth.inertial + np.linalg.solve(lower.T, rng.normal(size=size))]
     for term, was, given in zip(
@@ -177,12 +167,6 @@ def _out_of_sight(model: Model, logs: Logs) -> tuple[Standstill, ...]:
         replace(s, size=min(s.size, float(w))) if s.kind == "bristle" else SMOOTH
         for s, w in zip(shapes, way, strict=True)
     )
-
-
-def _symmetric(matrix: Array) -> Array:
-    """A covariance, made safely positive definite."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-18))
-    return (matrix + matrix.T) / 2 + 1e-9 * np.diag(size**2)
 
 
 def _quiet(stage: str, share: float) -> None:

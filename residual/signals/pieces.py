@@ -16,6 +16,7 @@ import numpy as np
 from residual.recording import Recording
 
 LONG = 600.0  # s of logs in all from which on they are cut
+CUTOFF = 8.0  # Hz, of the identification filter; lower for slow logs
 MANY = 300_000  # samples likewise: memory goes with them
 PIECE = 60.0  # s
 FORGETS = 8.0  # periods of the identification filter that are dropped at the ends
@@ -25,7 +26,7 @@ _MULTIPLE = 6
 
 
 def in_pieces(
-    recordings: Sequence[Recording], cutoff: float = 8.0
+    recordings: Sequence[Recording], cutoff: float = CUTOFF
 ) -> tuple[Recording, ...]:
     """Cut the logs, where they are long.
 
@@ -74,12 +75,21 @@ def rows_of(recording: Recording, first: int, last: int) -> Recording:
     return replace(recording, **own)
 
 
-def sketch_of(recordings: Sequence[Recording]) -> Sequence[Recording]:
-    """Return pieces, evenly spread, of long logs; the logs where they are not long."""
-    pieces = in_pieces(recordings)
-    if len(pieces) == len(recordings):
+def sketch_of(
+    recordings: Sequence[Recording], most: float = LONG, kept: float = SKETCH
+) -> Sequence[Recording]:
+    """Return pieces, evenly spread, of long logs; the logs where they are not long.
+
+    Args:
+        recordings: Logs.
+        most: From how many seconds on they are long.
+        kept: Seconds that are kept of them.
+    """
+    long = are_long(recordings) or sum(r.duration for r in recordings) > most
+    if not long:
         return recordings
-    return [pieces[i] for i in spread([r.duration for r in pieces])]
+    pieces = [piece for r in recordings for piece in _pieces(r, CUTOFF)]
+    return [pieces[i] for i in spread([r.duration for r in pieces], most, kept)]
 
 
 def let_go(recording: Recording) -> None:
@@ -107,19 +117,23 @@ def is_cut(seconds: Sequence[float]) -> bool:
     return len(spread(seconds)) < len(seconds)
 
 
-def spread(seconds: Sequence[float]) -> list[int]:
+def spread(
+    seconds: Sequence[float], most: float = LONG, kept: float = SKETCH
+) -> list[int]:
     """Choose pieces, evenly spread, that make seven minutes; of short logs all.
 
     Args:
         seconds: Length of each piece [s].
+        most: From how many seconds in all on a choice is made.
+        kept: How many are chosen.
 
     Returns:
         Their numbers, in order.
     """
     total = float(sum(seconds))
-    if total <= LONG:
+    if total <= most:
         return list(range(len(seconds)))
     middle = np.cumsum(seconds) - 0.5 * np.asarray(seconds)
-    count = max(int(SKETCH / max(seconds)), 1)
+    count = max(int(kept / max(seconds)), 1)
     wanted = (np.arange(count) + 0.5) / count * total
     return sorted({int(np.argmin(np.abs(middle - at))) for at in wanted})

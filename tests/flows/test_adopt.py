@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
+from flows.keep import diagnosis as keep
 from flows.keep.calibration import effects_of
 from flows.keep.diagnosis import read_known, read_models, read_verdict
 from flows.steps.loop.adopt import Adopt, adopt, list_adoptions, roll_back
@@ -180,22 +181,43 @@ def _wrong(model, how):
 def test_a_wrong_correction_is_refused_on_motion_of_another_night(made, how, part):
     store, _, second, id = made
     before = read_models(store, id)["nominal"]
-    model = _wrong(read_known(store, id).model, how)
+    model = _wrong(read_known(store, id), how)
     seen = worth(model, before, [read_run(store, run) for run in second[1]])
     (spring,) = seen.effects
     assert spring.part == pytest.approx(part, abs=0.15)
     assert seen.passed == (how == "right")
 
 
-def test_the_model_is_whole_and_its_posterior_is_one(made):
+def test_the_model_is_whole_and_records_of_before_are_read(made, monkeypatch):
     store, *_, id = made
     known = read_known(store, id)
     augmented = read_models(store, id)["augmented"]
-    size = len(augmented.coefficients())
-    assert np.array_equal(known.model.coefficients(), augmented.coefficients())
-    assert known.covariance.shape == (size, size)
-    assert np.array_equal(known.covariance, known.covariance.T)
-    assert np.linalg.eigvalsh(known.covariance / known.covariance.max()).min() > -1e-9
+    assert np.array_equal(known.coefficients(), augmented.coefficients())
+    record = read_record(store, read_record(store, id)["model_id"])
+    for own in (
+        {**record["known"], "covariance": [1.0], "unexplained": [], "usual": None},
+        None,
+    ):
+        old = {k: v for k, v in record.items() if k != "known"}
+        old |= {"known": own} if own else {}
+        told = {"model_id": "m"} | read_record(store, id)
+        monkeypatch.setattr(
+            keep, "read_record", lambda _, i, o=old, t=told: t if i == id else o
+        )
+        again = read_known(store, id)
+        assert np.array_equal(again.coefficients(), known.coefficients())
+
+
+def test_what_changed_since_needs_the_runs_behind_the_model(made, monkeypatch):
+    store, first, second, id = made
+    with pytest.raises(InputError, match="got none"):
+        diagnosed(store, (first[0] + first[1], second[1]), model=id)
+    ids = list(keep.read_runs(store, id, ("fit", "held_out")))
+    assert ids == [*first[0], *first[1]]
+    gone = "f" * len(ids[0])
+    monkeypatch.setattr(keep, "read_runs", lambda *_: (*ids, gone))
+    with pytest.raises(InputError, match="or give logs of that time with --baseline"):
+        diagnosed(store, second, model=id)
 
 
 def test_the_list_says_which_model_is_in_force(fresh, capsys):

@@ -86,6 +86,8 @@ def test_the_command_says_the_rate_and_writes_the_file(place, monkeypatch, capsy
     assert f"modelgap show {id}" in told
     assert main(["show", id]) == 0
     assert main(["calibrate-null", *words, "--workers", "0"]) == 2
+    assert main(["calibrate-null", *words, "--baseline", wanted.logs[0]]) == 2
+    assert "needs no null" in capsys.readouterr().err
 
 
 def test_a_null_in_a_file_is_the_same_null(place):

@@ -69,7 +69,6 @@ def _nulls() -> list[dict]:
         robot="a" * 64,
         declared=("viscous",),
         candidates=("payload", "spring"),
-        baseline=False,
         clock=True,
         cutoff=8.0,
         duration=20.0,

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from residual.close import close_the_loop
-from residual.diagnosis.baseline.learn import from_baseline
 from residual.diagnosis.examine import Examined, examine
 from residual.diagnosis.findings import Named, findings
 from residual.diagnosis.result import Diagnosis
@@ -164,11 +163,8 @@ def doubts(case: Case, declared=DEFAULT_DECLARED) -> tuple[Examined, list[Named]
     """Search, gate and findings without the proof, which takes as long again."""
     clock = session_clock([*case.fit, *case.held_out])
     logs = prepare_logs(case.robot, case.fit, clock, Filters())
-    if case.baseline:
-        nominal = from_baseline(case.robot, case.baseline, declared, logs, quiet)
-    else:
-        nominal = start_nominal(logs, declared)
-    diagnosis = examine(logs, nominal, Rules(), quiet)
+    assert not case.baseline, "what changed is compared: diagnose_case"
+    diagnosis = examine(logs, start_nominal(logs, declared), Rules(), quiet)
     return diagnosis, findings(diagnosis, diagnosis.fit, diagnosis.tested)
 
 

@@ -137,7 +137,7 @@ def nominal_prior(rng) -> Prior:
     """A prior that is not diagonal."""
     mix = np.eye(NOMINAL) + 0.1 * rng.normal(size=(NOMINAL, NOMINAL))
     precision = 4.0 * mix @ mix.T
-    return Prior(precision, float(np.linalg.slogdet(precision)[1]), 0.03)
+    return Prior(precision, float(np.linalg.slogdet(precision)[1]), 0.03, {})
 
 
 def random_state(rng, rows, slow=0.0) -> State:

@@ -32,13 +32,13 @@ def problem(rng, shape=None, size=0.0, rows=400, noise=NOISE):
     return Problem(logs, build(logs), made.prior)
 
 
-def judge(found, members=(), baseline=None):
+def judge(found, members=()):
     d = found.design
     before, after = (
         fit(d, found.prior, m, d.rows, None, 5) for m in ((), tuple(members))
     )
     tracks = tuple(own for own, _ in found.logs)
-    return adequacy(d, tracks, before, after, baseline)
+    return adequacy(d, tracks, before, after)
 
 
 def slow(state):
@@ -84,14 +84,6 @@ def test_a_name_that_halved_it_clears_a_joint_unless_much_is_left(rng):
         told = judge(found, found.design.add([(LINE, (1,), ())]))
         assert (told.before[1] > 2 * told.structured[1]) == (flagged == ())
         assert told.flagged == flagged
-
-
-def test_what_the_baseline_left_already_is_no_news(rng):
-    found = problem(rng, slow, 1.0)
-    assert judge(found).flagged == (1,)
-    left = judge(found).structured
-    assert judge(found, baseline=left).flagged == ()
-    assert judge(found, baseline=left / 3).flagged == (1,)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from residual.close import close_the_loop
-from residual.diagnosis.habit import Habit
 from residual.evidence.background import Background, usual_background
 from residual.evidence.states import first_design
 from residual.model.nominal import prepare_logs, start_nominal
@@ -139,24 +138,3 @@ def test_a_change_of_a_used_arm_is_the_only_name():
     assert [f.name for f in found.verdict.effects] == ["payload"]
     mass = found.verdict.effects[0].parameters["mass"]
     assert abs(mass.value - 2.0) < 3 * mass.std
-
-
-# -- what a baseline knows already --------------------------------------------------
-
-ONE = np.eye(1)
-
-
-@given(theta=st.floats(0.1, 10), known=st.floats(0.1, 1e3), before=st.floats(1e-3, 1e3))
-def test_the_less_a_baseline_knows_the_less_is_a_change(theta, known, before):
-    def share(covariance, had=0.0):
-        habit = Habit((), 0.0, np.array([had]), covariance * ONE)
-        return habit.share(np.array([theta]), known * ONE, 1e-6 * ONE)
-
-    assert share(0.0) == 1.0
-    assert 0 <= share(10 * before) <= share(before) <= 1
-    assert share(before, had=theta) < 1e-9
-
-
-def test_an_arm_as_its_model_says_is_doubted_by_its_unrest_alone():
-    habit = Habit((), 3.0, np.zeros(1), 0 * ONE)
-    assert habit.share(np.ones(1), 5 * ONE, ONE) == habit.restless == 0.25

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from residual.errors import InputError
 from sim.records import Hidden
 from sim.synthetic.body import scatter
-from tests.residual.arms import arm, doubts, short_case
+from tests.residual.arms import arm, diagnose_case, names, short_case
 
 ROUGH = 0.2
 
@@ -20,10 +21,10 @@ def changed(*hidden, seed):
     """Names of a diagnosis under a rough robot, with their first parameter."""
     case = short_case(arm(), *hidden, seed=seed, baseline=True)
     model = scatter(case.robot.model, ROUGH, np.random.default_rng(seed))
-    _, found = doubts(replace(case, robot=replace(case.robot, model=model)))
+    robot = replace(case.robot, model=model)
     return {
-        (f.effect.name, f.joints): float(next(iter(f.parameters.values()))[0][0])
-        for f in found
+        (f.name, f.joints): next(iter(f.parameters.values())).value
+        for f in diagnose_case(case, robot=robot).effects
     }
 
 
@@ -46,3 +47,48 @@ def test_a_change_is_named_with_its_size(name, joint, values):
 @pytest.mark.parametrize("seed", [61, 62])
 def test_where_nothing_has_changed_nothing_is_named(seed):
     assert changed(seed=seed) == {}
+
+
+# -- since a model was adopted ------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def adopted():
+    """An arm with a spring that its diagnosis found; and logs of it now."""
+    spring = Hidden("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
+    before = short_case(arm(), spring, seed=63, baseline=False)
+    found = diagnose_case(before)
+    assert names(found.verdict) == [("spring", (1,))]
+    grown = Hidden("coulomb", (2,), {"level": 3.0})
+    now = short_case(arm(), spring, grown, seed=63, baseline=False)
+    return found.known, before, now
+
+
+def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted):
+    model, before, now = adopted
+    found = diagnose_case(now, baseline=before.fit, model=model)
+    assert names(found.verdict) == [("coulomb", (2,))]
+    assert "spring" in found.verdict.declared
+    assert {t.effect.name for t in model.terms} <= set(found.verdict.declared)
+
+
+def test_an_adopted_model_comes_with_its_logs_and_without_other_words(adopted):
+    model, before, now = adopted
+    with pytest.raises(InputError, match="without the logs behind it"):
+        diagnose_case(now, model=model)
+    with pytest.raises(InputError, match="Give one of them"):
+        diagnose_case(now, baseline=before.fit, model=model, declared=("viscous",))
+
+
+def test_who_plans_is_shown_the_new_logs_by_themselves(adopted):
+    model, before, now = adopted
+    shown = []
+    diagnose_case(
+        now,
+        baseline=before.fit,
+        model=model,
+        inside=lambda examined, fitted, named: shown.append(examined),
+    )
+    (examined,) = shown
+    assert "spring" in examined.nominal.names
+    assert len(examined.logs.tracks) == len(now.fit)

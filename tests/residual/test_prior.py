@@ -7,14 +7,11 @@ import pytest
 
 from residual.effects import registry
 from residual.evidence.design import Design
-from residual.evidence.fit import fit
 from residual.evidence.priors import (
     ASSUMED,
-    POSTERIOR_FLOOR,
     SCALES,
     forbidden,
     inertial_sd,
-    posterior_of,
     priors,
     relative_prior,
 )
@@ -109,30 +106,11 @@ def test_a_declared_effect_without_value_may_have_all_of_the_torque(rng):
     assert sd * np.sqrt(np.mean(speed**2)) == pytest.approx(design.rms[0], rel=1e-3)
 
 
-def test_every_scale_is_tried_unless_one_is_given_or_a_baseline_settles_it(rng):
+def test_every_scale_is_tried_unless_one_is_given(rng):
     free, fixed = nominal(), nominal(scale=0.05)
-    known = nominal(covariance=1e-4 * np.eye(NOMINAL))
     design = design_of(free, rng)
     assert [p.scale for p in priors(design, free)] == list(SCALES)
     assert [p.scale for p in priors(design, fixed)] == [0.05]
-    assert [p.scale for p in priors(design, known)] == [None]
-
-
-def test_no_baseline_is_believed_better_than_one_per_cent(rng):
-    found = nominal(
-        [term("coulomb", 0, [5.0])], [None], covariance=1e-12 * np.eye(NOMINAL + 1)
-    )
-    (prior,) = priors(design_of(found, rng), found)
-    sd = np.sqrt(np.diag(np.linalg.inv(prior.precision)))
-    np.testing.assert_allclose(sd[:-1], POSTERIOR_FLOOR * inertial_sd(arm()), rtol=1e-3)
-    assert sd[-1] == pytest.approx(POSTERIOR_FLOOR * 5.0, rel=1e-3)
-
-
-def test_the_posterior_of_a_baseline_is_the_covariance_of_its_fit(rng):
-    problem = Problem.draw(rng)
-    d = problem.design
-    fitted = fit(d, problem.prior, (), d.rows)
-    np.testing.assert_array_equal(posterior_of(fitted, 5), fitted.covariance()[:5, :5])
 
 
 # -- may "a parameter is wrong" be said? (DESIGN section 7) ------------------------
@@ -141,30 +119,23 @@ FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "scale", "baseline", "barred"),
+    ("name", "given", "scale", "barred"),
     [
         # Declared without a value: it is free already, there is nothing to blame.
-        ("coulomb", FREE, FINE_SCALE, False, {"coulomb"}),
-        ("coulomb", ASSUMED, FINE_SCALE, False, {"coulomb"}),
+        ("coulomb", FREE, FINE_SCALE, {"coulomb"}),
+        ("coulomb", ASSUMED, FINE_SCALE, {"coulomb"}),
         # Declared with a value: the value may be wrong.
-        ("coulomb", GIVEN, FINE_SCALE, False, set()),
+        ("coulomb", GIVEN, FINE_SCALE, set()),
         # A rough rigid body cannot blame a load.
-        ("coulomb", GIVEN, ROUGH_SCALE, False, {"payload", "link_inertia"}),
-        # Against a baseline: a change.
-        ("coulomb", FREE, None, True, set()),
-        ("payload", FREE, None, True, set()),
+        ("coulomb", GIVEN, ROUGH_SCALE, {"payload", "link_inertia"}),
         # What the model has and is no parameter of a model is not named twice.
-        ("offset", GIVEN, FINE_SCALE, False, {"offset"}),
-        ("offset", FREE, None, True, set()),
+        ("offset", GIVEN, FINE_SCALE, {"offset"}),
     ],
 )
-def test_what_may_not_be_blamed(rng, name, given, scale, baseline, barred):
-    theta = np.zeros(10) if name == "payload" else [1.0]
-    own = term(name, 1, theta)
-    covariance = np.eye(NOMINAL + len(own.theta)) if baseline else None
-    found = nominal([own], [given], covariance=covariance)
+def test_what_may_not_be_blamed(rng, name, given, scale, barred):
+    found = nominal([term(name, 1, [1.0])], [given])
     known = replace(Problem.draw(rng, rows=20).prior, scale=scale)
-    prior = replace(known, widths=None if baseline else found.kinds)
+    prior = replace(known, widths=found.kinds)
     assert forbidden(prior, found) == barred
 
 

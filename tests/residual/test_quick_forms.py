@@ -154,7 +154,7 @@ def test_a_ripple_told_on_six_joints_stays_small():
     logs = make(Plant(robot, (), 4), tuple(plan), 4)
     ready = prepare_logs(robot, logs, None, Filters())
     nominal = start_nominal(ready, ("viscous", "coulomb", "rotor_inertia"))
-    wanted = [pair for pair in oracle._placed(("ripple", (1, 2, 3, 4, 5, 6)), 6)]
+    wanted = [pair for pair in oracle.placed(("ripple", (1, 2, 3, 4, 5, 6)), 6)]
     tracemalloc.start()
     design = oracle.first_design(ready, nominal)
     _, fitted = oracle._best(design, ready, nominal, wanted)

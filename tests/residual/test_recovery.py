@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sim.records import Hidden
+from sim.synthetic.logs import CHANGES
 from tests.residual.arms import (
     Y,
     Z,
@@ -49,7 +50,7 @@ OF_THE_WHOLE = {"coupled_friction", "load_friction", "payload", "torque_gain"}
 THREE = (Z, Y, Y)
 
 
-@pytest.mark.parametrize("effect", sorted(CASES))
+@pytest.mark.parametrize("effect", sorted(set(CASES) - set(CHANGES)))
 def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
     seed, tolerances = CASES[effect]
     robot = bare_irb140() if effect in OF_THE_WHOLE else arm(THREE)
@@ -67,6 +68,18 @@ def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
         truth = case.truth.parameters[key]
         assert value == pytest.approx(truth, rel=share)
         assert 0 <= sd < abs(truth)
+
+
+@pytest.mark.parametrize("effect", CHANGES)
+def test_what_every_drive_has_is_named_where_there_is_more_than_before(effect):
+    seed, tolerances = CASES[effect]
+    case = short_case(arm(THREE), effect, seed=seed, duration=8.0)
+    (finding,) = diagnose_case(case).effects
+    assert (finding.name, finding.joints) == (case.truth.name, case.truth.joints)
+    for key, share in tolerances.items():
+        told, truth = finding.parameters[key], case.truth.parameters[key]
+        assert told.value == pytest.approx(truth, rel=share)
+        assert 0 <= told.std < abs(truth)
 
 
 @pytest.mark.parametrize("seed", [36, 41])
@@ -179,8 +192,9 @@ def test_a_change_against_a_baseline_is_found_and_proved():
     assert level.value == pytest.approx(3.0, abs=4 * level.std + 0.1)
     assert effect.evidence.held_out == "confirmed"
     moving = verdict.error.moving
-    assert moving["augmented"][1] < 0.6 * moving["identified"][1]
-    assert moving["identified"][1] < moving["nominal"][1] + 1
+    assert moving["augmented"][1] < 0.6 * moving["nominal"][1]
+    # As good as the new logs' own fit, of which nobody can say what changed.
+    assert moving["augmented"][1] < moving["identified"][1] + 1
 
 
 def test_without_a_baseline_the_same_change_is_no_news():

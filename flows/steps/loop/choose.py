@@ -184,7 +184,7 @@ def _ended_with(store: Path, model_id: str) -> list[str]:
 
 
 def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:
-    own = keep.read_known(store, diagnosis).model.robot
+    own = keep.read_known(store, diagnosis).robot
     if own.name != robot.name:
         raise InputError(
             f"The model of diagnosis {diagnosis[:8]} is of {own.name}, the robot is "

@@ -56,7 +56,7 @@ def model_of(store: Path, word: str, robot: Robot) -> Whole:
         InputError: If there is none, or it is of another robot.
     """
     if not Path(word).is_file() and find(store, word).kind == "diagnoses":
-        model: Whole = read_known(store, find(store, word).id).model
+        model: Whole = read_known(store, find(store, word).id)
     else:
         model = read_model(store, word)
     own = body_of(model).robot

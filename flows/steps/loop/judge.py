@@ -60,7 +60,7 @@ def judge(store: Path, word: str) -> Judged:
         InputError: If there is no such model.
     """
     id = diagnosis_of(store, word)
-    verdict, model = read_verdict(store, id), read_known(store, id).model
+    verdict, model = read_verdict(store, id), read_known(store, id)
     parent = adopted(store, model.robot.name, model.robot.serial)
     doubts, seen = _of_verdict(verdict), None
     runs = _held_out(store, id)
@@ -108,5 +108,5 @@ def _held_out(store: Path, diagnosis: str) -> tuple[str, ...]:
 
 def _before(store: Path, diagnosis: str, parent: tuple[str, Adoption] | None) -> Model:
     if parent and parent[1].diagnosis_id:
-        return read_known(store, parent[1].diagnosis_id).model
+        return read_known(store, parent[1].diagnosis_id)
     return read_models(store, diagnosis)["nominal"]

@@ -80,7 +80,7 @@ def follow(
     choice = choose(robot, Wanted(model, store, [id for id, _, _ in listed]))
     logs = [read_run(store, id) for id, _, _ in listed]
     if choice.diagnosis:
-        known = read_known(store, choice.diagnosis).model
+        known = read_known(store, choice.diagnosis)
     else:
         known = identify(robot, logs).model
     seen = _seen(robot, logs, known, progress)

@@ -73,7 +73,6 @@ class _State:
     before: Array
     after: Array
     between: Array
-    drawn: bool  # whether the nominal itself is an estimate, of a baseline
 
     @classmethod
     def of(cls, examined: Examined, fitted: Fit) -> "_State":
@@ -89,7 +88,6 @@ class _State:
             before,
             fitted.covariance(),
             between_logs(task.design, fitted),
-            examined.nominal.covariance is not None,
         )
 
 
@@ -103,9 +101,6 @@ def _told(state: _State, asked: _Asked, sure: float) -> Iterator[Change]:
     # Logs that disagree pull a value that its prior holds by less than a free one.
     freed = covariance @ after
     variance = np.diag(covariance + freed @ (a @ state.between @ a.T) @ freed.T)
-    if state.drawn:
-        drawn = asked.slope @ state.before[:p, :p] @ asked.slope.T
-        variance = variance + np.diag(drawn)
     own = asked.slope @ state.theta[:p]  # of the gap what no finding says
     for i, (name, joints, parameter, unit) in enumerate(asked.names):
         sd = float(np.sqrt(variance[i]))
@@ -131,7 +126,7 @@ def _drives(examined: Examined, fitted: Fit) -> list[_Asked]:
     placed = with_slots(terms, len(nominal.model.inertial))
     together: dict[tuple, list] = {}
     for (term, own), width in zip(placed, given, strict=True):
-        if width is not None or nominal.covariance is not None:
+        if width is not None:
             together.setdefault(term.joints, []).append((term, own))
     robot = examined.logs.robot
     return [_of_joint(robot, fitted, terms) for terms in together.values()]

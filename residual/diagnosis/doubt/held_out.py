@@ -21,9 +21,7 @@ SURE = 2.0  # standard errors
 HARM_SURE = 3.0  # the same of a rise, of which any joint may show one
 RISE = 0.02  # of a joint's error: what no name may add
 SMALL = 1e-3  # of a joint's torque: what may be added all the same
-# Of what names cure, that they may cost elsewhere; and the same of changes since a
-# baseline, where the drift of friction is common to all joints and moves a little.
-PRICE, PRICE_KNOWN = 0.02, 0.1
+PRICE = 0.02  # of what names cure, that they may cost elsewhere
 ROUND = 3  # gains are compared to 0.1 %
 
 
@@ -130,10 +128,8 @@ def _worst(after: Array, before: Array, power: Array) -> tuple[float, slice, str
 
 def _pays(examined: Examined, after: Array, before: Array) -> bool:
     """Whether what names cost some joints is next to nothing beside what they cure."""
-    known = examined.nominal.covariance is not None
-    price = PRICE_KNOWN if known else PRICE
     change = (after - before).sum(axis=0) / examined.task.design.rms**2
-    return bool(np.maximum(change, 0).sum() < price * np.maximum(-change, 0).sum())
+    return bool(np.maximum(change, 0).sum() < PRICE * np.maximum(-change, 0).sum())
 
 
 def _logged(power: Array) -> Array:

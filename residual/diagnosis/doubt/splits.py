@@ -64,9 +64,8 @@ def _wins(task: Task, fitted: Fit, group: Group) -> bool:
     rest = [g for g in fitted.members if g is not group]
     without = task.settle(task.fit(rest, fitted))
     value, big, small = gain(task.design, task.prior, fitted, without)
-    counted = task.candidates.net(group, value, big)
     own = value - task.candidates.cost(group)
-    if counted < task.rules.threshold or not admissible(task, group, value, big, small):
+    if own < task.rules.threshold or not admissible(task, group, value, big, small):
         return False
     rivals = best(task, without, instead=group)
     family = group.effect.family

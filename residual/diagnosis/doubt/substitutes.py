@@ -51,7 +51,7 @@ def _is_more(
     names = [t.group for t, _ in judged.kept if t is not one]
     without = task.settle(task.fit((*names, *fallen), judged.fit))
     with_it = task.settle(task.fit((*names, *fallen, one.group), judged.fit))
-    return task.net_change(with_it, without, one.group) >= task.rules.threshold
+    return task.net_gain(with_it, without, one.group) >= task.rules.threshold
 
 
 def _is_proven(

@@ -5,15 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.baseline.drift import LOOSE, change_of_each
 from residual.errors import InputError
+from residual.evidence.design import LAGS
+from residual.evidence.fit import autocorrelation_time
 from residual.model.model import Model
-from residual.model.nominal import GIVEN, Nominal, prepare_logs
+from residual.model.nominal import prepare_logs
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.track import Filters
-
-HELD = 1e-12  # variance of all that is not friction, relative to its own size
+from residual.signals.track import Filters, Track
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -67,8 +66,33 @@ def friction_of_each(
 def _of_one(robot: Robot, recording: Recording, model: Model) -> LogFriction:
     logs = prepare_logs(robot, [recording], None, Filters())
     now = replace(model, speed_floor=logs.speed_floor)
-    size = np.abs(now.coefficients())
-    held = np.diag(HELD * np.maximum(size, 1e-9) ** 2)
-    nominal = Nominal(now, (GIVEN,) * len(now.terms), covariance=held)
-    change, sd = change_of_each(nominal, logs, LOOSE)
+    seen = [_seen(now, track) for track in logs.tracks]
+    change, sd = np.full((2, robot.dof), np.nan)
+    for j in range(robot.dof):
+        friction, left = (np.concatenate(x)[:, j] for x in zip(*seen, strict=True))
+        power = float(friction @ friction)
+        if power > 0:
+            change[j] = friction @ left / power
+            left = left - change[j] * friction
+            rows = sum(int(t.moving[:, j].sum()) for t in logs.tracks)
+            slow = max(autocorrelation_time(left), 1.0)
+            sd[j] = np.sqrt(slow * (left @ left) / rows / power)
     return LogFriction(recording.id, change, sd)
+
+
+def _seen(model: Model, track: Track) -> tuple[Array, Array]:
+    """Friction torque of the model on the rows of a log, and what it leaves [N m].
+
+    Both 0 where a joint does not move, and on more rows than noise remembers behind the
+    log. Shapes (rows + LAGS, dof).
+    """
+    state = model.observe(track)
+    friction = np.zeros_like(track.q)
+    for term in (*model.terms, *model.tables):
+        if term.effect.brakes:
+            term.add_to(friction, state)
+    left = track.tau - track.filter(model.torque_seen(state))
+    behind = np.zeros((LAGS, track.tau.shape[1]))
+    parts = (track.filter(friction) * track.moving, left * track.moving)
+    friction, left = (np.concatenate([part, behind]) for part in parts)
+    return friction, left

@@ -1,0 +1,1 @@
+"""What changed between two epochs of an arm: cases, sizes, methods and bars."""

@@ -1,0 +1,191 @@
+"""A known change in a measured log, by formulas of their own.
+
+None of these is a formula of the program or of its simulated arms; signs and keys are
+those of the vocabulary, so that a truth can be held beside a verdict. What changes an
+angle changes what the encoder reads, not the motion: its torque was measured.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.changes_parts.size import smooth
+from residual.recording import Recording
+from residual.robot.dynamics import flange_placement, regressor
+from residual.robot.robot import Robot
+
+Array = np.ndarray
+Values = Mapping[str, float]
+
+_TURN = 0.012  # rad/s: over which dry friction turns round
+_FLOOR = 0.15  # of a joint's torque, below which teeth are never pressed
+_STEEL = 7850.0  # kg/m^3
+_SIDE = 0.05  # of a joint's torque, over which a gear goes through its play
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Body:
+    """What one arm's own logs say of it: a plain least-squares fit.
+
+    Attributes:
+        robot: The arm.
+        theta: Inertial parameters, ten a link. Shape (10 dof,).
+        coulomb: Dry friction [N m]. Shape (dof,).
+        viscous: Viscous friction [N m s/rad]. Shape (dof,).
+        torque: RMS of the torque [N m]. Shape (dof,).
+    """
+
+    robot: Robot
+    theta: Array
+    coulomb: Array
+    viscous: Array
+    torque: Array
+
+    def rigid(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the torque of its rigid body [N m]. Shape (n, dof)."""
+        return regressor(self.robot.model, q, qd, qdd) @ self.theta
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class State:
+    """One log at its own samples, what is differentiated low-pass filtered.
+
+    Attributes:
+        log: The log.
+        q: Angles [rad], as all others of shape (n, dof).
+        qd: Speeds [rad/s].
+        qdd: Accelerations [rad/s^2].
+        tau: Torque [N m].
+        load: Torque of the rigid body [N m].
+        body: The arm.
+    """
+
+    log: Recording
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    load: Array
+    body: Body
+
+
+def state(log: Recording, body: Body) -> State:
+    """Return a log as the formulas need it."""
+    even = smooth(log)
+
+    def back(values: Array) -> Array:
+        return np.column_stack([np.interp(log.t, even.t, x) for x in values.T])
+
+    motion = [back(each) for each in (even.q, even.qd, even.qdd)]
+    return State(log, *motion, back(even.tau), body.rigid(*motion), body)
+
+
+def changed(at: State, name: str, joints: Sequence[int], values: Values) -> Recording:
+    """Return a log with a change added to it.
+
+    Args:
+        at: The log.
+        name: Which change.
+        joints: Its joint, from 1; () for one of the whole arm.
+        values: Its parameters, SI.
+    """
+    if name in WHOLE:
+        return replace(at.log, tau=WHOLE[name](at, values))
+    (joint,) = joints
+    of_torque = name in TORQUE
+    column = (TORQUE if of_torque else ANGLE)[name](at, joint - 1, values)
+    out = (at.log.tau if of_torque else at.log.q).copy()
+    out[:, joint - 1] += column
+    return replace(at.log, tau=out) if of_torque else replace(at.log, q=out)
+
+
+def _way(at: State, j: int) -> Array:
+    """Return the direction of motion, -1 to 1. Shape (n,)."""
+    return at.qd[:, j] / np.hypot(at.qd[:, j], _TURN)
+
+
+def _load_friction(at: State, j: int, p: Values) -> Array:
+    pressed = np.hypot(at.load[:, j], _FLOOR * at.body.torque[j])
+    return p["coefficient"] * pressed * _way(at, j)
+
+
+def _ripple(at: State, j: int, p: Values) -> Array:
+    return p["amplitude"] * np.sin(p["order"] * at.q[:, j] + p["phase"])
+
+
+def _stribeck(at: State, j: int, p: Values) -> Array:
+    fading = np.exp(-((at.qd[:, j] / p["velocity"]) ** 2))
+    return p["level"] * fading * _way(at, j)
+
+
+def _backlash(at: State, j: int, p: Values) -> Array:
+    side = at.load[:, j] / np.hypot(at.load[:, j], _SIDE * at.body.torque[j])
+    return p["half_gap"] * side
+
+
+def _eccentricity(at: State, j: int, p: Values) -> Array:
+    x = at.log.q[:, j]
+    return -p["cos"] * np.cos(x) - p["sin"] * np.sin(x)
+
+
+def _payload(at: State, p: Values) -> Array:
+    """A steel ball, its centre given in the frame of the flange."""
+    radius = (3 * p["mass"] / (4 * np.pi * _STEEL)) ** (1 / 3)
+    own = 0.4 * p["mass"] * radius**2 * np.eye(3)
+    centre = np.array([p["com_x"], p["com_y"], p["com_z"]])
+    model = at.body.robot.model
+    ball = flange_placement(model).act(pin.Inertia(p["mass"], centre, own))
+    columns = regressor(model, at.q, at.qd, at.qdd)[:, :, -10:]
+    return at.log.tau + columns @ ball.toDynamicParameters()
+
+
+def _base_tilt(at: State, p: Values) -> Array:
+    """What weight becomes when |g| (tilt_x, tilt_y, 0) is added to gravity."""
+    model = at.body.robot.model
+    upright = model.gravity.linear
+    leaning = upright + np.linalg.norm(upright) * np.array(
+        [p["tilt_x"], p["tilt_y"], 0.0]
+    )
+    leaning *= np.linalg.norm(upright) / np.linalg.norm(leaning)
+    still = np.zeros_like(at.q)
+    weight = []
+    for field in (leaning, upright):
+        other = pin.Model(model)
+        other.gravity.linear = field
+        weight.append(regressor(other, at.q, still, still) @ at.body.theta)
+    return at.log.tau + weight[0] - weight[1]
+
+
+def _delay(at: State, p: Values) -> Array:
+    t = at.log.t
+    late = [np.interp(t - p["delay"], t, column) for column in at.log.tau.T]
+    return np.column_stack(late)
+
+
+TORQUE: Mapping[str, Callable[[State, int, Values], Array]] = {
+    "offset": lambda at, j, p: np.full(len(at.q), p["torque"]),
+    "coulomb": lambda at, j, p: p["level"] * _way(at, j),
+    "viscous": lambda at, j, p: p["coefficient"] * at.qd[:, j],
+    "spring": lambda at, j, p: p["stiffness"] * (at.q[:, j] - p["rest"]),
+    "load_friction": _load_friction,
+    "torque_gain": lambda at, j, p: p["gain"] * at.log.tau[:, j],
+    "ripple": _ripple,
+    "stribeck": _stribeck,
+    "coulomb_asymmetry": lambda at, j, p: p["level"] * np.abs(_way(at, j)),
+    "quadratic_viscous": lambda at, j, p: (
+        p["coefficient"] * at.qd[:, j] * np.abs(at.qd[:, j])
+    ),
+}
+ANGLE: Mapping[str, Callable[[State, int, Values], Array]] = {
+    "elasticity": lambda at, j, p: at.tau[:, j] / p["stiffness"],
+    "backlash": _backlash,
+    "encoder_offset": lambda at, j, p: np.full(len(at.q), -p["angle"]),
+    "encoder_eccentricity": _eccentricity,
+}
+WHOLE: Mapping[str, Callable[[State, Values], Array]] = {
+    "payload": _payload,
+    "base_tilt": _base_tilt,
+    "delay": _delay,
+}

@@ -1,0 +1,218 @@
+"""Simulated arms in use, recorded over two sessions with or without a change.
+
+One seed makes the arm, with its background; every motion has a seed of its own, and
+so has the noise. So the same motion may come again in another session.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.changes_parts.case import Case, Part
+from benchmarks.check_parts.arms import others, seven
+from residual.recording import Recording
+from residual.robot.robot import Robot, load_robot
+from sim.background.draw import Background
+from sim.background.laws import thinned
+from sim.background.torque import logged
+from sim.plant import tables as at
+from sim.plant.arm import build_arm
+from sim.plant.controller import ComputedTorque
+from sim.plant.stepping import simulate
+from sim.plant.thermal import AMBIENT, RISE
+from sim.records import (
+    Drives,
+    Hidden,
+    Noise,
+    PlantEffect,
+    PlantSpec,
+    Rates,
+    Reference,
+    TrajectorySpec,
+)
+from sim.sensors import log_of
+from sim.streams import motion_label, stream
+from sim.synthetic.motion import make_motion
+from sim.synthetic.plant import (
+    Plant,
+    background_of,
+    true_friction,
+    true_model,
+    true_torque,
+)
+from sim.synthetic.room import room
+from sim.synthetic.sensors import encoder, torque_noise
+from sim.synthetic.sizes import sizes
+from sim.trajectories import make_reference
+
+Array = np.ndarray
+Effects = Sequence[PlantEffect]
+
+ENGINE = "pybullet"
+BUILT_IN, SEVEN, OTHER_SEVEN = "irb140", "seven", "seven-0"
+SIX = (BUILT_IN, "other-0", "other-1", "other-2")
+ARMS = (ENGINE, *SIX, SEVEN, OTHER_SEVEN)
+RATE, CONTROL = 250.0, 1000.0  # Hz
+FIRST, SECOND = "first", "second"
+
+_PAUSE = 10.0  # s
+_LATER = 86400.0  # s from the first session to the second
+_MOVES = 0.05  # rad/s
+# The engine names its noise by motion and time: another time is another noise.
+_SHIFT = 1e-3  # s
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Truly:
+    """What an arm truly is, without what changed.
+
+    Attributes:
+        model: Its rigid body.
+        drives: Its friction and rotors.
+        background: What all its joints have undeclared, None if it is clean.
+        reported: Reported torque over real torque. Shape (dof,).
+    """
+
+    model: pin.Model
+    drives: Drives
+    background: Background | None
+    reported: Array
+
+
+@lru_cache(maxsize=8)
+def robot_of(arm: str) -> Robot:
+    """Return the description of one of ARMS."""
+    if arm in (ENGINE, BUILT_IN):
+        return load_robot("irb140")
+    if arm == SEVEN:
+        return seven()
+    kind, _, number = arm.partition("-")
+    return others(7 if kind == SEVEN else 6)[int(number)]
+
+
+def truly(case: Case) -> Truly:
+    """Return what the arm of a case truly is."""
+    robot = robot_of(case.arm)
+    if case.arm == ENGINE:
+        arm = build_arm(robot, _spec(case, (), 0.0, True))
+        model, drives, own = arm.model, arm.base, arm.own
+    else:
+        plant = Plant(robot, (), case.plant, case.background)
+        friction, own = true_friction(plant), background_of(plant)
+        model = true_model(plant)
+        drives = Drives(friction.coulomb, friction.viscous, friction.rotor)
+    gain = np.zeros(robot.dof) if own is None else own.gain
+    return Truly(model, drives, own, 1.0 + gain)
+
+
+def record(
+    case: Case, epoch: str, effects: Effects, exact: bool = False
+) -> tuple[Recording, ...]:
+    """Record all logs of one epoch, of the second with its held-out one.
+
+    Args:
+        case: Which arm and motions.
+        epoch: FIRST or SECOND.
+        effects: What the arm has there.
+        exact: Whether the sensors add nothing.
+    """
+    return tuple(log for log, _ in _records(case, epoch, effects, exact))
+
+
+def warmed(case: Case) -> float | None:
+    """Return friction of the second epoch over that of the first, by warmth alone."""
+    factors = []
+    for epoch in (FIRST, SECOND):
+        found = [factor for _, factor in _records(case, epoch, (), True)]
+        if any(f is None for f in found):
+            return None
+        factors.append(np.mean(found, axis=0))
+    return float(np.mean(factors[1] / factors[0]))
+
+
+def _records(
+    case: Case, epoch: str, effects: Effects, exact: bool
+) -> Iterator[tuple[Recording, Array | None]]:
+    """Yield every log, with friction over cold friction where it moves, by joint."""
+    one = _in_engine if case.arm == ENGINE else _synthetic
+    first = epoch == FIRST
+    parts = case.first if first else (*case.second, *case.held_out)
+    start, later = 0.0, 0.0 if first else _LATER
+    for place, part in enumerate(parts):
+        label = f"{epoch}_{place}_{part.what}"
+        log, factor = one(case, part, effects, label, start, exact)
+        yield replace(log, id=label, t=later + log.t), factor
+        start += part.duration + _PAUSE
+
+
+def _synthetic(
+    case: Case, part: Part, effects: Effects, label: str, start: float, exact: bool
+) -> tuple[Recording, Array | None]:
+    robot = robot_of(case.arm)
+    hidden = tuple(Hidden(e.name, e.joints, dict(e.parameters)) for e in effects)
+    plant = Plant(robot, hidden, case.plant, case.background)
+    motion = make_motion(
+        part.what, room(robot), part.duration, RATE, stream(part.seed, "motion")
+    )
+    worked = _worked(case, label) + start
+    torque = true_torque(plant, motion, label, start, True, worked)
+    tau, q = torque.tau, torque.reading
+    if not exact:
+        rng = stream(case.noise, f"torque/{label}")
+        tau = tau + torque_noise(len(motion.t), sizes(robot).torque, RATE, rng)
+        q = encoder(q, stream(case.noise, f"encoder/{label}"))
+    tau = logged(background_of(plant), tau, RATE)
+    log = Recording(label, robot.name, start + motion.t, q, tau)
+    if torque.background is None:
+        return log, None
+    return log, _where_it_moves(torque.background.factor, motion.qd)
+
+
+def _in_engine(
+    case: Case, part: Part, effects: Effects, label: str, start: float, exact: bool
+) -> tuple[Recording, Array | None]:
+    """As `sim.experiment.run_experiment`, without the twin that nobody asks for."""
+    robot, rates = robot_of(case.arm), Rates(CONTROL, RATE)
+    reference = _reference(TrajectorySpec(part.what, part.duration, 2, part.seed))
+    start += _SHIFT * (case.noise % 1000) + (0.0 if label.startswith(FIRST) else 1.0)
+    spec = _spec(case, effects, _worked(case, label), exact)
+    arm, name = build_arm(robot, spec), motion_label(reference, start)
+    controller = ComputedTorque(robot, reference)
+    trace = simulate(arm, reference, controller, name, start, spec.seed)
+    noise = (spec.noise, spec.seed, name, start)
+    log = log_of(robot, trace, reference, spec.effects, noise, rates)
+    log = replace(log, tau=logged(arm.own, log.tau, RATE))
+    if arm.own is None:
+        return log, None
+    every = round(CONTROL / RATE)
+    warm = (trace.rows[::every, at.TEMPERATURE] - AMBIENT) / RISE
+    speed = trace.rows[::every, at.QD]
+    return log, _where_it_moves(thinned(warm, arm.own.growth), speed)
+
+
+def _spec(case: Case, effects: Effects, worked: float, exact: bool) -> PlantSpec:
+    return PlantSpec(
+        tuple(effects),
+        noise=Noise(0.0, 0.0) if exact else Noise(),
+        seed=case.plant,
+        background=case.background,
+        worked_before=worked,
+    )
+
+
+def _worked(case: Case, label: str) -> float:
+    return case.worked[0 if label.startswith(FIRST) else 1]
+
+
+@lru_cache(maxsize=32)
+def _reference(spec: TrajectorySpec) -> Reference:
+    return make_reference(robot_of(ENGINE), spec, CONTROL)
+
+
+def _where_it_moves(factor: Array, qd: Array) -> Array:
+    """Return the mean of a factor by joint, where friction shows. Shape (dof,)."""
+    weight = (np.abs(qd) > _MOVES) + 1e-9
+    return (factor * weight).sum(axis=0) / weight.sum(axis=0)

@@ -1,0 +1,217 @@
+"""Ask a method what changed, and write down what came of it as a row."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import process_time
+from typing import Any
+
+from benchmarks.changes_parts import arms, peer, real
+from benchmarks.changes_parts.case import EDGE, Case, Made, Truth
+from benchmarks.changes_parts.judge import Answer, Place, Said, judged
+from benchmarks.changes_parts.make import make
+from benchmarks.changes_parts.plant import times
+from benchmarks.seeded import guarded
+from residual.close import close_the_loop
+from residual.errors import ModelgapError
+from sim.catalogue import amount, stated
+
+PRODUCT, PEER = "product", "peer"
+METHODS = (PRODUCT, PEER)
+BENCH = "bench"
+
+# Of what the peer names: the parameter that its first coefficient is.
+_FIRST = {
+    "offset": "torque",
+    "coulomb": "level",
+    "viscous": "coefficient",
+    "spring": "stiffness",
+    "load_friction": "coefficient",
+    "torque_gain": "gain",
+    "payload": "mass",
+    "delay": "delay",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One case for one method.
+
+    Attributes:
+        case: The case.
+        method: One of METHODS, or BENCH: what the product would see of that arm,
+            unchanged.
+        minimum: Of a case of EDGE what the bench said, by place.
+    """
+
+    case: Case
+    method: str
+    minimum: tuple[tuple[Place, float | None], ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Key of its row."""
+        return f"{self.method} {self.case.name}"
+
+
+def run(job: Job) -> dict:
+    """Do one job; a crash is a row like any other, and says nothing.
+
+    Returns:
+        A row, as JSON has it.
+    """
+    return guarded(nothing(job), lambda: {**_about(job), **_row(job)})
+
+
+def nothing(job: Job) -> dict:
+    """Return the row of a method that says nothing, as of one that crashed."""
+    return {**_about(job), **judged(_truths(job.case), Answer((), (), 0.0))}
+
+
+def _about(job: Job) -> dict:
+    case = job.case
+    return {
+        "method": job.method,
+        "group": case.group,
+        "seed": case.seed,
+        "index": case.index,
+        "arm": case.arm,
+        "background": case.background,
+        "target": case.target,
+        "effect": case.planted[0].name if case.planted else "",
+    }
+
+
+def _row(job: Job) -> dict:
+    case = job.case
+    if job.method == BENCH:
+        case = replace(case, planted=(), noise=(case.noise + 1) % 2**31)
+        answer = ask_product(make(case))
+        return {"minimum": [[list(p), v] for p, v in answer.minimum]}
+    if case.group == EDGE:
+        sized = _at_the_edge(case, job.minimum)
+        if sized is None:
+            return {"unsized": True, **judged(_truths(case), Answer((), (), 0.0))}
+        case = sized
+    made = make(case)
+    try:
+        answer = _ASK[job.method](made)
+    except ModelgapError as refusal:
+        # A log that is too short is refused: that is no crash, and no answer either.
+        refused = {"refused": f"{type(refusal).__name__}: {refusal}"}
+        return refused | judged(made.truth, Answer((), (), 0.0))
+    row = judged(made.truth, answer)
+    planted = [[t.size, dict(t.parameters)] for t in made.truth]
+    return row | {"planted": planted, "true_factor": made.factor}
+
+
+def ask_product(made: Made) -> Answer:
+    """Ask this program."""
+    begun = process_time()
+    found = close_the_loop(
+        made.robot, made.second, baseline=made.first, held_out=made.held_out
+    )
+    seconds, verdict = process_time() - begun, found.verdict
+    drift = verdict.drift
+    return Answer(
+        said=tuple(said for each in verdict.effects for said in _said(each)),
+        flagged=tuple(verdict.unexplained.joints),
+        seconds=seconds,
+        nats=verdict.effects[0].evidence.nats if verdict.effects else None,
+        factor=None if drift is None else (float(drift.factor), float(drift.std)),
+        minimum=tuple(
+            ((d.name, tuple(sorted(d.joints))), d.value)
+            for d in verdict.minimum_detectable
+        ),
+    )
+
+
+def ask_peer(made: Made) -> Answer:
+    """Ask the peer, which names one thing at most."""
+    begun = process_time()
+    found, _ = peer.changes(made.robot.model, made.first, made.second)
+    seconds = process_time() - begun
+    best = next((change for change in found if change.found), None)
+    if best is None:
+        return Answer((), (), seconds)
+    joints = (best.joint,) if best.joint else ()
+    if best.name == "payload":
+        joints = (made.robot.dof,)
+    values = {}
+    if best.name in _FIRST:
+        # A load's deviations are those of combinations of its parameters.
+        std = None if best.name == "payload" else float(best.deviation[0])
+        values[_FIRST[best.name]] = (float(best.estimate[0]), std)
+    said = Said((best.name, joints), (), values)
+    return Answer((said,), (), seconds, float(best.evidence))
+
+
+def _said(finding: Any) -> list[Said]:
+    """Return a finding as names at one place each: of several joints one a joint."""
+    joints = tuple(sorted(finding.joints))
+    alike = tuple((e.name, tuple(sorted(e.joints))) for e in finding.equivalent)
+    known = finding.parameters
+    if len(joints) < 2 or not any(isinstance(p.value, tuple) for p in known.values()):
+        values = {key: p.pairs[0] for key, p in known.items()}
+        return [Said((finding.name, joints), alike, values)]
+    out = []
+    for place, joint in enumerate(finding.joints):
+        values = {
+            key: p.pairs[place if len(p.pairs) > 1 else 0] for key, p in known.items()
+        }
+        near = tuple((name, (joint,)) for name, _ in alike)
+        out.append(Said((finding.name, (joint,)), near, values))
+    return out
+
+
+def _truths(case: Case) -> tuple[Truth, ...]:
+    """Return what a case hides, for a row without logs."""
+    return tuple(
+        Truth(p.name, tuple(sorted(p.joints)), dict(p.parameters), p.size)
+        for p in case.planted
+    )
+
+
+def _at_the_edge(
+    case: Case, minimum: Sequence[tuple[Place, float | None]]
+) -> Case | None:
+    """Return a case whose change is as large as half would be seen of.
+
+    None where the program says no size of it.
+    """
+    one = case.planted[0]
+    place = (one.name, tuple(sorted(one.joints)))
+    least = next((v for p, v in minimum if p == place and v is not None), None)
+    values = dict(one.parameters)
+    usual = amount(one.name, values)
+    if least is None or not usual:
+        return None
+    factor = stated(one.name, float(least)) / usual
+    many = tuple(sorted(times(one.name, values, factor).items()))
+    return replace(case, planted=(replace(one, parameters=many),))
+
+
+def words(row: Mapping) -> str:
+    """Return what is printed of a row."""
+    if "minimum" in row:
+        return f"{len(row['minimum'])} sizes"
+    if "refused" in row:
+        return row["refused"][:80]
+    names = "; ".join(f"{n} {j}" for n, j in row["names"]) or "nothing"
+    hidden = " + ".join(f"{n} {j}" for n, j in row["truth"]) or "nothing"
+    mark = "right" if row["right_first"] else "-"
+    if not row["truth"]:
+        mark = "named" if row["names"] else "silent"
+    flags = f" flagged {row['flagged']}" if row["flagged"] else ""
+    return f"{mark}: {hidden} -> {names}{flags} ({row['seconds']:.1f} s)"
+
+
+def joints_of(arm: str) -> int:
+    """Return how many joints an arm has."""
+    robot_of = real.robot_of if arm in real.ARMS else arms.robot_of
+    return robot_of(arm).dof
+
+
+_ASK: Mapping[str, Callable[[Made], Answer]] = {
+    PRODUCT: ask_product,
+    PEER: ask_peer,
+}

@@ -1,0 +1,158 @@
+"""The records of a case: what is listed of it, and the logs that it becomes."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+from residual.recording import Recording
+from residual.robot.robot import Robot
+
+SIZES = (0.10, 0.05, 0.025)
+
+# Groups of simulated arms, then of measured ones.
+UNCHANGED, CHANGE, PAIRS, UNNAMED = "unchanged", "change", "pairs", "unnamed"
+DRIFT, EDGE = "drift", "edge"
+SIMULATED = (UNCHANGED, CHANGE, PAIRS, UNNAMED, DRIFT, EDGE)
+REAL_UNCHANGED, REAL_CHANGE, LOAD = "measured_unchanged", "measured_change", "load"
+MEASURED = (REAL_UNCHANGED, REAL_CHANGE, LOAD)
+GROUPS = (*SIMULATED, *MEASURED)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One log of an epoch.
+
+    Attributes:
+        what: Family of the motion; of a measured log its file.
+        seed: Seed of the motion; 0 of a measured log.
+        start: Where in the file it begins [s]; 0 of a simulated log.
+        duration: Its length [s].
+    """
+
+    what: str
+    seed: int
+    start: float
+    duration: float
+
+
+@dataclass(frozen=True, slots=True)
+class Planted:
+    """One change.
+
+    Attributes:
+        name: Its name in the vocabulary; ``x_...`` outside of it.
+        joints: Its joints, from 1; () for one of the whole arm.
+        parameters: Name and value of each parameter, SI.
+        size: RMS of its torque over RMS of the joint's; 0 where that is not known.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    parameters: tuple[tuple[str, float], ...]
+    size: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One arm in two epochs, as the list has it.
+
+    Attributes:
+        group: One of GROUPS.
+        seed: Seed of the draw.
+        index: Its number among the cases of this seed, group and size.
+        arm: Which arm (`arms.ARMS`, `real.ARMS`).
+        background: How dirty it is; "" of a measured arm.
+        plant: Seed of what makes this arm differ from its description.
+        noise: Seed of the noise.
+        worked: Usual work before each session [s].
+        first: Logs of the first epoch.
+        second: Logs of the second epoch.
+        held_out: A further log of the second epoch; none of a measured arm.
+        planted: What changed.
+        target: Size asked for; 0 where none was.
+    """
+
+    group: str
+    seed: int
+    index: int
+    arm: str
+    background: str
+    plant: int
+    noise: int
+    worked: tuple[float, float]
+    first: tuple[Part, ...]
+    second: tuple[Part, ...]
+    held_out: tuple[Part, ...] = ()
+    planted: tuple[Planted, ...] = ()
+    target: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Key of its result: without what was drawn, since the seed decides that."""
+        size = f" {self.target:g}" if self.target else ""
+        changed = "".join(f" {p.name} {list(p.joints)}" for p in self.planted)
+        if self.group in (REAL_UNCHANGED, LOAD):
+            epochs = ("+".join(p.what for p in e) for e in (self.first, self.second))
+            return f"{self.group} {self.arm} {' -> '.join(epochs)} {self.index}"
+        return f"{self.group}{size} {self.seed}/{self.index} {self.arm}{changed}"
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What changed, as a verdict ought to say it.
+
+    Attributes:
+        name: Effect.
+        joints: Its joints from 1, in order; of a load the last, () for the whole arm.
+        parameters: Its parameters, in the torque that the drives report.
+        size: RMS of its torque over RMS of the joint's.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    parameters: Mapping[str, float]
+    size: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Made:
+    """The logs of a case, with the truth beside them.
+
+    Attributes:
+        robot: The arm as its description has it.
+        first: Logs of the first epoch, the baseline.
+        second: Logs of the second epoch.
+        held_out: A further log of the second epoch; () to let the method cut one.
+        truth: What changed, one entry a change.
+        factor: Friction of the second epoch over that of the first, by warmth alone,
+            over all joints; None where nothing warms or nobody knows.
+    """
+
+    robot: Robot
+    first: tuple[Recording, ...]
+    second: tuple[Recording, ...]
+    held_out: tuple[Recording, ...]
+    truth: tuple[Truth, ...]
+    factor: float | None = None
+
+
+def as_json(case: Case) -> dict:
+    """Return a case as JSON has it."""
+    return asdict(case)
+
+
+def from_json(record: Mapping) -> Case:
+    """Return the case of a record of `as_json`, through JSON or not."""
+    rest = dict(record)
+    for key in ("first", "second", "held_out"):
+        rest[key] = tuple(Part(**part) for part in rest[key])
+    rest["worked"] = tuple(rest["worked"])
+    rest["planted"] = tuple(
+        Planted(
+            p["name"],
+            tuple(p["joints"]),
+            tuple((key, value) for key, value in p["parameters"]),
+            p["size"],
+        )
+        for p in rest["planted"]
+    )
+    return Case(**rest)

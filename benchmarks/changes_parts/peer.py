@@ -1,0 +1,385 @@
+"""The peer: one plain regression of both epochs, candidates side by side, no search.
+
+What an arm has in both epochs (inertia, friction by speed, load and angle, waves) is
+fitted together; a candidate counts only times 1[second epoch]. Its covariance is
+clustered in blocks of time and widened, joint by joint, by how much single logs of the
+first epoch differ from each other. It knows ten effects and looks for one at a time.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from scipy.signal import butter, sosfiltfilt
+
+from residual.recording import Recording
+from residual.robot.dynamics import (
+    PER_LINK,
+    gravity_torque,
+    inertial_parameters,
+    regressor,
+)
+
+Array = np.ndarray
+
+THRESHOLD, LEAST_SHARE = 12.0, 0.02  # nats; of the torque's RMS
+_RATE, _CUTOFF, _BLOCK = 25.0, 8.0, 2.0  # Hz, Hz, s
+_EDGE = 0.6  # s at each end of a log
+_G = 9.81
+_ORDERS = np.arange(6.0, 42.0, 0.5)  # waves per turn that are tried
+# Columns of a joint that are candidates of their own.
+_LOCAL = ("offset", "coulomb", "viscous", "spring", "load_friction", "torque_gain")
+_GAIN = _LOCAL.index("torque_gain")
+_SHARED = ("payload", "base_tilt", "delay")
+EFFECTS = frozenset({*_LOCAL, "ripple", *_SHARED})
+# What single logs differ by where there are too few to tell.
+_UNTESTED = 4.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Change:
+    """One candidate.
+
+    Attributes:
+        evidence: How much likelier the logs are with it [nats].
+        name: Effect.
+        joint: Its joint from 1; 0 for one of the whole arm.
+        estimate: Its coefficients. Shape (k,).
+        deviation: Their standard deviations. Shape (k,), of a load fewer.
+        share: RMS of its torque over that of the joint, where it is largest.
+    """
+
+    evidence: float
+    name: str
+    joint: int
+    estimate: Array
+    deviation: Array
+    share: float
+
+    @property
+    def found(self) -> bool:
+        """Whether it is large and sure enough to be named."""
+        return self.evidence >= THRESHOLD and self.share >= LEAST_SHARE
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Log:
+    """One log, filtered, at few rows a second; m rows.
+
+    Attributes:
+        common: What each joint has in both epochs. dof of shape (m, p).
+        tau: Torque. Shape (m, dof).
+        local: Candidates of each joint. dof of shape (m, c).
+        shared: Candidates of the whole arm. Each of shape (m, dof, k).
+        moves: Rows that count. Shape (m, dof).
+        t: Time since the first row [s]. Shape (m,).
+    """
+
+    common: list[Array]
+    tau: Array
+    local: list[Array]
+    shared: dict[str, Array]
+    moves: Array
+    t: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """Rows of one joint in all logs, and what its own columns leave of them; m rows.
+
+    Attributes:
+        common: What it has in both epochs, of one size. Shape (m, p).
+        inverse: Of the Gram matrix of these. Shape (p, p).
+        rest: Torque less what these explain. Shape (m,).
+        local: Candidates of its own. Shape (m, c).
+        shared: Its part of those of the whole arm. Each of shape (m, k).
+        second: Whether a row is of the second epoch. Shape (m,).
+        log, block: Number of its log and of its block. Shapes (m,).
+        rms: RMS of its torque.
+    """
+
+    common: Array
+    inverse: Array
+    rest: Array
+    local: Array
+    shared: dict[str, Array]
+    second: Array
+    log: Array
+    block: Array
+    rms: float
+
+    def without_common(self, columns: Array) -> Array:
+        """Return columns less what the common ones explain of them."""
+        return _project(self.common, self.inverse, columns)
+
+    @cached_property
+    def variance(self) -> float:
+        """Of what is left of the torque."""
+        return max(float(self.rest @ self.rest) / len(self.rest), 1e-12)
+
+    @cached_property
+    def in_second(self) -> Array:
+        """Own candidates in the second epoch alone, less the common columns. (m, c)."""
+        return self.without_common(self.local * self.second[:, None])
+
+    @cached_property
+    def in_both(self) -> Array:
+        """Own candidates less the common columns. Shape (m, c)."""
+        return self.without_common(self.local)
+
+    def share(self, columns: Array, theta: Array) -> float:
+        """Return RMS of a change in the second epoch over RMS of the torque."""
+        there = max(float(self.second.mean()), 1e-9)
+        return float(np.sqrt(((columns @ theta) ** 2).mean() / there)) / self.rms
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Test:
+    """What a regression says of one candidate: statistic, values, covariance."""
+
+    wald: float
+    theta: Array
+    covariance: Array
+
+
+def changes(
+    model: pin.Model, first: Sequence[Recording], second: Sequence[Recording]
+) -> tuple[tuple[Change, ...], Array]:
+    """Return all candidates, best first, and the factor of each joint's variance.
+
+    Args:
+        model: The arm as its description has it.
+        first: Logs of the first epoch.
+        second: Logs of the second epoch.
+    """
+    logs = [_log(model, log) for log in (*first, *second)]
+    later = np.arange(len(logs)) >= len(first)
+    joints = [_joint(logs, later, j) for j in range(model.nv)]
+    restless = np.array([_restless(joint) for joint in joints])
+    blocks = float(np.mean([len(np.unique(joint.block)) for joint in joints]))
+    found = [
+        change
+        for i, joint in enumerate(joints)
+        for change in _own_changes(joint, i + 1, restless[i], blocks)
+    ]
+    typical = float(np.median(restless))
+    found += [_shared_change(name, joints, typical, blocks) for name in _SHARED]
+    return tuple(sorted(found, key=lambda c: -c.evidence)), restless
+
+
+def _own_changes(
+    joint: _Joint, number: int, restless: float, blocks: float
+) -> list[Change]:
+    """Return what may have changed on one joint alone."""
+    many = len(_LOCAL)
+    places = [(name, [i]) for i, name in enumerate(_LOCAL)]
+    places += [
+        ("ripple", [many + 2 * i, many + 2 * i + 1]) for i in range(len(_ORDERS))
+    ]
+    out = []
+    for name, place in places:
+        columns = joint.in_second[:, place]
+        if name == "ripple":
+            # A wave that both epochs have is not among the common columns.
+            both = joint.in_both[:, place]
+            columns = columns - both @ np.linalg.lstsq(both, columns, rcond=1e-8)[0]
+        test = _tested([(joint, columns)])
+        size = len(place)
+        evidence = test.wald / restless / 2 - size / 2 * np.log(blocks)
+        evidence -= np.log(len(_ORDERS)) if name == "ripple" else 0.0
+        share = joint.share(joint.local[:, place] * joint.second[:, None], test.theta)
+        deviation = np.sqrt(np.diag(test.covariance) * restless)
+        out.append(Change(evidence, name, number, test.theta, deviation, share))
+    return out
+
+
+def _shared_change(
+    name: str, joints: Sequence[_Joint], restless: float, blocks: float
+) -> Change:
+    """Return what may have changed of the whole arm."""
+    columns = [joint.shared[name] * joint.second[:, None] for joint in joints]
+    basis = np.eye(columns[0].shape[1])
+    if name == "payload":
+        basis = _told(joints, columns)
+        columns = [each @ basis for each in columns]
+    each = zip(joints, columns, strict=True)
+    test = _tested([(joint, joint.without_common(c)) for joint, c in each])
+    size = columns[0].shape[1]
+    evidence = test.wald / restless / 2 - size / 2 * np.log(blocks)
+    share = max(
+        joint.share(c, test.theta) for joint, c in zip(joints, columns, strict=True)
+    )
+    deviation = np.sqrt(np.abs(np.diag(test.covariance)) * restless)
+    return Change(evidence, name, 0, basis @ test.theta, deviation, share)
+
+
+def _told(joints: Sequence[_Joint], columns: Sequence[Array]) -> Array:
+    """Return a basis of what the logs can tell of the ten parameters. Shape (10, k)."""
+    gram = np.zeros((PER_LINK, PER_LINK))
+    for joint, each in zip(joints, columns, strict=True):
+        rest = joint.without_common(each)
+        gram += rest.T @ rest / joint.variance
+    size = np.sqrt(np.diag(gram)) + 1e-9
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    return vectors[:, values > 1e-4 * values[-1]] / size[:, None]
+
+
+def _tested(parts: Sequence[tuple[_Joint, Array]]) -> _Test:
+    """Regress what is left of some joints' torques on what is left of columns.
+
+    The covariance sums the scores of a block before it squares them, so that errors
+    that last for some of a block's rows count as one.
+
+    Args:
+        parts: Joints, and columns less the common ones. Shapes (m, k).
+    """
+    size = parts[0][1].shape[1]
+    gram, score = np.zeros((size, size)), np.zeros(size)
+    for joint, columns in parts:
+        gram += columns.T @ columns / joint.variance
+        score += columns.T @ joint.rest / joint.variance
+    gram += 1e-9 * np.trace(gram) / size * np.eye(size)
+    theta = np.linalg.solve(gram, score)
+    names = np.concatenate([joint.block for joint, _ in parts])
+    each = [
+        columns * (joint.rest - columns @ theta)[:, None] / joint.variance
+        for joint, columns in parts
+    ]
+    block, place = np.unique(names, return_inverse=True)
+    sums = np.zeros((len(block), size))
+    np.add.at(sums, place, np.concatenate(each))
+    inverse = np.linalg.inv(gram)
+    few = len(block) / max(1, len(block) - size)
+    covariance = inverse @ (sums.T @ sums) @ inverse * few
+    weight = np.linalg.pinv(covariance, rcond=1e-6, hermitian=True)
+    return _Test(float(theta @ weight @ theta), theta, covariance)
+
+
+def _restless(joint: _Joint) -> float:
+    """Return by how much single logs of the first epoch differ from the others.
+
+    The mean of the squared t of each log against the rest, over all of the joint's
+    candidates, the largest tenth left out; never less than 1. With fewer than three
+    logs their halves stand for logs.
+    """
+    first = ~joint.second
+    part = joint.log
+    if len(np.unique(part[first])) <= 2:
+        middle = np.median(joint.block[first] % 1000)
+        part = 2 * part + (joint.block % 1000 > middle)
+    found = []
+    for number in np.unique(part[first]):
+        there = (part == number) & first
+        if there.sum() < 50:
+            continue
+        alone = joint.without_common(joint.local[:, : len(_LOCAL)] * there[:, None])
+        for c in range(len(_LOCAL)):
+            columns = np.column_stack([alone[:, c], joint.in_second[:, c]])
+            test = _tested([(joint, columns)])
+            found.append(test.theta[0] ** 2 / test.covariance[0, 0])
+    if not found:
+        return _UNTESTED
+    kept = sorted(found)[: max(1, int(0.9 * len(found)))]
+    return max(1.0, float(np.mean(kept)))
+
+
+def _joint(logs: Sequence[_Log], later: Array, j: int) -> _Joint:
+    kept = [log.moves[:, j] for log in logs]
+
+    def all_of(each) -> Array:
+        return np.concatenate([x[k] for x, k in zip(each, kept, strict=True)])
+
+    x = all_of(log.common[j] for log in logs)
+    tau = all_of(log.tau[:, j] for log in logs)
+    local = all_of(log.local[j] for log in logs)
+    x = x / (np.sqrt((x**2).mean(axis=0)) + 1e-12)
+    inverse = np.linalg.inv(x.T @ x + 1e-5 * len(tau) * np.eye(x.shape[1]))
+    rest = _project(x, inverse, tau)
+    # A gain acts on what the arm does, not on what nobody can explain.
+    local[:, _GAIN] = tau - rest
+    return _Joint(
+        common=x,
+        inverse=inverse,
+        rest=rest,
+        local=local,
+        shared={n: all_of(log.shared[n][:, j] for log in logs) for n in _SHARED},
+        second=np.repeat(later, [k.sum() for k in kept]),
+        log=np.repeat(np.arange(len(logs)), [k.sum() for k in kept]),
+        block=all_of(
+            1000 * i + (log.t // _BLOCK).astype(int) for i, log in enumerate(logs)
+        ),
+        rms=float(np.sqrt((tau**2).mean())),
+    )
+
+
+def _project(x: Array, inverse: Array, columns: Array) -> Array:
+    return columns - x @ (inverse @ (x.T @ columns))
+
+
+def _log(model: pin.Model, log: Recording) -> _Log:
+    """Return the columns of one log."""
+    step = float(np.median(np.diff(log.t)))
+    sos = butter(4, min(0.9, _CUTOFF / (0.5 / step)), output="sos")
+    every = max(1, round(1 / (step * _RATE)))
+
+    def filtered(values: Array) -> Array:
+        return sosfiltfilt(sos, values, axis=0)
+
+    q = filtered(log.q)
+    qd = np.gradient(q, step, axis=0)
+    qdd = np.gradient(qd, step, axis=0)
+    inertial = regressor(model, q, qd, qdd)
+    load = np.abs(filtered(inertial @ inertial_parameters(model)))
+    common, local, moves = [], [], []
+    for j in range(model.nv):
+        own = _friction(q[:, j], qd[:, j], load[:, j])
+        common.append(filtered(np.column_stack([inertial[:, j], own]))[::every])
+        local.append(filtered(_candidates(q[:, j], qd[:, j], load[:, j]))[::every])
+        moves.append(_moves(qd[:, j], filtered, every))
+    tilt = [gravity_torque(model, q, _G * np.eye(3)[axis]) for axis in (0, 1)]
+    shared = {
+        "payload": inertial[:, :, -PER_LINK:],
+        "base_tilt": np.stack(tilt, axis=2),
+        "delay": np.gradient(log.tau, step, axis=0)[:, :, None],
+    }
+    return _Log(
+        common=common,
+        tau=filtered(log.tau)[::every],
+        local=local,
+        shared={name: filtered(x)[::every] for name, x in shared.items()},
+        moves=np.column_stack(moves),
+        t=log.t[::every] - log.t[0],
+    )
+
+
+def _friction(q: Array, qd: Array, load: Array) -> Array:
+    """Return what a joint has beside inertia: friction, waves, a constant. (n, p)."""
+    sign, speed = np.tanh(qd / 0.02), np.abs(qd)
+    hinges = np.quantile(speed, np.linspace(0, 1, 8))[1:-1]
+    columns = [sign, qd, sign * load]
+    columns += [sign * np.maximum(0, speed - hinge) for hinge in hinges]
+    columns += [sign / (1 + (speed / width) ** 2) for width in (0.03, 0.06, 0.1)]
+    columns += [wave(k * q) for k in (1, 2, 3) for wave in (np.sin, np.cos)]
+    columns += [sign * np.sin(q), sign * np.cos(q), np.ones_like(q)]
+    return np.column_stack(columns)
+
+
+def _candidates(q: Array, qd: Array, load: Array) -> Array:
+    """Return own candidates of a joint; that of a gain is filled in later. (n, c)."""
+    sign, none = np.tanh(qd / 0.02), np.zeros_like(q)
+    columns = [np.ones_like(q), sign, qd, q, sign * load, none]
+    columns += [wave(order * q) for order in _ORDERS for wave in (np.sin, np.cos)]
+    return np.column_stack(columns)
+
+
+def _moves(qd: Array, filtered, every: int) -> Array:
+    """Return rows on which a joint moves, the ends of the log apart. Shape (m,)."""
+    speed = np.abs(qd)
+    moving = speed > 0.03 * np.quantile(speed, 0.95)
+    kept = filtered(moving.astype(float))[::every] > 0.98
+    edge = round(_EDGE * _RATE)
+    kept[:edge] = False
+    kept[-edge:] = False
+    return kept

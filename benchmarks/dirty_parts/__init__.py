@@ -1,1 +1,0 @@
-"""Groups of the benchmark of arms that are never clean."""

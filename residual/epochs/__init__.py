@@ -1,0 +1,1 @@
+"""What changed of an arm between two epochs: one regression of the rows of both."""

@@ -1,0 +1,227 @@
+"""What changed since an earlier state of an arm: two epochs, one regression, one proof.
+
+The first epoch's fit is the nominal model; what both epochs have is a nuisance, however
+large; only what the second has beyond it is a finding (METHOD section 13).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.diagnosis.causes.edit.dense import dense_fit
+from residual.diagnosis.causes.edit.edits import baseline_edits
+from residual.diagnosis.result import Diagnosis
+from residual.epochs.conclude import Judged, clouds, conclude
+from residual.epochs.models import Epoch, augmented, fit_epoch
+from residual.epochs.rows import both_epochs
+from residual.epochs.rules import Rules
+from residual.epochs.search import Change, Found, find
+from residual.epochs.unnamed import unnamed
+from residual.evidence.design import Design
+from residual.model.compare import (
+    HeldOutLog,
+    compare,
+    moving_error,
+    prepare_held_out,
+)
+from residual.model.model import Model
+from residual.model.nominal import (
+    Logs,
+    Nominal,
+    begin,
+    declared_names,
+    prepare_logs,
+    start_nominal,
+)
+from residual.recording import Array, Recording
+from residual.robot.robot import Robot
+from residual.signals.pieces import sketch_of
+from residual.signals.split import session_clock
+from residual.signals.track import Filters
+
+Progress = Callable[[str, float], None]
+WORSE, SURE = 1.05, 2.33  # of the error, and in deviations over blocks: p = 0.01
+BLOCK = 2  # seconds
+FEW = 8  # blocks: with fewer the ratio alone decides
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Asked:
+    """What is compared.
+
+    Attributes:
+        robot: The arm as the user describes it.
+        first, second: Logs of both epochs.
+        held_out: Further logs of the second epoch, for the proof.
+        declared: Effects that the model has, None for the robot's own list; or the
+            model that was adopted.
+        same_run: Whether the held-out logs are a part of one of the second.
+    """
+
+    robot: Robot
+    first: Sequence[Recording]
+    second: Sequence[Recording]
+    held_out: Sequence[Recording]
+    declared: Sequence[str] | Model | None
+    same_run: bool
+
+
+def compared(asked: Asked, tell: Progress) -> Diagnosis:
+    """Say what changed between two epochs, and prove it on held-out logs.
+
+    Args:
+        asked: What is compared.
+        tell: Told the stage and the share done.
+    """
+    rules = Rules()
+    tell("rows of both epochs", 0.0)
+    logs, count, clocked = _both(asked, rules)
+    nominal = _nominal(logs, asked.declared)
+    found = find(both_epochs(logs, count, nominal, rules), clocked)
+    tell("what remains", 0.0)
+    rest = unnamed(found)
+    tell("proof", 0.0)
+    before = _epoch(asked, asked.first, nominal)
+    after = _epoch(asked, asked.second, nominal, before.model)
+    proof = prepare_held_out(asked.held_out, before.model)
+    found, judged = _judged(found, before.model, proof)
+    models = _models(found, before, after)
+    errors, proofs = compare(models, proof, logs.filters)
+    verdict = conclude(
+        found,
+        rest,
+        judged,
+        errors,
+        epochs=(before, after),
+        declared=nominal.names,
+        logs=([r.id for r in asked.held_out], asked.same_run),
+    )
+    edit = baseline_edits(
+        models,
+        dense_fit(Design(after.logs.tracks, nominal.model)),
+        (verdict.effects, ()),
+        asked.first,
+    )
+    tell("proof", 1.0)
+    return Diagnosis(
+        verdict=replace(verdict, edit=edit),
+        models=models,
+        proofs=proofs,
+        clouds=clouds(found, rest),
+        notes=_notes(found),
+        sentences=tuple(
+            c.contrast.candidate.group.effect.sentence for c in found.changes
+        ),
+        known=models["augmented"],
+    )
+
+
+def _both(asked: Asked, rules: Rules) -> tuple[Logs, int, bool]:
+    """Logs of both epochs on one clock that begins anew with the second."""
+    first = sketch_of(asked.first, rules.most_seconds, rules.seconds)
+    second = sketch_of(asked.second, rules.most_seconds, rules.seconds)
+    starts = [session_clock(own) for own in (asked.first, asked.second)]
+    clocked = None not in starts
+    if clocked:
+        later = starts[0] - starts[1]
+        second = [replace(r, t=r.t + later) for r in second]
+    # The same name in both epochs is not the same log.
+    named = [
+        *(replace(r, id=f"first/{r.id}") for r in first),
+        *(replace(r, id=f"second/{r.id}") for r in second),
+    ]
+    clock = starts[0] if clocked else None
+    return prepare_logs(asked.robot, named, clock, Filters()), len(first), clocked
+
+
+def _nominal(logs: Logs, declared: Sequence[str] | Model | None) -> Nominal:
+    if isinstance(declared, Model):
+        model = begin(logs, declared)
+        return Nominal(model, (None,) * len(model.terms))
+    return start_nominal(logs, declared_names(logs.robot, declared))
+
+
+def _epoch(
+    asked: Asked,
+    recordings: Sequence[Recording],
+    nominal: Nominal,
+    like: Model | None = None,
+) -> Epoch:
+    logs = prepare_logs(
+        asked.robot, sketch_of(recordings), session_clock(recordings), Filters()
+    )
+    model = begin(logs, nominal.model)
+    return fit_epoch(logs, replace(nominal, model=model), like)
+
+
+def _models(found: Found, before: Epoch, after: Epoch) -> dict[str, Model]:
+    now = after.model
+    models = {"nominal": before.model, "identified": now, "augmented": now}
+    if found.changes:
+        models["augmented"] = augmented(before.model, found)
+    return models
+
+
+def _judged(
+    found: Found, first: Model, proof: Sequence[HeldOutLog]
+) -> tuple[Found, Mapping[int, Judged]]:
+    """Let the held-out logs judge each name; what they refute falls."""
+    refuted: list[Change] = []
+    while True:
+        whole = _error(augmented(first, found), proof)
+        judged = {}
+        for change in found.changes:
+            less = replace(
+                found, changes=tuple(c for c in found.changes if c is not change)
+            )
+            judged[id(change)] = _judgement(
+                change, whole, _error(augmented(first, less), proof)
+            )
+        worst = [c for c in found.changes if judged[id(c)].word == "refuted"]
+        if not worst:
+            return replace(found, refuted=tuple(refuted)), judged
+        gone = min(worst, key=lambda c: judged[id(c)].gain)
+        refuted.append(gone)
+        found = replace(found, changes=tuple(c for c in found.changes if c is not gone))
+
+
+def _error(model: Model, proof: Sequence[HeldOutLog]) -> Array:
+    """Squared error of each block of two seconds on moving rows. (blocks, dof)."""
+    seconds = moving_error(model, proof)
+    whole = len(seconds) // BLOCK * BLOCK
+    return seconds[:whole].reshape(-1, BLOCK, seconds.shape[1]).sum(axis=1)
+
+
+def _judgement(change: Change, with_it: Array, without: Array) -> Judged:
+    """What held-out motion says of one name, on the joint where it is largest."""
+    a, b = with_it[:, change.joint], without[:, change.joint]
+    ratio = float(np.sqrt(a.sum() / max(b.sum(), 1e-300)))
+    rise = a - b
+    scatter = rise.std(ddof=1) * np.sqrt(len(rise)) if len(rise) > 1 else 0.0
+    sure = len(rise) < FEW or rise.sum() > SURE * scatter
+    if ratio > WORSE and sure:
+        return Judged("refuted", 1 - ratio)
+    gain = 1 - ratio
+    fell = len(rise) < FEW or -rise.sum() > SURE * scatter
+    word = "confirmed" if ratio < 1 / WORSE and fell else "neutral"
+    return Judged(word, gain)
+
+
+def _notes(found: Found) -> tuple[str, ...]:
+    table, both = found.table, found.both
+    seconds = both.rules.block * table.noise.blocks
+    few = (
+        ""
+        if both.first_logs >= 3
+        else ("; fewer than three logs of before: what days differ by was not seen")
+    )
+    return (
+        f"compared on {seconds:.0f} s of motion at least in each epoch{few}",
+        *(
+            f"joint {j + 1}: logs of before differ by {table.noise.unrest[j]:.1f} "
+            "times what noise gives"
+            for j in both.live
+            if table.noise.unrest[j] > 1.3
+        ),
+    )

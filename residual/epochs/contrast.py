@@ -1,0 +1,326 @@
+"""How likely it is that something changed, beside what is named already.
+
+All that is known of one more candidate, given others, from sums over blocks: its size,
+how sure that is where errors are as they are seen to be, and the evidence (Zellner's
+g-prior, a t statistic for few blocks).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.epochs.joint import Joint, Piece
+from residual.evidence.group import Group
+from residual.recording import Array
+
+MODEL = 15.0  # blocks that independent errors of each joint's size count as, and
+#              as many more as a candidate has columns
+SQUARES = np.array([1.0, 0.3, 0.1, 0.03]) ** 2  # of the prior size of an effect
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Candidate:
+    """One effect that may have changed.
+
+    Attributes:
+        group: The effect, where, and its shape.
+        pieces: Its columns on each joint on which it acts.
+        price: What it costs to be one of many [nats].
+        before: What of it any arm may have had before.
+    """
+
+    group: Group
+    pieces: Mapping[int, Piece]
+    price: float
+    before: Group
+
+    @property
+    def key(self) -> tuple:
+        """Its name and place, apart from a shape."""
+        return self.group.key
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Noise:
+    """What errors of each joint are taken to be.
+
+    Attributes:
+        variance: Of a row [N^2 m^2]. Shape (dof,).
+        slow: Rows that are as good as one. Shape (dof,).
+        unrest: By how much logs differ without a change, as a factor on standard
+            deviations. Shape (dof,).
+        blocks: Blocks of the smaller epoch.
+    """
+
+    variance: Array
+    slow: Array
+    unrest: Array
+    blocks: float
+
+    @property
+    def weight(self) -> Array:
+        """Information of a unit of squared error [1/(N^2 m^2)]. Shape (dof,)."""
+        return 1 / (self.variance * self.slow * self.unrest**2)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Contrast:
+    """What is known of one candidate, given the others.
+
+    Attributes:
+        candidate: The candidate.
+        theta: Its coefficients. Shape (k,).
+        covariance: Of them, blocks and unrest counted. Shape (k, k).
+        information: Of the logs alone, without a prior. Shape (k, k).
+        nats: Evidence that it changed, by how errors are seen to be.
+        fit: Evidence by the fall of the squared error: to choose between names.
+    """
+
+    candidate: Candidate
+    theta: Array
+    covariance: Array
+    information: Array
+    nats: float
+    fit: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sums:
+    """Normal equations of several candidates, and their blocks.
+
+    Attributes:
+        gram, plain: Products with what the nuisance leaves, and of that. Shapes (n, n).
+        cross: With the torque. Shape (n,).
+        pull, lever: By block, as they are and with restless joints enlarged.
+            Shapes (2, blocks, n), (2, blocks, n, n).
+        precision: Of the priors. Shape (n, n).
+    """
+
+    gram: Array
+    plain: Array
+    cross: Array
+    pull: Array
+    lever: Array
+    precision: Array
+
+    @classmethod
+    def empty(cls, n: int, blocks: int) -> "Sums":
+        """Sums of nothing yet."""
+        return cls(
+            gram=np.zeros((n, n)),
+            plain=np.zeros((n, n)),
+            cross=np.zeros(n),
+            pull=np.zeros((2, blocks, n)),
+            lever=np.zeros((2, blocks, n, n)),
+            precision=np.zeros((n, n)),
+        )
+
+
+class Table:
+    """All joints, and how their rows are weighed."""
+
+    def __init__(self, joints: Mapping[int, Joint], blocks: int, noise: Noise) -> None:
+        """Take the joints, the number of blocks in all, and the noise."""
+        self.joints, self.blocks, self.noise = joints, blocks, noise
+        self._between: dict = {}
+
+    @property
+    def degrees(self) -> float:
+        """Degrees of freedom of what is known of the errors."""
+        return self.noise.blocks + MODEL
+
+    def with_noise(self, noise: Noise) -> "Table":
+        """The same under other noise."""
+        out = Table(self.joints, self.blocks, noise)
+        out._between = self._between
+        return out
+
+    def sums(self, some: Sequence[Candidate]) -> Sums:
+        """Normal equations of some candidates at once."""
+        ends = np.cumsum([0, *(len(c.group.ids) for c in some)])
+        out = Sums.empty(int(ends[-1]), self.blocks)
+        for a, one in enumerate(some):
+            at = slice(ends[a], ends[a + 1])
+            out.precision[at, at] = one.group.precision
+            for j, piece in one.pieces.items():
+                own = piece.gram, piece.plain, piece.lever
+                self._add(out, j, (at, at), own)
+                out.cross[at] += self.noise.weight[j] * piece.cross
+                where = self.joints[j].layout.blocks
+                for i, factor in enumerate((1.0, self.noise.unrest[j])):
+                    pull = self.noise.weight[j] * factor * piece.pull
+                    out.pull[i, where, at] += pull
+                for b, other in enumerate(some[:a]):
+                    if j in other.pieces:
+                        self._add_mixed(out, j, (one, other), (at, ends[b : b + 2]))
+        return out
+
+    def _add(self, out: Sums, j: int, at, own) -> None:
+        """Add a joint's products of two candidates to where they belong."""
+        gram, plain, lever = own
+        weight, where = self.noise.weight[j], self.joints[j].layout.blocks
+        out.gram[at] += weight * gram
+        out.plain[at] += weight * plain
+        # As it is, and with the scores of restless joints enlarged.
+        out.lever[0, where, *at] += weight * lever
+        out.lever[1, where, *at] += weight * self.noise.unrest[j] * lever
+
+    def _add_mixed(self, out: Sums, j: int, pair, places) -> None:
+        one, other = pair
+        at, to = places[0], slice(*places[1])
+        gram, lever = self._product(one, other, j), self._levers(one, other, j)
+        plain = one.pieces[j].columns.T @ other.pieces[j].columns
+        self._add(out, j, (at, to), (gram, plain, lever))
+        turned = gram.T, plain.T, lever.transpose(0, 2, 1)
+        self._add(out, j, (to, at), turned)
+
+    def _product(self, one: Candidate, other: Candidate, j: int) -> Array:
+        key = (id(one), id(other), j)
+        if key not in self._between:
+            own = one.pieces[j].columns.T @ other.pieces[j].raw
+            # With both, so that no other candidate gets their place in memory.
+            self._between[key] = own, one, other
+        return self._between[key][0]
+
+    def _levers(self, one: Candidate, other: Candidate, j: int) -> Array:
+        key = (id(one), id(other), j, "blocks")
+        if key not in self._between:
+            own = self.joints[j].levers(one.pieces[j], other.pieces[j])
+            self._between[key] = own, one, other
+        return self._between[key][0]
+
+    def fits(self, every: Sequence[Candidate], given: Sequence[Candidate]) -> Array:
+        """Evidence of each candidate by the fall of the squared error. Shape (c,).
+
+        As `Contrast.fit`, without a look at single blocks.
+        """
+        known = self.sums(given) if given else None
+        alike: dict[tuple, list[int]] = {}
+        for i, c in enumerate(every):
+            alike.setdefault((len(c.group.ids), *c.pieces), []).append(i)
+        out = np.empty(len(every))
+        for (_, *on), numbers in alike.items():
+            some = [every[i] for i in numbers]
+            own, cross = self._stacked(some, on)
+            if known is not None:
+                mixed = np.stack([self._mixed(c, given) for c in some])
+                turn = np.linalg.solve(known.gram + known.precision, mixed)
+                own = own - mixed.transpose(0, 2, 1) @ turn
+                cross = cross - np.einsum("gnk,n->gk", turn, known.cross)
+            prior = np.stack([c.group.precision for c in some])
+            price = np.array([c.price for c in some])
+            out[numbers] = worth_of(own, cross, prior, None) - price
+        return out
+
+    def _stacked(self, some: Sequence[Candidate], on) -> tuple[Array, Array]:
+        weight = self.noise.weight
+        own = sum(weight[j] * np.stack([c.pieces[j].gram for c in some]) for j in on)
+        cross = sum(weight[j] * np.stack([c.pieces[j].cross for c in some]) for j in on)
+        return own, cross
+
+    def _mixed(self, one: Candidate, given: Sequence[Candidate]) -> Array:
+        """Products of those that are given with one more candidate. Shape (n, k)."""
+        parts = []
+        for other in given:
+            shape = len(other.group.ids), len(one.group.ids)
+            own = np.zeros(shape)
+            for j in one.pieces.keys() & other.pieces.keys():
+                own += self.noise.weight[j] * self._product(other, one, j)
+            parts.append(own)
+        return np.concatenate(parts)
+
+    def theta(self, some: Sequence[Candidate]) -> list[Array]:
+        """Coefficients of several candidates, fitted together."""
+        if not some:
+            return []
+        sums = self.sums(some)
+        theta = np.linalg.solve(sums.gram + sums.precision, sums.cross)
+        return np.split(theta, np.cumsum([len(c.group.ids) for c in some])[:-1])
+
+    def contrast(self, one: Candidate, given: Sequence[Candidate] = ()) -> Contrast:
+        """What is known of one candidate beside others."""
+        sums = self.sums([*given, one])
+        k = len(one.group.ids)
+        n = len(sums.cross) - k
+        gram = sums.gram + sums.precision
+        old, new = slice(0, n), slice(n, n + k)
+        turn = np.linalg.solve(gram[old, old], gram[old, new])  # (n, k)
+        cross = sums.cross[new] - turn.T @ sums.cross[old]
+        own = sums.gram[new, new] - turn.T @ gram[old, new]
+        own = 0.5 * (own + own.T)
+        inverse = np.linalg.inv(gram)
+        score = sums.pull - sums.lever @ (inverse @ sums.cross)
+        # What a fit without the block would have said of it.
+        kept = np.eye(n + k) - sums.lever[0] @ inverse
+        score = np.linalg.solve(kept, score[..., None])[..., 0]
+        score = score[..., new] - score[..., old] @ turn
+        meat = score[1].T @ score[1]
+        spread, seen = MODEL + k, float((np.abs(score[0]).sum(axis=1) > 0).sum())
+        mixed = sums.plain[old, new]
+        errors = sums.plain[new, new] - turn.T @ mixed - mixed.T @ turn
+        errors = errors + turn.T @ sums.plain[old, old] @ turn
+        # What logs may differ by comes on top of what rows scatter by.
+        meat = (seen * meat + spread * errors) / (seen + spread) + (own - errors)
+        information, pulled = _information(own, meat, cross)
+        return self._concluded(one, information, pulled, cross, own)
+
+    def _concluded(self, one, information, pulled, cross, own) -> Contrast:
+        prior = one.group.precision
+        covariance = np.linalg.inv(information + prior)
+        return Contrast(
+            candidate=one,
+            theta=covariance @ pulled,
+            covariance=covariance,
+            information=information,
+            nats=worth_of(information, pulled, prior, self.degrees) - one.price,
+            fit=worth_of(own, cross, prior, None) - one.price,
+        )
+
+
+def worth_of(information: Array, pull: Array, prior: Array, nu: float | None) -> Array:
+    """Evidence under the likeliest size of the prior, of one or of many. Shape (...).
+
+    A load of a tenth of the usual is no less a load: what it costs to know ten numbers
+    goes by how large they are.
+    """
+    known, along = _modes(information, pull, prior)
+    return _worth(known, along**2, nu)
+
+
+def expected_worth(
+    information: Array, way: Array, prior: Array, nu: float, sizes: Array
+) -> Array:
+    """The same of an effect of each size along a direction. Shape (sizes,)."""
+    known, along = _modes(information, information @ way, prior)
+    return _worth(known, (sizes[:, None] * along) ** 2, nu)
+
+
+def _modes(information: Array, pull: Array, prior: Array) -> tuple[Array, Array]:
+    """Information along the principal axes under a prior, and the pull there."""
+    scale = 1 / np.sqrt(np.diagonal(prior, axis1=-2, axis2=-1))
+    lower = np.linalg.cholesky(prior * scale[..., :, None] * scale[..., None, :])
+    half = np.linalg.inv(lower) * scale[..., None, :]
+    known, turn = np.linalg.eigh(half @ information @ np.swapaxes(half, -1, -2))
+    pulled = np.swapaxes(turn, -1, -2) @ (half @ pull[..., None])
+    return np.maximum(known, 0.0), pulled[..., 0]
+
+
+def _worth(known: Array, squares: Array, nu: float | None) -> Array:
+    known, squares = known[..., None], squares[..., None]
+    wald = (squares / (known + 1 / SQUARES)).sum(axis=-2)
+    worth = 0.5 * wald if nu is None else 0.5 * (nu + 1) * np.log1p(wald / nu)
+    worth = worth - 0.5 * np.log1p(known * SQUARES).sum(axis=-2)
+    return worth.max(axis=-1) - np.log(len(SQUARES))
+
+
+def _information(own: Array, meat: Array, cross: Array) -> tuple[Array, Array]:
+    """Information A B^-1 A and pull A B^-1 b of a robust estimate, as A may be flat."""
+    size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    a, b, c = own / np.outer(size, size), meat / np.outer(size, size), cross / size
+    values, vectors = np.linalg.eigh(0.5 * (b + b.T))
+    real = values > 1e-10 * max(values[-1], 1e-300)
+    half = vectors[:, real] / np.sqrt(values[real])
+    along = half.T @ a
+    information = along.T @ along * np.outer(size, size)
+    return information, (along.T @ (half.T @ c)) * size

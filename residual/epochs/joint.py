@@ -1,0 +1,168 @@
+"""One joint's rows with what any arm has projected out, block by block.
+
+A contrast of columns against what is left then needs sums over blocks alone: errors
+within two seconds are anything, those of different blocks are independent. Each block
+is judged by a fit that left it out (jackknife; MacKinnon, Nielsen & Webb 2023).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from residual.epochs.rows import Layout
+from residual.recording import Array
+
+RIDGE = 1e-5  # of the rows: keeps what no motion shows where the joint fit has it
+LEAST = 1e-3  # of a row's error that a fit leaves in any case
+OWN = 1e-3  # of a column's square: below, the nuisance has it already
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Piece:
+    """Columns of one candidate on one joint, sums over the rows of each block.
+
+    With a nuisance that is held to what is usual, generalised least squares has two
+    Gram matrices: ``gram`` is the information, ``plain`` the part of its variance that
+    is due to errors of single rows; the rest is due to what logs may differ by.
+
+    Attributes:
+        columns: What the nuisance leaves of them. Shape (rows, k).
+        lifted: The same, each block as a fit without it would see it. Shape (rows, k).
+        raw: The columns, without what may have been there before. Shape (rows, k).
+        gram, plain: Products of ``columns`` with ``raw`` and themselves. Shapes (k, k).
+        cross: Product with the torque. Shape (k,).
+        lever: Products of both by block. Shape (blocks, k, k).
+        pull: Products with the torque by block. Shape (blocks, k).
+    """
+
+    columns: Array
+    lifted: Array
+    raw: Array
+    plain: Array
+    gram: Array
+    cross: Array
+    lever: Array
+    pull: Array
+
+
+class Joint:
+    """One joint, ready for contrasts.
+
+    Attributes:
+        layout: Where its rows come from.
+        y: Torque that the nuisance leaves [N m]. Shape (rows,).
+        torque: What the nuisance explains or not: the filtered torque. Shape (rows,).
+    """
+
+    def __init__(
+        self,
+        shared: Array,
+        y: Array,
+        layout: Layout,
+        held: Array | None = None,
+        light: bool = False,
+    ) -> None:
+        """Project the nuisance out.
+
+        Args:
+            shared: Its columns. Shape (rows, p).
+            y: Torque less that of the nominal model [N m]. Shape (rows,).
+            layout: Where the rows come from.
+            held: Precision with which each is held, times the variance of independent
+                rows. Shape (p,).
+            light: Whether it is there to project only.
+        """
+        size = np.sqrt((shared**2).mean(axis=0))
+        real = size > 1e-9 * size.max(initial=1e-30)
+        x = shared[:, real] / size[real]
+        precision = np.full(x.shape[1], RIDGE * len(y))
+        if held is not None:
+            precision = precision + held[real] / size[real] ** 2
+        self.layout = layout
+        self._x = x
+        self._inverse = np.linalg.inv(x.T @ x + np.diag(precision))
+        stops = [*layout.starts[1:], len(y)]
+        self._blocks = [slice(a, b) for a, b in zip(layout.starts, stops, strict=True)]
+        self._keep = [] if light else [self._out_of(own) for own in self._blocks]
+        self.y = self.project(y)
+        self.degrees = len(y) - float(np.einsum("ij,ji->", self._inverse, x.T @ x))
+
+    def project(self, columns: Array) -> Array:
+        """What the nuisance leaves of columns. Shape as given."""
+        return columns - self._x @ (self._inverse @ (self._x.T @ columns))
+
+    def _out_of(self, own: slice) -> Array:
+        """What makes errors of a block as large as they are without its own pull.
+
+        The square root of the leave-one-out factor: unbiased where rows are alike
+        (CR2; Bell & McCaffrey 2002), where the factor itself is twice too much of a
+        nuisance that few blocks determine.
+        """
+        x = self._x[own]
+        values, vectors = np.linalg.eigh(np.eye(len(x)) - x @ self._inverse @ x.T)
+        return (vectors / np.sqrt(np.maximum(values, LEAST))) @ vectors.T
+
+    def lift(self, columns: Array) -> Array:
+        """Projected columns as each block is seen by a fit without it. As given."""
+        out = np.empty_like(columns)
+        for own, keep in zip(self._blocks, self._keep, strict=True):
+            out[own] = keep @ columns[own]
+        return out
+
+    def pieces(
+        self,
+        columns: Array,
+        mask: Array,
+        sizes: Sequence[int],
+        before: Array | None = None,
+    ) -> list[Piece]:
+        """Candidates that act on some rows only, and may have been there before.
+
+        Args:
+            columns: Columns of all candidates. Shape (rows, sum of sizes).
+            mask: Rows on which they act. Shape (rows,).
+            sizes: Columns of each candidate.
+            before: What of them may have been there before; the same where None.
+        """
+        raw = columns * mask[:, None]
+        own = self.project(raw)
+        before = columns if before is None else before
+        power = (before**2).sum(axis=0)
+        left = self.project(before)
+        ends = np.cumsum([0, *sizes])
+        places = [slice(a, b) for a, b in pairwise(ends)]
+        rest = []
+        for at in places:
+            b, c = left[:, at], before[:, at]
+            gram = b.T @ c + np.diag(OWN * power[at] + 1e-300)
+            known = np.linalg.solve(gram, c.T @ np.column_stack([own[:, at], self.y]))
+            own[:, at] -= b @ known[:, :-1]
+            raw[:, at] -= c @ known[:, :-1]
+            rest.append(self.y - b @ known[:, -1])
+        lifted = self.lift(own)
+        return [
+            self._piece(own[:, at], lifted[:, at], raw[:, at], y)
+            for at, y in zip(places, rest, strict=True)
+        ]
+
+    def _piece(self, own: Array, lifted: Array, raw: Array, y: Array) -> Piece:
+        gram = raw.T @ own
+        return Piece(
+            columns=own,
+            lifted=lifted,
+            raw=raw,
+            plain=own.T @ own,
+            gram=0.5 * (gram + gram.T),
+            cross=raw.T @ y,
+            lever=self._sums(own[:, :, None] * lifted[:, None, :]),
+            pull=self._sums(lifted * y[:, None]),
+        )
+
+    def _sums(self, values: Array) -> Array:
+        return np.add.reduceat(values, self.layout.starts, axis=0)
+
+    def levers(self, one: Piece, other: Piece) -> Array:
+        """Products of two candidates by block. Shape (blocks, k, l)."""
+        return self._sums(one.columns[:, :, None] * other.lifted[:, None, :])

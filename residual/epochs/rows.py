@@ -1,0 +1,308 @@
+"""Rows of both epochs: what any arm has, shared by both, and every candidate.
+
+All that the arm has anyway is a nuisance: its bodies, friction by speed, load and
+position, a few waves, a constant, and the effects of its model. It is fitted to each
+joint by itself, over both epochs, so that only what is in one of them can be a change
+(METHOD section 13).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.effects import registry
+from residual.epochs.rules import Rules
+from residual.evidence.design import Design, Group
+from residual.evidence.fit import Fit, Prior, fit, settled
+from residual.evidence.priors import relative_prior
+from residual.evidence.states import as_model
+from residual.model.model import Model
+from residual.model.nominal import Logs, Nominal
+from residual.model.term import Term
+from residual.recording import Array
+from residual.signals.pieces import logs_of
+
+LOOSE = 1.0  # relative scale of the bodies: the URDF may be rough
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Layout:
+    """Where each row of one joint comes from; rows follow each other in time.
+
+    Attributes:
+        second: It is of the second epoch. Shape (rows,), bool.
+        log: Number of its log, those of the first epoch first. Shape (rows,).
+        starts: First row of each block. Shape (blocks,).
+        blocks: Number of each of these blocks, the same on all joints. (blocks,).
+    """
+
+    second: Array
+    log: Array
+    starts: Array
+    blocks: Array
+
+    @property
+    def blocks_of_rows(self) -> Array:
+        """Number of the block of each row. Shape (rows,)."""
+        sizes = np.diff([*self.starts, len(self.log)])
+        return np.repeat(self.blocks[: len(sizes)], sizes)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Both:
+    """Rows of both epochs.
+
+    Attributes:
+        design: Columns of the nominal model, of the shared nuisance and of candidates.
+        logs: All logs, those of the first epoch first.
+        first: Number of logs of the first epoch.
+        shared: Column numbers of the nuisance, the nominal model's among them.
+        known: Its effects beside the nominal model's.
+        loaded: Those of its effects, last among the columns, that go by the torque
+            that a gear carries.
+        left: Torque that the joint fit leaves of each joint [N m]. Shapes (rows,).
+        friction: Torque of all friction of the joint fit on each joint's rows [N m].
+        layout: Of each joint.
+        blocks: Number of blocks.
+        rules: Thresholds.
+        fitted: The joint fit of one arm to both epochs.
+        seen: The same as a model.
+        prior: Of its nominal coefficients.
+    """
+
+    design: Design
+    logs: Logs
+    first: int
+    shared: Array
+    known: tuple[Group, ...]
+    loaded: tuple[Group, ...]
+    left: tuple[Array, ...]
+    friction: tuple[Array, ...]
+    layout: tuple[Layout, ...]
+    blocks: int
+    rules: Rules
+    fitted: Fit
+    seen: Model
+    prior: Prior
+
+    @property
+    def first_logs(self) -> int:
+        """How many logs the first epoch has; pieces of one count once."""
+        return len(logs_of([t.id for t in self.logs.tracks[: self.first]]))
+
+    @property
+    def live(self) -> list[int]:
+        """Joints with rows enough in both epochs."""
+        return [
+            j
+            for j, own in enumerate(self.layout)
+            if min(own.second.sum(), (~own.second).sum()) > 60
+        ]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class JointFit:
+    """One arm fitted to logs, with all that any arm has a little of.
+
+    Attributes:
+        design: The columns.
+        fitted: The fit.
+        known: Its effects beside the nominal model's.
+        prior: Of the nominal coefficients.
+    """
+
+    design: Design
+    fitted: Fit
+    known: tuple[Group, ...]
+    prior: Prior
+
+
+def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit:
+    """Fit one arm to logs: its model, and what any arm has a little of.
+
+    Args:
+        logs: The logs.
+        nominal: The model.
+        scales: Relative scales of the bodies to choose from, by evidence.
+    """
+    design = Design(logs.tracks, nominal.model)
+    plain, loaded = _usual(logs, nominal.model)
+    prior = relative_prior(design, nominal, LOOSE)
+    known = design.add(plain)
+    design.show_torque(as_model(nominal, _fit(design, prior, known)))
+    known = (*known, *design.add(loaded))
+    priors = [relative_prior(design, nominal, scale) for scale in scales]
+    fits = [_fit(design, prior, known) for prior in priors]
+    best = int(np.argmax([f.score for f in fits]))
+    return JointFit(design, fits[best], known, priors[best])
+
+
+def both_epochs(logs: Logs, first: int, nominal: Nominal, rules: Rules) -> Both:
+    """Build the rows of both epochs, without candidates.
+
+    Args:
+        logs: Logs of the first epoch, then those of the second.
+        first: How many are of the first.
+        nominal: The model that the arm is said to have, adopted effects included.
+        rules: Thresholds.
+    """
+    joint = joint_fit(logs, nominal, (LOOSE,))
+    design, fitted, known = joint.design, joint.fitted, joint.known
+    seen = as_model(nominal, fitted)
+    design.show_torque(seen)
+    layout, blocks = _layout(logs, first, design, rules.block)
+    ids = [design.nominal, *(g.ids for g in known)]
+    return Both(
+        design=design,
+        logs=logs,
+        first=first,
+        shared=np.concatenate(ids),
+        known=tuple(known),
+        loaded=tuple(g for g in known if g.effect.uses_model),
+        left=_left(design, fitted),
+        friction=_friction(design, fitted, nominal, known),
+        layout=layout,
+        blocks=blocks,
+        rules=rules,
+        fitted=fitted,
+        seen=seen,
+        prior=joint.prior,
+    )
+
+
+def beside(both: Both, changed: Sequence[tuple[Group, Array]], press: bool) -> Both:
+    """The same rows beside what is known to have changed.
+
+    The joint fit is made without it, and what goes by the torque that a gear carries
+    sees it: a load that was hung on presses on the gears, and that is no other change.
+
+    Args:
+        both: The rows; columns of candidates that are there already stay as they are.
+        changed: Groups of columns and their coefficients.
+        press: Whether they change the torque that others depend on.
+    """
+    design = both.design
+    if press:
+        both = _pressed(both, changed)
+    target = [
+        y - own.second * _torque(design, j, changed)
+        for j, (y, own) in enumerate(zip(design.target, both.layout, strict=True))
+    ]
+    fitted = _fit(design.with_target(target), both.prior, both.known)
+    left = tuple(
+        old + x
+        for old, x in zip(
+            _left(design.with_target(target), fitted),
+            (
+                own.second * _torque(design, j, changed)
+                for j, own in enumerate(both.layout)
+            ),
+            strict=True,
+        )
+    )
+    return replace(both, left=left)
+
+
+def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> Array:
+    """Torque of changes on the rows of a joint, as if of both epochs. (rows,)."""
+    out = np.zeros(len(design.target[j]))
+    for group, theta in changed:
+        place, have = design.present(j, group.ids)
+        if len(place):
+            out += design.columns(j, place) @ theta[have]
+    return out
+
+
+def _pressed(both: Both, changed: Sequence[tuple[Group, Array]]) -> Both:
+    """The same, the second epoch's logs seen with what changed of the arm."""
+    terms = [
+        Term(g.effect, g.joints, g.shape, theta)
+        for g, theta in changed
+        if g.effect.is_parameter
+    ]
+    bodies = [t for t in terms if t.effect.carries == "body"]
+    others = [t for t in terms if t.effect.carries != "body"]
+    body = replace(both.seen, terms=tuple(bodies)).loaded()
+    seen = replace(both.seen, inertial=body, terms=(*both.seen.terms, *others))
+    both.design.show_states(
+        [
+            (both.seen if i < both.first else seen).observe(track)
+            for i, track in enumerate(both.logs.tracks)
+        ]
+    )
+    old = set(map(id, both.loaded))
+    plain = [g for g in both.known if id(g) not in old]
+    loaded = both.design.add([(g.effect, g.joints, g.shape) for g in both.loaded])
+    ids = [both.design.nominal, *(g.ids for g in (*plain, *loaded))]
+    return replace(
+        both,
+        shared=np.concatenate(ids),
+        known=(*plain, *loaded),
+        loaded=tuple(loaded),
+    )
+
+
+def _left(design: Design, fitted: Fit) -> tuple[Array, ...]:
+    residual = design.residual
+    return tuple(residual(j, fitted.ids, fitted.theta) for j in range(design.dof))
+
+
+def _usual(logs: Logs, model: Model) -> tuple[list, list]:
+    """What any arm has a little of: without and with a use of the model's torque."""
+    has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
+    out: tuple[list, list] = ([], [])
+    for effect in registry().values():
+        for joints in effect.candidates(model.robot.dof):
+            for shape in effect.in_any_arm(logs.span, joints[0] if joints else 0):
+                if (effect.name, joints, shape) not in has:
+                    out[effect.uses_model].append((effect, joints, shape))
+    return out
+
+
+def _fit(design: Design, prior: Prior, known: Sequence[Group]) -> Fit:
+    return settled(design, prior, fit(design, prior, known, design.rows / 5, rounds=4))
+
+
+def _friction(
+    design: Design, fitted: Fit, nominal: Nominal, known: Sequence[Group]
+) -> tuple[Array, ...]:
+    """Torque of all that brakes, in the joint fit. One array per joint, (rows,)."""
+    values = fitted.theta.copy()
+    size = len(nominal.model.coefficients())
+    values[:size] += nominal.model.coefficients()
+    braking = []
+    start = len(nominal.model.inertial)
+    for effect, count in [
+        *((t.effect, len(t.theta)) for t in nominal.model.terms),
+        *((g.effect, len(g.ids)) for g in known),
+    ]:
+        if effect.brakes:
+            braking += range(start, start + count)
+        start += count
+    ids, values = fitted.ids[braking], values[braking]
+    out = []
+    for j in range(design.dof):
+        place, have = design.present(j, ids)
+        out.append(design.columns(j, place) @ values[have])
+    return tuple(out)
+
+
+def _layout(
+    logs: Logs, first: int, design: Design, block: float
+) -> tuple[tuple[Layout, ...], int]:
+    """Epoch, log and block of every row of every joint."""
+    labels, second, number, total = [], [], [], 0
+    for i, track in enumerate(logs.tracks):
+        t = np.arange(len(track.tau)) * track.step / track.rate
+        own = (t // block).astype(int)
+        labels.append(np.repeat((total + own)[:, None], design.dof, axis=1))
+        second.append(np.full((len(t), design.dof), i >= first))
+        number.append(np.full((len(t), design.dof), i))
+        total += int(own[-1]) + 1
+    stacks = [design.stacked(x) for x in (second, number, labels)]
+    out = []
+    for is_second, log, label in zip(*stacks, strict=True):
+        blocks, starts = np.unique(label, return_index=True)
+        out.append(Layout(is_second.astype(bool), log, starts, blocks))
+    return tuple(out), total

@@ -1,0 +1,361 @@
+"""Which effects changed: the best name that the logs cannot do without, and others."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.effects.base import against_position
+from residual.epochs.candidates import refined, renewed, vocabulary, weighed
+from residual.epochs.contrast import Candidate, Contrast, Table
+from residual.epochs.joint import Joint
+from residual.epochs.rows import Both, beside
+from residual.epochs.unrest import Warmth, basics, first_noise, joints_of
+from residual.evidence.limits import limits_of
+from residual.recording import Array
+
+WIDTHS = (1.0, 0.4, 0.15)  # of the reach of an effect: how far a shape is refined
+LEAST, MANY = -3.0, 16  # candidates that get a look at their blocks [nats]
+NEAR = 0.6  # of the best evidence: what a shape that is not refined may reach
+LOOKS = 3  # candidates with a shape that are refined before one is chosen
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Change:
+    """One change that is named.
+
+    Attributes:
+        contrast: What is known of it, beside the others.
+        share: Its torque in the second epoch, as a share of that of the joint on which
+            it is largest.
+        joint: That joint, from 0.
+        equivalent: What these logs do not tell from it.
+        probability: Of its class against all other names.
+    """
+
+    contrast: Contrast
+    share: float
+    joint: int
+    equivalent: tuple[Candidate, ...]
+    probability: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Found:
+    """What the rows of both epochs say.
+
+    Attributes:
+        both: The rows.
+        table: The joints and their noise, beside what was found.
+        every: All candidates.
+        changes: What is named, most torque first.
+        warmth: Friction of all joints together.
+        refuted: What held-out logs speak against.
+    """
+
+    both: Both
+    table: Table
+    every: tuple[Candidate, ...]
+    changes: tuple[Change, ...]
+    warmth: Warmth
+    refuted: tuple[Change, ...] = ()
+
+    @property
+    def named(self) -> list[Candidate]:
+        """The candidates that are named."""
+        return [c.contrast.candidate for c in self.changes]
+
+    def share(self, one: Candidate, theta: Array) -> tuple[float, int]:
+        """As `share_of`."""
+        return share_of(self.both, self.table.joints, one, theta)
+
+
+def share_of(
+    both: Both, joints: Mapping[int, Joint], one: Candidate, theta: Array
+) -> tuple[float, int]:
+    """Largest torque of a change on the second epoch's rows, of the joint's rms.
+
+    And the joint, from 0.
+    """
+    out, at = 0.0, 0
+    design = both.design
+    for j in one.pieces:
+        second = joints[j].layout.second
+        columns = design.columns(j, design.present(j, one.group.ids)[0])[second]
+        rms = np.sqrt((design.tau[j][second] ** 2).mean())
+        own = float(np.sqrt(((columns @ theta) ** 2).mean())) / max(rms, 1e-9)
+        if own > out:
+            out, at = own, j
+    return out, at
+
+
+def find(both: Both, clocked: bool) -> Found:
+    """Search the rows of both epochs for what changed.
+
+    Args:
+        both: The rows.
+        clocked: Whether the order of each epoch's logs in time is known.
+    """
+    groups, prices = vocabulary(both, clocked)
+    rest = joints_of(both, groups)
+    noise = first_noise(both, rest, basics(groups))
+    every = weighed(both.design, rest.joints, groups, prices)
+    look = _Look(both, rest.joints, every, Table(rest.joints, both.blocks, noise))
+    named = look.search([])
+    changed, press = _large(look, named)
+    if changed:
+        # The joint fit, and columns that depend on the torque, see it from here on.
+        both = beside(both, changed, press)
+        old = [c.group for c in look.every]
+        groups = renewed(both, look.every) if press else old
+        prices = [c.price for c in look.every]
+        rest = joints_of(both, old)
+        noise = first_noise(both, rest, basics(old))
+        every = weighed(both.design, rest.joints, groups, prices, old)
+        look = _Look(both, rest.joints, every, Table(rest.joints, both.blocks, noise))
+        named = look.search(look.same(named))
+    found = [look.conclude(c, named) for c in named]
+    found.sort(key=lambda c: -c.share)
+    return Found(both, look.table, tuple(look.every), tuple(found), rest.warmth)
+
+
+def _large(look: "_Look", named: Sequence[Candidate]) -> tuple[list, bool]:
+    """Named changes that shift the joint fit, or what goes by the torque of a gear."""
+    thetas = look.table.theta(named)
+    every = [(c.group, theta) for c, theta in zip(named, thetas, strict=True)]
+    shares = [
+        share_of(look.both, look.joints, c, t)[0]
+        for c, t in zip(named, thetas, strict=True)
+    ]
+    if max(shares, default=0.0) < look.both.rules.large:
+        return [], False
+    return every, any(g.effect.carries == "body" for g, _ in every)
+
+
+def _of_no_form(named: Sequence[Candidate]) -> list[Candidate]:
+    """Names that only together draw one curve over the position of a joint.
+
+    A joint that has a spring at once and a balancer has neither: a stop or a cable,
+    which has no name here.
+    """
+    curves: dict[int, list[Candidate]] = {}
+    for c in named:
+        effect = c.group.effect
+        if effect.variable is against_position and not (
+            effect.repeats or effect.brakes
+        ):
+            curves.setdefault(c.group.joints[0], []).append(c)
+    return [c for own in curves.values() if len(own) > 1 for c in own]
+
+
+class _Look:
+    """A search under way: the candidates so far, and the noise beside what is named."""
+
+    def __init__(
+        self,
+        both: Both,
+        joints: Mapping[int, Joint],
+        every: Sequence[Candidate],
+        table: Table,
+    ) -> None:
+        self.both, self.joints, self.table = both, joints, table
+        self.every = list(every)
+        self._start = table.noise
+        self._refined: set[int] = set()
+
+    def search(self, named: list[Candidate]) -> list[Candidate]:
+        """Add, swap and drop names until nothing is gained."""
+        named = self._improve(list(named)) if named else []
+        while len(named) < self.both.rules.most:
+            best = self._next(named)
+            if best is None:
+                break
+            named = [*named, best]
+            named = self._improve(named) if len(named) > 1 else named
+        named = self._prune(named)
+        mixed = _of_no_form(named)
+        if mixed:
+            named = [c for c in named if c not in mixed]
+            self.settle(named)
+        return named
+
+    def same(self, named: Sequence[Candidate]) -> list[Candidate]:
+        """The candidates of the same keys, with the likeliest shape."""
+        out: list[Candidate] = []
+        for own in named:
+            alike = [c for c in self.every if c.key == own.key]
+            out += [alike[int(np.argmax(self.table.fits(alike, out)))]]
+        return out
+
+    def settle(self, named: Sequence[Candidate]) -> None:
+        """Size of the errors of every joint beside what is named.
+
+        No smaller than in the first epoch: what is left may be more than noise.
+        """
+        variance = self._start.variance.copy()
+        thetas = self.table.theta(named)
+        for j, joint in self.joints.items():
+            left = joint.y
+            for c, theta in zip(named, thetas, strict=True):
+                if j in c.pieces:
+                    left = left - c.pieces[j].columns @ theta
+            own = left @ left / max(joint.degrees, 1.0)
+            variance[j] = max(variance[j], own)
+        self.table = self.table.with_noise(replace(self._start, variance=variance))
+
+    def looks(self, given: Sequence[Candidate]) -> list[Contrast]:
+        """What is known of the likeliest candidates beside others, one of each key."""
+        keys = {c.key for c in given}
+        others = [c for c in self.every if c.key not in keys]
+        fits = self.table.fits(others, given)
+        best: dict[tuple, int] = {}
+        for i in np.argsort(-fits):
+            best.setdefault(others[i].key, int(i))
+        wanted = [i for i in best.values() if fits[i] > LEAST]
+        known = [self.table.contrast(others[i], given) for i in wanted[:MANY]]
+        return [x for x in known if self._possible(x)]
+
+    def _next(self, named: list[Candidate]) -> Candidate | None:
+        """The best candidate beside those that are named, None where none is needed."""
+        rules = self.both.rules
+        looks = self._with_refined(self.looks(named), named)
+        good = [x for x in looks if x.nats > rules.threshold]
+        if not good:
+            return None
+        # Errors are judged beside the likeliest name, then names by the error they
+        # leave.
+        before = self.table
+        first = max(good, key=lambda x: x.nats)
+        self.settle([*named, first.candidate])
+        again = [self.table.contrast(x.candidate, named) for x in good]
+        least = self._least(named)
+        again = [x for x in again if self.share(x.candidate, x.theta) >= least]
+        if not again:
+            self.table = before
+            return None
+        best = self._simplest(again)
+        self.settle([*named, best])
+        return best
+
+    def _least(self, named: Sequence[Candidate]) -> float:
+        """Least torque of a change beside these, as a share of the joint's."""
+        pairs = zip(named, self.table.theta(named), strict=True)
+        largest = max((self.share(c, theta) for c, theta in pairs), default=0.0)
+        return max(self.both.rules.share, self.both.rules.beside * largest)
+
+    def _simplest(self, looks: Sequence[Contrast]) -> Candidate:
+        """The likeliest; of names that are as good, the simplest."""
+        top = max(x.fit for x in looks)
+        near = [x for x in looks if top - x.fit < self.both.rules.tie]
+
+        def rank(x: Contrast) -> tuple:
+            group = x.candidate.group
+            return (
+                group.effect.far_fetched > 0,
+                len(group.ids) + len(group.shape),
+                -x.fit,
+            )
+
+        return min(near, key=rank).candidate
+
+    def _with_refined(
+        self, looks: list[Contrast], named: Sequence[Candidate]
+    ) -> list[Contrast]:
+        """The same and the likeliest shapes of those that may be the answer."""
+        best: dict[tuple, Contrast] = {}
+        for x in looks:
+            if x.candidate.group.effect.refine:
+                old = best.get(x.candidate.key)
+                if old is None or x.fit > old.fit:
+                    best[x.candidate.key] = x
+        # Half way between two shapes of the grid most of the power is seen.
+        enough = max((NEAR * x.fit for x in looks), default=0.0)
+        enough = max(enough, self.both.rules.threshold)
+        wanted = [x for x in best.values() if x.fit > enough]
+        out = list(looks)
+        for look in sorted(wanted, key=lambda x: -x.fit)[:LOOKS]:
+            for width in WIDTHS:
+                if id(look.candidate) in self._refined:
+                    break
+                tried = refined(self.both, self.joints, look.candidate, width)
+                self._refined.add(id(look.candidate))
+                self.every += tried
+                fresh = [self.table.contrast(c, named) for c in tried]
+                fresh = [x for x in fresh if self._possible(x)]
+                out += fresh
+                look = max([look, *fresh], key=lambda x: x.fit)
+                self._refined.discard(id(look.candidate))
+            self._refined.add(id(look.candidate))
+        return out
+
+    def _improve(self, named: list[Candidate]) -> list[Candidate]:
+        """Swap each name for a better one, given the others."""
+        for _ in range(3):
+            before = list(named)
+            for i, own in enumerate(named):
+                others = [c for c in named if c is not own]
+                looks = self._with_refined(self.looks(others), others)
+                if looks:
+                    named[i] = self._simplest(looks)
+            if all(a is b for a, b in zip(before, named, strict=True)):
+                break
+            self.settle(named)
+        return named
+
+    def _prune(self, named: list[Candidate]) -> list[Candidate]:
+        """Without what the others make needless."""
+        rules = self.both.rules
+        while named:
+            looks = [
+                self.table.contrast(c, [x for x in named if x is not c]) for c in named
+            ]
+            weak = min(looks, key=lambda x: x.nats)
+            least = self._least(named)
+            small = [x for x in looks if self.share(x.candidate, x.theta) < least]
+            if weak.nats >= rules.threshold and not small:
+                break
+            gone = weak if weak.nats < rules.threshold else small[0]
+            named = [c for c in named if c is not gone.candidate]
+            self.settle(named)
+        return named
+
+    def _possible(self, look: Contrast) -> bool:
+        """Whether an arm can have changed so.
+
+        Of what any arm has a little of there may also be less than before.
+        """
+        group, both = look.candidate.group, self.both
+        limits = limits_of(both.design, both.fitted, group)
+        if group.effect.possible(look.theta, group.shape, limits):
+            return True
+        anchor = group.joints[0] if group.joints else 0
+        usual = bool(group.effect.in_any_arm(both.logs.span, anchor))
+        return usual and group.effect.possible(-look.theta, group.shape, limits)
+
+    def share(self, one: Candidate, theta: Array) -> float:
+        """Largest torque of a change, as a share of the joint's."""
+        return share_of(self.both, self.joints, one, theta)[0]
+
+    def conclude(self, own: Candidate, named: Sequence[Candidate]) -> Change:
+        """What is to be said of one name, beside the others."""
+        others = [c for c in named if c is not own]
+        mine = self.table.contrast(own, others)
+        best = {own.key: mine}
+        for x in self.looks(others):
+            old = best.get(x.candidate.key)
+            if old is None or (x.fit > old.fit and x.candidate.key != own.key):
+                best[x.candidate.key] = x
+        near = self.both.rules.equivalent
+        members = {
+            k for k, x in best.items() if k == own.key or mine.fit - x.fit < near
+        }
+        top = max(x.fit for x in best.values())
+        odds = {k: float(np.exp(x.fit - top)) for k, x in best.items()}
+        share, joint = share_of(self.both, self.joints, own, mine.theta)
+        return Change(
+            contrast=mine,
+            share=share,
+            joint=joint,
+            equivalent=tuple(best[k].candidate for k in members if k != own.key),
+            probability=sum(odds[k] for k in members) / sum(odds.values()),
+        )

@@ -1,0 +1,143 @@
+"""What changed and has no name: how much more than in the first epoch remains.
+
+Every block of two seconds is predicted by a fit that left it out, in both epochs. Where
+blocks of the second are missed by more than those of the first, and by more than its
+logs differ among themselves, something is there that no name of ours explains.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from residual.effects.base import State
+from residual.epochs.joint import Joint
+from residual.epochs.search import Found
+from residual.recording import Array
+
+CHANCE = 1e-3  # of one joint to be flagged where nothing changed
+USUAL, FEW_LOGS = 0.3, 3.0  # by which logs differ in the logarithm; logs it counts as
+BINS = 8
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rest:
+    """What remains of each joint after everything that is named.
+
+    Attributes:
+        left: What is left, by row; None for a joint that is not looked at.
+        share: Of the second epoch beyond the first, as a share of torque rms. (dof,).
+        floor: What the first epoch leaves, likewise. Shape (dof,).
+        flagged: Joints from 0 on which something changed that has no name.
+    """
+
+    left: tuple[Array | None, ...]
+    share: Array
+    floor: Array
+    flagged: tuple[int, ...]
+
+
+def unnamed(found: Found) -> Rest:
+    """Look for a change that no name explains."""
+    both, table = found.both, found.table
+    dof, rules = both.design.dof, both.rules
+    share, floor = np.zeros(dof), np.zeros(dof)
+    left: list[Array | None] = [None] * dof
+    flagged = []
+    thetas = table.theta(found.named)
+    for j, joint in table.joints.items():
+        rest = joint.y
+        for c, theta in zip(found.named, thetas, strict=True):
+            if j in c.pieces:
+                rest = rest - c.pieces[j].columns @ theta
+        left[j] = rest
+        power, second, log = _blocks(joint, rest)
+        rms = both.design.rms[j]
+        before, after = power[~second], power[second]
+        floor[j] = np.sqrt(before.mean()) / rms
+        share[j] = np.sqrt(max(after.mean() - before.mean(), 0.0)) / rms
+        sure = _more(before, after, log[~second], log[second])
+        if share[j] > rules.unknown_share and sure < CHANCE:
+            flagged.append(j)
+    return Rest(tuple(left), share, floor, tuple(flagged))
+
+
+def _blocks(joint: Joint, rest: Array) -> tuple[Array, Array, Array]:
+    """Mean square of every block as a fit without it leaves it; its epoch and log."""
+    missed = joint.lift(rest[:, None])[:, 0]
+    starts = joint.layout.starts
+    counts = np.diff([*starts, len(rest)])
+    power = np.add.reduceat(missed**2, starts) / counts
+    enough = counts >= 8
+    return (
+        power[enough],
+        joint.layout.second[starts][enough],
+        joint.layout.log[starts][enough],
+    )
+
+
+def _more(before: Array, after: Array, logs: Array, fresh: Array) -> float:
+    """Chance that the second epoch's blocks are missed by so much more.
+
+    On logarithms, which are nearly normal; logs that differ widen what is usual.
+    """
+    a, b = np.log(before + 1e-300), np.log(after + 1e-300)
+    if min(len(a), len(b)) < 4:
+        return 1.0
+    within = (a.var(ddof=1) * (len(a) - 1) + b.var(ddof=1) * (len(b) - 1)) / (
+        len(a) + len(b) - 2
+    )
+    means = np.array([a[logs == i].mean() for i in np.unique(logs)])
+    # Few logs say little of how logs differ: drawn towards what is usual.
+    free = len(means) - 1
+    own = float(((means - means.mean()) ** 2).sum())
+    between = (own + FEW_LOGS * USUAL**2) / (free + FEW_LOGS)
+    sd = np.sqrt(
+        within * (1 / len(a) + 1 / len(b))
+        + between * (1 / len(means) + 1 / len(np.unique(fresh)))
+    )
+    nu = len(a) + len(b) - 2
+    return float(stats.t.sf((b.mean() - a.mean()) / max(sd, 1e-12), nu))
+
+
+def follows(found: Found, rest: Rest, j: int) -> tuple[str, int, float] | None:
+    """The variable that the rest of a joint goes by most: what, of which joint, share.
+
+    None where it goes by none of them.
+    """
+    joint, design = found.table.joints[j], found.both.design
+    second = joint.layout.second
+    y = rest.left[j][second]
+    best: tuple[str, int, float] | None = None
+    for name in ("q", "qd", "qdd", "tau_model"):
+        for of in range(design.dof):
+            x = _seen(design.states, design.tracks, name, of, j, design)[second]
+            share = _explained(x, y, joint.layout.blocks_of_rows[second])
+            if best is None or share > best[2]:
+                best = (name, of, share)
+    return best if best is not None and best[2] > 0.2 else None
+
+
+def _seen(states: list[State], tracks, name: str, of: int, j: int, design) -> Array:
+    per_log = [
+        np.repeat(getattr(s, name)[:: t.step, [of]], design.dof, axis=1)
+        for s, t in zip(states, tracks, strict=True)
+    ]
+    return design.stacked(per_log)[j]
+
+
+def _explained(x: Array, y: Array, block: Array) -> float:
+    """Share of the squares of y that a step function of x takes of left-out blocks."""
+    edges = np.quantile(x, np.linspace(0, 1, BINS + 1)[1:-1])
+    code = np.searchsorted(edges, x)
+    half = block % 2 == 0
+    missed = 0.0
+    for own in (half, ~half):
+        means = np.array(
+            [
+                y[~own & (code == b)].mean() if (~own & (code == b)).any() else 0.0
+                for b in range(BINS)
+            ]
+        )
+        missed += float(((y[own] - means[code[own]]) ** 2).sum())
+    return 1 - missed / max(float(y @ y), 1e-300)

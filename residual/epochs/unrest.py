@@ -1,0 +1,268 @@
+"""What an arm does without any change: by how much its logs differ, and its warmth.
+
+Every log of the first epoch is held against the others. Where nothing changed between
+them, what they show beyond noise is what any new log will show too. One factor a joint,
+of all candidates and logs together: three logs give a score of values.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import psi
+
+from residual.epochs.contrast import Noise
+from residual.epochs.joint import Joint, Piece
+from residual.epochs.pursuit import joined
+from residual.epochs.rows import Both, Layout
+from residual.evidence.fit import autocorrelation_time
+from residual.evidence.group import Group
+from residual.recording import Array
+
+TOLD = 3.0  # deviations from which on warmth is told
+TRIM = 0.9  # of the squared ratios: no single one decides
+FLOOR = 1e-3  # of torque rms: no log is cleaner
+FEWEST = 50  # rows of a log that can be compared
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Warmth:
+    """Friction of all joints together, second epoch over first.
+
+    Attributes:
+        factor: Friction over that of the first epoch, less one, of all joints.
+        std: Its standard deviation.
+        each: The same of every joint that has friction to tell. Shape (dof,), NaN.
+        spread: By how much joints and logs differ in it, a standard deviation.
+    """
+
+    factor: float
+    std: float
+    each: Array
+    spread: float
+
+    @property
+    def told(self) -> bool:
+        """Whether it is beyond chance."""
+        return abs(self.factor) > TOLD * self.std
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rest:
+    """What any arm has, taken out.
+
+    Attributes:
+        joints: The joints in both epochs, by number from 0.
+        first: The same in the first epoch alone.
+        warmth: How the friction of all of them moved together.
+    """
+
+    joints: Mapping[int, Joint]
+    first: Mapping[int, Joint]
+    warmth: Warmth
+
+
+def warmth(both: Both, plain: Mapping[int, Joint]) -> Warmth:
+    """How the friction of all joints moved together."""
+    each, sd = np.full(both.design.dof, np.nan), np.full(both.design.dof, np.nan)
+    for j, joint in plain.items():
+        f = both.friction[j][:, None]
+        piece = joint.pieces(f, joint.layout.second, [1])[0]
+        info = piece.gram[0, 0]
+        if info <= 1e-3 * float((f[joint.layout.second] ** 2).sum()):
+            continue
+        score = piece.pull[:, 0] - piece.lever[:, 0, 0] * piece.cross[0] / info
+        each[j] = piece.cross[0] / info
+        sd[j] = np.sqrt((score**2).sum()) / info
+    known = np.isfinite(each) & (sd < 0.2)
+    least = both.rules.warmth
+    if known.sum() < 3:
+        return Warmth(0.0, least, each, least)
+    value, spread = _middle(each[known], sd[known])
+    # Joints warm by different amounts, and few of them say by how different.
+    spread = max(spread, least, both.rules.uneven * abs(value))
+    std = 1.25 * float(np.sqrt(1 / (1 / (sd[known] ** 2 + spread**2)).sum()))
+    return Warmth(value, std, each, spread)
+
+
+def _middle(values: Array, sd: Array) -> tuple[float, float]:
+    """A median, weighed by how sure each is, and the spread beyond that."""
+    order = np.argsort(values)
+    share = np.cumsum(1 / (sd[order] + 0.01)) * (0.01 + sd.min())
+    middle = values[order][int(np.searchsorted(share, 0.5 * share[-1]))]
+    gap = 1.48 * float(np.median(np.abs(values - middle)))
+    return float(middle), float(np.sqrt(max(gap**2 - np.median(sd) ** 2, 0.0)))
+
+
+def joints_of(both: Both, groups: Sequence[Group]) -> "Rest":
+    """The joints with what any arm has projected out, its warmth by log included.
+
+    Args:
+        both: Rows of both epochs.
+        groups: The vocabulary.
+    """
+    design, rules = both.design, both.rules
+    plain, shared, held, noise = {}, {}, {}, {}
+    for j in both.live:
+        usual = design.columns(j, design.present(j, both.shared)[0])
+        alone = _alone(both, usual, j)
+        # By the first epoch: nothing that changed may look like a trait of the arm.
+        first = ~both.layout[j].second
+        own = joined(design, j, groups, first, alone, rules)
+        shared[j], noise[j] = np.hstack([usual, own]), _quiet(both, alone, j)
+        held[j] = _even(shared[j], noise[j] / (rules.give * design.rms[j]) ** 2)
+        plain[j] = Joint(shared[j], both.left[j], both.layout[j], held[j])
+    warm = warmth(both, plain)
+    joints, first = {}, {}
+    for j in plain:
+        layout, f = both.layout[j], both.friction[j]
+        y = both.left[j] - warm.factor * f * layout.second
+        own, firm = _by_log(both, j, noise[j], warm)
+        columns, firm = np.hstack([shared[j], own]), np.concatenate([held[j], firm])
+        joints[j] = Joint(columns, y, layout, firm)
+        rows = ~layout.second
+        first[j] = Joint(columns[rows], y[rows], _of_first(layout), firm)
+    return Rest(joints, first, warm)
+
+
+def _alone(both: Both, shared: Array, j: int) -> Joint:
+    """A joint of the first epoch by itself, to project only."""
+    layout, rows = both.layout[j], ~both.layout[j].second
+    target = both.design.target[j][rows]
+    return Joint(shared[rows], target, _of_first(layout), light=True)
+
+
+def _quiet(both: Both, alone: Joint, j: int) -> float:
+    """Variance of independent rows [N^2 m^2], of the first epoch by itself.
+
+    No change can be in it, as it may be in what a fit of both epochs leaves.
+    """
+    line = np.zeros(len(both.layout[j].second))
+    line[~both.layout[j].second] = alone.y
+    slow = max(autocorrelation_time(both.design.line(j, line)), 1.0)
+    floor = (FLOOR * both.design.rms[j]) ** 2
+    return slow * (float(alone.y @ alone.y) / max(alone.degrees, 1.0) + floor)
+
+
+def _even(columns: Array, firm: float) -> Array:
+    """The same freedom of torque for every column. Shape (p,)."""
+    return firm * (columns**2).mean(axis=0)
+
+
+def _by_log(both: Both, j: int, noise: float, warm: Warmth) -> tuple[Array, Array]:
+    """Friction of each log, its slope, and of the second epoch; how firmly it is held.
+
+    Returns:
+        Shapes (rows, k), (k,).
+    """
+    layout, f = both.layout[j], both.friction[j]
+    logs = np.unique(layout.log)
+    own = layout.log[:, None] == logs
+    ramp = np.zeros(len(f))
+    for i, _ in enumerate(logs):
+        rows = np.flatnonzero(own[:, i])
+        ramp[rows] = np.linspace(-1, 1, len(rows))
+    # Friction that is more one way than the other warms as well.
+    epoch = np.column_stack([f, np.abs(f)]) * layout.second[:, None]
+    columns = [f[:, None] * own, (f * ramp)[:, None] * own, epoch]
+    rules, count = both.rules, len(logs)
+    moved = abs(warm.factor)
+    sd = [warm.spread] * count + [rules.ramp + 0.2 * moved] * count
+    sd += [warm.spread, rules.lean * (moved + warm.spread)]
+    return np.hstack(columns), noise / np.array(sd) ** 2
+
+
+def _of_first(layout: Layout) -> Layout:
+    rows = ~layout.second
+    count = int(rows[layout.starts].sum())
+    return Layout(
+        layout.second[rows], layout.log[rows], layout.starts[:count], layout.blocks
+    )
+
+
+def first_noise(both: Both, rest: "Rest", groups: Sequence[Group]) -> Noise:
+    """What errors are, as the first epoch shows them: nothing changed within it.
+
+    Args:
+        both: Rows of both epochs.
+        rest: The joints.
+        groups: Columns that logs are compared by.
+    """
+    dof = both.design.dof
+    variance, slow = np.ones(dof), np.full(dof, both.rules.slow)
+    restless, fewest = np.ones(dof), []
+    for j, joint in rest.first.items():
+        blocks = both.layout[j].second[both.layout[j].starts]
+        fewest.append(min(blocks.sum(), (~blocks).sum()))
+        variance[j] = joint.y @ joint.y / max(joint.degrees, 1.0)
+        variance[j] += (FLOOR * both.design.rms[j]) ** 2
+        own = [g for g in groups if g.joints == (j,)]
+        slow[j], restless[j] = _compared(both, joint, own, float(variance[j]))
+    return Noise(variance, slow, restless, float(np.median(fewest or [1.0])))
+
+
+def basics(groups: Sequence[Group]) -> list[Group]:
+    """One column on one joint, without a shape: what logs are compared by."""
+    return [
+        g
+        for g in groups
+        if g.effect.scope == "local" and g.shape == () and len(g.ids) == 1
+    ]
+
+
+def _compared(
+    both: Both, joint: Joint, groups: Sequence[Group], variance: float
+) -> tuple[float, float]:
+    """Rows that are as good as one, and by how much logs differ beyond that.
+
+    The second is a factor on standard deviations, of all candidates and logs together:
+    three logs give a score of values, and no single one decides.
+    """
+    parts, few = _parts(joint.layout, both.rules.parts)
+    least = both.rules.floor if few else both.rules.restless
+    if not groups or not parts:
+        return both.rules.slow, max(least, 2.0)
+    (j,) = groups[0].joints
+    ids = np.concatenate([g.ids for g in groups])
+    columns = both.design.columns(j, both.design.present(j, ids)[0])[: len(joint.y)]
+    slow, ratios = [], []
+    for mask in parts:
+        power = (columns[mask] ** 2).sum(axis=0)
+        made = joint.pieces(columns, mask, [1] * len(groups))
+        for piece, size in zip(made, power, strict=True):
+            if float(piece.plain[0, 0]) > 1e-3 * size:
+                pace, ratio = _ratio(piece, variance)
+                slow.append(pace)
+                ratios.append(ratio)
+    if not ratios:
+        return both.rules.slow, max(least, 2.0)
+    kept = np.sort(ratios)[: max(1, int(TRIM * len(ratios)))]
+    return max(float(np.median(slow)), 1.0), max(least, float(np.sqrt(np.mean(kept))))
+
+
+def _ratio(piece: Piece, variance: float) -> tuple[float, float]:
+    """Rows as good as one, and the square of a normal value, of one contrast."""
+    gram, plain = float(piece.gram[0, 0]), float(piece.plain[0, 0])
+    lever, theta = piece.lever[:, 0, 0], float(piece.cross[0]) / gram
+    score = (piece.pull[:, 0] - lever * theta) / np.maximum(1 - lever / gram, 0.1)
+    power = float((score**2).sum())
+    seen = max(int((lever > 0.02 * gram).sum()) - 1, 2)
+    total = max(power * gram / plain, 1e-300)
+    square = np.log1p((theta * gram) ** 2 / total / seen)
+    # Of Student's t with so many degrees the logarithm is this on average.
+    usual = psi((seen + 1) / 2) - psi(seen / 2)
+    return power / plain / variance, float(square / usual)
+
+
+def _parts(layout: Layout, parts: int) -> tuple[list[Array], bool]:
+    """Rows of each log, or of parts of it where there are few; whether they are few."""
+    logs = [layout.log == i for i in np.unique(layout.log)]
+    logs = [x for x in logs if x.sum() >= FEWEST]
+    if len(logs) >= 3:
+        return logs, False
+    out = []
+    for own in np.array_split(np.arange(len(layout.log)), parts):
+        mask = np.zeros(len(layout.log), dtype=bool)
+        mask[own] = True
+        out.append(mask)
+    return [x for x in out if x.sum() >= FEWEST], True

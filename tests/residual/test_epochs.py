@@ -1,0 +1,184 @@
+"""What changed between two epochs: laws of the regression, and planted changes."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from residual.close import close_the_loop
+from residual.epochs.contrast import SQUARES, expected_worth, worth_of
+from residual.epochs.joint import OWN, Joint
+from residual.epochs.rows import Layout
+from residual.errors import InputError
+from residual.robot.robot import load_robot
+from sim.records import Hidden
+from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case
+from warehouse.logs import read_log
+
+DATA = Path(
+    os.environ.get("MODELGAP_DATA") or Path(__file__).parents[3] / "shared/data"
+)
+FOUR = (Z, Y, Y, Z)
+ROWS, BLOCK = 120, 12
+
+
+def layout(rows=ROWS, block=BLOCK):
+    second = np.arange(rows) >= rows // 2
+    starts = np.arange(0, rows, block)
+    return Layout(second, second.astype(int), starts, np.arange(len(starts)))
+
+
+def drawn(seed, width=6):
+    rng = np.random.default_rng(seed)
+    shared = rng.normal(size=(ROWS, width))
+    held = rng.uniform(0.5, 50.0, width)
+    return shared, held, rng.normal(size=ROWS), rng.normal(size=(ROWS, 2))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_a_held_nuisance_is_generalised_least_squares(seed):
+    """Against the closed form with the full covariance of the rows."""
+    shared, held, y, columns = drawn(seed)
+    joint = Joint(shared, y, layout(), held)
+    mask = layout().second
+    before = np.zeros_like(columns)  # nothing of it was there
+    (piece,) = joint.pieces(columns, mask, [2], before)
+    size = np.sqrt((shared**2).mean(axis=0))
+    precision = np.diag(held / size**2 + 1e-5 * ROWS)
+    x = shared / size
+    covariance = np.eye(ROWS) + x @ np.linalg.inv(precision) @ x.T
+    z = columns * mask[:, None]
+    assert piece.gram == pytest.approx(z.T @ np.linalg.solve(covariance, z), rel=1e-6)
+    assert piece.cross == pytest.approx(z.T @ np.linalg.solve(covariance, y), rel=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_what_was_there_before_explains_no_change(seed):
+    """Torque of a column in both epochs alike gives a change of nothing."""
+    shared, held, _, columns = drawn(seed)
+    joint = Joint(shared, columns @ [3.0, -2.0], layout(), held)
+    (piece,) = joint.pieces(columns, layout().second, [2])
+    theta = np.linalg.solve(piece.gram, piece.cross)
+    assert np.abs(theta).max() < 20 * OWN
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_blocks_are_judged_as_a_fit_would_that_has_less_of_them(seed):
+    """The factor of CR2, squared, is that of a fit without the block."""
+    shared, held, y, _ = drawn(seed)
+    joint = Joint(shared, y, layout(), held)
+    once = joint.lift(joint.y[:, None])
+    twice = joint.lift(once)[:, 0]
+    keep = np.arange(ROWS) >= BLOCK
+    size = np.sqrt((shared**2).mean(axis=0))
+    x, precision = shared / size, np.diag(held / size**2 + 1e-5 * ROWS)
+    beta = np.linalg.solve(x[keep].T @ x[keep] + precision, x[keep].T @ y[keep])
+    assert twice[:BLOCK] == pytest.approx((y - x @ beta)[:BLOCK], rel=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.1, 1e4), st.floats(-5, 5), st.floats(0.01, 100.0))
+def test_evidence_is_a_bayes_factor(information, theta, precision):
+    """Of one coefficient, in closed form, at the likeliest of the prior's sizes."""
+    known, prior = np.array([[information]]), np.array([[precision]])
+    pull = known @ [theta]
+    worth = float(worth_of(known, pull, prior, None))
+    variances = SQUARES / precision + 1 / information
+    logs = [
+        -0.5 * np.log(v * information) + 0.5 * theta**2 * (information - 1 / v)
+        for v in variances
+    ]
+    assert worth == pytest.approx(max(logs) - np.log(len(SQUARES)), abs=1e-6)
+    sizes = np.array([0.0, abs(theta)])
+    both = expected_worth(known, np.ones(1), prior, 20.0, sizes)
+    assert both[0] <= both[1]
+
+
+def found(*hidden, seed=90, **options):
+    case = short_case(arm(FOUR), *hidden, seed=seed, baseline=True, **options)
+    return diagnose_case(case)
+
+
+@pytest.mark.parametrize("seed", [90, 91])
+def test_an_unchanged_arm_has_no_name(seed):
+    diagnosis = found(seed=seed)
+    assert names(diagnosis.verdict) == []
+    assert diagnosis.verdict.verdict == "none"
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "parameters", "key"),
+    [
+        ("offset", (2,), {"torque": 1.5}, "torque"),
+        ("torque_gain", (2,), {"gain": 0.12}, "gain"),
+        ("payload", (4,), {"mass": 0.8, "com_x": 0.05}, "mass"),
+    ],
+)
+def test_a_change_is_named_with_its_size(name, joints, parameters, key):
+    verdict = found(Hidden(name, joints, parameters)).verdict
+    first = verdict.effects[0]
+    places = {
+        (first.name, first.joints),
+        *((e.name, e.joints) for e in first.equivalent),
+    }
+    assert (name, joints) in places
+    if first.name == name:
+        value = first.parameters[key]
+        truth = parameters[key]
+        assert value.value == pytest.approx(truth, abs=4 * value.std + 0.03 * truth)
+
+
+def test_a_change_comes_with_what_would_have_been_seen_and_what_is_left():
+    diagnosis = found(Hidden("offset", (2,), {"torque": 1.5}))
+    verdict = diagnosis.verdict
+    sizes = {(d.name, d.joints): d.value for d in verdict.minimum_detectable}
+    assert sizes["viscous", (3,)] > 0
+    assert len(verdict.unexplained.per_joint) == 4
+    assert verdict.edit is not None
+    assert set(diagnosis.models) >= {"nominal", "identified", "augmented"}
+    assert (
+        diagnosis.errors.moving["augmented"][1] < diagnosis.errors.moving["nominal"][1]
+    )
+
+
+def test_a_model_of_before_needs_the_logs_behind_it():
+    case = short_case(arm(FOUR), seed=90, baseline=True)
+    model = diagnose_case(case).models["augmented"]
+    with pytest.raises(InputError, match="baseline"):
+        close_the_loop(case.robot, case.fit, held_out=case.held_out, model=model)
+
+
+@pytest.fixture(scope="module")
+def ur10e():
+    folder = DATA / "ur10e"
+    if not folder.exists():
+        pytest.skip("no measured logs: neither ../shared/data nor $MODELGAP_DATA")
+    robot = load_robot(folder / "ur10e.urdf")
+
+    def log(day):
+        return replace(read_log(str(folder / f"{day}.csv"), robot)[0], id=day)
+
+    return robot, log
+
+
+def test_other_days_of_a_measured_arm_are_no_change(ur10e):
+    robot, log = ur10e
+    days = [log("feb05"), log("feb06")], [log("feb12")]
+    found = close_the_loop(robot, days[1], baseline=days[0])
+    assert found.effects == ()
+
+
+def test_a_weighed_load_on_a_measured_arm_is_a_load(ur10e):
+    robot, log = ur10e
+    found = close_the_loop(robot, [log("feb19_load")], baseline=[log("feb19")])
+    first = found.effects[0]
+    assert (first.name, first.joints) == ("payload", (6,))
+    assert 2.7 < first.parameters["mass"].value < 3.1
+    assert {f.name for f in found.effects[1:]} <= {"torque_gain"}
