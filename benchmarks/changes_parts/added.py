@@ -179,7 +179,7 @@ TORQUE: Mapping[str, Callable[[State, int, Values], Array]] = {
     ),
 }
 ANGLE: Mapping[str, Callable[[State, int, Values], Array]] = {
-    "elasticity": lambda at, j, p: at.tau[:, j] / p["stiffness"],
+    "elasticity": lambda at, j, p: at.load[:, j] / p["stiffness"],
     "backlash": _backlash,
     "encoder_offset": lambda at, j, p: np.full(len(at.q), -p["angle"]),
     "encoder_eccentricity": _eccentricity,

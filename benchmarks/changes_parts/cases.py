@@ -39,11 +39,11 @@ from benchmarks.seeded import seed_range
 from flows.workers.pool import Here
 from sim.streams import stream
 
-DECIDING = "90101:90110"
+DECIDING = "90101:90108"
 LIST = Path(__file__).parent / "listed.json"
 
 # Cases of each seed; of those with a size, of each size.
-_MANY = {UNCHANGED: 20, CHANGE: 8, PAIRS: 4, UNNAMED: 6, DRIFT: 6, EDGE: 6}
+_MANY = {UNCHANGED: 25, CHANGE: 8, PAIRS: 4, UNNAMED: 6, DRIFT: 6, EDGE: 6}
 _REAL_MANY = {real.UR10E: 7, "others": 3}
 _REAL_SIZES = (0.10, 0.05)
 # Kinds of arms in turn; five, so that every effect meets every kind.
@@ -54,7 +54,8 @@ _DIRT = (("workshop", 0.5), ("worn", 0.3), ("clean", 0.2))
 _FAMILIES = ("fourier", "cyclic", "move_stop_move")
 _LOGS, _LENGTH, _TOTAL = (2, 4), (10.0, 20.0), 60.0  # s
 _WARM = (300.0, 1500.0)  # s of work before a session that begins warm
-_SAME_EFFECT, _TRIES = 12, 48  # draws, before another effect takes its turn; in all
+_SAME_EFFECT, _TRIES = 12, 120  # draws, before another effect takes its turn; in all
+_ROUNDS = 3  # of effects by their own step
 _OWN = ("case.py", "arms.py", "size.py", "plant.py", "added.py", "real.py", "cases.py")
 _BELOW = ("sim", "residual/robot")
 
@@ -254,9 +255,12 @@ def _names(slot: Slot, attempt: int) -> tuple[str, ...]:
 def _instead(slot: Slot, attempt: int) -> int:
     """Return how far to go on where no arm can have an effect so large.
 
-    Not always to the next one, which would come up too often.
+    Not always to the next one, which would come up too often; but to that in the end,
+    since steps may come round to where they began.
     """
-    return (1 + (3 * slot.seed + slot.index) % 16) * (attempt // _SAME_EFFECT)
+    rounds = attempt // _SAME_EFFECT
+    step = 1 + (3 * slot.seed + slot.index) % 16
+    return step * min(rounds, _ROUNDS) + max(rounds - _ROUNDS, 0)
 
 
 def _epochs(rng: np.random.Generator) -> tuple[tuple[Part, ...], ...]:

@@ -27,6 +27,7 @@ _ORDER = 4
 _EDGE = 0.6  # s at each end of a log, where the filter is not itself
 _SLOW = 0.03  # of the speed that 95 % of a log's samples stay below
 _ROWS = 50.0  # Hz, of what is compared
+_SEEN = 0.05  # of the rows: a joint that moves on fewer has no torque to compare with
 _CLOSE, _TRIES = 0.01, 6  # of the size asked for; simulations
 _STEEP = (0.3, 3.0)  # by what power a size may follow the parameter
 
@@ -122,7 +123,7 @@ def size_of(found: Sequence[Shares], joints: Sequence[int]) -> float:
     sizes = [
         _rms(effect[moves[:, j], j]) / _rms(torque[moves[:, j], j])
         for j in places
-        if moves[:, j].any()
+        if moves[:, j].mean() > _SEEN
     ]
     return max(sizes, default=0.0)
 

@@ -26,14 +26,7 @@ from residual.model.compare import (
     prepare_held_out,
 )
 from residual.model.model import Model
-from residual.model.nominal import (
-    Logs,
-    Nominal,
-    begin,
-    declared_names,
-    prepare_logs,
-    start_nominal,
-)
+from residual.model.nominal import Logs, Nominal, begin, prepare_logs
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.pieces import sketch_of
@@ -136,10 +129,9 @@ def _both(asked: Asked, rules: Rules) -> tuple[Logs, int, bool]:
 
 
 def _nominal(logs: Logs, declared: Sequence[str] | Model | None) -> Nominal:
-    if isinstance(declared, Model):
-        model = begin(logs, declared)
-        return Nominal(model, (None,) * len(model.terms))
-    return start_nominal(logs, declared_names(logs.robot, declared))
+    """The model that the arm is said to have; its values are what the logs show."""
+    model = begin(logs, declared)
+    return Nominal(model, (None,) * len(model.terms))
 
 
 def _epoch(
@@ -151,8 +143,7 @@ def _epoch(
     logs = prepare_logs(
         asked.robot, sketch_of(recordings), session_clock(recordings), Filters()
     )
-    model = begin(logs, nominal.model)
-    return fit_epoch(logs, replace(nominal, model=model), like)
+    return fit_epoch(logs, nominal, like)
 
 
 def _models(found: Found, before: Epoch, after: Epoch) -> dict[str, Model]:

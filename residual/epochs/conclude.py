@@ -27,6 +27,7 @@ from residual.recording import Array
 from residual.robot.robot import Robot
 
 DETERMINED = 0.5  # of the deviation before the logs
+MOVED = 0.3  # of the warmth of all joints: from there on a joint moved with them
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +178,7 @@ def _drift(found: Found) -> Drift | None:
     if not warm.told:
         return None
     moved = np.nan_to_num(warm.each) * np.sign(warm.factor)
-    joints = np.flatnonzero(moved > 2 * warm.spread)
+    joints = np.flatnonzero(moved > MOVED * abs(warm.factor))
     clock = "order" if found.both.logs.clock is None else "recording time"
     return Drift(
         factor=plain(1 + warm.factor),

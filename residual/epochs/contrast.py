@@ -6,7 +6,7 @@ g-prior, a t statistic for few blocks).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from residual.recording import Array
 
 MODEL = 15.0  # blocks that independent errors of each joint's size count as, and
 #              as many more as a candidate has columns
+WIDE = 0.1  # of a prior's precision: the likely size of a change is no measure of it
+FLAT = 1e-6  # of a column's square: below, it is none of its own
 SQUARES = np.array([1.0, 0.3, 0.1, 0.03]) ** 2  # of the prior size of an effect
 
 
@@ -75,6 +77,7 @@ class Contrast:
         information: Of the logs alone, without a prior. Shape (k, k).
         nats: Evidence that it changed, by how errors are seen to be.
         fit: Evidence by the fall of the squared error: to choose between names.
+        apart: Share of its torque that the others could not have by other sizes.
     """
 
     candidate: Candidate
@@ -83,6 +86,7 @@ class Contrast:
     information: Array
     nats: float
     fit: float
+    apart: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -142,7 +146,7 @@ class Table:
         out = Sums.empty(int(ends[-1]), self.blocks)
         for a, one in enumerate(some):
             at = slice(ends[a], ends[a + 1])
-            out.precision[at, at] = one.group.precision
+            out.precision[at, at] = WIDE * one.group.precision
             for j, piece in one.pieces.items():
                 own = piece.gram, piece.plain, piece.lever
                 self._add(out, j, (at, at), own)
@@ -263,11 +267,12 @@ class Table:
         # What logs may differ by comes on top of what rows scatter by.
         meat = (seen * meat + spread * errors) / (seen + spread) + (own - errors)
         information, pulled = _information(own, meat, cross)
-        return self._concluded(one, information, pulled, cross, own)
+        found = self._concluded(one, information, pulled, cross, own)
+        return replace(found, apart=_apart(sums.gram, n))
 
     def _concluded(self, one, information, pulled, cross, own) -> Contrast:
         prior = one.group.precision
-        covariance = np.linalg.inv(information + prior)
+        covariance = np.linalg.inv(information + WIDE * prior)
         return Contrast(
             candidate=one,
             theta=covariance @ pulled,
@@ -275,7 +280,17 @@ class Table:
             information=information,
             nats=worth_of(information, pulled, prior, self.degrees) - one.price,
             fit=worth_of(own, cross, prior, None) - one.price,
+            apart=1.0,
         )
+
+
+def _apart(gram: Array, n: int) -> float:
+    """Share of the last columns that the first n do not have, whatever their prior."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    gram = gram / np.outer(size, size)
+    old = gram[:n, :n] + FLAT * np.eye(n)
+    own = gram[n:, n:] - gram[n:, :n] @ np.linalg.solve(old, gram[:n, n:])
+    return float(np.diag(own).mean())
 
 
 def worth_of(information: Array, pull: Array, prior: Array, nu: float | None) -> Array:

@@ -16,7 +16,7 @@ from residual.epochs.search import Found
 from residual.evidence.priors import SCALES
 from residual.evidence.states import as_model
 from residual.model.model import Model
-from residual.model.nominal import Logs, Nominal
+from residual.model.nominal import Logs, Nominal, begin
 from residual.model.standstill import with_standstill
 from residual.model.term import Term, with_slots
 from residual.plain import plain
@@ -47,22 +47,33 @@ def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:
     Args:
         logs: The logs.
         nominal: The model that the arm is said to have.
-        like: A model whose standstill to take over.
+        like: An earlier epoch's, to begin with: what these logs do not show is as it
+            was, and so is how the arm stands.
     """
+    start = begin(logs, nominal.model if like is None else like)
+    nominal = replace(nominal, model=start)
     joint = joint_fit(logs, nominal, SCALES)
     rough = as_model(nominal, joint.fitted)
     if like is None:
         # What brakes decides how a joint stands; the rest only takes time.
         kept = [t for t in rough.terms if t.effect.brakes or t.effect.carries]
         still = with_standstill(replace(rough, terms=tuple(kept)), logs.sketch)
-        model = replace(rough, standstill=still.standstill)
-    else:
-        model = replace(rough, standstill=like.standstill)
+        rough = replace(rough, standstill=still.standstill)
     # What any arm has a little of is a part of its model, and has no name there.
-    count = len(nominal.model.terms)
-    terms = tuple(term.as_nominal() for term in model.terms[:count])
-    tables = (*model.tables, *model.terms[count:])
-    return Epoch(logs, replace(model, terms=terms, tables=tables), joint)
+    count = len(start.terms)
+    terms = tuple(term.as_nominal() for term in rough.terms[:count])
+    tables = _together((*start.tables, *rough.terms[count:]))
+    return Epoch(logs, replace(rough, terms=terms, tables=tables), joint)
+
+
+def _together(terms: Sequence[Term]) -> tuple[Term, ...]:
+    """Terms of one effect, place and shape as one."""
+    out: dict[tuple, Term] = {}
+    for term in terms:
+        key = term.effect.name, term.joints, term.shape
+        old = out.get(key)
+        out[key] = term if old is None else replace(old, theta=old.theta + term.theta)
+    return tuple(out.values())
 
 
 def augmented(first: Model, found: Found) -> Model:

@@ -23,7 +23,8 @@ from residual.model.term import Term
 from residual.recording import Array
 from residual.signals.pieces import logs_of
 
-LOOSE = 1.0  # relative scale of the bodies: the URDF may be rough
+LOOSE = 10.0  # relative scale of the bodies: a tool may weigh more than any link
+FIRM = (1.0, 10.0, 100.0, 1000.0)  # times the precision of what any arm has a little of
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -69,6 +70,8 @@ class Both:
         fitted: The joint fit of one arm to both epochs.
         seen: The same as a model.
         prior: Of its nominal coefficients.
+        changed: Torque on each joint of what is known to have changed on all of them
+            [N m], on the second epoch's rows. Shapes (rows,); empty where there is none.
     """
 
     design: Design
@@ -85,6 +88,7 @@ class Both:
     fitted: Fit
     seen: Model
     prior: Prior
+    changed: tuple[Array, ...] = ()
 
     @property
     def first_logs(self) -> int:
@@ -121,10 +125,13 @@ class JointFit:
 def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit:
     """Fit one arm to logs: its model, and what any arm has a little of.
 
+    How far the bodies are from the model's, and how little of the rest there is, the
+    evidence chooses: a short log must not fill what it did not see.
+
     Args:
         logs: The logs.
         nominal: The model.
-        scales: Relative scales of the bodies to choose from, by evidence.
+        scales: Relative scales of the bodies to choose from.
     """
     design = Design(logs.tracks, nominal.model)
     plain, loaded = _usual(logs, nominal.model)
@@ -132,10 +139,18 @@ def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit
     known = design.add(plain)
     design.show_torque(as_model(nominal, _fit(design, prior, known)))
     known = (*known, *design.add(loaded))
-    priors = [relative_prior(design, nominal, scale) for scale in scales]
-    fits = [_fit(design, prior, known) for prior in priors]
-    best = int(np.argmax([f.score for f in fits]))
-    return JointFit(design, fits[best], known, priors[best])
+    tried = [
+        JointFit(design, _fit(design, prior, held), tuple(held), prior)
+        for prior in (relative_prior(design, nominal, scale) for scale in scales)
+        for held in ([_firm(g, times) for g in known] for times in FIRM)
+    ]
+    return max(tried, key=lambda own: own.fitted.score)
+
+
+def _firm(group: Group, times: float) -> Group:
+    """A group whose prior is so many times as precise."""
+    log_det = group.log_det + len(group.ids) * float(np.log(times))
+    return replace(group, precision=times * group.precision, log_det=log_det)
 
 
 def both_epochs(logs: Logs, first: int, nominal: Nominal, rules: Rules) -> Both:
@@ -185,23 +200,17 @@ def beside(both: Both, changed: Sequence[tuple[Group, Array]], press: bool) -> B
     design = both.design
     if press:
         both = _pressed(both, changed)
-    target = [
-        y - own.second * _torque(design, j, changed)
-        for j, (y, own) in enumerate(zip(design.target, both.layout, strict=True))
-    ]
-    fitted = _fit(design.with_target(target), both.prior, both.known)
-    left = tuple(
-        old + x
-        for old, x in zip(
-            _left(design.with_target(target), fitted),
-            (
-                own.second * _torque(design, j, changed)
-                for j, own in enumerate(both.layout)
-            ),
-            strict=True,
-        )
+    there = tuple(
+        own.second * _torque(design, j, changed) for j, own in enumerate(both.layout)
     )
-    return replace(both, left=left)
+    target = [y - x for y, x in zip(design.target, there, strict=True)]
+    other = design.with_target(target)
+    fitted = _fit(other, both.prior, both.known)
+    left = _left(other, fitted)
+    left = tuple(y + x for y, x in zip(left, there, strict=True))
+    wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
+    every = [own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)]
+    return replace(both, left=left, changed=tuple(every) if wide else ())
 
 
 def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> Array:

@@ -13,6 +13,7 @@ class Rules:
         beside: The same of a change beside a larger one, as a share of that: no large
             change is modelled better.
         tie: Between names that are so close the simpler is taken [nats].
+        crude: The same as a share of the evidence: no column is quite what an arm does.
         link: What it costs to say that a link has changed its weight, where a load at
             the flange would do [nats].
         large: Torque of a change from which on it shifts what depends on the torque
@@ -33,6 +34,7 @@ class Rules:
         uneven: By what part of the warmth of all joints one may differ from it.
         ramp: What it may differ by from the middle of a log to its end, as a share.
         lean: What of friction may be more one way than the other, as a share.
+        gain: By what the drive of a joint may misreport a large change, as a share.
         slow: Rows that are taken to be as good as one, where nothing is known.
         joined: Most effects of its own that a joint may have in both epochs.
         worth: Evidence that each of them must win [nats].
@@ -44,6 +46,7 @@ class Rules:
     share: float = 0.01
     beside: float = 0.06
     tie: float = 2.0
+    crude: float = 0.03
     link: float = 3.0
     large: float = 0.04
     equivalent: float = 6.0
@@ -59,6 +62,7 @@ class Rules:
     uneven: float = 0.3
     ramp: float = 0.02
     lean: float = 0.1
+    gain: float = 0.05
     slow: float = 6.0
     joined: int = 8
     worth: float = 10.0

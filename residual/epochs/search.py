@@ -17,6 +17,7 @@ from residual.recording import Array
 WIDTHS = (1.0, 0.4, 0.15)  # of the reach of an effect: how far a shape is refined
 LEAST, MANY = -3.0, 16  # candidates that get a look at their blocks [nats]
 NEAR = 0.6  # of the best evidence: what a shape that is not refined may reach
+APART = 0.02  # of a candidate that those that are named do not have
 LOOKS = 3  # candidates with a shape that are refined before one is chosen
 
 
@@ -101,7 +102,8 @@ def find(both: Both, clocked: bool) -> Found:
     noise = first_noise(both, rest, basics(groups))
     every = weighed(both.design, rest.joints, groups, prices)
     look = _Look(both, rest.joints, every, Table(rest.joints, both.blocks, noise))
-    named = look.search([])
+    # What presses on the gears comes before anything that goes by that.
+    named = look.search([], most=1)
     changed, press = _large(look, named)
     if changed:
         # The joint fit, and columns that depend on the torque, see it from here on.
@@ -113,7 +115,8 @@ def find(both: Both, clocked: bool) -> Found:
         noise = first_noise(both, rest, basics(old))
         every = weighed(both.design, rest.joints, groups, prices, old)
         look = _Look(both, rest.joints, every, Table(rest.joints, both.blocks, noise))
-        named = look.search(look.same(named))
+        named = look.same(named)
+    named = look.search(named, both.rules.most)
     found = [look.conclude(c, named) for c in named]
     found.sort(key=lambda c: -c.share)
     return Found(both, look.table, tuple(look.every), tuple(found), rest.warmth)
@@ -163,14 +166,14 @@ class _Look:
         self._start = table.noise
         self._refined: set[int] = set()
 
-    def search(self, named: list[Candidate]) -> list[Candidate]:
+    def search(self, named: list[Candidate], most: int) -> list[Candidate]:
         """Add, swap and drop names until nothing is gained."""
         named = self._improve(list(named)) if named else []
-        while len(named) < self.both.rules.most:
+        while len(named) < most:
             best = self._next(named)
             if best is None:
                 break
-            named = [*named, best]
+            named = self._plainer([*named, best])
             named = self._improve(named) if len(named) > 1 else named
         named = self._prune(named)
         mixed = _of_no_form(named)
@@ -245,8 +248,9 @@ class _Look:
 
     def _simplest(self, looks: Sequence[Contrast]) -> Candidate:
         """The likeliest; of names that are as good, the simplest."""
-        top = max(x.fit for x in looks)
-        near = [x for x in looks if top - x.fit < self.both.rules.tie]
+        rules, top = self.both.rules, max(x.fit for x in looks)
+        # No column is quite what an arm does: the more evidence, the more that counts.
+        near = [x for x in looks if top - x.fit < rules.tie + rules.crude * top]
 
         def rank(x: Contrast) -> tuple:
             group = x.candidate.group
@@ -288,6 +292,34 @@ class _Look:
             self._refined.add(id(look.candidate))
         return out
 
+    def _plainer(self, named: list[Candidate]) -> list[Candidate]:
+        """The last name as two plain ones of its joint, where they say more.
+
+        More friction is a level and a slope; between the two lies many a curve.
+        """
+        *others, own = named
+        curved = own.group.effect.scope == "local" and own.group.shape
+        if len(named) == self.both.rules.most or not curved:
+            return named
+        plain = [
+            c
+            for c in self.every
+            if c.group.joints == own.group.joints
+            and c.group.effect.scope == "local"
+            and c.group.shape == ()
+            and len(c.group.ids) == 1
+        ]
+        pair: list[Candidate] = []
+        worth = -float(self.table.fits([own], others)[0])
+        for _ in range(2):
+            fits = self.table.fits(plain, [*others, *pair])
+            pair.append(plain[int(np.argmax(fits))])
+            worth += float(fits.max())
+        if worth < 0:
+            return named
+        self.settle([*others, *pair])
+        return [*others, *pair]
+
     def _improve(self, named: list[Candidate]) -> list[Candidate]:
         """Swap each name for a better one, given the others."""
         for _ in range(3):
@@ -320,17 +352,21 @@ class _Look:
         return named
 
     def _possible(self, look: Contrast) -> bool:
-        """Whether an arm can have changed so.
+        """Whether an arm can have changed so, beside what is named.
 
-        Of what any arm has a little of there may also be less than before.
+        Of what any arm has a little of there may be more or less than before: how much
+        there is, in a nuisance of many columns, no one of them says.
         """
         group, both = look.candidate.group, self.both
+        if look.apart < APART:
+            return False
         limits = limits_of(both.design, both.fitted, group)
-        if group.effect.possible(look.theta, group.shape, limits):
-            return True
+        ways = [look.theta]
         anchor = group.joints[0] if group.joints else 0
-        usual = bool(group.effect.in_any_arm(both.logs.span, anchor))
-        return usual and group.effect.possible(-look.theta, group.shape, limits)
+        if group.effect.in_any_arm(both.logs.span, anchor):
+            limits = replace(limits, had=np.zeros_like(limits.had))
+            ways.append(-look.theta)
+        return any(group.effect.possible(x, group.shape, limits) for x in ways)
 
     def share(self, one: Candidate, theta: Array) -> float:
         """Largest torque of a change, as a share of the joint's."""

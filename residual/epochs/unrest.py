@@ -20,6 +20,7 @@ from residual.evidence.group import Group
 from residual.recording import Array
 
 TOLD = 3.0  # deviations from which on warmth is told
+JOINTS = 2.0  # that what is usual of warmth counts as
 TRIM = 0.9  # of the squared ratios: no single one decides
 FLOOR = 1e-3  # of torque rms: no log is cleaner
 FEWEST = 50  # rows of a log that can be compared
@@ -80,7 +81,9 @@ def warmth(both: Both, plain: Mapping[int, Joint]) -> Warmth:
         return Warmth(0.0, least, each, least)
     value, spread = _middle(each[known], sd[known])
     # Joints warm by different amounts, and few of them say by how different.
-    spread = max(spread, least, both.rules.uneven * abs(value))
+    some = known.sum()
+    spread = np.sqrt((JOINTS * least**2 + some * spread**2) / (JOINTS + some))
+    spread = max(float(spread), both.rules.uneven * abs(value))
     std = 1.25 * float(np.sqrt(1 / (1 / (sd[known] ** 2 + spread**2)).sum()))
     return Warmth(value, std, each, spread)
 
@@ -150,7 +153,9 @@ def _even(columns: Array, firm: float) -> Array:
 
 
 def _by_log(both: Both, j: int, noise: float, warm: Warmth) -> tuple[Array, Array]:
-    """Friction of each log, its slope, and of the second epoch; how firmly it is held.
+    """Friction of each log, its slope, that of the second epoch; how firmly it is held.
+
+    And how exactly a joint reports what is known to have changed.
 
     Returns:
         Shapes (rows, k), (k,).
@@ -169,6 +174,10 @@ def _by_log(both: Both, j: int, noise: float, warm: Warmth) -> tuple[Array, Arra
     moved = abs(warm.factor)
     sd = [warm.spread] * count + [rules.ramp + 0.2 * moved] * count
     sd += [warm.spread, rules.lean * (moved + warm.spread)]
+    if both.changed:
+        # Each drive reports what it bears with a gain of its own.
+        columns.append(both.changed[j][:, None])
+        sd.append(rules.gain)
     return np.hstack(columns), noise / np.array(sd) ** 2
 
 

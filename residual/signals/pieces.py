@@ -76,17 +76,19 @@ def rows_of(recording: Recording, first: int, last: int) -> Recording:
 
 
 def sketch_of(
-    recordings: Sequence[Recording], most: float = LONG, kept: float = SKETCH
+    recordings: Sequence[Recording],
+    most: float | None = None,
+    kept: float | None = None,
 ) -> Sequence[Recording]:
     """Return pieces, evenly spread, of long logs; the logs where they are not long.
 
     Args:
         recordings: Logs.
-        most: From how many seconds on they are long.
-        kept: Seconds that are kept of them.
+        most: From how many seconds on they are long; ten minutes where None.
+        kept: Seconds that are kept of them; seven minutes where None.
     """
-    long = are_long(recordings) or sum(r.duration for r in recordings) > most
-    if not long:
+    most = LONG if most is None else most
+    if not are_long(recordings) and sum(r.duration for r in recordings) <= most:
         return recordings
     pieces = [piece for r in recordings for piece in _pieces(r, CUTOFF)]
     return [pieces[i] for i in spread([r.duration for r in pieces], most, kept)]
@@ -118,22 +120,22 @@ def is_cut(seconds: Sequence[float]) -> bool:
 
 
 def spread(
-    seconds: Sequence[float], most: float = LONG, kept: float = SKETCH
+    seconds: Sequence[float], most: float | None = None, kept: float | None = None
 ) -> list[int]:
-    """Choose pieces, evenly spread, that make seven minutes; of short logs all.
+    """Choose pieces, evenly spread, of long logs; of short ones all.
 
     Args:
         seconds: Length of each piece [s].
-        most: From how many seconds in all on a choice is made.
-        kept: How many are chosen.
+        most: From how many seconds in all on a choice is made; ten minutes where None.
+        kept: How many are chosen; seven minutes where None.
 
     Returns:
         Their numbers, in order.
     """
     total = float(sum(seconds))
-    if total <= most:
+    if total <= (LONG if most is None else most):
         return list(range(len(seconds)))
     middle = np.cumsum(seconds) - 0.5 * np.asarray(seconds)
-    count = max(int(kept / max(seconds)), 1)
+    count = max(int((SKETCH if kept is None else kept) / max(seconds)), 1)
     wanted = (np.arange(count) + 0.5) / count * total
     return sorted({int(np.argmin(np.abs(middle - at))) for at in wanted})

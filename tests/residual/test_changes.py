@@ -22,7 +22,7 @@ def test_a_value_is_asked_without_its_own_prior(rng, count):
     information, truth = mix @ mix.T + np.eye(5), rng.normal(size=5)
     before = np.diag(rng.uniform(0.5, 2.0, size=5))
     theta, after = known((information, information @ truth), before)
-    state = _State(theta, before, after, np.zeros((5, 5)), False)
+    state = _State(theta, before, after, np.zeros((5, 5)))
     rows = np.eye(5)[:count]
     names = tuple((f"v{i}", (1,), "k", "1") for i in range(count))
     asked = _Asked(names, np.zeros(count), np.ones(count), rows, rows)
@@ -38,7 +38,7 @@ def test_a_value_is_asked_without_its_own_prior(rng, count):
 
 def test_a_value_of_which_the_logs_hold_nothing_is_never_off():
     before = after = np.eye(2)
-    state = _State(np.array([0.0, 0.0]), before, after, np.zeros((2, 2)), False)
+    state = _State(np.array([0.0, 0.0]), before, after, np.zeros((2, 2)))
     rows = np.eye(2)[:1]
     names = (("v", (1,), "k", "1"),)
     (said,) = _told(state, _Asked(names, np.ones(1), np.ones(1), rows, rows), 3.0)
@@ -55,7 +55,7 @@ def test_only_a_finding_explains_a_value_that_is_off(added, before, told):
     """What its prior held back of a value is as little explained as the rest."""
     row, before = np.array(added), np.diag(before)
     theta, after = known((400 * row.T @ row, 400 * 0.25 * row[0]), before)
-    state = _State(theta, before, after, np.zeros((2, 2)), False)
+    state = _State(theta, before, after, np.zeros((2, 2)))
     slope, names = np.eye(2)[:1, :1], (("v", (1,), "k", "1"),)
     (said,) = _told(state, _Asked(names, np.ones(1), np.ones(1), slope, row), 3.0)
     assert said.identified == pytest.approx(1.25, abs=1e-3)
