@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.changes_parts.size import smooth
 from residual.recording import Recording
@@ -22,6 +23,7 @@ Values = Mapping[str, float]
 _TURN = 0.012  # rad/s: over which dry friction turns round
 _FLOOR = 0.15  # of a joint's torque, below which teeth are never pressed
 _STEEL = 7850.0  # kg/m^3
+_CARRIED = 3.0  # Hz, of the torque that a gear is seen to carry
 _SIDE = 0.05  # of a joint's torque, over which a gear goes through its play
 
 
@@ -125,6 +127,17 @@ def _backlash(at: State, j: int, p: Values) -> Array:
     return p["half_gap"] * side
 
 
+def _elasticity(at: State, j: int, p: Values) -> Array:
+    """A twist by what the gear carries, as far as that is more than noise.
+
+    Torque of angles that were differentiated twice is noise above some Hertz, and the
+    torque of this twist differentiates them twice again.
+    """
+    rate = (len(at.log.t) - 1) / (at.log.t[-1] - at.log.t[0])
+    sos = butter(4, 2 * _CARRIED / rate, output="sos")
+    return sosfiltfilt(sos, at.load[:, j]) / p["stiffness"]
+
+
 def _eccentricity(at: State, j: int, p: Values) -> Array:
     x = at.log.q[:, j]
     return -p["cos"] * np.cos(x) - p["sin"] * np.sin(x)
@@ -179,7 +192,7 @@ TORQUE: Mapping[str, Callable[[State, int, Values], Array]] = {
     ),
 }
 ANGLE: Mapping[str, Callable[[State, int, Values], Array]] = {
-    "elasticity": lambda at, j, p: at.load[:, j] / p["stiffness"],
+    "elasticity": _elasticity,
     "backlash": _backlash,
     "encoder_offset": lambda at, j, p: np.full(len(at.q), -p["angle"]),
     "encoder_eccentricity": _eccentricity,

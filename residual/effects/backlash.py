@@ -76,7 +76,7 @@ EFFECT = Effect(
     scope="link",
     values=lambda theta, shape, robot: theta,
     from_values=lambda values, robot: (values, (float(values[0]),)),
-    shapes=lambda span, j: ((5e-4,), (1e-3,), (2e-3,), (4e-3,), (8e-3,), (1.6e-2,)),
+    shapes=lambda span, j: ((5e-4,), (1e-3,), (2e-3,), (4e-3,)),
     refine=Refinement("ratio", 0.7, lower=1e-5, upper=0.02),
     uses_model=True,
     remembers=True,

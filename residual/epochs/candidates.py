@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from residual.effects import registry
+from residual.effects.base import Effect, Shape
 from residual.epochs.contrast import Candidate
 from residual.epochs.joint import Joint, Piece
 from residual.epochs.rows import Both
@@ -30,7 +31,7 @@ def vocabulary(both: Both, clocked: bool) -> tuple[list[Group], list[float]]:
         for on in effect.candidates(both.design.dof):
             if effect.scope in ("local", "pair") and not set(on) <= live:
                 continue
-            shapes = effect.shapes(span, on[0] if on else 0)
+            shapes = _reaching(effect, effect.shapes(span, on[0] if on else 0))
             wanted += [(effect, on, shape) for shape in shapes]
     groups = both.design.add(wanted)
     variants = Counter(g.key for g in groups)
@@ -40,6 +41,20 @@ def vocabulary(both: Both, clocked: bool) -> tuple[list[Group], list[float]]:
         for g in groups
     ]
     return groups, prices
+
+
+def _reaching(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
+    """Shapes on a grid of ratios, up to the largest that the effect can have.
+
+    A change may be larger than what an arm is delivered with.
+    """
+    out, how = list(shapes), effect.refine
+    if how is None or how.step != "ratio" or len(out) < 2 or not np.isfinite(how.upper):
+        return out
+    ratio = out[-1][0] / out[-2][0]
+    while ratio > 1 and out[-1][0] * ratio < how.upper:
+        out.append((out[-1][0] * ratio, *out[-1][1:]))
+    return out
 
 
 def renewed(both: Both, known: Sequence[Candidate]) -> list[Group]:

@@ -34,7 +34,10 @@ from residual.signals.split import session_clock
 from residual.signals.track import Filters
 
 Progress = Callable[[str, float], None]
-WORSE, SURE = 1.05, 2.33  # of the error, and in deviations over blocks: p = 0.01
+# Of the error. Another motion asks more of the rest of a model than of a name, so that
+# it must be much worse with it.
+WORSE, BETTER = 1.25, 0.95
+SURE = 2.33  # deviations over blocks: p = 0.01
 BLOCK = 2  # seconds
 FEW = 8  # blocks: with fewer the ratio alone decides
 
@@ -78,8 +81,11 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
     before = _epoch(asked, asked.first, nominal)
     after = _epoch(asked, asked.second, nominal, before.model)
     proof = prepare_held_out(asked.held_out, before.model)
-    found, judged = _judged(found, before.model, proof)
-    models = _models(found, before, after)
+    found, judged, now = _judged(
+        found, proof, lambda own: augmented(own, nominal, before.model)
+    )
+    models = {"nominal": before.model, "identified": after.model}
+    models["augmented"] = now if found.changes else after.model
     errors, proofs = compare(models, proof, logs.filters)
     verdict = conclude(
         found,
@@ -146,32 +152,36 @@ def _epoch(
     return fit_epoch(logs, nominal, like)
 
 
-def _models(found: Found, before: Epoch, after: Epoch) -> dict[str, Model]:
-    now = after.model
-    models = {"nominal": before.model, "identified": now, "augmented": now}
-    if found.changes:
-        models["augmented"] = augmented(before.model, found)
-    return models
-
-
 def _judged(
-    found: Found, first: Model, proof: Sequence[HeldOutLog]
-) -> tuple[Found, Mapping[int, Judged]]:
-    """Let the held-out logs judge each name; what they refute falls."""
+    found: Found, proof: Sequence[HeldOutLog], model_of: Callable[[Found], Model]
+) -> tuple[Found, Mapping[int, Judged], Model]:
+    """Let the held-out logs judge each name; what they refute falls.
+
+    Each name against the best that can be said without it.
+
+    Args:
+        found: What was found.
+        proof: The held-out logs.
+        model_of: The augmented model of what was found.
+
+    Returns:
+        What stands, the judgement of each by its `id`, and the augmented model.
+    """
     refuted: list[Change] = []
     while True:
-        whole = _error(augmented(first, found), proof)
+        model = model_of(found)
+        whole = _error(model, proof)
         judged = {}
         for change in found.changes:
             less = replace(
                 found, changes=tuple(c for c in found.changes if c is not change)
             )
             judged[id(change)] = _judgement(
-                change, whole, _error(augmented(first, less), proof)
+                change, whole, _error(model_of(less), proof)
             )
         worst = [c for c in found.changes if judged[id(c)].word == "refuted"]
         if not worst:
-            return replace(found, refuted=tuple(refuted)), judged
+            return replace(found, refuted=tuple(refuted)), judged, model
         gone = min(worst, key=lambda c: judged[id(c)].gain)
         refuted.append(gone)
         found = replace(found, changes=tuple(c for c in found.changes if c is not gone))
@@ -185,9 +195,15 @@ def _error(model: Model, proof: Sequence[HeldOutLog]) -> Array:
 
 
 def _judgement(change: Change, with_it: Array, without: Array) -> Judged:
-    """What held-out motion says of one name, on the joint where it is largest."""
-    a, b = with_it[:, change.joint], without[:, change.joint]
-    ratio = float(np.sqrt(a.sum() / max(b.sum(), 1e-300)))
+    """What held-out motion says of one name, over all joints that it acts on.
+
+    Each joint's error counts as a share of what is left of it in any case.
+    """
+    on = list(change.contrast.candidate.pieces)
+    least = np.minimum(with_it.sum(axis=0), without.sum(axis=0))[on]
+    a, b = (x[:, on] / np.maximum(least, 1e-300) for x in (with_it, without))
+    a, b = a.sum(axis=1), b.sum(axis=1)
+    ratio = float(np.sqrt(a.sum() / b.sum()))
     rise = a - b
     scatter = rise.std(ddof=1) * np.sqrt(len(rise)) if len(rise) > 1 else 0.0
     sure = len(rise) < FEW or rise.sum() > SURE * scatter
@@ -195,7 +211,7 @@ def _judgement(change: Change, with_it: Array, without: Array) -> Judged:
         return Judged("refuted", 1 - ratio)
     gain = 1 - ratio
     fell = len(rise) < FEW or -rise.sum() > SURE * scatter
-    word = "confirmed" if ratio < 1 / WORSE and fell else "neutral"
+    word = "confirmed" if ratio < BETTER and fell else "neutral"
     return Judged(word, gain)
 
 

@@ -1,8 +1,8 @@
 """The models of two epochs: the arm as it was, as it is, and as it was with the change.
 
 The nominal model is the first epoch's fit with all that any arm has a little of, the
-identified one the same of the second epoch, the augmented one the first epoch's with
-what changed.
+identified one the same of the second epoch, the augmented one the fit of both with what
+changed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.causes.change import Change
-from residual.epochs.rows import JointFit, joint_fit
+from residual.epochs.rows import JointFit, joint_fit, without
 from residual.epochs.search import Found
+from residual.evidence.fit import Fit
 from residual.evidence.priors import SCALES
 from residual.evidence.states import as_model
 from residual.model.model import Model
@@ -59,11 +60,7 @@ def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:
         kept = [t for t in rough.terms if t.effect.brakes or t.effect.carries]
         still = with_standstill(replace(rough, terms=tuple(kept)), logs.sketch)
         rough = replace(rough, standstill=still.standstill)
-    # What any arm has a little of is a part of its model, and has no name there.
-    count = len(start.terms)
-    terms = tuple(term.as_nominal() for term in rough.terms[:count])
-    tables = _together((*start.tables, *rough.terms[count:]))
-    return Epoch(logs, replace(rough, terms=terms, tables=tables), joint)
+    return Epoch(logs, _with_tables(rough, nominal), joint)
 
 
 def _together(terms: Sequence[Term]) -> tuple[Term, ...]:
@@ -76,17 +73,65 @@ def _together(terms: Sequence[Term]) -> tuple[Term, ...]:
     return tuple(out.values())
 
 
-def augmented(first: Model, found: Found) -> Model:
-    """The first epoch's model with what changed, warmth of all joints included."""
-    factor = 1.0 + (found.warmth.factor if found.warmth.told else 0.0)
+def augmented(found: Found, nominal: Nominal, like: Model) -> Model:
+    """The arm of both epochs, with what changed: warmth of all joints included.
 
-    def warm(terms: Sequence[Term]) -> tuple[Term, ...]:
-        return tuple(
-            replace(t, theta=factor * t.theta) if t.effect.brakes else t for t in terms
+    What did not change is fitted to both epochs, the second less what did: either
+    epoch alone knows less of it.
+
+    Args:
+        found: What changed.
+        nominal: The model that the arm is said to have.
+        like: A model whose standstill to take over.
+    """
+    both, changed = found.both, changed_terms(found)
+    groups = [(c.contrast.candidate.group, c.contrast.theta) for c in found.changes]
+    fitted, there = without(both, groups)
+    rough = as_model(nominal, fitted)
+    model = replace(_with_tables(rough, nominal), standstill=like.standstill)
+    if found.warmth.told:
+        factor = 1.0 + _warmed(found, fitted, there)
+        model = replace(
+            model, terms=_warm(model.terms, factor), tables=_warm(model.tables, factor)
         )
+    return replace(model, terms=(*model.terms, *changed))
 
-    terms = (*warm(first.terms), *changed_terms(found))
-    return replace(first, terms=terms, tables=warm(first.tables))
+
+def _warm(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
+    """Friction of every joint times a factor of its own."""
+    return tuple(
+        replace(t, theta=factor[t.joints[0]] * t.theta) if t.effect.brakes else t
+        for t in terms
+    )
+
+
+def _warmed(found: Found, fitted: Fit, there: Sequence[Array]) -> Array:
+    """Friction of the second epoch over the joint fit's, less one. Shape (dof,).
+
+    The joint fit lies between the epochs, by how much of each there is; from what all
+    joints have in common each differs as much as its rows say.
+    """
+    both, warm, design = found.both, found.warmth, found.both.design
+    rows = np.concatenate([own.second for own in both.layout])
+    common = warm.factor * float(1 - rows.mean())
+    out = np.full(design.dof, common)
+    for j in found.table.joints:
+        second = both.layout[j].second
+        left = design.residual(j, fitted.ids, fitted.theta)[second] - there[j][second]
+        f = both.friction[j][second]
+        weight = found.table.noise.weight[j]
+        before = 1 / warm.spread**2
+        out[j] = (before * common + weight * (f @ left)) / (before + weight * (f @ f))
+    return out
+
+
+def _with_tables(rough: Model, nominal: Nominal) -> Model:
+    """What any arm has a little of is a part of its model, and has no name there."""
+    start = nominal.model
+    count = len(start.terms)
+    terms = tuple(term.as_nominal() for term in rough.terms[:count])
+    tables = _together((*start.tables, *rough.terms[count:]))
+    return replace(rough, terms=terms, tables=tables)
 
 
 def changed_terms(found: Found) -> tuple[Term, ...]:

@@ -53,7 +53,8 @@ def oracle(asked: Asked, effects: Sequence[Told]) -> Errors:
         found, _ = _told(both, seen, groups, prices, keys)
     first = _epoch(asked, asked.first, nominal).model
     proof = prepare_held_out(asked.held_out, first)
-    errors, _ = compare({"told": augmented(first, found)}, proof, logs.filters)
+    told = {"told": augmented(found, nominal, first)}
+    errors, _ = compare(told, proof, logs.filters)
     return errors["told"]
 
 

@@ -71,7 +71,7 @@ class Both:
         seen: The same as a model.
         prior: Of its nominal coefficients.
         changed: Torque on each joint of what is known to have changed on all of them
-            [N m], on the second epoch's rows. Shapes (rows,); empty where there is none.
+            [N m], on rows of the second epoch. Shapes (rows,); empty without one.
     """
 
     design: Design
@@ -197,20 +197,34 @@ def beside(both: Both, changed: Sequence[tuple[Group, Array]], press: bool) -> B
         changed: Groups of columns and their coefficients.
         press: Whether they change the torque that others depend on.
     """
-    design = both.design
     if press:
         both = _pressed(both, changed)
+    design = both.design
+    fitted, _ = without(both, changed)
+    left = [design.residual(j, fitted.ids, fitted.theta) for j in range(design.dof)]
+    wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
+    every = [own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)]
+    return replace(both, left=tuple(left), changed=tuple(every) if wide else ())
+
+
+def without(
+    both: Both, changed: Sequence[tuple[Group, Array]]
+) -> tuple[Fit, tuple[Array, ...]]:
+    """The joint fit of one arm, the second epoch without what changed.
+
+    Args:
+        both: The rows.
+        changed: Groups of columns and their coefficients.
+
+    Returns:
+        The fit, and the torque of the changes on the rows of each joint, (rows,).
+    """
+    design = both.design
     there = tuple(
         own.second * _torque(design, j, changed) for j, own in enumerate(both.layout)
     )
     target = [y - x for y, x in zip(design.target, there, strict=True)]
-    other = design.with_target(target)
-    fitted = _fit(other, both.prior, both.known)
-    left = _left(other, fitted)
-    left = tuple(y + x for y, x in zip(left, there, strict=True))
-    wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
-    every = [own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)]
-    return replace(both, left=left, changed=tuple(every) if wide else ())
+    return _fit(design.with_target(target), both.prior, both.known), there
 
 
 def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> Array:

@@ -25,7 +25,7 @@ class Rules:
         floor: Least factor by which single logs are taken to differ, where an epoch
             has fewer than three logs, as a factor on standard deviations.
         restless: The same where it has three or more.
-        unknown: Evidence that a change without a name must win [nats].
+        unknown: Evidence that a free curve of the change must win [nats].
         unknown_share: Least torque of it, as a share of the joint's torque rms.
         warmth: What friction of a joint may differ by from log to log where nothing
             is known of it, as a share.
@@ -42,7 +42,7 @@ class Rules:
         seconds: How much of it, evenly spread [s].
     """
 
-    threshold: float = 2.0
+    threshold: float = 3.0
     share: float = 0.01
     beside: float = 0.06
     tie: float = 2.0
@@ -55,11 +55,11 @@ class Rules:
     parts: int = 3
     floor: float = 1.2
     restless: float = 1.0
-    unknown: float = 10.0
+    unknown: float = 6.0
     unknown_share: float = 0.025
     warmth: float = 0.01
     give: float = 0.03
-    uneven: float = 0.3
+    uneven: float = 0.45
     ramp: float = 0.02
     lean: float = 0.1
     gain: float = 0.05

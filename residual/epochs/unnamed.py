@@ -1,8 +1,10 @@
-"""What changed and has no name: how much more than in the first epoch remains.
+"""What changed and has no name: more than in the first epoch remains, or a curve.
 
 Every block of two seconds is predicted by a fit that left it out, in both epochs. Where
 blocks of the second are missed by more than those of the first, and by more than its
-logs differ among themselves, something is there that no name of ours explains.
+logs differ among themselves, something is there that no name of ours explains. So it
+is where a free curve over the angle or the speed of a joint, in the second epoch alone,
+wins what a name would have to.
 """
 
 from dataclasses import dataclass
@@ -10,11 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from residual.effects.base import State
+from residual.effects.base import Effect, State
+from residual.epochs.contrast import Candidate
 from residual.epochs.joint import Joint
 from residual.epochs.search import Found
+from residual.evidence.group import Group, sound
 from residual.recording import Array
 
+KNOTS = 7  # of a free curve
+CURVE = Effect(
+    name="curve",
+    sentence="a free curve over the motion of a joint, which has no name",
+    parameters={},
+    columns=lambda state, joints, shape: np.zeros((len(state.q), 1, 0)),
+)
 CHANCE = 1e-3  # of one joint to be flagged where nothing changed
 USUAL, FEW_LOGS = 0.3, 3.0  # by which logs differ in the logarithm; logs it counts as
 BINS = 8
@@ -57,9 +68,47 @@ def unnamed(found: Found) -> Rest:
         floor[j] = np.sqrt(before.mean()) / rms
         share[j] = np.sqrt(max(after.mean() - before.mean(), 0.0)) / rms
         sure = _more(before, after, log[~second], log[second])
-        if share[j] > rules.unknown_share and sure < CHANCE:
+        more = share[j] > rules.unknown_share and sure < CHANCE
+        if more or _curved(found, j):
             flagged.append(j)
     return Rest(tuple(left), share, floor, tuple(flagged))
+
+
+def _curved(found: Found, j: int) -> bool:
+    """Whether a free curve over the joint's motion is there in the second epoch."""
+    joint, design, rules = found.table.joints[j], found.both.design, found.both.rules
+    second = joint.layout.second
+    q, qd, way = (
+        _seen(design.states, design.tracks, name, j, j, design)
+        for name in ("q", "qd", "sign")
+    )
+    place = _hats(q)
+    for columns in (place, place * way[:, None], _hats(qd)):
+        shown = (columns[second] ** 2).sum(axis=0) > 1e-3 * second.sum()
+        columns = columns[:, shown]
+        one = _free(found, j, columns)
+        look = found.table.contrast(one, found.named)
+        torque = columns[second] @ look.theta
+        share = np.sqrt((torque**2).mean()) / design.rms[j]
+        if look.nats > rules.unknown and share > rules.unknown_share:
+            return True
+    return False
+
+
+def _hats(x: Array) -> Array:
+    """Linear pieces between quantiles. Shape (rows, KNOTS)."""
+    knots = np.unique(np.quantile(x, np.linspace(0.01, 0.99, KNOTS)))
+    return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
+
+
+def _free(found: Found, j: int, columns: Array) -> Candidate:
+    """Columns of one joint as a candidate."""
+    joint, k = found.table.joints[j], columns.shape[1]
+    size = USUAL * found.both.design.rms[j]
+    precision, log_det = sound(np.eye(k) / size**2)
+    group = Group(CURVE, (j,), (), np.full(k, -1), precision, log_det)
+    piece = joint.pieces(columns, joint.layout.second, [k])[0]
+    return Candidate(group, {j: piece}, np.log(len(found.table.joints)), group)
 
 
 def _blocks(joint: Joint, rest: Array) -> tuple[Array, Array, Array]:

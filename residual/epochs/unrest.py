@@ -83,8 +83,8 @@ def warmth(both: Both, plain: Mapping[int, Joint]) -> Warmth:
     # Joints warm by different amounts, and few of them say by how different.
     some = known.sum()
     spread = np.sqrt((JOINTS * least**2 + some * spread**2) / (JOINTS + some))
-    spread = max(float(spread), both.rules.uneven * abs(value))
     std = 1.25 * float(np.sqrt(1 / (1 / (sd[known] ** 2 + spread**2)).sum()))
+    spread = max(float(spread), both.rules.uneven * abs(value))
     return Warmth(value, std, each, spread)
 
 
