@@ -112,7 +112,7 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
         sentences=tuple(
             c.contrast.candidate.group.effect.sentence for c in found.changes
         ),
-        known=models["augmented"],
+        known=now,
     )
 
 
