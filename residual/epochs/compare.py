@@ -72,19 +72,20 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
     """
     rules = Rules()
     tell("rows of both epochs", 0.0)
-    logs, count, clocked = _both(asked, rules)
-    nominal = _nominal(logs, asked.declared)
+    logs, count, clocked = prepared(asked, rules)
+    nominal = described(logs, asked.declared)
     found = find(both_epochs(logs, count, nominal, rules), clocked)
     tell("what remains", 0.0)
     rest = unnamed(found)
     tell("proof", 0.0)
-    before = _epoch(asked, asked.first, nominal)
-    after = _epoch(asked, asked.second, nominal, before.model)
+    before = epoch_of(asked, asked.first, nominal)
+    after = epoch_of(asked, asked.second, nominal, before.model)
     proof = prepare_held_out(asked.held_out, before.model)
     found, judged, now = _judged(
         found, proof, lambda own: augmented(own, nominal, before.model)
     )
     models = {"nominal": before.model, "identified": after.model}
+    # Where nothing changed the contract of the verdict has both alike.
     models["augmented"] = now if found.changes else after.model
     errors, proofs = compare(models, proof, logs.filters)
     verdict = conclude(
@@ -116,7 +117,7 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
     )
 
 
-def _both(asked: Asked, rules: Rules) -> tuple[Logs, int, bool]:
+def prepared(asked: Asked, rules: Rules) -> tuple[Logs, int, bool]:
     """Logs of both epochs on one clock that begins anew with the second."""
     first = sketch_of(asked.first, rules.most_seconds, rules.seconds)
     second = sketch_of(asked.second, rules.most_seconds, rules.seconds)
@@ -134,18 +135,19 @@ def _both(asked: Asked, rules: Rules) -> tuple[Logs, int, bool]:
     return prepare_logs(asked.robot, named, clock, Filters()), len(first), clocked
 
 
-def _nominal(logs: Logs, declared: Sequence[str] | Model | None) -> Nominal:
+def described(logs: Logs, declared: Sequence[str] | Model | None) -> Nominal:
     """The model that the arm is said to have; its values are what the logs show."""
     model = begin(logs, declared)
     return Nominal(model, (None,) * len(model.terms))
 
 
-def _epoch(
+def epoch_of(
     asked: Asked,
     recordings: Sequence[Recording],
     nominal: Nominal,
     like: Model | None = None,
 ) -> Epoch:
+    """One epoch's own fit, begun with an earlier one's where there is."""
     logs = prepare_logs(
         asked.robot, sketch_of(recordings), session_clock(recordings), Filters()
     )

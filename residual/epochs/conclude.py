@@ -80,7 +80,7 @@ def conclude(
         next_experiment=None,
         warnings=_warnings(found, logs[1]),
         drift=_drift(found),
-        changes=tuple(values_that_changed(*epochs)),
+        changes=tuple(values_that_changed(*epochs, found)),
     )
 
 

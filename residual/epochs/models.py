@@ -143,13 +143,18 @@ def changed_terms(found: Found) -> tuple[Term, ...]:
     return tuple(out)
 
 
-def values_that_changed(first: Epoch, second: Epoch) -> Iterator[Change]:
+def values_that_changed(first: Epoch, second: Epoch, found: Found) -> Iterator[Change]:
     """Declared values of separate fits of both epochs, with both deviations.
+
+    Two fits may share out the same friction otherwise. So a value is off only where the
+    comparison of both epochs says so too.
 
     Args:
         first: Fit of the first epoch.
         second: Fit of the second.
+        found: What changed.
     """
+    named = {(c.group.effect.name, c.group.joints) for c in found.named}
     size = len(first.model.inertial)
     placed = list(with_slots(first.model.terms, size))
     before, after = _known(first), _known(second)
@@ -163,7 +168,8 @@ def values_that_changed(first: Epoch, second: Epoch) -> Iterator[Change]:
         for i, (key, unit) in enumerate(effect.parameters.items()):
             gap = float(new[i] - old[i])
             sigma = abs(gap) / sd[i] if sd[i] > 0 else None
-            beyond = sigma is not None and sigma > SURE
+            beyond = (effect.name, term.joints) in named
+            beyond = beyond and sigma is not None and sigma > SURE
             yield Change(
                 name=effect.name,
                 joints=tuple(j + 1 for j in term.joints),

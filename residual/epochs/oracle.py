@@ -11,7 +11,7 @@ import numpy as np
 
 from residual.diagnosis.oracle import Told, placed
 from residual.epochs.candidates import refined, renewed, vocabulary, weighed
-from residual.epochs.compare import Asked, _both, _epoch, _nominal
+from residual.epochs.compare import Asked, described, epoch_of, prepared
 from residual.epochs.contrast import Candidate, Table
 from residual.epochs.models import augmented
 from residual.epochs.rows import Both, beside, both_epochs
@@ -37,8 +37,8 @@ def oracle(asked: Asked, effects: Sequence[Told]) -> Errors:
     """
     places = [pair for told in effects for pair in placed(told, asked.robot.dof)]
     keys = [(effect.name, joints) for effect, joints in places]
-    logs, count, clocked = _both(asked, Rules())
-    nominal = _nominal(logs, asked.declared)
+    logs, count, clocked = prepared(asked, Rules())
+    nominal = described(logs, asked.declared)
     both = both_epochs(logs, count, nominal, Rules())
     groups, prices = vocabulary(both, clocked)
     found, every = _told(both, groups, groups, prices, keys)
@@ -51,7 +51,7 @@ def oracle(asked: Asked, effects: Sequence[Told]) -> Errors:
         both = beside(both, changed, press)
         seen = renewed(both, every) if press else groups
         found, _ = _told(both, seen, groups, prices, keys)
-    first = _epoch(asked, asked.first, nominal).model
+    first = epoch_of(asked, asked.first, nominal).model
     proof = prepare_held_out(asked.held_out, first)
     told = {"told": augmented(found, nominal, first)}
     errors, _ = compare(told, proof, logs.filters)
