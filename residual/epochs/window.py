@@ -1,0 +1,330 @@
+"""The second epoch as a sliding window: what changed within the last rows of an arm.
+
+The first epoch is the healthy runs that taught the arm; the second the rows of the last
+seconds of motion. Of each joint's rows in a window the first epoch expects
+
+    r = U u + S m + C theta + e,   u ~ N(0, 1),  m ~ N(m0, P),  e ~ N(0, noise 1)
+
+with r what its fit leaves of the torque, U the directions of the nuisance that the
+healthy runs left uncertain, S what any arm does slowly (all friction of the joint as
+one column, as it warms, and a constant) and C theta the change. By Woodbury only
+products of these columns are needed, and those of short bins add up to windows of any
+length (METHOD section 13). What S does is followed by a Kalman filter from bin to bin;
+a window is judged by what was known of it where the window begins, so that no step is
+taken for warmth before it was looked at.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.epochs.contrast import worth_of
+from residual.recording import Array
+
+SLOW = 2  # columns of what any arm does slowly: friction, constant
+BODY = 4  # columns of a load: mass and first moments
+SINGLE = 5  # columns of one joint that may change alone
+# Quantity of each of them: the whole friction, a constant, gain, dry, viscous friction.
+FRICTION, BIAS, GAIN = 0, 1, 2
+KINDS = (FRICTION, BIAS, GAIN, FRICTION, FRICTION)
+QUANTITIES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What a watch goes by.
+
+    Attributes:
+        rows: Rows of a bin in which a joint moves.
+        windows: Lengths of the windows [bins], ascending.
+        uncertain: Most directions of the nuisance that are kept uncertain.
+        memory: Time after which a slow state of the arm may be any other [s].
+        quick: What of the slow may change with the kind of motion, as a share of the
+            deviation between healthy runs.
+        warmth: Least deviation of friction between runs, as a share.
+        offset: The same of the constant, as a share of torque rms.
+        free: Torque of each nuisance column that healthy runs are to tell, one
+            deviation, as a share of torque rms.
+        least: Least evidence for an alarm [nats].
+        quiet: Bins of motion without a crossing after which an alarm is over.
+        as_well: Part of the evidence of the best name that another needs to be told.
+    """
+
+    rows: int = 31
+    windows: tuple[int, ...] = (2, 4, 10, 20, 40)
+    uncertain: int = 12
+    memory: float = 200.0
+    quick: float = 0.3
+    warmth: float = 0.02
+    offset: float = 0.003
+    free: float = 0.1
+    least: float = 10.0
+    quiet: int = 20
+    as_well: float = 0.5
+
+    @property
+    def longest(self) -> int:
+        """Bins of the longest window."""
+        return self.windows[-1]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Usual:
+    """What the first epoch says of the second, without a change.
+
+    Attributes:
+        noise: Variance of rows, times the rows that are as good as one [N^2 m^2].
+            Shape (dof,).
+        unrest: By how much windows differ beyond that, as a factor on deviations, by
+            length of window. Shape (windows, dof).
+        slow: Deviation of friction, as a share, and of the constant [N m], between
+            runs. Shape (dof, 2).
+        body: Prior deviation of mass [kg] and first moments [kg m]. Shape (4,).
+        single: The same of changes of one joint, as in KINDS. Shape (dof, 5).
+    """
+
+    noise: Array
+    unrest: Array
+    slow: Array
+    body: Array
+    single: Array
+
+    @property
+    def prior(self) -> Array:
+        """Covariance of the slow, before anything is known of it. Shape (dof, 2, 2)."""
+        return self.slow[:, :, None] ** 2 * np.eye(SLOW)
+
+    def scaled(self, gram: Array) -> Array:
+        """Products over the noise. Shape as given, (..., dof, f, f)."""
+        return gram / self.noise[:, None, None]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Past:
+    """Sums of the last bins, and what was known of the slow where each begins.
+
+    Attributes:
+        gram: Products of all columns in each bin. Shape (b, dof, f, f).
+        mean, cov: Of the slow, behind each bin. Shapes (b, dof, 2), (b, dof, 2, 2).
+        clock: Time behind each bin, gaps counted [s]. Shape (b,).
+    """
+
+    gram: Array
+    mean: Array
+    cov: Array
+    clock: Array
+
+    def __getitem__(self, rows: slice) -> "Past":
+        return Past(self.gram[rows], self.mean[rows], self.cov[rows], self.clock[rows])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Looks:
+    """What windows that end with each of some bins say; n bins, w windows.
+
+    Attributes:
+        load: Evidence for a load [nats]. Shape (n, w).
+        single: The same for changes of one joint. Shape (n, w, dof, 5).
+        mass: Coefficients of the load and their covariance. (n, w, 4), (n, w, 4, 4).
+        size, std: Coefficient and deviation of the others. Shapes (n, w, dof, 5).
+        squares: Squares of these as standard normal variables. Shape (n, w, dof, 5).
+    """
+
+    load: Array
+    single: Array
+    mass: tuple[Array, Array]
+    size: Array
+    std: Array
+    squares: Array
+
+    def nats(self) -> Array:
+        """Evidence by quantity: load, then friction, bias, gain of each joint.
+
+        Shape (n, w, 1 + 3 dof).
+        """
+        by_kind = [
+            self.single[..., [i for i, own in enumerate(KINDS) if own == kind]].max(-1)
+            for kind in range(QUANTITIES)
+        ]
+        return np.concatenate([self.load[..., None], *by_kind], axis=-1)
+
+
+def nothing(usual: Usual, columns: int, rules: Rules) -> Past:
+    """Return the past before the first row: empty bins, an unknown slow state."""
+    dof, b = len(usual.noise), rules.longest
+    return Past(
+        np.zeros((b, dof, columns, columns)),
+        np.zeros((b, dof, SLOW)),
+        np.tile(usual.prior, (b, 1, 1, 1)),
+        np.full(b, -np.inf),
+    )
+
+
+def products(columns: Array, rules: Rules) -> Array:
+    """Return products of columns, those of whole bins. (m, dof, f) to (b, dof, f, f).
+
+    The columns of a row are r, U, S, those of a load, and gain, dry and viscous
+    friction; all are 0 where a joint does not count.
+    """
+    m, dof, f = columns.shape
+    parts = columns.reshape(m // rules.rows, rules.rows, dof, f).transpose(0, 2, 1, 3)
+    return parts.transpose(0, 1, 3, 2) @ parts
+
+
+def follow(
+    usual: Usual, rules: Rules, past: Past, gram: Array, clock: Array
+) -> tuple[Past, Looks]:
+    """Look at new bins.
+
+    Args:
+        usual: What the first epoch says.
+        rules: Lengths and the like.
+        past: What was before.
+        gram: Products of the new bins, in order. Shape (n, dof, f, f).
+        clock: Time at the end of each [s]. Shape (n,).
+
+    Returns:
+        What is past then, and what the windows that end with each bin say.
+    """
+    mean, cov = _followed(usual, rules, past, gram, clock)
+    grown = Past(
+        np.concatenate([past.gram, gram]),
+        np.concatenate([past.mean, mean]),
+        np.concatenate([past.cov, cov]),
+        np.concatenate([past.clock, clock]),
+    )
+    n, longest = len(gram), rules.longest
+    total = np.concatenate([np.zeros((1, *gram.shape[1:])), grown.gram.cumsum(axis=0)])
+    ends = longest + np.arange(n)  # numbers of the new bins
+    windows = []
+    for length in rules.windows:
+        begins = ends - length  # the last bin before each window
+        sums = total[ends + 1] - total[begins + 1]
+        before = np.maximum(begins, 0)
+        known = grown.mean[before], grown.cov[before]
+        since = grown.clock[ends] - grown.clock[before]
+        windows.append((sums, *_later(usual, rules, known, since)))
+    sums, mean, cov = (np.stack(x, axis=1) for x in zip(*windows, strict=True))
+    cov = cov + rules.quick**2 * usual.prior
+    return grown[len(grown.gram) - longest :], _looks(usual, sums, mean, cov)
+
+
+def _later(usual: Usual, rules: Rules, known, seconds: Array) -> tuple[Array, Array]:
+    """What is known of the slow some time later: it may be any other after a while.
+
+    An Ornstein-Uhlenbeck process. Shapes (n, dof, 2), (n, dof, 2, 2) and (n,).
+    """
+    mean, cov = known
+    kept = np.exp(-np.maximum(seconds, 0.0) / rules.memory)[:, None, None]
+    still = kept[..., None] ** 2
+    return kept * mean, still * cov + (1 - still) * usual.prior
+
+
+def _followed(
+    usual: Usual, rules: Rules, past: Past, gram: Array, clock: Array
+) -> tuple[Array, Array]:
+    """Mean and covariance of the slow behind each new bin: a Kalman filter."""
+    places = _Places.of(gram.shape[-1])
+    free = np.eye(places.slow.start - 1)
+    info, pull = _left(usual.scaled(gram), free, range(*places.slow.indices(99)))
+    # Windows of a middle length say by how much bins differ beyond noise.
+    unrest = usual.unrest[len(usual.unrest) // 2][:, None, None] ** 2
+    info, pull = info / unrest, pull[..., None] / unrest
+    mean, cov, before = past.mean[-1:], past.cov[-1:], past.clock[-1]
+    means, covs = [], []
+    for k, now in enumerate(clock):
+        mean, cov = _later(usual, rules, (mean, cov), np.array([now - before]))
+        precision = np.linalg.inv(cov[0])
+        own = np.linalg.inv(precision + info[k])
+        mean = (own @ (precision @ mean[0][..., None] + pull[k]))[None, ..., 0]
+        cov, before = own[None], now
+        means.append(mean)
+        covs.append(cov)
+    return np.concatenate(means), np.concatenate(covs)
+
+
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """Where columns stand: r, U, S, those of a load, those of one joint.
+
+    Attributes:
+        slow, body, single: Their numbers.
+    """
+
+    slow: slice
+    body: slice
+    single: Sequence[int]
+
+    @classmethod
+    def of(cls, columns: int) -> "_Places":
+        """Places among so many columns."""
+        s = columns - SLOW - BODY - (SINGLE - SLOW)
+        body = slice(s + SLOW, s + SLOW + BODY)
+        single = [s, s + 1, *range(body.stop, columns)]
+        return cls(slice(s, s + SLOW), body, single)
+
+
+def _left(
+    gram: Array, precision: Array, what: Sequence[int]
+) -> tuple[Array, Array]:
+    """Information and pull of columns beside the nuisance, which has a prior.
+
+    Args:
+        gram: Products over the noise. Shape (..., f, f).
+        precision: Of the first columns behind r. Shape (..., k, k).
+        what: Numbers of c columns.
+
+    Returns:
+        Shapes (..., c, c), (..., c).
+    """
+    size, what = precision.shape[-1] + 1, np.asarray(what)
+    cross = gram[..., 1:size, :][..., np.append(what, 0)]
+    turn = np.linalg.solve(gram[..., 1:size, 1:size] + precision, cross)
+    rest = np.swapaxes(cross[..., :-1], -1, -2) @ turn
+    kept = gram[..., what[:, None], what] - rest[..., :-1]
+    return kept, gram[..., what, 0] - rest[..., -1]
+
+
+def _looks(usual: Usual, gram: Array, mean: Array, cov: Array) -> Looks:
+    """What windows say. Shapes (n, w, dof, f, f), (n, w, dof, 2), (n, w, dof, 2, 2)."""
+    at = _Places.of(gram.shape[-1])
+    # Less the slow as it is expected.
+    known = (gram[..., at.slow] @ mean[..., None])[..., 0]
+    gram = gram.copy()
+    gram[..., 0] -= known
+    size = at.slow.stop - 1
+    precision = np.zeros((*gram.shape[:-2], size, size))
+    every = np.arange(size)
+    precision[..., every, every] = 1.0
+    precision[..., size - SLOW :, size - SLOW :] = np.linalg.inv(cov)
+    what = [*range(at.body.start, at.body.stop), *at.single]
+    info, pull = _left(usual.scaled(gram), precision, what)
+    unrest = usual.unrest[..., None] ** 2
+    info, pull = info / unrest[..., None], pull / unrest
+    alone = np.arange(BODY, BODY + SINGLE)
+    load, mass = _of_load(usual, info[..., :BODY, :BODY], pull[..., :BODY])
+    own, pulled = np.maximum(info[..., alone, alone], 0.0), pull[..., alone]
+    prior = 1 / usual.single**2
+    nats = worth_of(own[..., None, None], pulled[..., None], prior[..., None, None], None)
+    std = 1 / np.sqrt(own + prior)
+    squares = pulled**2 / np.maximum(own, 1e-300)
+    enough = own > prior  # the window says more of it than was known
+    return Looks(
+        load=load,
+        single=nats,
+        mass=mass,
+        size=pulled * std**2,
+        std=std,
+        squares=np.where(enough, squares, np.nan),
+    )
+
+
+def _of_load(usual: Usual, info: Array, pull: Array):
+    """Evidence for a load on all joints together, its coefficients and covariance."""
+    info, pull = info.sum(axis=-3), pull.sum(axis=-2)
+    info = 0.5 * (info + np.swapaxes(info, -1, -2))
+    prior = np.diag(1 / usual.body**2)
+    cov = np.linalg.inv(info + prior)
+    nats = worth_of(info, pull, np.broadcast_to(prior, info.shape), None)
+    return nats, ((cov @ pull[..., None])[..., 0], cov)
