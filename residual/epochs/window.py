@@ -23,6 +23,7 @@ from residual.epochs.contrast import worth_of
 from residual.recording import Array
 
 SLOW = 2  # columns of what any arm does slowly: friction, constant
+LEVELS = [0, 2]  # where these stand among their levels and courses
 BODY = 4  # columns of a load: mass and first moments
 SINGLE = 5  # columns of one joint that may change alone
 # Quantity of each of them: the whole friction, a constant, gain, dry, viscous friction.
@@ -39,7 +40,7 @@ class Rules:
         rows: Rows of a bin in which a joint moves.
         windows: Lengths of the windows [bins], ascending.
         uncertain: Most directions of the nuisance that are kept uncertain.
-        memory: Time after which a slow state of the arm may be any other [s].
+        memory: Time over which the slow of an arm keeps its course [s].
         quick: What of the slow may change with the kind of motion, as a share of the
             deviation between healthy runs.
         warmth: Least deviation of friction between runs, as a share.
@@ -48,19 +49,24 @@ class Rules:
             deviation, as a share of torque rms.
         least: Least evidence for an alarm [nats].
         quiet: Bins of motion without a crossing after which an alarm is over.
+        patience: Most bins that an alarm waits for its name to be sure.
+        sure: Evidence by which the best name has to lead for that [nats], and as a
+            part of its own.
         as_well: Part of the evidence of the best name that another needs to be told.
     """
 
     rows: int = 31
     windows: tuple[int, ...] = (2, 4, 10, 20, 40)
     uncertain: int = 12
-    memory: float = 200.0
-    quick: float = 0.3
+    memory: float = 100.0
+    quick: float = 0.1
     warmth: float = 0.02
     offset: float = 0.003
     free: float = 0.1
     least: float = 10.0
     quiet: int = 20
+    patience: int = 6
+    sure: tuple[float, float] = (10.0, 0.3)
     as_well: float = 0.5
 
     @property
@@ -92,8 +98,11 @@ class Usual:
 
     @property
     def prior(self) -> Array:
-        """Covariance of the slow, before anything is known of it. Shape (dof, 2, 2)."""
-        return self.slow[:, :, None] ** 2 * np.eye(SLOW)
+        """Covariance of the slow and of its course, before anything is known of them.
+
+        Shape (dof, 4, 4): friction, its course, constant, its course.
+        """
+        return np.repeat(self.slow, 2, axis=1)[:, :, None] ** 2 * np.eye(2 * SLOW)
 
     def scaled(self, gram: Array) -> Array:
         """Products over the noise. Shape as given, (..., dof, f, f)."""
@@ -106,7 +115,8 @@ class Past:
 
     Attributes:
         gram: Products of all columns in each bin. Shape (b, dof, f, f).
-        mean, cov: Of the slow, behind each bin. Shapes (b, dof, 2), (b, dof, 2, 2).
+        mean, cov: Of the slow and its course (``Usual.prior``), behind each bin.
+            Shapes (b, dof, 4), (b, dof, 4, 4).
         clock: Time behind each bin, gaps counted [s]. Shape (b,).
     """
 
@@ -155,7 +165,7 @@ def nothing(usual: Usual, columns: int, rules: Rules) -> Past:
     dof, b = len(usual.noise), rules.longest
     return Past(
         np.zeros((b, dof, columns, columns)),
-        np.zeros((b, dof, SLOW)),
+        np.zeros((b, dof, 2 * SLOW)),
         np.tile(usual.prior, (b, 1, 1, 1)),
         np.full(b, -np.inf),
     )
@@ -203,22 +213,30 @@ def follow(
         sums = total[ends + 1] - total[begins + 1]
         before = np.maximum(begins, 0)
         known = grown.mean[before], grown.cov[before]
-        since = grown.clock[ends] - grown.clock[before]
+        # As it is in the middle of the window.
+        since = 0.5 * (grown.clock[ends] - grown.clock[before])
         windows.append((sums, *_later(usual, rules, known, since)))
     sums, mean, cov = (np.stack(x, axis=1) for x in zip(*windows, strict=True))
-    cov = cov + rules.quick**2 * usual.prior
+    mean, cov = mean[..., LEVELS], cov[..., LEVELS, :][..., LEVELS]
+    cov = cov + (rules.quick * usual.slow)[..., None] ** 2 * np.eye(SLOW)
     return grown[len(grown.gram) - longest :], _looks(usual, sums, mean, cov)
 
 
 def _later(usual: Usual, rules: Rules, known, seconds: Array) -> tuple[Array, Array]:
-    """What is known of the slow some time later: it may be any other after a while.
+    """What is known of the slow some time later: it keeps its course for a while.
 
-    An Ornstein-Uhlenbeck process. Shapes (n, dof, 2), (n, dof, 2, 2) and (n,).
+    A Matern process of order 3/2, level and rate in units of one deviation each.
+    Shapes (n, dof, 4), (n, dof, 4, 4) and (n,).
     """
     mean, cov = known
-    kept = np.exp(-np.maximum(seconds, 0.0) / rules.memory)[:, None, None]
-    still = kept[..., None] ** 2
-    return kept * mean, still * cov + (1 - still) * usual.prior
+    x = np.clip(np.sqrt(3) * seconds / rules.memory, 0.0, 60.0)
+    own = np.array([[1 + x, x], [-x, 1 - x]]) * np.exp(-x)
+    turn = np.zeros((len(x), 1, 2 * SLOW, 2 * SLOW))
+    for i in range(0, 2 * SLOW, 2):
+        turn[:, 0, i : i + 2, i : i + 2] = own.transpose(2, 0, 1)
+    back = np.swapaxes(turn, -1, -2)
+    mean = (turn @ mean[..., None])[..., 0]
+    return mean, turn @ (cov - usual.prior) @ back + usual.prior
 
 
 def _followed(
@@ -231,13 +249,17 @@ def _followed(
     # Windows of a middle length say by how much bins differ beyond noise.
     unrest = usual.unrest[len(usual.unrest) // 2][:, None, None] ** 2
     info, pull = info / unrest, pull[..., None] / unrest
+    wide = np.zeros((*info.shape[:2], 2 * SLOW, 2 * SLOW))
+    wide[..., ::2, ::2] = info
+    far = np.zeros((*info.shape[:2], 2 * SLOW, 1))
+    far[..., ::2, :] = pull
     mean, cov, before = past.mean[-1:], past.cov[-1:], past.clock[-1]
     means, covs = [], []
     for k, now in enumerate(clock):
         mean, cov = _later(usual, rules, (mean, cov), np.array([now - before]))
         precision = np.linalg.inv(cov[0])
-        own = np.linalg.inv(precision + info[k])
-        mean = (own @ (precision @ mean[0][..., None] + pull[k]))[None, ..., 0]
+        own = np.linalg.inv(precision + wide[k])
+        mean = (own @ (precision @ mean[0][..., None] + far[k]))[None, ..., 0]
         cov, before = own[None], now
         means.append(mean)
         covs.append(cov)

@@ -13,7 +13,7 @@ from residual.names import shown
 from residual.recording import Array
 
 FORM = 2
-_PLAIN = ("clock", "last", "left", "moved", "alarms")
+_PLAIN = ("clock", "last", "left", "waited", "moved", "alarms")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -30,6 +30,7 @@ class State:
         clock: Time of the last row, gaps counted [s].
         last: The same on the clock of the stream; NaN before the first [s].
         left: Bins of motion until the last alarm is over.
+        waited: Bins that an alarm waits for its name.
         moved: Rows of motion so far.
         alarms: How many there were.
     """
@@ -43,6 +44,7 @@ class State:
     clock: float = 0.0
     last: float = float("nan")
     left: int = 0
+    waited: int = 0
     moved: int = 0
     alarms: int = 0
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.epochs.window import KINDS as OF_KIND
-from residual.epochs.window import Looks, follow, nothing, products
+from residual.epochs.window import Looks, Rules, follow, nothing, products
 from residual.errors import InputError
 from residual.monitoring.stream.reference import KINDS, LOAD, UNITS, Reference
 from residual.monitoring.stream.rows import Rows, Samples, start, take
@@ -164,17 +164,32 @@ def _clocks(state: State, rows: Rows) -> Array:
 def _alarms(
     reference: Reference, state: State, looks: Looks, times: Array
 ) -> tuple[State, list[Change]]:
-    """Which of some bins raise an alarm, and what it looks like."""
-    nats = looks.nats()
-    left, found = state.left, []
+    """Which of some bins raise an alarm, and what it looks like.
+
+    An alarm waits for its name to be sure, but not for long; where nothing is seen any
+    more meanwhile it was none.
+    """
+    nats, rules = looks.nats(), reference.rules
+    left, waited, found = state.left, state.waited, []
     crossed = (nats.max(axis=1) > reference.limits).any(axis=1)
     for k, hit in enumerate(crossed):
         left = max(left - 1, 0)
-        if hit:
+        if not hit:
+            waited = 0
+        elif left == 0 and waited < rules.patience and not _sure(rules, nats[k]):
+            waited += 1
+        else:
             if left == 0:
                 found.append(_change(reference, float(times[k]), looks, nats, k))
-            left = reference.rules.quiet
-    return replace(state, left=left), found
+            left, waited = rules.quiet, 0
+    return replace(state, left=left, waited=waited), found
+
+
+def _sure(rules: Rules, nats: Array) -> bool:
+    """Whether one name leads all others, where evidence is most. Shape (w, h)."""
+    each = np.sort(nats[np.unravel_index(int(nats.argmax()), nats.shape)[0]])
+    least, part = rules.sure
+    return bool(each[-1] - each[-2] > max(least, part * each[-1]))
 
 
 def _change(
