@@ -25,10 +25,11 @@ from residual.recording import Array
 SLOW = 2  # columns of what any arm does slowly: friction, constant
 LEVELS = [0, 2]  # where these stand among their levels and courses
 BODY = 4  # columns of a load: mass and first moments
-SINGLE = 5  # columns of one joint that may change alone
-# Quantity of each of them: the whole friction, a constant, gain, dry, viscous friction.
+SINGLE = 5  # columns of one joint: friction, constant, gain, dry and viscous friction
+# What may change on one joint, by these columns, and which quantity each is.
 FRICTION, BIAS, GAIN = 0, 1, 2
-KINDS = (FRICTION, BIAS, GAIN, FRICTION, FRICTION)
+WAYS = ((0,), (1,), (2,), (3,), (4,), (3, 4))
+KINDS = (FRICTION, BIAS, GAIN, FRICTION, FRICTION, FRICTION)
 QUANTITIES = 3
 
 
@@ -41,6 +42,9 @@ class Rules:
         windows: Lengths of the windows [bins], ascending.
         uncertain: Most directions of the nuisance that are kept uncertain.
         memory: Time over which the slow of an arm keeps its course [s].
+        pause: Longest time that an arm does not cool within [s].
+        fresh: Behind a longer pause an arm has cooled: by how much its course differs
+            more, as a factor on deviations.
         quick: What of the slow may change with the kind of motion, as a share of the
             deviation between healthy runs.
         warmth: Least deviation of friction between runs, as a share.
@@ -59,13 +63,15 @@ class Rules:
     windows: tuple[int, ...] = (2, 4, 10, 20, 40)
     uncertain: int = 12
     memory: float = 100.0
+    pause: float = 90.0
+    fresh: float = 3.0
     quick: float = 0.1
     warmth: float = 0.02
     offset: float = 0.003
     free: float = 0.1
-    least: float = 10.0
+    least: float = 14.0
     quiet: int = 20
-    patience: int = 6
+    patience: int = 4
     sure: tuple[float, float] = (10.0, 0.3)
     as_well: float = 0.5
 
@@ -104,6 +110,11 @@ class Usual:
         """
         return np.repeat(self.slow, 2, axis=1)[:, :, None] ** 2 * np.eye(2 * SLOW)
 
+    def cold(self, rules: Rules) -> Array:
+        """The same behind a longer pause. Shape (dof, 4, 4)."""
+        course = np.array([1.0, rules.fresh] * SLOW)
+        return self.prior * np.outer(course, course)
+
     def scaled(self, gram: Array) -> Array:
         """Products over the noise. Shape as given, (..., dof, f, f)."""
         return gram / self.noise[:, None, None]
@@ -135,9 +146,9 @@ class Looks:
 
     Attributes:
         load: Evidence for a load [nats]. Shape (n, w).
-        single: The same for changes of one joint. Shape (n, w, dof, 5).
+        single: The same for changes of one joint, by WAYS. Shape (n, w, dof, 6).
         mass: Coefficients of the load and their covariance. (n, w, 4), (n, w, 4, 4).
-        size, std: Coefficient and deviation of the others. Shapes (n, w, dof, 5).
+        size, std: Coefficient and deviation of each column. Shapes (n, w, dof, 5).
         squares: Squares of these as standard normal variables. Shape (n, w, dof, 5).
     """
 
@@ -166,7 +177,7 @@ def nothing(usual: Usual, columns: int, rules: Rules) -> Past:
     return Past(
         np.zeros((b, dof, columns, columns)),
         np.zeros((b, dof, 2 * SLOW)),
-        np.tile(usual.prior, (b, 1, 1, 1)),
+        np.tile(usual.cold(rules), (b, 1, 1, 1)),
         np.full(b, -np.inf),
     )
 
@@ -214,7 +225,8 @@ def follow(
         before = np.maximum(begins, 0)
         known = grown.mean[before], grown.cov[before]
         # As it is in the middle of the window.
-        since = 0.5 * (grown.clock[ends] - grown.clock[before])
+        since = grown.clock[ends] - grown.clock[before]
+        since = np.where(since > rules.pause, np.inf, 0.5 * since)
         windows.append((sums, *_later(usual, rules, known, since)))
     sums, mean, cov = (np.stack(x, axis=1) for x in zip(*windows, strict=True))
     mean, cov = mean[..., LEVELS], cov[..., LEVELS, :][..., LEVELS]
@@ -229,6 +241,10 @@ def _later(usual: Usual, rules: Rules, known, seconds: Array) -> tuple[Array, Ar
     Shapes (n, dof, 4), (n, dof, 4, 4) and (n,).
     """
     mean, cov = known
+    apart = seconds > rules.pause
+    mean = np.where(apart[:, None, None], 0.0, mean)
+    cov = np.where(apart[:, None, None, None], usual.cold(rules), cov)
+    seconds = np.where(apart, 0.0, seconds)
     x = np.clip(np.sqrt(3) * seconds / rules.memory, 0.0, 60.0)
     own = np.array([[1 + x, x], [-x, 1 - x]]) * np.exp(-x)
     turn = np.zeros((len(x), 1, 2 * SLOW, 2 * SLOW))
@@ -328,18 +344,29 @@ def _looks(usual: Usual, gram: Array, mean: Array, cov: Array) -> Looks:
     load, mass = _of_load(usual, info[..., :BODY, :BODY], pull[..., :BODY])
     own, pulled = np.maximum(info[..., alone, alone], 0.0), pull[..., alone]
     prior = 1 / usual.single**2
-    nats = worth_of(own[..., None, None], pulled[..., None], prior[..., None, None], None)
+    nats = [
+        _evidence(info[..., BODY:, BODY:], pull[..., BODY:], prior, list(way))
+        for way in WAYS
+    ]
     std = 1 / np.sqrt(own + prior)
     squares = pulled**2 / np.maximum(own, 1e-300)
     enough = own > prior  # the window says more of it than was known
     return Looks(
         load=load,
-        single=nats,
+        single=np.stack(nats, axis=-1),
         mass=mass,
         size=pulled * std**2,
         std=std,
         squares=np.where(enough, squares, np.nan),
     )
+
+
+def _evidence(info: Array, pull: Array, prior: Array, way: list[int]) -> Array:
+    """Evidence for some columns of each joint together. Shape (n, w, dof)."""
+    info = info[..., way, :][..., way]
+    info = 0.5 * (info + np.swapaxes(info, -1, -2))
+    own = prior[:, way, None] * np.eye(len(way))
+    return worth_of(info, pull[..., way], np.broadcast_to(own, info.shape), None)
 
 
 def _of_load(usual: Usual, info: Array, pull: Array):

@@ -367,7 +367,7 @@ def _between(
     chance = np.einsum("rjaa->rja", np.linalg.inv(infos)) * noise[:, None]
     told = chance < 0.25 * np.maximum(means**2, chance.min(axis=0))
     squares = np.where(told, means**2 - chance, np.nan)
-    most = np.nan_to_num(np.nanmean(np.vstack([squares, 0 * squares[:1]]), axis=0))
+    most = np.nansum(squares, axis=0) / np.maximum(told.sum(axis=0), 1)
     least = np.column_stack(
         [np.full(len(noise), rules.warmth), rules.offset * taught.rms]
     )

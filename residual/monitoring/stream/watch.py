@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.epochs.window import KINDS as OF_KIND
-from residual.epochs.window import Looks, Rules, follow, nothing, products
+from residual.epochs.window import WAYS, Looks, Rules, follow, nothing, products
 from residual.errors import InputError
 from residual.monitoring.stream.reference import KINDS, LOAD, UNITS, Reference
 from residual.monitoring.stream.rows import Rows, Samples, start, take
@@ -232,10 +232,11 @@ def _size(
         return float(theta[*at, 0]), float(np.sqrt(cov[*at, 0, 0]))
     j, kind = (h - 1) % reference.dof, (h - 1) // reference.dof
     ways = [i for i, own in enumerate(OF_KIND) if own == kind]
-    way = max(ways, key=lambda i: looks.single[*at, j, i])
-    scale = 1.0
+    columns = WAYS[max(ways, key=lambda i: looks.single[*at, j, i])]
+    scale = np.ones(len(columns))
     if KINDS[kind] == "friction":
-        scale = float(reference.friction[j, ways.index(way)])
-    return float(looks.size[*at, j, way] * scale), float(
-        looks.std[*at, j, way] * scale
-    )
+        scale = reference.friction[j, [max(c - 2, 0) for c in columns]]
+    size = looks.size[*at, j, list(columns)] * scale
+    std = looks.std[*at, j, list(columns)] * scale
+    most = int(np.abs(size).argmax())
+    return float(size[most]), float(std[most])
