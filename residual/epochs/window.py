@@ -23,7 +23,7 @@ from residual.epochs.contrast import worth_of
 from residual.recording import Array
 
 SLOW = 2  # columns of what any arm does slowly: friction, constant
-LEVELS = [0, 2]  # where these stand among their levels and courses
+COURSE = [0, 2, 1]  # friction, constant, course of friction: of their levels and courses
 BODY = 4  # columns of a load: mass and first moments
 SINGLE = 5  # columns of one joint: friction, constant, gain, dry and viscous friction
 # What may change on one joint, by these columns, and which quantity each is.
@@ -218,10 +218,12 @@ def follow(
     n, longest = len(gram), rules.longest
     total = np.concatenate([np.zeros((1, *gram.shape[1:])), grown.gram.cumsum(axis=0)])
     ends = longest + np.arange(n)  # numbers of the new bins
-    windows = []
+    windows: list[tuple[Array, ...]] = []
     for length in rules.windows:
         begins = ends - length  # the last bin before each window
-        sums = total[ends + 1] - total[begins + 1]
+        sums = _with_course(
+            total[ends + 1] - total[begins + 1], rules, grown, length
+        )
         before = np.maximum(begins, 0)
         known = grown.mean[before], grown.cov[before]
         # As it is in the middle of the window.
@@ -229,9 +231,42 @@ def follow(
         since = np.where(since > rules.pause, np.inf, 0.5 * since)
         windows.append((sums, *_later(usual, rules, known, since)))
     sums, mean, cov = (np.stack(x, axis=1) for x in zip(*windows, strict=True))
-    mean, cov = mean[..., LEVELS], cov[..., LEVELS, :][..., LEVELS]
-    cov = cov + (rules.quick * usual.slow)[..., None] ** 2 * np.eye(SLOW)
+    mean, cov = mean[..., COURSE], cov[..., COURSE, :][..., COURSE]
+    quick = np.zeros((len(usual.noise), SLOW + 1))
+    quick[:, :SLOW] = rules.quick * usual.slow
+    cov = cov + quick[..., None] ** 2 * np.eye(SLOW + 1)
     return grown[len(grown.gram) - longest :], _looks(usual, sums, mean, cov)
+
+
+def _with_course(sums: Array, rules: Rules, grown: Past, length: int) -> Array:
+    """Products of windows with one more column: friction by the time in the window.
+
+    Args:
+        sums: Products in the windows that end with each new bin. Shape (n, dof, f, f).
+        rules: Units of time.
+        grown: The bins, the new ones last.
+        length: Bins of a window.
+
+    Returns:
+        The same with that column behind the slow. Shape (n, dof, f + 1, f + 1).
+    """
+    n, f = len(sums), sums.shape[-1]
+    at = _Places.of(f).slow
+    first = len(grown.clock) - n - length + 1
+    clock = np.lib.stride_tricks.sliding_window_view(grown.clock[first:], length)
+    clock = np.maximum(clock, clock[:, -1:] - rules.pause)
+    middle = 0.5 * (clock[:, :1] + clock[:, -1:])
+    time = np.sqrt(3) / rules.memory * (clock - middle)  # (n, length)
+    rows = grown.gram[first:, :, at.start]
+    rows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0)
+    cross = np.einsum("njfl,nl->njf", rows, time)
+    square = np.einsum("njl,nl->nj", rows[:, :, at.start], time**2)
+    out = np.zeros((*sums.shape[:2], f + 1, f + 1))
+    old = [*range(at.stop), *range(at.stop + 1, f + 1)]
+    out[..., np.array(old)[:, None], old] = sums
+    out[..., at.stop, old] = out[..., old, at.stop] = cross
+    out[..., at.stop, at.stop] = square
+    return out
 
 
 def _later(usual: Usual, rules: Rules, known, seconds: Array) -> tuple[Array, Array]:
@@ -287,20 +322,16 @@ class _Places:
     """Where columns stand: r, U, S, those of a load, those of one joint.
 
     Attributes:
-        slow, body, single: Their numbers.
+        slow: Numbers of S.
     """
 
     slow: slice
-    body: slice
-    single: Sequence[int]
 
     @classmethod
     def of(cls, columns: int) -> "_Places":
         """Places among so many columns."""
-        s = columns - SLOW - BODY - (SINGLE - SLOW)
-        body = slice(s + SLOW, s + SLOW + BODY)
-        single = [s, s + 1, *range(body.stop, columns)]
-        return cls(slice(s, s + SLOW), body, single)
+        s = columns - SINGLE - BODY
+        return cls(slice(s, s + SLOW))
 
 
 def _left(
@@ -325,18 +356,26 @@ def _left(
 
 
 def _looks(usual: Usual, gram: Array, mean: Array, cov: Array) -> Looks:
-    """What windows say. Shapes (n, w, dof, f, f), (n, w, dof, 2), (n, w, dof, 2, 2)."""
-    at = _Places.of(gram.shape[-1])
+    """What windows say.
+
+    Args:
+        usual: What the first epoch says.
+        gram: Products, with the course of friction. Shape (n, w, dof, f + 1, f + 1).
+        mean, cov: Of the slow and that course. (n, w, dof, 3), (n, w, dof, 3, 3).
+    """
+    many = mean.shape[-1]
+    start = _Places.of(gram.shape[-1] - 1).slow.start
+    stop = start + many
     # Less the slow as it is expected.
-    known = (gram[..., at.slow] @ mean[..., None])[..., 0]
+    known = (gram[..., start:stop] @ mean[..., None])[..., 0]
     gram = gram.copy()
     gram[..., 0] -= known
-    size = at.slow.stop - 1
-    precision = np.zeros((*gram.shape[:-2], size, size))
-    every = np.arange(size)
+    precision = np.zeros((*gram.shape[:-2], stop - 1, stop - 1))
+    every = np.arange(stop - 1)
     precision[..., every, every] = 1.0
-    precision[..., size - SLOW :, size - SLOW :] = np.linalg.inv(cov)
-    what = [*range(at.body.start, at.body.stop), *at.single]
+    precision[..., start - 1 :, start - 1 :] = np.linalg.inv(cov)
+    what = [*range(stop, stop + BODY), start, start + 1]
+    what += range(stop + BODY, gram.shape[-1])
     info, pull = _left(usual.scaled(gram), precision, what)
     unrest = usual.unrest[..., None] ** 2
     info, pull = info / unrest[..., None], pull / unrest

@@ -33,6 +33,7 @@ _AT_ONCE = 2048  # rows: what their columns take stays under 100 MB
 _LAGS = 80  # rows over which noise is asked whether it remembers
 _USUAL = 0.3  # of torque rms: a change of usual size
 _FLOOR = 1e-3  # of torque rms: no residual is smaller
+_TAIL = 0.6  # of the largest value: least deviation that it is taken to come from
 _REAL = 1e-7  # of the largest: what no motion shows
 _SHARE, _SQUARE = 0.9, 2.706  # of squares of normal variables are less than that
 
@@ -371,7 +372,9 @@ def _between(
     least = np.column_stack(
         [np.full(len(noise), rules.warmth), rules.offset * taught.rms]
     )
-    return np.maximum(np.sqrt(np.maximum(most, 0.0)), least)
+    # One run of many that is cold makes the tail.
+    far = _TAIL * np.abs(np.where(told, means, 0.0)).max(axis=0)
+    return np.maximum.reduce([np.sqrt(np.maximum(most, 0.0)), far, least])
 
 
 def _usual_sizes(known: Reference, taught: _Taught) -> Array:
