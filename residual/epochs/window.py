@@ -218,11 +218,16 @@ def follow(
     n, longest = len(gram), rules.longest
     total = np.concatenate([np.zeros((1, *gram.shape[1:])), grown.gram.cumsum(axis=0)])
     ends = longest + np.arange(n)  # numbers of the new bins
+    # No window looks back over a longer pause: behind it an arm is another.
+    number = np.arange(longest + n)
+    before = np.maximum(np.concatenate([[-np.inf], grown.clock[:-1]]), -1e12)
+    paused = np.maximum(grown.clock, -1e12) - before > rules.pause
+    pause = np.maximum.accumulate(np.where(paused, number - 1, -1))
     windows: list[tuple[Array, ...]] = []
     for length in rules.windows:
-        begins = ends - length  # the last bin before each window
+        begins = np.maximum(ends - length, pause[ends])  # the last bin before each
         sums = _with_course(
-            total[ends + 1] - total[begins + 1], rules, grown, length
+            total[ends + 1] - total[begins + 1], rules, grown, begins
         )
         before = np.maximum(begins, 0)
         known = grown.mean[before], grown.cov[before]
@@ -238,29 +243,31 @@ def follow(
     return grown[len(grown.gram) - longest :], _looks(usual, sums, mean, cov)
 
 
-def _with_course(sums: Array, rules: Rules, grown: Past, length: int) -> Array:
+def _with_course(sums: Array, rules: Rules, grown: Past, begins: Array) -> Array:
     """Products of windows with one more column: friction by the time in the window.
 
     Args:
         sums: Products in the windows that end with each new bin. Shape (n, dof, f, f).
         rules: Units of time.
         grown: The bins, the new ones last.
-        length: Bins of a window.
+        begins: Number of the last bin before each window. Shape (n,).
 
     Returns:
         The same with that column behind the slow. Shape (n, dof, f + 1, f + 1).
     """
     n, f = len(sums), sums.shape[-1]
     at = _Places.of(f).slow
-    first = len(grown.clock) - n - length + 1
-    clock = np.lib.stride_tricks.sliding_window_view(grown.clock[first:], length)
-    clock = np.maximum(clock, clock[:, -1:] - rules.pause)
-    middle = 0.5 * (clock[:, :1] + clock[:, -1:])
-    time = np.sqrt(3) / rules.memory * (clock - middle)  # (n, length)
-    rows = grown.gram[first:, :, at.start]
-    rows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0)
-    cross = np.einsum("njfl,nl->njf", rows, time)
-    square = np.einsum("njl,nl->nj", rows[:, :, at.start], time**2)
+    ends = len(grown.clock) - n + np.arange(n)
+    length = int((ends - begins).max())
+    bins = np.maximum(ends[:, None] - np.arange(length)[::-1], 0)  # (n, length)
+    inside = bins > begins[:, None]
+    first = grown.clock[np.minimum(begins + 1, ends)][:, None]
+    middle = 0.5 * (first + grown.clock[ends][:, None])
+    time = np.where(inside, grown.clock[bins], middle) - middle
+    time = np.sqrt(3) / rules.memory * time
+    rows = grown.gram[bins, :, at.start]  # (n, length, dof, f)
+    cross = np.einsum("nljf,nl->njf", rows, time)
+    square = np.einsum("nlj,nl->nj", rows[..., at.start], time**2)
     out = np.zeros((*sums.shape[:2], f + 1, f + 1))
     old = [*range(at.stop), *range(at.stop + 1, f + 1)]
     out[..., np.array(old)[:, None], old] = sums
