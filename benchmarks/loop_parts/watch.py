@@ -54,7 +54,7 @@ _HEALTHY = (0.0, 120.0, 300.0, 700.0, 1500.0, 3000.0)  # s of work before health
 _LONG, _RUN, _PAUSE = 30.0, 20.0, 1.0  # s
 _DAY = 86400.0  # s from the healthy runs to the watched ones
 _UNCHANGED = 900.0  # s of each arm
-_BEFORE, _AFTER = 20.0, 22.0  # s of a changed run
+_BEFORE, _AFTER = 60.0, 22.0  # s of a changed run
 _EACH = 2  # changed runs of each family and kind
 _SHARE = 0.05  # of a joint's torque: friction that is less is not asked for
 # Motion within which a change is to be seen [s], and share that is to be.

@@ -51,7 +51,6 @@ class Rules:
         offset: The same of the constant, as a share of torque rms.
         free: Torque of each nuisance column that healthy runs are to tell, one
             deviation, as a share of torque rms.
-        least: Least evidence for an alarm [nats].
         quiet: Bins of motion without a crossing after which an alarm is over.
         patience: Most bins that an alarm waits for its name to be sure.
         sure: Evidence by which the best name has to lead for that [nats], and as a
@@ -69,9 +68,8 @@ class Rules:
     warmth: float = 0.02
     offset: float = 0.003
     free: float = 0.1
-    least: float = 14.0
     quiet: int = 20
-    patience: int = 4
+    patience: int = 3
     sure: tuple[float, float] = (10.0, 0.3)
     as_well: float = 0.5
 

@@ -33,6 +33,7 @@ _AT_ONCE = 2048  # rows: what their columns take stays under 100 MB
 _LAGS = 80  # rows over which noise is asked whether it remembers
 _USUAL = 0.3  # of torque rms: a change of usual size
 _FLOOR = 1e-3  # of torque rms: no residual is smaller
+_FAR = 2.0  # times what healthy runs showed: no limit is further
 _TAIL = 0.6  # of the largest value: least deviation that it is taken to come from
 _REAL = 1e-7  # of the largest: what no motion shows
 _SHARE, _SQUARE = 0.9, 2.706  # of squares of normal variables are less than that
@@ -400,7 +401,12 @@ def _with_limits(
     bins = max(1, round(BLOCK * known.window.row_rate / known.rules.rows))
     peaks = np.maximum.reduceat(nats, np.arange(0, len(nats), bins), axis=0)
     wanted = known.per_hour * BLOCK / 3600.0 / nats.shape[1]
-    limits = [max(tail_limit(own, wanted), known.rules.least) for own in peaks.T]
+    # Chance shows evidence of x nats once in e^x looks at most, were all as modelled.
+    least = -np.log(wanted)
+    limits = [
+        max(min(tail_limit(own, wanted), _FAR * float(own.max())), least)
+        for own in peaks.T
+    ]
     tails: list[Tail] = [tail_of(own) for own in peaks.T]
     return replace(known, limits=np.array(limits), tails=tuple(tails))
 
