@@ -12,14 +12,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.effects import registry
 from residual.effects.base import Span
-from residual.epochs.rows import LOOSE, joint_fit
+from residual.epochs.joint import Joint
+from residual.epochs.pursuit import chosen
+from residual.epochs.rows import LOOSE, Layout, joint_fit
+from residual.epochs.rules import Rules as EpochRules
 from residual.epochs.window import SLOW, Looks, Rules, Usual, follow, nothing, products
 from residual.errors import InputError
 from residual.evidence.fit import autocorrelation_time
 from residual.evidence.states import as_model
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
+from residual.model.term import Term
 from residual.monitoring.monitor import LEAST_RUNS, check_limits, check_log
 from residual.monitoring.stream.reference import Reference, body_sd, columns_of
 from residual.monitoring.stream.rows import Rows, Samples, Window, start, take
@@ -30,10 +35,12 @@ from residual.signals.track import Filters, Track, sample_rate
 
 PER_HOUR = 0.1
 _AT_ONCE = 2048  # rows: what their columns take stays under 100 MB
+_MOST = 12000  # rows that one arm is fitted to
 _LAGS = 80  # rows over which noise is asked whether it remembers
 _USUAL = 0.3  # of torque rms: a change of usual size
 _FLOOR = 1e-3  # of torque rms: no residual is smaller
 _FAR = 2.0  # times what healthy runs showed: no limit is further
+_WARM = 1.6  # times the evidence of other quantities
 _TAIL = 0.6  # of the largest value: least deviation that it is taken to come from
 _REAL = 1e-7  # of the largest: what no motion shows
 _SHARE, _SQUARE = 0.9, 2.706  # of squares of normal variables are less than that
@@ -161,11 +168,47 @@ class _Seen(Track):
 
 
 def _fitted(bare: Reference, runs: Sequence[Rows]) -> Model:
-    """One arm fitted to all runs as an epoch is, with what any arm has a little of."""
-    rate, dof = bare.window.row_rate, bare.dof
+    """One arm fitted to all runs as an epoch is, with what any arm has a little of.
+
+    And with what single joints of this one have of the vocabulary, by pursuit.
+    """
+    logs = _logs(bare, runs)
+    nominal = Nominal(bare.model, (None,) * len(bare.model.terms))
+    joint = joint_fit(logs, nominal, (LOOSE,))
+    model, design = as_model(nominal, joint.fitted), joint.design
+    design.show_torque(model)
+    wanted = [
+        (effect, on, shape)
+        for effect in registry().values()
+        if effect.scope == "local" and not (effect.remembers or effect.needs_clock)
+        for on in effect.candidates(bare.dof)
+        for shape in effect.shapes(logs.span, on[0])
+    ]
+    groups = design.add(wanted)
+    usual = np.concatenate([design.nominal, *(g.ids for g in joint.known)])
+    terms = []
+    for j in range(bare.dof):
+        shared = design.columns(j, design.present(j, usual)[0])
+        rows = np.ones(len(shared), bool)
+        target = design.residual(j, joint.fitted.ids, joint.fitted.theta)
+        starts = np.zeros(1, int)
+        layout = Layout(~rows, np.zeros(len(rows), int), starts, starts)
+        alone = Joint(shared, target, layout, light=True)
+        own = [g for g in groups if g.joints == (j,)]
+        terms += chosen(design, j, own, rows, alone, EpochRules())
+    more = [Term(g.effect, g.joints, g.shape, np.zeros(len(g.ids))) for g in terms]
+    return replace(model, terms=(*model.terms, *more))
+
+
+def _logs(bare: Reference, runs: Sequence[Rows]) -> Logs:
+    """The runs as the logs of an epoch; of many rows some, evenly spread."""
+    dof = bare.dof
+    step = max(1, sum(len(r.t) for r in runs) // _MOST)
+    rate = bare.window.row_rate / step
     tracks = []
-    for i, rows in enumerate(runs):
-        use, _ = usable(bare, bare.is_slow(rows), np.zeros(dof, int))
+    for i, whole in enumerate(runs):
+        use, _ = usable(bare, bare.is_slow(whole), np.zeros(dof, int))
+        rows, use = whole[::step], use[::step]
         tracks.append(
             _Seen(
                 id=f"run {i}",
@@ -174,7 +217,7 @@ def _fitted(bare: Reference, runs: Sequence[Rows]) -> Model:
                 q=rows.q,
                 qd=rows.qd,
                 qdd=rows.qdd,
-                cutoff=0.25 * rate,
+                cutoff=0.25 * bare.window.row_rate,
                 step=1,
                 tau=rows.tau,
                 inner=np.ones(len(rows.t), bool),
@@ -182,10 +225,10 @@ def _fitted(bare: Reference, runs: Sequence[Rows]) -> Model:
                 torque_noise=np.zeros(dof),
             )
         )
-    if (np.sum([t.moving.sum(axis=0) for t in tracks], axis=0) < _LAGS).any():
-        still = np.sum([t.moving.sum(axis=0) for t in tracks], axis=0) < _LAGS
+    moving = np.sum([t.moving.sum(axis=0) for t in tracks], axis=0)
+    if (moving < _LAGS).any():
         raise InputError(
-            f"Joint {int(still.argmax()) + 1} hardly moves in the healthy runs. Give "
+            f"Joint {int(moving.argmin()) + 1} hardly moves in the healthy runs. Give "
             "runs that move it."
         )
     every = Rows.joined(runs)
@@ -193,15 +236,11 @@ def _fitted(bare: Reference, runs: Sequence[Rows]) -> Model:
         speed=np.quantile(np.abs(every.qd), 0.95, axis=0),
         travel=np.ptp(every.q, axis=0),
         duration=0.0,
-        cutoff=0.25 * rate,
+        cutoff=0.25 * bare.window.row_rate,
         torque=np.quantile(np.abs(every.tau), 0.995, axis=0),
     )
-    model = bare.model
-    logs = Logs(
-        model.robot, tuple(tracks), None, span, model.speed_floor, Filters(), ()
-    )
-    nominal = Nominal(model, (None,) * len(model.terms))
-    return as_model(nominal, joint_fit(logs, nominal, (LOOSE,)).fitted)
+    floor, robot = bare.model.speed_floor, bare.model.robot
+    return Logs(robot, tuple(tracks), None, span, floor, Filters(), ())
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -402,10 +441,12 @@ def _with_limits(
     peaks = np.maximum.reduceat(nats, np.arange(0, len(nats), bins), axis=0)
     wanted = known.per_hour * BLOCK / 3600.0 / nats.shape[1]
     # Chance shows evidence of x nats once in e^x looks at most, were all as modelled.
-    least = -np.log(wanted)
+    least = np.full(nats.shape[1], -np.log(wanted))
+    # All but warmth is: friction has more ways to change than are followed.
+    least[1 : 1 + known.dof] *= _WARM
     limits = [
-        max(min(tail_limit(own, wanted), _FAR * float(own.max())), least)
-        for own in peaks.T
+        max(min(tail_limit(own, wanted), _FAR * float(own.max())), low)
+        for own, low in zip(peaks.T, least, strict=True)
     ]
     tails: list[Tail] = [tail_of(own) for own in peaks.T]
     return replace(known, limits=np.array(limits), tails=tuple(tails))
