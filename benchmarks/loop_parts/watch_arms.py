@@ -47,6 +47,7 @@ class Run:
         worked: Usual work before it [s].
         change: One of CHANGES, or "".
         joint: Joint that changes, from 1; 0 for a load.
+        draw: Draws the change; the same in runs with the same one.
         onset: From when on it is changed, since the run began [s].
     """
 
@@ -58,6 +59,7 @@ class Run:
     worked: float
     change: str = ""
     joint: int = 0
+    draw: int = 0
     onset: float = 0.0
 
 
@@ -112,7 +114,7 @@ def _recorded(run: Run, effects: tuple[Hidden, ...]) -> Recording:
 
 
 def _effects(run: Run) -> tuple[Hidden, ...]:
-    robot, rng = robot_of(run.arm), stream(run.number, f"watch/{run.arm}/change")
+    robot, rng = robot_of(run.arm), stream(run.draw, f"watch/{run.arm}/change")
     if run.change == LOAD:
         rated = _RATED * sizes(robot).torque[1] / _GRAVITY / reach(robot.model)
         way = rng.normal(size=3)

@@ -52,7 +52,7 @@ class Rules:
         free: Torque of each nuisance column that healthy runs are to tell, one
             deviation, as a share of torque rms.
         quiet: Bins of motion without a crossing after which an alarm is over.
-        patience: Most bins that an alarm waits for its name to be sure.
+        patience: Least and most bins that an alarm waits for its name to be sure.
         sure: Evidence by which the best name has to lead for that [nats], and as a
             part of its own.
         as_well: Part of the evidence of the best name that another needs to be told.
@@ -69,7 +69,7 @@ class Rules:
     offset: float = 0.003
     free: float = 0.1
     quiet: int = 20
-    patience: int = 3
+    patience: tuple[int, int] = (2, 4)
     sure: tuple[float, float] = (10.0, 0.3)
     as_well: float = 0.5
 

@@ -40,7 +40,7 @@ _LAGS = 80  # rows over which noise is asked whether it remembers
 _USUAL = 0.3  # of torque rms: a change of usual size
 _FLOOR = 1e-3  # of torque rms: no residual is smaller
 _FAR = 2.0  # times what healthy runs showed: no limit is further
-_WARM = 1.6  # times the evidence of other quantities
+_SAFE, _WARM = 1.25, 1.3  # times that evidence; of friction, times this again
 _TAIL = 0.6  # of the largest value: least deviation that it is taken to come from
 _REAL = 1e-7  # of the largest: what no motion shows
 _SHARE, _SQUARE = 0.9, 2.706  # of squares of normal variables are less than that
@@ -440,9 +440,9 @@ def _with_limits(
     bins = max(1, round(BLOCK * known.window.row_rate / known.rules.rows))
     peaks = np.maximum.reduceat(nats, np.arange(0, len(nats), bins), axis=0)
     wanted = known.per_hour * BLOCK / 3600.0 / nats.shape[1]
-    # Chance shows evidence of x nats once in e^x looks at most, were all as modelled.
-    least = np.full(nats.shape[1], -np.log(wanted))
-    # All but warmth is: friction has more ways to change than are followed.
+    # Chance shows evidence of x nats once in e^x looks at most, were all as modelled;
+    # friction has most ways to change that are not followed.
+    least = np.full(nats.shape[1], -_SAFE * np.log(wanted))
     least[1 : 1 + known.dof] *= _WARM
     limits = [
         max(min(tail_limit(own, wanted), _FAR * float(own.max())), low)

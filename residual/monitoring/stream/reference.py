@@ -149,7 +149,7 @@ class Reference:
             )
         try:
             rules = dict(record["rules"])
-            rules |= {name: tuple(rules[name]) for name in ("windows", "sure")}
+            rules |= {name: tuple(rules[name]) for name in ("windows", "patience", "sure")}
             return cls(
                 model=Model.from_record(record["model"]),
                 usual=Usual(**{k: unpacked(record["usual"][k]) for k in _USUAL}),

@@ -176,7 +176,7 @@ def _alarms(
         left = max(left - 1, 0)
         if not hit:
             waited = 0
-        elif left == 0 and waited < rules.patience and not _sure(rules, nats[k]):
+        elif left == 0 and waited < rules.patience[_unsure(rules, nats[k])]:
             waited += 1
         else:
             if left == 0:
@@ -185,11 +185,11 @@ def _alarms(
     return replace(state, left=left, waited=waited), found
 
 
-def _sure(rules: Rules, nats: Array) -> bool:
-    """Whether one name leads all others, where evidence is most. Shape (w, h)."""
+def _unsure(rules: Rules, nats: Array) -> bool:
+    """Whether no name leads all others, where evidence is most. Shape (w, h)."""
     each = np.sort(nats[np.unravel_index(int(nats.argmax()), nats.shape)[0]])
     least, part = rules.sure
-    return bool(each[-1] - each[-2] > max(least, part * each[-1]))
+    return bool(each[-1] - each[-2] <= max(least, part * each[-1]))
 
 
 def _change(
