@@ -25,8 +25,8 @@ CHANGES = (LOAD, GAIN, SMALL_GAIN, FRICTION)
 _BACKGROUNDS = ("workshop", "worn")
 _ARMS = (*arms.SIX, arms.SEVEN, arms.OTHER_SEVEN)
 # An arm carries what takes so much of the second joint's torque at full reach: of the
-# built-in one that is 4 kg.
-_RATED = 0.3
+# built-in one that are the 6 kg of its maker.
+_RATED = 0.44
 _GRAVITY = 9.81  # m/s^2
 _LEAST_LOAD, _REACH = 1.0, 0.1  # kg; m from the flange to its centre
 _GAIN = {GAIN: 0.3, SMALL_GAIN: 0.1}

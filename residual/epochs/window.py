@@ -53,8 +53,12 @@ class Rules:
             deviation, as a share of torque rms.
         quiet: Bins of motion without a crossing after which an alarm is over.
         patience: Least and most bins that an alarm waits for its name to be sure.
+        short: Longest window whose name may change soon [bins]; longer ones wait for
+            no least.
         sure: Evidence by which the best name has to lead for that [nats], and as a
             part of its own.
+        enough: Part of the evidence of the best window that the shortest needs, which
+            says since when.
         as_well: Part of the evidence of the best name that another needs to be told.
     """
 
@@ -70,7 +74,9 @@ class Rules:
     free: float = 0.1
     quiet: int = 20
     patience: tuple[int, int] = (2, 4)
+    short: int = 4
     sure: tuple[float, float] = (10.0, 0.3)
+    enough: float = 0.8
     as_well: float = 0.5
 
     @property

@@ -73,7 +73,7 @@ def state_to_record(state: State) -> dict:
         "past": _arrays(state.past),
         **{name: packed(getattr(state, name)) for name in ("use", "clocks", "since")},
         **{name: getattr(state, name) for name in _PLAIN},
-        "last": packed(np.array(state.last)),
+        "last": packed(np.array([state.last])),
     }
 
 
@@ -97,7 +97,7 @@ def state_from_record(record: Mapping) -> State:
             rows=Rows(**_read(record["rows"])),
             past=Past(**_read(record["past"])),
             **{name: unpacked(record[name]) for name in ("use", "clocks", "since")},
-            **plain | {"last": float(unpacked(record["last"]))},
+            **plain | {"last": float(unpacked(record["last"])[0])},
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"The state of the stream is damaged: {error}.") from error

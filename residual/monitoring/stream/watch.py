@@ -176,7 +176,7 @@ def _alarms(
         left = max(left - 1, 0)
         if not hit:
             waited = 0
-        elif left == 0 and waited < rules.patience[_unsure(rules, nats[k])]:
+        elif left == 0 and waited < _patience(rules, nats[k]):
             waited += 1
         else:
             if left == 0:
@@ -185,11 +185,19 @@ def _alarms(
     return replace(state, left=left, waited=waited), found
 
 
-def _unsure(rules: Rules, nats: Array) -> bool:
-    """Whether no name leads all others, where evidence is most. Shape (w, h)."""
-    each = np.sort(nats[np.unravel_index(int(nats.argmax()), nats.shape)[0]])
+def _patience(rules: Rules, nats: Array) -> int:
+    """How many bins an alarm is to wait in all. Shape (w, h).
+
+    Least where one name leads all others, where evidence is most; and shorter the
+    longer the window that was needed.
+    """
+    best = int(np.unravel_index(int(nats.argmax()), nats.shape)[0])
+    each = np.sort(nats[best])
     least, part = rules.sure
-    return bool(each[-1] - each[-2] <= max(least, part * each[-1]))
+    lead = each[-1] - each[-2] > max(least, part * each[-1])
+    return rules.patience[0 if lead else 1] - rules.patience[0] * (
+        rules.windows[best] > rules.short
+    )
 
 
 def _change(
@@ -207,6 +215,7 @@ def _change(
     worst = int(scores.argmax())
     name, joint = reference.watched[h]
     size, std = _size(reference, looks, (k, int(w)), int(h))
+    since = int((nats[k, :, h] > rules.enough * nats[k, w, h]).argmax())
     return Change(
         time=time,
         joint=joint,
@@ -214,7 +223,7 @@ def _change(
         size=size,
         std=std,
         unit=UNITS[name],
-        motion=rules.windows[w] * rules.rows / reference.window.row_rate,
+        motion=rules.windows[since] * rules.rows / reference.window.row_rate,
         score=float(scores[worst]),
         or_else=tuple(reference.watched[i] for i in others),
         per_hour=reference.tails[worst].chance(float(nats[k].max(axis=0)[worst]))
