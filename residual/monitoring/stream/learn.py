@@ -43,7 +43,8 @@ _FAR = 2.0  # times what healthy runs showed: no limit is further
 _SAFE, _WARM = 1.25, 1.3  # times that evidence; of friction, times this again
 _TAIL = 0.6  # of the largest value: least deviation that it is taken to come from
 _REAL = 1e-7  # of the largest: what no motion shows
-_SHARE, _SQUARE = 0.9, 2.706  # of squares of normal variables are less than that
+_CALM = 0.85  # least factor by which windows differ beyond noise
+_SHARE, _SQUARE = 0.97, 4.71  # of squares of normal variables are less than that
 
 
 def learn(
@@ -434,7 +435,7 @@ def _with_limits(
     enough = np.isfinite(by_window).sum(axis=-1) > 20
     by_window = np.where(enough[..., None], by_window, _SQUARE)
     unrest = np.sqrt(np.nanquantile(by_window, _SHARE, axis=-1) / _SQUARE)
-    unrest = np.maximum(unrest, 1.0)
+    unrest = np.maximum(unrest, _CALM)
     known = replace(known, usual=replace(known.usual, unrest=unrest))
     nats = np.concatenate([x.nats().max(axis=1) for x in _looks(known, gram, clock)])
     bins = max(1, round(BLOCK * known.window.row_rate / known.rules.rows))
