@@ -2,11 +2,11 @@
 
     python -m benchmarks.loop_parts.watch --seeds 1:8 --keep FILE.jsonl
 
-One case is an arm in use. It is learnt from healthy runs of all families of motion, cold
-and warm; then it runs on unchanged from a cold start, family after family, in batches of
-a second; then it is changed in the middle of a run, once for each of the changes. Motions
-that taught are not watched. Measured arms are watched on the days that did not teach.
-Finished cases are kept, so it may be cut off.
+One case is an arm in use. It is learnt from healthy runs of all families of motion,
+cold and warm; then it runs on unchanged from a cold start, family after family, in
+batches of a second; then it is changed in the second of three runs, once for each of
+the changes. Motions that taught are not watched. Measured arms are watched on the days that
+did not teach. Finished cases are kept, so it may be cut off.
 """
 
 import sys
@@ -174,7 +174,11 @@ def _changed(runs: Sequence[Run], reference: Reference, state: State) -> dict:
     for one in runs:
         log = log_run(one)
         for batch in _batches(log):
-            if one.change and before is None and batch.t[0] >= one.start + _ONSET - 1e-6:
+            if (
+                one.change
+                and before is None
+                and batch.t[0] >= one.start + _ONSET - 1e-6
+            ):
                 before = state.moved
             state, alarms = step(reference, state, batch)
             if before is None:
@@ -258,7 +262,9 @@ def _delays(kind: str, seen: Sequence[dict]) -> Figures:
     late = int((delays > WITHIN[kind]).sum())
     by_joint = {
         str(j): sum(
-            d > WITHIN[kind] for d, c in zip(delays, seen, strict=True) if c["joint"] == j
+            d > WITHIN[kind]
+            for d, c in zip(delays, seen, strict=True)
+            if c["joint"] == j
         )
         for j in sorted({c["joint"] for c in seen})
     }

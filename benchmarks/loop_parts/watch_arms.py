@@ -105,9 +105,7 @@ def _recorded(run: Run, effects: tuple[Hidden, ...]) -> Recording:
     )
     torque = true_torque(plant, motion, label, run.start, True, run.worked)
     rng = stream(run.number, f"{label}/torque")
-    tau = torque.tau + torque_noise(
-        len(motion.t), sizes(plant.robot).torque, RATE, rng
-    )
+    tau = torque.tau + torque_noise(len(motion.t), sizes(plant.robot).torque, RATE, rng)
     q = encoder(torque.reading, stream(run.number, f"{label}/encoder"))
     tau = logged(background_of(plant), tau, RATE)
     return Recording(label, plant.robot.name, run.start + motion.t, q, tau)
@@ -142,9 +140,7 @@ def days() -> Iterator[tuple[Robot, list[Recording], list[Recording]]]:
     if real.absent(real.UR10E):
         return
     files = ("feb05", "feb06", "feb10", "feb12", "feb19")
-    logs = [
-        real._read(real.UR10E, real._whole(day, real._DAYS[day])) for day in files
-    ]
+    logs = [real._read(real.UR10E, real._whole(day, real._DAYS[day])) for day in files]
     for many in (3, 4):
         for chosen in combinations(range(len(logs)), many):
             first = [logs[i] for i in chosen]

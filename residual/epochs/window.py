@@ -23,7 +23,11 @@ from residual.epochs.contrast import worth_of
 from residual.recording import Array
 
 SLOW = 2  # columns of what any arm does slowly: friction, constant
-COURSE = [0, 2, 1]  # friction, constant, course of friction: of their levels and courses
+COURSE = [
+    0,
+    2,
+    1,
+]  # friction, constant, course of friction: of their levels and courses
 BODY = 4  # columns of a load: mass and first moments
 SINGLE = 5  # columns of one joint: friction, constant, gain, dry and viscous friction
 # What may change on one joint, by these columns, and which quantity each is.
@@ -230,9 +234,7 @@ def follow(
     windows: list[tuple[Array, ...]] = []
     for length in rules.windows:
         begins = np.maximum(ends - length, pause[ends])  # the last bin before each
-        sums = _with_course(
-            total[ends + 1] - total[begins + 1], rules, grown, begins
-        )
+        sums = _with_course(total[ends + 1] - total[begins + 1], rules, grown, begins)
         before = np.maximum(begins, 0)
         known = grown.mean[before], grown.cov[before]
         # As it is in the middle of the window.
@@ -345,9 +347,7 @@ class _Places:
         return cls(slice(s, s + SLOW))
 
 
-def _left(
-    gram: Array, precision: Array, what: Sequence[int]
-) -> tuple[Array, Array]:
+def _left(gram: Array, precision: Array, what: Sequence[int]) -> tuple[Array, Array]:
     """Information and pull of columns beside the nuisance, which has a prior.
 
     Args:
@@ -372,7 +372,8 @@ def _looks(usual: Usual, gram: Array, mean: Array, cov: Array) -> Looks:
     Args:
         usual: What the first epoch says.
         gram: Products, with the course of friction. Shape (n, w, dof, f + 1, f + 1).
-        mean, cov: Of the slow and that course. (n, w, dof, 3), (n, w, dof, 3, 3).
+        mean: Of the slow and that course. Shape (n, w, dof, 3).
+        cov: Of these. Shape (n, w, dof, 3, 3).
     """
     many = mean.shape[-1]
     start = _Places.of(gram.shape[-1] - 1).slow.start

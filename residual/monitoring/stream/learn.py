@@ -355,9 +355,7 @@ def _left_out(
     """Columns of each run by what the others taught, and where joints count."""
     for i, rows in enumerate(runs):
         lowest, highest = _range(runs, i)
-        own = replace(
-            known, theta=taught.fit(i)[0], lowest=lowest, highest=highest
-        )
+        own = replace(known, theta=taught.fit(i)[0], lowest=lowest, highest=highest)
         use = taught.use[i] & ~own.outside(rows)
         parts = [
             own.columns(rows[k : k + _AT_ONCE], use[k : k + _AT_ONCE])
@@ -366,9 +364,7 @@ def _left_out(
         yield np.concatenate(parts), use
 
 
-def _with_noise(
-    known: Reference, taught: _Taught, runs: Sequence[Rows]
-) -> Reference:
+def _with_noise(known: Reference, taught: _Taught, runs: Sequence[Rows]) -> Reference:
     """Noise of rows, how far the slow differs between runs, and priors of changes."""
     dof = known.dof
     slow = slice(1 + known.basis.shape[2], 1 + known.basis.shape[2] + SLOW)
@@ -377,9 +373,12 @@ def _with_noise(
     for columns, use in _left_out(known, taught, runs):
         r, s = columns[..., 0], columns[..., slow]
         gram = np.einsum("mja,mjb->jab", s, s)
-        gram = gram + 1e-6 * np.eye(SLOW) * (1 + np.trace(gram, axis1=1, axis2=2))[
-            :, None, None
-        ]
+        gram = (
+            gram
+            + 1e-6
+            * np.eye(SLOW)
+            * (1 + np.trace(gram, axis1=1, axis2=2))[:, None, None]
+        )
         mean = np.linalg.solve(gram, np.einsum("mja,mj->ja", s, r)[..., None])[..., 0]
         left = r - np.einsum("mja,ja->mj", s, mean)
         power, rows = power + (left**2).sum(axis=0), rows + use.sum(axis=0)
@@ -422,13 +421,17 @@ def _usual_sizes(known: Reference, taught: _Taught) -> Array:
     """Coefficients of changes of usual size on each joint. Shape (dof, 5)."""
     size = np.maximum(known.friction, 1e-9)
     rms = taught.rms
-    each = [rms / size[:, 0], rms, np.ones(len(rms)), rms / size[:, 1], rms / size[:, 2]]
+    each = [
+        rms / size[:, 0],
+        rms,
+        np.ones(len(rms)),
+        rms / size[:, 1],
+        rms / size[:, 2],
+    ]
     return _USUAL * np.column_stack(each)
 
 
-def _with_limits(
-    known: Reference, taught: _Taught, runs: Sequence[Rows]
-) -> Reference:
+def _with_limits(known: Reference, taught: _Taught, runs: Sequence[Rows]) -> Reference:
     gram, clock = _bins(known, taught, runs)
     squares = np.concatenate([x.squares for x in _looks(known, gram, clock)])
     by_window = squares.transpose(1, 2, 0, 3).reshape(*squares.shape[1:3], -1)

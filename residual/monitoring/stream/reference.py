@@ -14,8 +14,8 @@ from residual.effects import registry
 from residual.epochs.window import BODY, Rules, Usual
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.monitoring.stream.state import packed, unpacked
 from residual.monitoring.stream.rows import Rows, Window
+from residual.monitoring.stream.state import packed, unpacked
 from residual.monitoring.usual import Tail
 from residual.names import shown
 from residual.recording import Array
@@ -149,7 +149,9 @@ class Reference:
             )
         try:
             rules = dict(record["rules"])
-            rules |= {name: tuple(rules[name]) for name in ("windows", "patience", "sure")}
+            rules |= {
+                name: tuple(rules[name]) for name in ("windows", "patience", "sure")
+            }
             return cls(
                 model=Model.from_record(record["model"]),
                 usual=Usual(**{k: unpacked(record["usual"][k]) for k in _USUAL}),

@@ -97,9 +97,7 @@ def step(
     state, bins = waited(reference, state, rows)
     for own, use, clock in bins:
         gram = products(reference.columns(own, use), reference.rules)
-        past, looks = follow(
-            reference.usual, reference.rules, state.past, gram, clock
-        )
+        past, looks = follow(reference.usual, reference.rules, state.past, gram, clock)
         times = own.t[reference.rules.rows - 1 :: reference.rules.rows]
         state, found = _alarms(reference, replace(state, past=past), looks, times)
         changes += found
