@@ -50,7 +50,7 @@ from sim.streams import stream
 
 SEEDS = "9801:9896"  # of the deciding run: 24 h unchanged
 DAYS = 0  # in place of a seed: the measured arm
-_HEALTHY = (0.0, 120.0, 300.0, 700.0, 1500.0, 3000.0)  # s of work before healthy runs
+_HEALTHY = (0.0, 240.0, 480.0, 900.0, 1600.0, 3000.0)  # s of work before healthy runs
 _LONG, _RUN, _PAUSE = 30.0, 20.0, 1.0  # s
 _DAY = 86400.0  # s from the healthy runs to the watched ones
 _UNCHANGED = 900.0  # s of each arm
@@ -99,15 +99,8 @@ def watch_arm(seed: int, quick: bool = False) -> dict:
 
 
 def _watched(seed: int, quick: bool) -> dict:
-    starts = _HEALTHY[::2] if quick else _HEALTHY
-    numbers = count()
-    healthy = [
-        log_run(
-            Run(seed, family, next(numbers), 10.0 if quick else _LONG, start, start)
-        )
-        for start in starts
-        for family in families()
-    ]
+    long = 10.0 if quick else _LONG
+    healthy = [log_run(run) for run in healthy_runs(seed, long)]
     reference = learnt(robot_of(seed), healthy)
     state, false = _unchanged(seed, reference, 80.0 if quick else _UNCHANGED)
     runs = changes(seed, 1 if quick else _EACH)
@@ -120,6 +113,16 @@ def _watched(seed: int, quick: bool) -> dict:
         "limits": [round(float(x), 1) for x in reference.limits],
         "unrest": reference.usual.unrest.max(axis=1).round(2).tolist(),
     }
+
+
+def healthy_runs(seed: int, seconds: float) -> list[Run]:
+    """Return runs of all families after each other, at several times of a day."""
+    runs, number = [], count()
+    for start in _HEALTHY:
+        for k, family in enumerate(families()):
+            now = start + k * (seconds + _PAUSE)
+            runs.append(Run(seed, family, next(number), seconds, now, now))
+    return runs
 
 
 def learnt(robot: Robot, healthy: Sequence[Recording]) -> Reference:
@@ -137,7 +140,7 @@ def _unchanged(
         if worked >= seconds:
             return state, false
         family = families()[number % len(families())]
-        run = Run(seed, family, number, _RUN, _DAY + worked, worked)
+        run = Run(seed, family, 1000 + number, _RUN, _DAY + worked, worked)
         for batch in _batches(log_run(run)):
             state, alarms = step(reference, state, batch)
             false += [_said(a) | {"family": family} for a in alarms]

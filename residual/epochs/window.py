@@ -49,8 +49,8 @@ class Rules:
         pause: Longest time that an arm does not cool within [s].
         fresh: Behind a longer pause an arm has cooled: by how much its course differs
             more, as a factor on deviations.
-        quick: What of the slow may change with the kind of motion, as a share of the
-            deviation between healthy runs.
+        quick: Least that the slow changes with the motion, as a share of the deviation
+            between healthy runs.
         warmth: Least deviation of friction between runs, as a share.
         offset: The same of the constant, as a share of torque rms.
         free: Torque of each nuisance column that healthy runs are to tell, one
@@ -100,6 +100,7 @@ class Usual:
             length of window. Shape (windows, dof).
         slow: Deviation of friction, as a share, and of the constant [N m], between
             runs. Shape (dof, 2).
+        quick: What of that goes with the motion. Shape (dof, 2).
         body: Prior deviation of mass [kg] and first moments [kg m]. Shape (4,).
         single: The same of changes of one joint, as in KINDS. Shape (dof, 5).
     """
@@ -107,6 +108,7 @@ class Usual:
     noise: Array
     unrest: Array
     slow: Array
+    quick: Array
     body: Array
     single: Array
 
@@ -244,7 +246,7 @@ def follow(
     sums, mean, cov = (np.stack(x, axis=1) for x in zip(*windows, strict=True))
     mean, cov = mean[..., COURSE], cov[..., COURSE, :][..., COURSE]
     quick = np.zeros((len(usual.noise), SLOW + 1))
-    quick[:, :SLOW] = rules.quick * usual.slow
+    quick[:, :SLOW] = usual.quick
     cov = cov + quick[..., None] ** 2 * np.eye(SLOW + 1)
     return grown[len(grown.gram) - longest :], _looks(usual, sums, mean, cov)
 

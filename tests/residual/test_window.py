@@ -30,6 +30,7 @@ def usual() -> Usual:
         noise=rng.uniform(0.5, 2.0, DOF),
         unrest=rng.uniform(1.0, 2.0, (2, DOF)),
         slow=rng.uniform(0.1, 0.5, (DOF, SLOW)),
+        quick=rng.uniform(0.01, 0.1, (DOF, SLOW)),
         body=np.array([2.0, 0.4, 0.4, 0.4]),
         single=rng.uniform(0.2, 2.0, (DOF, 5)),
     )
@@ -61,7 +62,7 @@ def dense(usual: Usual, rows: np.ndarray, j: int, w: int):
     course = slow[:, 0] * np.repeat(time, RULES.rows)
     some = np.column_stack([slow, course])
     prior = usual.cold(RULES)[j][COURSE][:, COURSE]
-    quick = np.diag([*(RULES.quick * usual.slow[j]) ** 2, 0.0])
+    quick = np.diag([*usual.quick[j] ** 2, 0.0])
     v = usual.noise[j] * np.eye(len(r)) + free @ free.T
     v = (v + some @ (prior + quick) @ some.T) * usual.unrest[w, j] ** 2
     c = np.column_stack([own[:, 3 + FREE : 7 + FREE], slow, own[:, 7 + FREE :]])

@@ -41,6 +41,7 @@ _USUAL = 0.3  # of torque rms: a change of usual size
 _FLOOR = 1e-3  # of torque rms: no residual is smaller
 _FAR = 2.0  # times what healthy runs showed: no limit is further
 _SAFE, _WARM = 1.25, 1.3  # times that evidence; of friction, times this again
+_STEP = 1.81  # deviations: two normal values differ by less in 80 %
 _TAIL = 0.6  # of the largest value: least deviation that it is taken to come from
 _REAL = 1e-7  # of the largest: what no motion shows
 _CALM = 0.85  # least factor by which windows differ beyond noise
@@ -132,6 +133,7 @@ def _bare(model: Model, rate: float, per_hour: float, rules: Rules) -> Reference
         noise=ones,
         unrest=np.ones((len(rules.windows), dof)),
         slow=np.ones((dof, SLOW)),
+        quick=np.ones((dof, SLOW)),
         body=body_sd(model.robot),
         single=np.ones((dof, 5)),
     )
@@ -152,11 +154,16 @@ def _bare(model: Model, rate: float, per_hour: float, rules: Rules) -> Reference
     )
 
 
-def _range(runs: Sequence[Rows], without: int = -1) -> tuple[Array, Array]:
-    """Lowest and highest q, qd and qdd of each joint. Shapes (3, dof)."""
+def _range(runs: Sequence[Rows], without: int | None = None) -> tuple[Array, Array]:
+    """Lowest and highest q, qd and qdd of each joint that two runs have. (3, dof).
+
+    Of all runs but one what one has: so no state is watched that none was left out of.
+    """
     used = [r for i, r in enumerate(runs) if i != without]
-    states = np.concatenate([np.stack([r.q, r.qd, r.qdd], axis=1) for r in used])
-    return states.min(axis=0), states.max(axis=0)
+    states = [np.stack([r.q, r.qd, r.qdd], axis=1) for r in used]
+    k = 1 if without is None else 0
+    lowest = np.sort([x.min(axis=0) for x in states], axis=0)[k]
+    return lowest, np.sort([x.max(axis=0) for x in states], axis=0)[-1 - k]
 
 
 class _Seen(Track):
@@ -367,11 +374,11 @@ def _left_out(
 def _with_noise(known: Reference, taught: _Taught, runs: Sequence[Rows]) -> Reference:
     """Noise of rows, how far the slow differs between runs, and priors of changes."""
     dof = known.dof
-    slow = slice(1 + known.basis.shape[2], 1 + known.basis.shape[2] + SLOW)
+    at = slice(1 + known.basis.shape[2], 1 + known.basis.shape[2] + SLOW)
     power, rows, means, infos = np.zeros(dof), np.zeros(dof), [], []
     lines: list[list[Array]] = [[] for _ in range(dof)]
     for columns, use in _left_out(known, taught, runs):
-        r, s = columns[..., 0], columns[..., slow]
+        r, s = columns[..., 0], columns[..., at]
         gram = np.einsum("mja,mjb->jab", s, s)
         gram = (
             gram
@@ -389,13 +396,15 @@ def _with_noise(known: Reference, taught: _Taught, runs: Sequence[Rows]) -> Refe
     variance = power / np.maximum(rows, 1.0) + (_FLOOR * taught.rms) ** 2
     pace = [max(autocorrelation_time(np.concatenate(own)), 1.0) for own in lines]
     noise = variance * np.array(pace)
+    slow, quick = _between(known.rules, taught, noise, np.array(means), np.array(infos))
     return replace(
         known,
         basis=known.basis * np.sqrt(noise)[:, None, None],
         usual=replace(
             known.usual,
             noise=noise,
-            slow=_between(known.rules, taught, noise, np.array(means), np.array(infos)),
+            slow=slow,
+            quick=quick,
             single=_usual_sizes(known, taught),
         ),
     )
@@ -403,8 +412,12 @@ def _with_noise(known: Reference, taught: _Taught, runs: Sequence[Rows]) -> Refe
 
 def _between(
     rules: Rules, taught: _Taught, noise: Array, means: Array, infos: Array
-) -> Array:
-    """Deviation of the slow between runs, beyond noise. Shape (dof, 2)."""
+) -> tuple[Array, Array]:
+    """Deviation of the slow between runs, and with the motion. Shapes (dof, 2).
+
+    Beyond noise. Runs that follow each other are as warm: what they differ by is that
+    of their motions.
+    """
     chance = np.einsum("rjaa->rja", np.linalg.inv(infos)) * noise[:, None]
     told = chance < 0.25 * np.maximum(means**2, chance.min(axis=0))
     squares = np.where(told, means**2 - chance, np.nan)
@@ -414,7 +427,10 @@ def _between(
     )
     # One run of many that is cold makes the tail.
     far = _TAIL * np.abs(np.where(told, means, 0.0)).max(axis=0)
-    return np.maximum.reduce([np.sqrt(np.maximum(most, 0.0)), far, least])
+    slow = np.maximum.reduce([np.sqrt(np.maximum(most, 0.0)), far, least])
+    steps = np.quantile(np.abs(np.diff(means, axis=0)), 0.8, axis=0) / _STEP
+    own = np.sqrt(np.maximum(steps**2 - np.median(chance, axis=0), 0.0))
+    return slow, np.clip(own, rules.quick * slow, slow)
 
 
 def _usual_sizes(known: Reference, taught: _Taught) -> Array:

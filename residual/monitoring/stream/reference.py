@@ -164,7 +164,7 @@ class Reference:
             raise InputError(f"The reference is damaged: {error}.") from error
 
 
-_USUAL = ("noise", "unrest", "slow", "body", "single")
+_USUAL = ("noise", "unrest", "slow", "quick", "body", "single")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
