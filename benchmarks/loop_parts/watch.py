@@ -5,8 +5,8 @@
 One case is an arm in use. It is learnt from healthy runs of all families of motion,
 cold and warm; then it runs on unchanged from a cold start, family after family, in
 batches of a second; then it is changed in the second of three runs, once for each of
-the changes. Motions that taught are not watched. Measured arms are watched on the days that
-did not teach. Finished cases are kept, so it may be cut off.
+the changes. Motions that taught are not watched. Measured arms are watched on the
+days that did not teach. Finished cases are kept, so it may be cut off.
 """
 
 import sys
