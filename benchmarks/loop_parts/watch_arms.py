@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
 from benchmarks.changes_parts import arms, real
+from benchmarks.changes_parts.case import Case
 from residual.recording import Recording
 from residual.robot.dynamics import reach
 from residual.robot.robot import Robot
@@ -32,6 +32,7 @@ _LEAST_LOAD, _REACH = 1.0, 0.1  # kg; m from the flange to its centre
 _GAIN = {GAIN: 0.3, SMALL_GAIN: 0.1}
 _MORE = 0.5  # of a joint's friction
 _MOVES = 0.05  # rad/s
+_TAUGHT, _WATCHED = 3, 2  # days of the measured arm
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +140,9 @@ def days() -> Iterator[tuple[Robot, list[Recording], list[Recording]]]:
     """Yield a measured robot, days that teach and days that are watched."""
     if real.absent(real.UR10E):
         return
-    files = ("feb05", "feb06", "feb10", "feb12", "feb19")
-    logs = [real._read(real.UR10E, real._whole(day, real._DAYS[day])) for day in files]
-    for many in (3, 4):
-        for chosen in combinations(range(len(logs)), many):
-            first = [logs[i] for i in chosen]
-            second = [log for i, log in enumerate(logs) if i not in chosen]
-            yield real.robot_of(real.UR10E), first, second
+    robot = real.robot_of(real.UR10E)
+    for arm, first, second in real.unchanged_epochs():
+        if (arm, len(first), len(second)) != (real.UR10E, _TAUGHT, _WATCHED):
+            continue
+        case = Case("", 0, 0, arm, "", 0, 0, (0.0, 0.0), first, second)
+        yield robot, list(real.read(case, first)), list(real.read(case, second))
