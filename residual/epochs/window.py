@@ -264,7 +264,7 @@ def _with_course(sums: Array, rules: Rules, grown: Past, begins: Array) -> Array
         The same with that column behind the slow. Shape (n, dof, f + 1, f + 1).
     """
     n, f = len(sums), sums.shape[-1]
-    at = _Places.of(f).slow
+    at = _slow(f)
     ends = len(grown.clock) - n + np.arange(n)
     length = int((ends - begins).max())
     bins = np.maximum(ends[:, None] - np.arange(length)[::-1], 0)  # (n, length)
@@ -309,9 +309,9 @@ def _followed(
     usual: Usual, rules: Rules, past: Past, gram: Array, clock: Array
 ) -> tuple[Array, Array]:
     """Mean and covariance of the slow behind each new bin: a Kalman filter."""
-    places = _Places.of(gram.shape[-1])
-    free = np.eye(places.slow.start - 1)
-    info, pull = _left(usual.scaled(gram), free, range(*places.slow.indices(99)))
+    at = _slow(gram.shape[-1])
+    free = np.eye(at.start - 1)
+    info, pull = _left(usual.scaled(gram), free, range(at.start, at.stop))
     # Windows of a middle length say by how much bins differ beyond noise.
     unrest = usual.unrest[len(usual.unrest) // 2][:, None, None] ** 2
     info, pull = info / unrest, pull[..., None] / unrest
@@ -332,21 +332,10 @@ def _followed(
     return np.concatenate(means), np.concatenate(covs)
 
 
-@dataclass(frozen=True, slots=True)
-class _Places:
-    """Where columns stand: r, U, S, those of a load, those of one joint.
-
-    Attributes:
-        slow: Numbers of S.
-    """
-
-    slow: slice
-
-    @classmethod
-    def of(cls, columns: int) -> "_Places":
-        """Places among so many columns."""
-        s = columns - SINGLE - BODY
-        return cls(slice(s, s + SLOW))
+def _slow(columns: int) -> slice:
+    """Where the slow stand among so many columns: r, U, S, a load, one joint."""
+    start = columns - SINGLE - BODY
+    return slice(start, start + SLOW)
 
 
 def _left(gram: Array, precision: Array, what: Sequence[int]) -> tuple[Array, Array]:
@@ -378,7 +367,7 @@ def _looks(usual: Usual, gram: Array, mean: Array, cov: Array) -> Looks:
         cov: Of these. Shape (n, w, dof, 3, 3).
     """
     many = mean.shape[-1]
-    start = _Places.of(gram.shape[-1] - 1).slow.start
+    start = _slow(gram.shape[-1] - 1).start
     stop = start + many
     # Less the slow as it is expected.
     known = (gram[..., start:stop] @ mean[..., None])[..., 0]

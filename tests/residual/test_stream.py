@@ -216,6 +216,18 @@ def test_samples_of_another_arm_are_refused():
         step(reference(), begin(reference()), wrong)
 
 
+def test_no_state_is_watched_that_only_one_run_had():
+    each = [rows_of(run).qd.max(axis=0) for run in good_runs()]
+    np.testing.assert_allclose(reference().highest[1], np.sort(each, axis=0)[-2])
+
+
+def test_a_pass_over_the_limits_of_chance_says_how_often():
+    # More false alarms allowed, no higher limits.
+    often = learn(model_of(good_runs()), good_runs(), per_hour=10.0)
+    assert (often.limits <= reference().limits + 1e-9).all()
+    assert often.limits.min() < reference().limits.min()
+
+
 def test_too_few_healthy_runs_are_refused():
     with pytest.raises(InputError, match="at least 3"):
         learn(model_of(good_runs()), good_runs()[:2])
