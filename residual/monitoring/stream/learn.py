@@ -28,7 +28,7 @@ from residual.signals.track import sample_rate
 PER_HOUR = 0.1
 _USUAL = 0.3  # of torque rms: a change of usual size
 _FAR = 2.0  # times what healthy runs showed: no limit is further
-_SAFE, _WARM = 1.4, 1.25  # times that evidence; of friction, times this again
+_SAFE, _WARM = 1.6, 1.1  # times that evidence; of friction, times this again
 _STEP = 1.81  # deviations: two normal values differ by less in 80 %
 _TAIL = 0.6  # of the largest value: least deviation that it is taken to come from
 _CALM = 0.85  # least factor by which windows differ beyond noise
