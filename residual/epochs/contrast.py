@@ -313,6 +313,9 @@ def expected_worth(
 
 def _modes(information: Array, pull: Array, prior: Array) -> tuple[Array, Array]:
     """Information along the principal axes under a prior, and the pull there."""
+    if prior.shape[-1] == 1:
+        own = prior[..., 0]
+        return np.maximum(information[..., 0] / own, 0.0), pull / np.sqrt(own)
     scale = 1 / np.sqrt(np.diagonal(prior, axis1=-2, axis2=-1))
     lower = np.linalg.cholesky(prior * scale[..., :, None] * scale[..., None, :])
     half = np.linalg.inv(lower) * scale[..., None, :]

@@ -29,6 +29,24 @@ def joined(
 ) -> Array:
     """Columns of the vocabulary that one joint has, by its first epoch.
 
+    As `chosen`; as the design has them. Shape (rows, k).
+    """
+    ids = [g.ids for g in chosen(design, j, groups, first, alone, rules)]
+    if not ids:
+        return np.zeros((len(first), 0))
+    return design.columns(j, design.present(j, np.concatenate(ids))[0])
+
+
+def chosen(
+    design: Design,
+    j: int,
+    groups: Sequence[Group],
+    first: Array,
+    alone: Joint,
+    rules: Rules,
+) -> list[Group]:
+    """Effects of the vocabulary that one joint has, by its first epoch.
+
     Args:
         design: The columns.
         j: The joint, from 0.
@@ -36,32 +54,29 @@ def joined(
         first: Rows of the first epoch. Shape (rows,), bool.
         alone: The joint on these rows, the usual nuisance taken out.
         rules: Thresholds.
-
-    Returns:
-        As the design has them. Shape (rows, k).
     """
     some = [g for g in groups if len(g.ids) <= WIDEST]
     some = [g for g in some if len(design.present(j, g.ids)[0]) == len(g.ids)]
     if not some:
-        return np.zeros((len(first), 0))
+        return []
     ids = np.concatenate([g.ids for g in some])
     raw = design.columns(j, design.present(j, ids)[0])
     y, power = alone.y, (raw[first] ** 2).sum(axis=0)
     left = alone.project(raw[first])
     ends = np.cumsum([0, *(len(g.ids) for g in some)])
-    counted, chosen = len(y) / rules.slow, []
-    while len(chosen) < rules.joined:
+    counted, found = len(y) / rules.slow, []
+    while len(found) < rules.joined:
         gains = _gains(left, y, power, ends)
         i = int(np.argmax(gains))
         worth = -0.5 * counted * np.log1p(-gains[i])
         price = 0.5 * (ends[i + 1] - ends[i]) * np.log(counted) + np.log(len(some))
         if worth - price < rules.worth:
             break
-        chosen.append(slice(ends[i], ends[i + 1]))
-        basis, _ = np.linalg.qr(left[:, chosen[-1]])
+        found.append(some[i])
+        basis, _ = np.linalg.qr(left[:, ends[i] : ends[i + 1]])
         left = left - basis @ (basis.T @ left)
         y = y - basis @ (basis.T @ y)
-    return np.hstack([raw[:, at] for at in chosen]) if chosen else raw[:, :0]
+    return found
 
 
 def _gains(left: Array, y: Array, power: Array, ends: Array) -> Array:

@@ -11,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual.errors import InputError
-from residual.monitoring.stream.cusum import page
 from residual.monitoring.stream.learn import learn
-from residual.monitoring.stream.record import state_from_record, state_to_record
 from residual.monitoring.stream.reference import Reference
 from residual.monitoring.stream.rows import Samples, Window, start, take
+from residual.monitoring.stream.state import state_from_record, state_to_record
 from residual.monitoring.stream.watch import begin, step
 from residual.monitoring.track import rows_of
 from residual.recording import Recording
@@ -68,9 +67,11 @@ def whole():
 
 def flat(state) -> np.ndarray:
     kept = state.tail.kept
-    arrays = (kept.t, kept.q, kept.tau, state.lags, state.rest, state.slow)
-    arrays += (state.g, state.sums)
-    plain = (state.count, state.left, state.moved, state.alarms, state.tail.count)
+    past, rows = state.past, state.rows
+    arrays = (kept.t, kept.q, kept.tau, past.gram, past.mean, past.cov)
+    arrays += (np.maximum(past.clock, -1.0), rows.t, rows.qdd, state.use, state.since)
+    plain = (state.clock, state.last, state.left, state.waited, state.moved)
+    plain += (state.alarms, state.tail.count)
     return np.concatenate([*(np.ravel(a) for a in arrays), plain])
 
 
@@ -79,13 +80,13 @@ def flat(state) -> np.ndarray:
 def test_any_cut_into_batches_gives_the_same_state_and_alarms(cuts):
     state, alarms = fed(cuts)
     expected, told = whole()
-    np.testing.assert_allclose(flat(state), flat(expected), rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(flat(state), flat(expected), rtol=1e-6, atol=1e-6)
     assert state.tail.heard == expected.tail.heard
     assert [(a.time, a.joint, a.quantity) for a in alarms] == [
         (a.time, a.joint, a.quantity) for a in told
     ]
     sizes = [a.size for a in alarms], [a.size for a in told]
-    np.testing.assert_allclose(*sizes, rtol=1e-7)
+    np.testing.assert_allclose(*sizes, rtol=1e-6)
 
 
 def test_one_sample_at_a_time_is_no_other_cut():
@@ -110,7 +111,7 @@ def test_a_state_that_was_written_and_read_goes_on_as_if_nothing_had_been():
         record = json.loads(json.dumps(state_to_record(state)))
         state, new = step(known, state_from_record(record), every[first:stop])
         told += new
-    np.testing.assert_allclose(flat(state), flat(whole()[0]), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(flat(state), flat(whole()[0]), rtol=1e-6, atol=1e-6)
     assert [a.time for a in told] == [a.time for a in whole()[1]]
 
 
@@ -121,22 +122,34 @@ def test_a_healthy_arm_raises_no_alarm(seed):
 
 
 @pytest.mark.parametrize("joint", [1, 2])
-def test_a_gain_that_drops_is_alarmed_within_a_second_on_its_joint(joint):
+def test_a_gain_that_drops_is_alarmed_once_named_and_sized(joint):
     log = spoilt(healthy(320), "gain drop", joint, 7.0)
     _, alarms = step(reference(), begin(reference()), samples(log))
-    assert alarms[0].joint == joint
-    assert 0 < alarms[0].time - 7.0 < 1.0
-    assert alarms[0].score > 1
-    assert alarms[0].per_hour < 1
-    assert len(alarms) == 1  # it lasts, and is one alarm
+    (alarm,) = alarms  # it lasts, and is one alarm
+    assert 0 < alarm.time - 7.0 < 3.0
+    assert (alarm.quantity, alarm.joint, alarm.unit) == ("gain", joint, "1")
+    assert alarm.size == pytest.approx(-0.3, abs=0.05)
+    assert (alarm.score > 1, alarm.per_hour < 1) == (True, True)
+    assert ("gain", joint) not in alarm.or_else
 
 
-def test_a_gain_that_drops_is_named_and_sized():
-    log = spoilt(healthy(320), "gain drop", 2, 7.0)
-    _, (alarm, *_) = step(reference(), begin(reference()), samples(log))
-    assert alarm.quantity == "gain"
-    assert alarm.size == pytest.approx(-0.3, abs=0.1)
-    assert ("gain", 2) not in alarm.or_else
+def test_a_constant_torque_is_alarmed_and_named():
+    log = spoilt(healthy(321), "torque bias", 2, 6.0)
+    _, alarms = step(reference(), begin(reference()), samples(log))
+    assert (alarms[0].quantity, alarms[0].joint) == ("bias", 2)
+    assert alarms[0].size == pytest.approx(2.25, rel=0.1)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_friction_that_grows_is_alarmed_and_named(joint):
+    log = healthy(322)
+    qd = np.gradient(low_pass(log.q, 8.0, RATE), log.t, axis=0)
+    more = np.array([3.0, 1.0]) * np.tanh(qd / 0.02) * (log.t > 6.0)[:, None]
+    more[:, 2 - joint] = 0.0
+    changed = replace(log, tau=log.tau + more)
+    _, alarms = step(reference(), begin(reference()), samples(changed))
+    assert (alarms[0].quantity, alarms[0].joint) == ("friction", joint)
+    assert 0 < alarms[0].time - 6.0 < 3.0
 
 
 def test_a_load_on_the_flange_is_alarmed_and_weighed():
@@ -144,13 +157,27 @@ def test_a_load_on_the_flange_is_alarmed_and_weighed():
     motion = [low_pass(log.q, 8.0, RATE)]
     motion += [np.gradient(motion[-1], log.t, axis=0)]
     motion += [np.gradient(motion[-1], log.t, axis=0)]
-    added = regressor(ROBOT.model, *motion)[:, :, -10:] @ reference().load
-    tau = log.tau + 1.0 * added * (log.t > 6.0)[:, None]
-    changed = replace(log, tau=tau)
-    _, alarms = step(reference(), begin(reference()), samples(changed))
+    load = np.array([1.0, 0.0, 0.0, 0.05, *np.zeros(6)])
+    added = regressor(ROBOT.model, *motion)[:, :, -10:] @ load
+    tau = log.tau + added * (log.t > 6.0)[:, None]
+    _, alarms = step(reference(), begin(reference()), samples(replace(log, tau=tau)))
     assert (alarms[0].quantity, alarms[0].joint) == ("load", ROBOT.dof)
-    assert 0 < alarms[0].time - 6.0 < 2.0
-    assert alarms[0].size == pytest.approx(1.0, abs=0.35)
+    assert 0 < alarms[0].time - 6.0 < 3.0
+    assert alarms[0].unit == "kg"
+    assert alarms[0].size > 0.2
+
+
+def test_friction_that_grows_slowly_is_warmth():
+    end, parts = 0.0, []
+    for log in (healthy(360 + i) for i in range(20)):
+        t = end + log.t
+        qd = np.gradient(low_pass(log.q, 8.0, RATE), log.t, axis=0)
+        warm = 0.03 * np.sin(2 * np.pi * t / 240.0)[:, None]
+        tau = log.tau - warm * (np.array([4.0, 1.0]) * np.tanh(qd / 0.02))
+        parts.append(Samples(t, log.q, tau))
+        end = t[-1] + 1.0
+    _, alarms = step(reference(), begin(reference()), joined(*parts))
+    assert alarms == ()
 
 
 def test_an_arm_that_stands_says_nothing_however_long():
@@ -163,20 +190,14 @@ def test_an_arm_that_stands_says_nothing_however_long():
     state, alarms = step(reference(), begin(reference()), still)
     assert alarms == ()
     assert state.moved == 0
-    assert not state.g.any()
+    assert not state.past.gram.any()
 
 
-def test_page_starts_anew_at_zero_and_adds_up_the_log_likelihood_ratio():
-    # One joint, one quantity (a load), nothing taken for warmth; no residual so large
-    # that it counts less.
-    z, u = np.array([[-1.0], [1.5], [1.5]]), np.ones((3, 1, 4))
-    slow, g, sums = np.zeros((1, 2)), np.zeros((1, 1)), np.zeros((1, 1, 3))
-    levels = np.array([[1.9], [1e9], [0.0]])
-    rows, settings = (z, u, np.ones(3)), (levels, 0.1, 5)
-    trace, at, *_ = page(rows, np.ones((1, 1)), settings, (slow, g, sums, 0))
-    assert trace[:, 0, 0].tolist() == [0.0, 1.0, 2.0]  # theta z - theta^2 / 2
-    assert at.tolist() == [2]
-    assert g.tolist() == [[0.0]]
+def test_a_state_of_an_earlier_version_says_what_to_do():
+    with pytest.raises(InputError, match="Delete it"):
+        state_from_record({"form": 1})
+    with pytest.raises(InputError, match="Learn it again"):
+        Reference.from_record({"form": 1})
 
 
 def test_rows_are_those_of_the_monitor():
@@ -193,6 +214,18 @@ def test_samples_of_another_arm_are_refused():
     wrong = Samples(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
     with pytest.raises(InputError, match="expected 2 joints"):
         step(reference(), begin(reference()), wrong)
+
+
+def test_no_state_is_watched_that_only_one_run_had():
+    each = [rows_of(run).qd.max(axis=0) for run in good_runs()]
+    np.testing.assert_allclose(reference().highest[1], np.sort(each, axis=0)[-2])
+
+
+def test_a_pass_over_the_limits_of_chance_says_how_often():
+    # More false alarms allowed, no higher limits.
+    often = learn(model_of(good_runs()), good_runs(), per_hour=10.0)
+    assert (often.limits <= reference().limits + 1e-9).all()
+    assert often.limits.min() < reference().limits.min()
 
 
 def test_too_few_healthy_runs_are_refused():

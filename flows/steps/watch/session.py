@@ -9,14 +9,14 @@ from zipfile import BadZipFile
 import numpy as np
 
 from residual.errors import InputError
-from residual.monitoring.stream.record import state_from_record, state_to_record
 from residual.monitoring.stream.reference import Reference
 from residual.monitoring.stream.rows import Samples
-from residual.monitoring.stream.watch import Change, State, begin, step
+from residual.monitoring.stream.state import State, state_from_record, state_to_record
+from residual.monitoring.stream.watch import Change, begin, step
 from warehouse.files import sync
 
 BEFORE, AFTER = 5.0, 20.0  # s around an alarm that are diagnosed
-FORM = 1
+FORM = 2
 
 
 @dataclass(frozen=True, slots=True)

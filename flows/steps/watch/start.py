@@ -126,11 +126,10 @@ def _learnt(asked: Watch, store: Path, robot: Robot, origin: Origin):
 
 def _learnt_from(session: Session) -> str:
     minutes, count = 60 * session.reference.hours, len(session.origin.good)
-    load, gain = session.reference.sizes[:2]
-    said = f"learnt from {count} healthy runs, {minutes:.3g} min"
+    limits = session.reference.limits
     return (
-        f"{said}; watched from {load:.2g} kg on the flange and "
-        f"{100 * gain:.0f} % of the gain of joint 1 on"
+        f"learnt from {count} healthy runs, {minutes:.3g} min; an alarm needs "
+        f"{limits.min():.2g} to {limits.max():.2g} nats of evidence"
     )
 
 

@@ -1,56 +1,45 @@
 """Learn from healthy runs what is usual of an arm, and set limits.
 
-Undeclared friction is no fault: tables over speed, position and load take up what the
-model leaves. Each run is judged by what the others taught, so no limit is set on what
-it was fitted to. A quantity is looked for from a size on that healthy runs do not
-imitate, and its limit is that of `usual.tail_limit` on the sums of healthy runs: Page's
-test has a mean time between false alarms of at least e^limit where the noise is as
-modelled (Lorden 1971), and here it is not quite.
+The healthy runs are the first epoch: rows of all of them are fitted as those of
+`diagnose --baseline` are, with all that any arm has a little of. Each run is then held
+against what the others taught, window by window as it will be watched: by how much
+windows differ beyond noise, and what evidence healthy ones show for changes that are
+not there, of which `usual.tail_limit` makes limits.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from residual.epochs.window import SLOW, Looks, Rules, Usual, follow, nothing, products
 from residual.errors import InputError
+from residual.evidence.fit import autocorrelation_time
 from residual.model.model import Model
 from residual.monitoring.monitor import LEAST_RUNS, check_limits, check_log
-from residual.monitoring.stream.cusum import whiten
-from residual.monitoring.stream.reference import Reference
+from residual.monitoring.stream.first import AT_ONCE, FLOOR, LAGS, Taught, fitted
+from residual.monitoring.stream.reference import Reference, body_sd
 from residual.monitoring.stream.rows import Rows, Samples, Window, start, take
-from residual.monitoring.stream.seen import (
-    LOAD,
-    features,
-    felt_by,
-    pointwise,
-    quantities,
-)
-from residual.monitoring.stream.tables import fitted, with_tables
-from residual.monitoring.stream.watch import (
-    MEMORY,
-    Evidence,
-    add_up,
-    begin,
-    evidence,
-)
+from residual.monitoring.stream.watch import begin, waited
 from residual.monitoring.usual import BLOCK, Tail, tail_limit, tail_of
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 
 PER_HOUR = 0.1
-_ORDER = 4  # lags of the filter that makes a residual white
-# Changes worth an alarm: shares of the arm's mass, of one, of a joint's usual torque.
-_WORTH = {LOAD: 0.007, "gain": 0.2, "bias": 0.2, "friction": 0.2}
-_IMITATED = 2.0  # times what healthy runs imitate, at least
-_SHARE = 0.95  # of the blocks of a healthy run that imitate less
-_LEAST_LIMIT = 10.0  # nats
-_SURE = 4.0  # standard deviations in what healthy runs imitate, squared
-_SEEN = 0.5  # of the usual information: blocks with less say nothing of a size
+_USUAL = 0.3  # of torque rms: a change of usual size
+_FAR = 2.0  # times what healthy runs showed: no limit is further
+_SAFE, _WARM = 1.6, 1.1  # times that evidence; of friction, times this again
+_STEP = 1.81  # deviations: two normal values differ by less in 80 %
+_TAIL = 0.6  # of the largest value: least deviation that it is taken to come from
+_CALM = 0.85  # least factor by which windows differ beyond noise
+_SHARE, _SQUARE = 0.97, 4.71  # of squares of normal variables are less than that
 
 
 def learn(
-    model: Model, recordings: Sequence[Recording], per_hour: float = PER_HOUR
+    model: Model,
+    recordings: Sequence[Recording],
+    per_hour: float = PER_HOUR,
+    rules: Rules | None = None,
 ) -> Reference:
     """Learn what is usual.
 
@@ -60,50 +49,32 @@ def learn(
         recordings: Healthy runs such as will be watched: the same kinds of motion, cold
             and warm. Three at least; minutes of each kind are better.
         per_hour: False alarms wanted at most, all quantities together [1/h].
+        rules: Lengths of windows and the like.
 
     Raises:
         InputError: If there are too few runs, or one does not fit the others.
     """
     rate = _checked(model, recordings, per_hour)
     runs = [rows_of(run, Window(rate)) for run in recordings]
-    plain, _ = pointwise(model)
-    fit = fitted(with_tables(plain, runs), runs)
+    bare = _bare(model, rate, per_hour, rules or Rules())
     lowest, highest = _range(runs)
-    many = len(quantities(model.robot.dof))
-    bare = Reference(
-        model=fit.model,
-        rate=rate,
-        filters=np.zeros((_ORDER, model.robot.dof)),
-        sigma=np.ones(model.robot.dof),
-        felt=np.mean([felt_by(fit.model, r) for r in runs], axis=0).round(),
-        prior=np.full(many, np.inf),
-        usual=np.zeros(many),
-        sizes=_worth(model, runs),
-        limits=np.empty(0),
-        tails=(),
-        per_hour=per_hour,
-        hours=sum(run.duration for run in recordings) / 3600.0,
+    bare = replace(
+        bare,
         lowest=lowest,
         highest=highest,
+        hours=sum(run.duration for run in recordings) / 3600.0,
     )
-    known = [_knowing(bare, fit.without(i), runs, i) for i in range(len(runs))]
-    filters, sigma = _noise(known, runs)
-    noisy = [replace(own, filters=filters, sigma=sigma) for own in known]
-    return _with_limits(replace(bare, filters=filters, sigma=sigma), noisy, runs)
-
-
-def _knowing(
-    bare: Reference, model: Model, runs: Sequence[Rows], without: int
-) -> Reference:
-    """Return what all runs but one teach."""
-    low, high = _range([r for i, r in enumerate(runs) if i != without])
-    return replace(bare, model=model, lowest=low, highest=high)
-
-
-def _range(runs: Sequence[Rows]) -> tuple[Array, Array]:
-    """Lowest and highest q, qd and qdd of each joint. Shapes (3, dof)."""
-    states = np.concatenate([np.stack([r.q, r.qd, r.qdd], axis=1) for r in runs])
-    return states.min(axis=0), states.max(axis=0)
+    model = fitted(bare, runs)
+    size = len(model.coefficients())
+    bare = replace(
+        bare,
+        model=model,
+        theta=np.zeros((bare.dof, size)),
+        basis=np.zeros((bare.dof, size, 0)),
+    )
+    taught = Taught.of(bare, runs)
+    known = _with_noise(taught.reference(bare), taught, runs)
+    return _with_limits(known, taught, runs)
 
 
 def rows_of(recording: Recording, window: Window) -> Rows:
@@ -130,109 +101,200 @@ def _checked(model: Model, runs: Sequence[Recording], per_hour: float) -> float:
     return rate
 
 
-def _worth(model: Model, runs: Sequence[Rows]) -> Array:
-    """Smallest change of each quantity that is worth an alarm. Shape (h,)."""
-    torque = np.sqrt(np.mean(np.vstack([r.tau for r in runs]) ** 2, axis=0))
-    mass = sum(body.mass for body in model.robot.model.inertias)
-    scale = {LOAD: np.full(model.robot.dof, mass), "gain": np.ones(model.robot.dof)}
-    return np.array(
-        [
-            _WORTH[q.name] * scale.get(q.name, torque)[q.joint - 1]
-            for q in quantities(model.robot.dof)
-        ]
-    )
+def pointwise(model: Model) -> Model:
+    """Return a model that tells the torque of single states.
 
-
-def _noise(known: Sequence[Reference], runs: Sequence[Rows]) -> tuple[Array, Array]:
-    """Fit the filter of each joint to what is left of its torque, and its rest.
-
-    Args:
-        known: What the others teach, for each run.
-        runs: The runs.
-
-    Returns:
-        a_i, shape (p, dof), and standard deviation of the rest, shape (dof,).
+    Without effects that remember or need a clock; what they do is part of what is
+    usual.
     """
-    dof = known[0].dof
-    parts = [_residual(own, rows) for own, rows in zip(known, runs, strict=True)]
-    filters, sigma = np.zeros((_ORDER, dof)), np.ones(dof)
-    for j in range(dof):
-        lags = np.vstack([_lagged(r[:, j])[use[:, j]] for r, use in parts])
-        now = np.concatenate([r[use[:, j], j] for r, use in parts])
-        if len(now) <= 10 * _ORDER:
-            raise InputError(
-                f"Joint {j + 1} hardly moves in the healthy runs: {len(now)} rows in "
-                "motion. Give runs that move it."
-            )
-        gram = lags.T @ lags
-        ridge = 1e-6 * np.trace(gram) * np.eye(_ORDER)
-        filters[:, j] = np.linalg.solve(gram + ridge, lags.T @ now)
-        rest = now - lags @ filters[:, j]
-        # Rare bursts are the tail's affair, not the noise's.
-        sigma[j] = max(1.4826 * np.median(np.abs(rest)), 0.7 * rest.std(), 1e-9)
-    return filters, sigma
+    kept = [t for t in model.terms if not (t.effect.remembers or t.effect.needs_clock)]
+    return replace(model, terms=(*kept, *model.tables), tables=()).by_sign()
 
 
-def _residual(own: Reference, rows: Rows) -> tuple[Array, Array]:
-    """What is left of a run's torque, and where it can be used. Shapes (m, dof)."""
-    x, slow = features(own.model, rows, own.load)
-    memory = round(MEMORY * own.window.row_rate)
-    lags, rest = np.zeros((_ORDER, *x.shape[1:])), np.zeros(own.dof, np.int64)
-    apart = slow | own.outside(rows)
-    _, use, _ = whiten(x, apart, rows.begins, own.filters, memory, (lags, rest, 0))
-    return x[..., 0], use
-
-
-def _lagged(r: Array) -> Array:
-    """The values before each value, the latest first. Shape (m, p)."""
-    before = np.concatenate([np.zeros(_ORDER), r])
-    return np.column_stack(
-        [before[_ORDER - i - 1 : len(before) - i - 1] for i in range(_ORDER)]
+def _bare(model: Model, rate: float, per_hour: float, rules: Rules) -> Reference:
+    """A reference that knows no run yet."""
+    plain, dof = pointwise(model), model.robot.dof
+    size = len(plain.coefficients())
+    ones = np.ones(dof)
+    usual = Usual(
+        noise=ones,
+        unrest=np.ones((len(rules.windows), dof)),
+        slow=np.ones((dof, SLOW)),
+        quick=np.ones((dof, SLOW)),
+        body=body_sd(model.robot),
+        single=np.ones((dof, 5)),
+    )
+    return Reference(
+        model=plain,
+        rate=rate,
+        theta=np.zeros((dof, size)),
+        basis=np.zeros((dof, size, 0)),
+        friction=np.ones((dof, 3)),
+        usual=usual,
+        limits=np.empty(0),
+        tails=(),
+        per_hour=per_hour,
+        hours=0.0,
+        lowest=np.full((3, dof), -np.inf),
+        highest=np.full((3, dof), np.inf),
+        rules=rules,
     )
 
 
-def _with_limits(
-    bare: Reference, known: Sequence[Reference], runs: Sequence[Rows]
-) -> Reference:
-    joined = _one_after_the_other(known, runs)
-    rows = round(BLOCK * bare.window.row_rate)
-    usual = _imitated(joined, rows)
-    sizes = np.maximum(bare.sizes, _IMITATED * usual)
-    prior = _SURE / np.maximum(usual, 1e-12) ** 2
-    sized = replace(bare, usual=usual, prior=prior, sizes=sizes)
-    never = np.full(len(sizes), np.inf)
-    _, _, trace = add_up(sized, begin(sized), joined, never)
-    peaks = [_block_peaks(trace[:, h].max(axis=1), rows) for h in range(len(sizes))]
-    wanted = bare.per_hour * BLOCK / 3600.0 / len(sizes)
-    limits = [max(tail_limit(own, wanted), _LEAST_LIMIT) for own in peaks]
-    tails: tuple[Tail, ...] = tuple(map(tail_of, peaks))
-    return replace(sized, limits=np.array(limits), tails=tails)
+def _range(runs: Sequence[Rows], without: int | None = None) -> tuple[Array, Array]:
+    """Lowest and highest q, qd and qdd of each joint that two runs have. (3, dof).
+
+    Of all runs but one what one has: so no state is watched that none was left out of.
+    """
+    used = [r for i, r in enumerate(runs) if i != without]
+    states = [np.stack([r.q, r.qd, r.qdd], axis=1) for r in used]
+    k = 1 if without is None else 0
+    lowest = np.sort([x.min(axis=0) for x in states], axis=0)[k]
+    return lowest, np.sort([x.max(axis=0) for x in states], axis=0)[-1 - k]
 
 
-def _one_after_the_other(known: Sequence[Reference], runs: Sequence[Rows]) -> Evidence:
-    """Evidence of all runs as of one stream, each judged by what the others teach."""
-    state, parts = begin(known[0]), []
-    for own, rows in zip(known, runs, strict=True):
-        state, part = evidence(own, state, rows)
-        parts.append(part)
-    names = ("z", "u", "moving")
-    return Evidence(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+def _left_out(
+    known: Reference, taught: Taught, runs: Sequence[Rows]
+) -> Iterator[tuple[Array, Array]]:
+    """Columns of each run by what the others taught, and where joints count."""
+    for i, rows in enumerate(runs):
+        lowest, highest = _range(runs, i)
+        own = replace(known, theta=taught.fit(i)[0], lowest=lowest, highest=highest)
+        use = taught.use[i] & ~own.outside(rows)
+        parts = [
+            own.columns(rows[k : k + AT_ONCE], use[k : k + AT_ONCE])
+            for k in range(0, len(rows.t), AT_ONCE)
+        ]
+        yield np.concatenate(parts), use
 
 
-def _imitated(seen: Evidence, rows: int) -> Array:
-    """Size of change that most blocks of healthy runs stay below. Shape (h,)."""
-    count = max(1, len(seen.z) // rows)
-    over, under = (
-        x[: count * rows].reshape(count, -1, x.shape[1]).sum(axis=1)
-        for x in seen.products
+def _with_noise(known: Reference, taught: Taught, runs: Sequence[Rows]) -> Reference:
+    """Noise of rows, how far the slow differs between runs, and priors of changes."""
+    dof = known.dof
+    at = slice(1 + known.basis.shape[2], 1 + known.basis.shape[2] + SLOW)
+    power, rows, means, infos = np.zeros(dof), np.zeros(dof), [], []
+    lines: list[list[Array]] = [[] for _ in range(dof)]
+    for columns, use in _left_out(known, taught, runs):
+        r, s = columns[..., 0], columns[..., at]
+        gram = np.einsum("mja,mjb->jab", s, s)
+        gram = (
+            gram
+            + 1e-6
+            * np.eye(SLOW)
+            * (1 + np.trace(gram, axis1=1, axis2=2))[:, None, None]
+        )
+        mean = np.linalg.solve(gram, np.einsum("mja,mj->ja", s, r)[..., None])[..., 0]
+        left = r - np.einsum("mja,ja->mj", s, mean)
+        power, rows = power + (left**2).sum(axis=0), rows + use.sum(axis=0)
+        means.append(mean)
+        infos.append(gram)
+        for j in range(dof):
+            lines[j] += [left[:, j], np.zeros(LAGS)]
+    variance = power / np.maximum(rows, 1.0) + (FLOOR * taught.rms) ** 2
+    pace = [max(autocorrelation_time(np.concatenate(own)), 1.0) for own in lines]
+    noise = variance * np.array(pace)
+    slow, quick = _between(known.rules, taught, noise, np.array(means), np.array(infos))
+    return replace(
+        known,
+        basis=known.basis * np.sqrt(noise)[:, None, None],
+        usual=replace(
+            known.usual,
+            noise=noise,
+            slow=slow,
+            quick=quick,
+            single=_usual_sizes(known, taught),
+        ),
     )
-    out = np.zeros(over.shape[1])
-    for h in range(len(out)):
-        told = under[:, h] > _SEEN * np.median(under[:, h])
-        if told.any():
-            out[h] = np.quantile(np.abs(over[told, h] / under[told, h]), _SHARE)
-    return out
 
 
-def _block_peaks(values: Array, rows: int) -> Array:
-    return np.maximum.reduceat(values, np.arange(0, len(values), rows))
+def _between(
+    rules: Rules, taught: Taught, noise: Array, means: Array, infos: Array
+) -> tuple[Array, Array]:
+    """Deviation of the slow between runs, and with the motion. Shapes (dof, 2).
+
+    Beyond noise. Runs that follow each other are as warm: what they differ by is that
+    of their motions.
+    """
+    chance = np.einsum("rjaa->rja", np.linalg.inv(infos)) * noise[:, None]
+    told = chance < 0.25 * np.maximum(means**2, chance.min(axis=0))
+    squares = np.where(told, means**2 - chance, np.nan)
+    most = np.nansum(squares, axis=0) / np.maximum(told.sum(axis=0), 1)
+    least = np.column_stack(
+        [np.full(len(noise), rules.warmth), rules.offset * taught.rms]
+    )
+    # One run of many that is cold makes the tail.
+    far = _TAIL * np.abs(np.where(told, means, 0.0)).max(axis=0)
+    slow = np.maximum.reduce([np.sqrt(np.maximum(most, 0.0)), far, least])
+    steps = np.quantile(np.abs(np.diff(means, axis=0)), 0.8, axis=0) / _STEP
+    own = np.sqrt(np.maximum(steps**2 - np.median(chance, axis=0), 0.0))
+    return slow, np.clip(own, rules.quick * slow, slow)
+
+
+def _usual_sizes(known: Reference, taught: Taught) -> Array:
+    """Coefficients of changes of usual size on each joint. Shape (dof, 5)."""
+    size = np.maximum(known.friction, 1e-9)
+    rms = taught.rms
+    each = [
+        rms / size[:, 0],
+        rms,
+        np.ones(len(rms)),
+        rms / size[:, 1],
+        rms / size[:, 2],
+    ]
+    return _USUAL * np.column_stack(each)
+
+
+def _with_limits(known: Reference, taught: Taught, runs: Sequence[Rows]) -> Reference:
+    gram, clock = _bins(known, taught, runs)
+    squares = np.concatenate([x.squares for x in _looks(known, gram, clock)])
+    by_window = squares.transpose(1, 2, 0, 3).reshape(*squares.shape[1:3], -1)
+    enough = np.isfinite(by_window).sum(axis=-1) > 20
+    by_window = np.where(enough[..., None], by_window, _SQUARE)
+    unrest = np.sqrt(np.nanquantile(by_window, _SHARE, axis=-1) / _SQUARE)
+    unrest = np.maximum(unrest, _CALM)
+    known = replace(known, usual=replace(known.usual, unrest=unrest))
+    nats = np.concatenate([x.nats().max(axis=1) for x in _looks(known, gram, clock)])
+    bins = max(1, round(BLOCK * known.window.row_rate / known.rules.rows))
+    peaks = np.maximum.reduceat(nats, np.arange(0, len(nats), bins), axis=0)
+    wanted = known.per_hour * BLOCK / 3600.0 / nats.shape[1]
+    # Chance shows evidence of x nats once in e^x looks at most, were all as modelled;
+    # friction has most ways to change that are not followed.
+    least = np.full(nats.shape[1], -_SAFE * np.log(wanted))
+    least[1 : 1 + known.dof] *= _WARM
+    limits = [
+        max(min(tail_limit(own, wanted), _FAR * float(own.max())), low)
+        for own, low in zip(peaks.T, least, strict=True)
+    ]
+    tails: list[Tail] = [tail_of(own) for own in peaks.T]
+    return replace(known, limits=np.array(limits), tails=tuple(tails))
+
+
+def _bins(
+    known: Reference, taught: Taught, runs: Sequence[Rows]
+) -> tuple[Array, Array]:
+    """Bins of all runs one after the other, as the stream would cut them."""
+    state, parts, clocks = begin(known), [], []
+    pending = np.empty((0, known.dof, 10 + known.basis.shape[2]))
+    for (columns, _), rows in zip(_left_out(known, taught, runs), runs, strict=True):
+        moving = ~known.is_slow(rows).all(axis=1)
+        pending = np.concatenate([pending, columns[moving]])
+        state, bins = waited(known, state, rows)
+        ends = [clock for _, _, clock in bins]
+        many = sum(map(len, ends)) * known.rules.rows
+        if many:
+            parts.append(products(pending[:many], known.rules))
+            clocks += ends
+        pending = pending[many:]
+    if not parts:
+        raise InputError("The healthy runs hardly move the robot. Give longer ones.")
+    return np.concatenate(parts), np.concatenate(clocks)
+
+
+def _looks(known: Reference, gram: Array, clock: Array) -> Iterator[Looks]:
+    """What windows of healthy runs say."""
+    past = nothing(known.usual, gram.shape[-1], known.rules)
+    for k in range(0, len(gram), 128):
+        past, looks = follow(
+            known.usual, known.rules, past, gram[k : k + 128], clock[k : k + 128]
+        )
+        yield looks

@@ -1,31 +1,32 @@
-"""What is usual of an arm that is in order: what a stream is held against."""
+"""What is usual of an arm that is in order: what a stream is held against.
+
+Rows become columns: what the first epoch leaves of the torque, the directions in which
+it is not sure, what any arm does slowly, and what each change would add. A row is
+judged by itself, with the friction of its velocity's sign.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
+from residual.effects import registry
+from residual.epochs.window import BODY, Rules, Usual
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.monitoring.stream.rows import Rows, Window
-from residual.monitoring.stream.seen import Quantity, one_kilogram, quantities
+from residual.monitoring.stream.state import packed, unpacked
 from residual.monitoring.usual import Tail
 from residual.names import shown
 from residual.recording import Array
+from residual.robot.robot import Robot
 
-FORM = 1
+FORM = 2
+LOAD, KINDS = "load", ("friction", "bias", "gain")  # in the order of evidence
+UNITS = {LOAD: "kg", "gain": "1", "bias": "N m", "friction": "N m"}
 _ROOM = 0.02  # share of a range by which a state may be outside of it
-_ARRAYS = (
-    "filters",
-    "sigma",
-    "felt",
-    "prior",
-    "usual",
-    "sizes",
-    "limits",
-    "lowest",
-    "highest",
-)
+_SLOW = 3.0  # standstill thresholds below which friction is not to be trusted
+_ARRAYS = ("theta", "basis", "friction", "limits", "lowest", "highest")
 _PLAIN = ("rate", "per_hour", "hours")
 
 
@@ -34,37 +35,36 @@ class Reference:
     """What healthy runs of an arm have taught.
 
     Attributes:
-        model: Expects the torque, fitted to the healthy runs, with tables of what else
-            they show (`learn`).
+        model: Fitted to all of them, with what any arm has a little of.
         rate: Rate of the samples [Hz].
-        filters: What makes the residual white: a_i of each joint. Shape (p, dof).
-        sigma: Standard deviation of the white rest [N m]. Shape (dof,).
-        felt: Joints whose torque tells the mass of a load wherever its centre is, 1 or
-            0. Shape (dof,).
-        prior: Information of the belief that nothing has changed. Shape (h,).
-        usual: Size of change that healthy runs imitate, by quantity. Shape (h,).
-        sizes: Smallest change of each quantity that is looked for. Shape (h,).
-        limits: Limit of the sum of each quantity [nats]. Shape (h,).
-        tails: How the sums of healthy runs decay, by quantity.
+        theta: What each joint's own fit adds to its coefficients. Shape (dof, p).
+        basis: Directions in which that is uncertain, one deviation each, most torque
+            first. Shape (dof, p, u).
+        friction: Size of friction, of dry one and of speed on healthy rows [N m, 1,
+            rad/s], that coefficients are told by. Shape (dof, 3).
+        usual: Noise, unrest and priors.
+        limits: Limit of each quantity [nats]: load, then friction, bias, gain of each
+            joint. Shape (h,).
+        tails: How the evidence of healthy runs decays, by quantity.
         per_hour: False alarms wanted at most [1/h].
         hours: Length of the healthy runs [h].
         lowest, highest: Range of q, qd, qdd in the healthy runs. Shape (3, dof) each.
+        rules: Lengths of windows and the like.
     """
 
     model: Model
     rate: float
-    filters: Array
-    sigma: Array
-    felt: Array
-    prior: Array
-    usual: Array
-    sizes: Array
+    theta: Array
+    basis: Array
+    friction: Array
+    usual: Usual
     limits: Array
     tails: tuple[Tail, ...]
     per_hour: float
     hours: float
     lowest: Array
     highest: Array
+    rules: Rules = field(default_factory=Rules)
 
     @property
     def dof(self) -> int:
@@ -77,14 +77,14 @@ class Reference:
         return Window(self.rate)
 
     @property
-    def watched(self) -> tuple[Quantity, ...]:
-        """What is watched, in the order of `sizes`."""
-        return quantities(self.dof)
+    def watched(self) -> tuple[tuple[str, int], ...]:
+        """Each quantity and its joint from 1, in the order of ``limits``."""
+        local = [(name, j + 1) for name in KINDS for j in range(self.dof)]
+        return ((LOAD, self.dof), *local)
 
-    @property
-    def load(self) -> Array:
-        """Inertial parameters of one kilogram on the flange. Shape (10,)."""
-        return one_kilogram(self.model.robot)
+    def is_slow(self, rows: Rows) -> Array:
+        """Where a joint is too slow for its friction to be trusted. Shape (m, dof)."""
+        return np.abs(rows.qd) < _SLOW * self.model.speed_floor
 
     def outside(self, rows: Rows) -> Array:
         """Where a joint is faster, or at another place, than in any healthy run.
@@ -96,13 +96,42 @@ class Reference:
         apart = (motion < self.lowest - room) | (motion > self.highest + room)
         return apart.any(axis=1)
 
+    def columns(self, rows: Rows, use: Array) -> Array:
+        """Return the columns of rows (``epochs.window.products``). Shape (m, dof, f).
+
+        Args:
+            rows: The rows.
+            use: Where a joint counts; its columns are 0 elsewhere. Shape (m, dof).
+        """
+        made = columns_of(self.model, rows)
+        return self.told_by(made, rows, use, self.theta)
+
+    def told_by(self, made: "Made", rows: Rows, use: Array, theta: Array) -> Array:
+        """The same of columns that are made, under any coefficients. (m, dof, f)."""
+        expected = made.expected + np.einsum("mjp,jp->mj", made.x, theta)
+        braking = np.einsum("mjp,jp->mj", made.x, made.braking * (made.base + theta))
+        parts = [
+            (rows.tau - expected)[..., None],
+            np.einsum("mjp,jpu->mju", made.x, self.basis),
+            braking[..., None],
+            np.ones((*expected.shape, 1)),
+            made.body,
+            expected[..., None],
+            made.sign[..., None],
+            rows.qd[..., None],
+        ]
+        return np.concatenate(parts, axis=2) * use[..., None]
+
     def to_record(self) -> dict:
         """Return it whole, as JSON can hold it."""
+        usual = {name: packed(getattr(self.usual, name)) for name in _USUAL}
         return {
             "form": FORM,
             "model": self.model.to_record(),
+            "usual": usual,
+            "rules": asdict(self.rules),
             **{name: getattr(self, name) for name in _PLAIN},
-            **{name: getattr(self, name).tolist() for name in _ARRAYS},
+            **{name: packed(getattr(self, name)) for name in _ARRAYS},
             "tails": [[t.threshold, t.beta, t.share] for t in self.tails],
         }
 
@@ -119,11 +148,70 @@ class Reference:
                 "Learn it again from healthy runs."
             )
         try:
+            rules = dict(record["rules"])
+            rules |= {
+                name: tuple(rules[name]) for name in ("windows", "patience", "sure")
+            }
             return cls(
                 model=Model.from_record(record["model"]),
+                usual=Usual(**{k: unpacked(record["usual"][k]) for k in _USUAL}),
+                rules=Rules(**rules),
                 tails=tuple(Tail(*values) for values in record["tails"]),
                 **{name: record[name] for name in _PLAIN},
-                **{name: np.array(record[name]) for name in _ARRAYS},
+                **{name: unpacked(record[name]) for name in _ARRAYS},
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"The reference is damaged: {error}.") from error
+
+
+_USUAL = ("noise", "unrest", "slow", "quick", "body", "single")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Made:
+    """What a model makes of rows.
+
+    Attributes:
+        x: Torque per coefficient: inertial, then each term's. Shape (m, dof, p).
+        base: The coefficients. Shape (p,).
+        braking: Which of them are friction, 1 or 0. Shape (p,).
+        expected: Torque of the model [N m]. Shape (m, dof).
+        body: Torque per mass and first moments of a load. Shape (m, dof, 4).
+        sign: Direction of motion. Shape (m, dof).
+    """
+
+    x: Array
+    base: Array
+    braking: Array
+    expected: Array
+    body: Array
+    sign: Array
+
+
+def columns_of(model: Model, rows: Rows) -> Made:
+    """Return torque per coefficient, each row by itself."""
+    still = np.zeros(len(rows.t))
+    state = model.state(1.0, still, (rows.q, rows.qd, rows.qdd))
+    dof, bodies = model.robot.dof, np.asarray(state.regressor)
+    base = model.coefficients()
+    x = np.zeros((len(rows.t), dof, len(base)))
+    x[..., : bodies.shape[2]] = bodies
+    braking, start = np.zeros(len(base)), bodies.shape[2]
+    for term in model.terms:
+        stop = start + len(term.theta)
+        on = list(term.effect.rows(term.joints, dof))
+        x[:, on, start:stop] = term.effect.columns(state, term.joints, term.shape)
+        braking[start:stop] = term.effect.brakes
+        start = stop
+    body = bodies[..., -10 : -10 + BODY]
+    return Made(x, base, braking, x @ base, body, state.sign)
+
+
+def body_sd(robot: Robot) -> Array:
+    """Prior deviation of the mass and the first moments of a load. Shape (4,)."""
+    (load,) = (
+        effect
+        for effect in registry().values()
+        if effect.scope == "flange" and effect.carries == "body"
+    )
+    return load.prior_sd(robot)[:BODY]

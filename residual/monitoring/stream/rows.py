@@ -6,8 +6,8 @@ in: cut otherwise, the same samples make the same rows.
 """
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.signal import savgol_coeffs
@@ -90,9 +90,14 @@ class Rows:
     tau: Array
     begins: Array
 
-    def __getitem__(self, rows: slice) -> "Rows":
-        names = ("t", "q", "qd", "qdd", "tau", "begins")
-        return Rows(*(getattr(self, name)[rows] for name in names))
+    def __getitem__(self, rows: slice | Array) -> "Rows":
+        return Rows(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Sequence["Rows"]) -> "Rows":
+        """Return rows one after the other."""
+        names = (f.name for f in fields(cls))
+        return cls(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +154,7 @@ def take(tail: Tail, new: Samples, window: Window) -> tuple[Tail, Rows]:
             tail = start(new.q.shape[1])
         tail, rows = _of_piece(tail, piece, window)
         parts.append(rows)
-    made = _joined(parts) if parts else _none(new.q.shape[1])
+    made = Rows.joined(parts) if parts else _none(new.q.shape[1])
     return replace(tail, heard=heard), made
 
 
@@ -241,11 +246,6 @@ def _filtered(x: Array, starts: Array, weights: Array) -> Array:
         part = slice(i, i + _AT_ONCE)
         out[part] = np.einsum("mjw,w->mj", windows[starts[part]], weights)
     return out
-
-
-def _joined(parts: list[Rows]) -> Rows:
-    names = ("t", "q", "qd", "qdd", "tau", "begins")
-    return Rows(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
 
 
 def _none(dof: int) -> Rows:

@@ -4,24 +4,23 @@ A pure function, and one of the samples alone: the same samples in other batches
 the same alarms and the same state (tested with any cuts).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.epochs.window import KINDS as OF_KIND
+from residual.epochs.window import WAYS, Looks, Rules, follow, nothing, products
 from residual.errors import InputError
-from residual.monitoring.stream.cusum import page, whiten
-from residual.monitoring.stream.reference import Reference
-from residual.monitoring.stream.rows import Rows, Samples, Tail, start, take
-from residual.monitoring.stream.seen import features
+from residual.monitoring.stream.reference import KINDS, LOAD, UNITS, Reference
+from residual.monitoring.stream.rows import Rows, Samples, start, take
+from residual.monitoring.stream.state import State
 from residual.monitoring.usual import BLOCK
 from residual.recording import Array
 
-QUIET = 10.0  # s of motion without a crossing after which an alarm is over
-REMEMBERED = 15.0  # s of motion: slower changes are those of warmth
-AS_WELL = 0.5  # of the evidence of the best: what else it may be
 MEMORY = 0.1  # s after standing in which friction is not to be trusted
-# Of the smallest size; larger ones know better when a large change began.
-_WAYS = np.array([1.0, -1.0, 3.0, -3.0, 9.0, -9.0])
+_UNKNOWN = 1e6  # s that a clock that was set anew may have been away
+_AT_ONCE = 128  # bins
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +32,7 @@ class Change:
         joint: Joint from 1; that of the flange for a load.
         quantity: load, gain, bias or friction.
         size: How large the change is, in `unit`.
-        std: One standard deviation of it, widened by what healthy runs scatter.
+        std: One standard deviation of it.
         unit: Unit of both.
         motion: Time of motion since the change began to show [s].
         score: Evidence over its limit, above 1.
@@ -56,73 +55,18 @@ class Change:
     per_hour: float
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class State:
-    """All that a stream has to know of what was before.
-
-    Attributes:
-        tail: Of the samples.
-        lags: The last rows, the latest first. Shape (p, dof, 5).
-        count: Rows in this piece.
-        rest: Rows that each joint is still not to be trusted. Shape (dof,), int.
-        slow: What the last seconds of motion say of each quantity (`cusum.page`).
-            Shape (h, 2).
-        g: Evidence for changes of each quantity, by size and sign. Shape (h, 6).
-        sums: What sizes are made of (`cusum.page`). Shape (h, 6, 3).
-        left: Rows of motion until the last alarm is over.
-        moved: Rows of motion so far.
-        alarms: How many there were.
-    """
-
-    tail: Tail
-    lags: Array
-    count: int
-    rest: Array
-    slow: Array
-    g: Array
-    sums: Array
-    left: int = 0
-    moved: int = 0
-    alarms: int = 0
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Evidence:
-    """What rows say, white and in standard deviations; 0 where it does not count.
-
-    Attributes:
-        z: Residual. Shape (m, dof).
-        u: Features of load, gain, bias and friction. Shape (m, dof, 4).
-        moving: A joint moves. Shape (m,), bool.
-    """
-
-    z: Array
-    u: Array
-    moving: Array
-
-    @property
-    def products(self) -> tuple[Array, Array]:
-        """Sums u z and u^2 of each quantity over its joints. Shapes (m, h)."""
-        return tuple(map(_by_quantity, (self.u * self.z[..., None], self.u**2)))
-
-
-def _by_quantity(parts: Array) -> Array:
-    """A load is felt by all joints, the rest by one each. (m, dof, 4) to (m, h)."""
-    local = np.moveaxis(parts[..., 1:], 2, 1).reshape(len(parts), -1)
-    return np.column_stack([parts[..., 0].sum(axis=1), local])
-
-
 def begin(reference: Reference) -> State:
     """Return the state before the first sample."""
-    dof, many = reference.dof, len(reference.sizes)
+    dof = reference.dof
+    columns = 10 + reference.basis.shape[2]
+    empty = (np.empty((0, dof)) for _ in range(4))
     return State(
         tail=start(dof),
-        lags=np.zeros((len(reference.filters), dof, 5)),
-        count=0,
-        rest=np.zeros(dof, dtype=np.int64),
-        slow=np.zeros((many, 2)),
-        g=np.zeros((many, len(_WAYS))),
-        sums=np.zeros((many, len(_WAYS), 3)),
+        rows=Rows(np.empty(0), *empty, np.empty(0, bool)),
+        use=np.empty((0, dof), bool),
+        clocks=np.empty(0),
+        since=np.zeros(dof, int),
+        past=nothing(reference.usual, columns, reference.rules),
     )
 
 
@@ -149,92 +93,157 @@ def step(
         )
     tail, rows = take(state.tail, samples, reference.window)
     state = replace(state, tail=tail)
+    changes: list[Change] = []
+    state, bins = waited(reference, state, rows)
+    for own, use, clock in bins:
+        gram = products(reference.columns(own, use), reference.rules)
+        past, looks = follow(reference.usual, reference.rules, state.past, gram, clock)
+        times = own.t[reference.rules.rows - 1 :: reference.rules.rows]
+        state, found = _alarms(reference, replace(state, past=past), looks, times)
+        changes += found
+    return replace(state, alarms=state.alarms + len(changes)), tuple(changes)
+
+
+def waited(
+    reference: Reference, state: State, rows: Rows
+) -> tuple[State, Iterator[tuple[Rows, Array, Array]]]:
+    """Put new rows to those that wait for a full bin.
+
+    Returns:
+        The state without rows of full bins; and these rows, some bins at once, where
+        joints count in them, and the clock at the end of each bin.
+    """
     if not len(rows.t):
-        return state, ()
-    state, seen = evidence(reference, state, rows)
-    state, found, _ = add_up(reference, state, seen, reference.limits)
-    changes = tuple(_change(reference, rows.t[k], g, s) for k, g, s in found)
-    return replace(state, alarms=state.alarms + len(changes)), changes
+        return state, iter(())
+    slow = reference.is_slow(rows)
+    use, since = usable(reference, slow, state.since)
+    use &= ~reference.outside(rows)
+    clocks, moving = _clocks(state, rows), ~slow.all(axis=1)
+    kept = Rows.joined([state.rows, rows[moving]])
+    use = np.concatenate([state.use, use[moving]])
+    ticks = np.concatenate([state.clocks, clocks[moving]])
+    size = reference.rules.rows
+    full = len(kept.t) // size * size
+    state = replace(
+        state,
+        rows=kept[full:],
+        use=use[full:],
+        clocks=ticks[full:],
+        since=since,
+        clock=float(clocks[-1]),
+        last=float(rows.t[-1]),
+        moved=state.moved + int(moving.sum()),
+    )
+    many = _AT_ONCE * size
+    cuts = [slice(i, min(i + many, full)) for i in range(0, full, many)]
+    ends = [ticks[c][size - 1 :: size] for c in cuts]
+    return state, ((kept[c], use[c], e) for c, e in zip(cuts, ends, strict=True))
 
 
-def evidence(reference: Reference, state: State, rows: Rows) -> tuple[State, Evidence]:
-    """Return what rows say, whitened and in standard deviations.
+def usable(reference: Reference, slow: Array, since: Array) -> tuple[Array, Array]:
+    """Where joints have moved for a while, and for how many rows in the end.
 
-    Returns:
-        The state behind them, and the evidence.
+    Shapes (m, dof) and (dof,) of ``slow`` and ``since``, those before.
     """
-    x, slow = features(reference.model, rows, reference.load)
-    apart = slow | reference.outside(rows)
-    lags, rest = state.lags.copy(), state.rest.copy()
     memory = round(MEMORY * reference.window.row_rate)
-    carried = (lags, rest, state.count)
-    white, use, count = whiten(
-        x, apart, rows.begins, reference.filters, memory, carried
-    )
-    white *= (use / reference.sigma)[..., None]
-    white[..., 1] *= reference.felt
-    found = Evidence(white[..., 0], white[..., 1:], ~slow.all(axis=1))
-    return replace(state, lags=lags, rest=rest, count=count), found
+    number = np.arange(1, len(slow) + 1)[:, None]
+    stood = np.maximum.accumulate(np.where(slow, number, -since), axis=0)
+    moved = number - stood
+    return moved > memory, np.minimum(moved[-1], memory + 1)
 
 
-def add_up(
-    reference: Reference,
-    state: State,
-    seen: Evidence,
-    limits: Array,
-) -> tuple[State, list[tuple[int, Array, Array]], Array]:
-    """Add up evidence for each quantity, and say where it passes its limit.
+def _clocks(state: State, rows: Rows) -> Array:
+    """Time of rows since the stream began, without steps back [s]. Shape (m,)."""
+    first = rows.t[0] if np.isnan(state.last) else state.last
+    steps = np.diff(rows.t, prepend=first)
+    return state.clock + np.cumsum(np.where(steps < 0, _UNKNOWN, steps))
 
-    Args:
-        reference: What is usual.
-        state: The state behind the rows.
-        seen: Of `evidence`.
-        limits: Limit of each quantity. Shape (h,).
 
-    Returns:
-        The next state; row, sums and their parts of each alarm; all sums, shape
-        (m, h, 6).
+def _alarms(
+    reference: Reference, state: State, looks: Looks, times: Array
+) -> tuple[State, list[Change]]:
+    """Which of some bins raise an alarm, and what it looks like.
+
+    An alarm waits for its name to be sure, but not for long; where nothing is seen any
+    more meanwhile it was none.
     """
-    slow, g, sums = state.slow.copy(), state.g.copy(), state.sums.copy()
-    rate = reference.window.row_rate
-    levels = np.array([limits, reference.prior, reference.usual])
-    settings = (levels, 1.0 / (REMEMBERED * rate), round(QUIET * rate))
-    rows = tuple(map(np.ascontiguousarray, (seen.z, seen.u, seen.moving * 1.0)))
-    trace, at, each, details, left = page(
-        rows, reference.sizes[:, None] * _WAYS, settings, (slow, g, sums, state.left)
-    )
-    moved = state.moved + int(seen.moving.sum())
-    made = replace(state, slow=slow, g=g, sums=sums, left=int(left), moved=moved)
-    return made, list(zip(map(int, at), each, details, strict=True)), trace
+    nats, rules = looks.nats(), reference.rules
+    left, waited, found = state.left, state.waited, []
+    crossed = (nats.max(axis=1) > reference.limits).any(axis=1)
+    for k, hit in enumerate(crossed):
+        left = max(left - 1, 0)
+        if not hit:
+            waited = 0
+        elif left == 0 and waited < _patience(rules, nats[k]):
+            waited += 1
+        else:
+            if left == 0:
+                found.append(_change(reference, float(times[k]), looks, nats, k))
+            left, waited = rules.quiet, 0
+    return replace(state, left=left, waited=waited), found
 
 
-def _change(reference: Reference, time: float, g: Array, sums: Array) -> Change:
-    """Name an alarm by the quantity that explains most, whichever passed its limit.
+def _patience(rules: Rules, nats: Array) -> int:
+    """How many bins an alarm is to wait in all. Shape (w, h).
 
-    Each with the size that explains most: over^2 / (2 under), in units of what healthy
-    runs scatter (the generalised likelihood ratio: Basseville & Nikiforov 1993, section
-    2.4.3).
+    Least where one name leads all others, where evidence is most; and shorter the
+    longer the window that was needed.
     """
-    spread = np.maximum(1.0, [tail.beta for tail in reference.tails])
-    under = np.where(sums[..., 1] > 0, sums[..., 1], np.inf)
-    told = np.where(g > 0, sums[..., 0] ** 2 / (2 * under), 0.0) / spread[:, None]
-    h, way = np.unravel_index(int(told.argmax()), told.shape)
-    each = told.max(axis=1)
-    others = [i for i in np.argsort(-each) if i != h and each[i] > AS_WELL * each[h]]
-    worst = int((g.max(axis=1) / reference.limits).argmax())
-    top = float(g[worst].max())
-    quantity = reference.watched[h]
+    best = int(np.unravel_index(int(nats.argmax()), nats.shape)[0])
+    each = np.sort(nats[best])
+    least, part = rules.sure
+    lead = each[-1] - each[-2] > max(least, part * each[-1])
+    return rules.patience[0 if lead else 1] - rules.patience[0] * (
+        rules.windows[best] > rules.short
+    )
+
+
+def _change(
+    reference: Reference, time: float, looks: Looks, nats: Array, k: int
+) -> Change:
+    """Name an alarm by what has most evidence, in the window where that is most."""
+    w, h = np.unravel_index(int(nats[k].argmax()), nats[k].shape)
+    each, rules = nats[k, w], reference.rules
+    others = [
+        int(i)
+        for i in np.argsort(-each)
+        if i != h and each[i] > rules.as_well * each[h]
+    ]
+    scores = nats[k].max(axis=0) / reference.limits
+    worst = int(scores.argmax())
+    name, joint = reference.watched[h]
+    size, std = _size(reference, looks, (k, int(w)), int(h))
+    since = int((nats[k, :, h] > rules.enough * nats[k, w, h]).argmax())
     return Change(
-        time=float(time),
-        joint=quantity.joint,
-        quantity=quantity.name,
-        size=float(sums[h, way, 0] / under[h, way]),
-        std=float(np.sqrt(spread[h] / under[h, way])),
-        unit=quantity.unit,
-        motion=float(sums[h, way, 2] / reference.window.row_rate),
-        score=top / float(reference.limits[worst]),
-        or_else=tuple(
-            (reference.watched[i].name, reference.watched[i].joint) for i in others
-        ),
-        per_hour=reference.tails[worst].chance(top) * 3600.0 / BLOCK,
+        time=time,
+        joint=joint,
+        quantity=name,
+        size=size,
+        std=std,
+        unit=UNITS[name],
+        motion=rules.windows[since] * rules.rows / reference.window.row_rate,
+        score=float(scores[worst]),
+        or_else=tuple(reference.watched[i] for i in others),
+        per_hour=reference.tails[worst].chance(float(nats[k].max(axis=0)[worst]))
+        * 3600.0
+        / BLOCK,
     )
+
+
+def _size(
+    reference: Reference, looks: Looks, at: tuple[int, int], h: int
+) -> tuple[float, float]:
+    """Size of a change and its deviation, in its unit."""
+    if reference.watched[h][0] == LOAD:
+        theta, cov = looks.mass
+        return float(theta[*at, 0]), float(np.sqrt(cov[*at, 0, 0]))
+    j, kind = (h - 1) % reference.dof, (h - 1) // reference.dof
+    ways = [i for i, own in enumerate(OF_KIND) if own == kind]
+    columns = WAYS[max(ways, key=lambda i: looks.single[*at, j, i])]
+    scale = np.ones(len(columns))
+    if KINDS[kind] == "friction":
+        scale = reference.friction[j, [max(c - 2, 0) for c in columns]]
+    size = looks.size[*at, j, list(columns)] * scale
+    std = looks.std[*at, j, list(columns)] * scale
+    most = int(np.abs(size).argmax())
+    return float(size[most]), float(std[most])
