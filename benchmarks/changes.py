@@ -36,14 +36,7 @@ from benchmarks.changes_parts.ask import (
     run,
     words,
 )
-from benchmarks.changes_parts.case import (
-    CHANGE,
-    EDGE,
-    GROUPS,
-    MEASURED,
-    UNCHANGED,
-    Case,
-)
+from benchmarks.changes_parts.case import EDGE, GROUPS, MEASURED, Case
 from benchmarks.diagnosis_parts.kept import Kept
 from benchmarks.figures import ROOT, Figures, code_hash, finish, one_blas_thread
 from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
@@ -52,8 +45,6 @@ from flows.workers.pool import Pool
 _QUICK_SEEDS = "1:1"
 _QUICK_GROUPS = ("unchanged", "change", "measured_change")
 _BOTH = "both"
-# The peer names one thing at most, and has no word for drift or what has no name.
-PEER_GROUPS = (UNCHANGED, CHANGE, *MEASURED)
 _JUDGES = ("ask.py", "judge.py", "make.py")
 
 
