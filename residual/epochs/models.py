@@ -120,7 +120,7 @@ def _warmed(found: Found, fitted: Fit, there: Sequence[Array]) -> Array:
         left = design.residual(j, fitted.ids, fitted.theta)[second] - there[j][second]
         f = both.friction[j][second]
         weight = found.table.noise.weight[j]
-        before = 1 / warm.spread**2
+        before = 1 / warm.own[j] ** 2
         out[j] = (before * common + weight * (f @ left)) / (before + weight * (f @ f))
     return out
 

@@ -46,7 +46,7 @@ class Rules:
     share: float = 0.01
     beside: float = 0.06
     tie: float = 2.0
-    crude: float = 0.03
+    crude: float = 0.05
     link: float = 3.0
     large: float = 0.04
     equivalent: float = 6.0

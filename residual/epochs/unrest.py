@@ -35,12 +35,14 @@ class Warmth:
         std: Its standard deviation.
         each: The same of every joint that has friction to tell. Shape (dof,), NaN.
         spread: By how much joints and logs differ in it, a standard deviation.
+        own: The same of every joint, by the first epoch's logs too. Shape (dof,).
     """
 
     factor: float
     std: float
     each: Array
     spread: float
+    own: Array
 
     @property
     def told(self) -> bool:
@@ -63,8 +65,16 @@ class Rest:
     warmth: Warmth
 
 
-def warmth(both: Both, plain: Mapping[int, Joint]) -> Warmth:
-    """How the friction of all joints moved together."""
+def warmth(
+    both: Both, plain: Mapping[int, Joint], shared: Mapping[int, Array]
+) -> Warmth:
+    """How the friction of all joints moved together.
+
+    Args:
+        both: Rows of both epochs.
+        plain: The joints without what warms.
+        shared: Columns of what each has. Shapes (rows, p).
+    """
     each, sd = np.full(both.design.dof, np.nan), np.full(both.design.dof, np.nan)
     for j, joint in plain.items():
         f = both.friction[j][:, None]
@@ -77,15 +87,50 @@ def warmth(both: Both, plain: Mapping[int, Joint]) -> Warmth:
         sd[j] = np.sqrt((score**2).sum()) / info
     known = np.isfinite(each) & (sd < 0.2)
     least = both.rules.warmth
+    within, logs = _within(both, shared)
     if known.sum() < 3:
-        return Warmth(0.0, least, each, least)
+        return Warmth(0.0, least, each, least, _shrunk(least, within, logs))
     value, spread = _middle(each[known], sd[known])
     # Joints warm by different amounts, and few of them say by how different.
     some = known.sum()
     spread = np.sqrt((JOINTS * least**2 + some * spread**2) / (JOINTS + some))
     std = 1.25 * float(np.sqrt(1 / (1 / (sd[known] ** 2 + spread**2)).sum()))
     spread = max(float(spread), both.rules.uneven * abs(value))
-    return Warmth(value, std, each, spread)
+    return Warmth(value, std, each, spread, _shrunk(spread, within, logs))
+
+
+def _shrunk(spread: float, within: Array, logs: int) -> Array:
+    """What friction of each joint differs by: what all do, and its own first logs."""
+    return np.sqrt((JOINTS * spread**2 + logs * within) / (JOINTS + logs))
+
+
+def _within(both: Both, shared: Mapping[int, Array]) -> tuple[Array, int]:
+    """Variance of friction between the logs of the first epoch, beyond noise, by joint.
+
+    Some joints warm by several times as much as others, and their own logs show it. By
+    a fit of that epoch alone: in one of both, what changed is in these logs as well.
+    """
+    value, noise = np.full((2, both.first, both.design.dof), np.nan)
+    for j, columns in shared.items():
+        rows = ~both.layout[j].second
+        target, layout = both.design.target[j][rows], _of_first(both.layout[j])
+        joint = Joint(columns[rows], target, layout)
+        f = both.friction[j][rows, None]
+        for i in range(both.first):
+            mask = joint.layout.log == i
+            piece = joint.pieces(f, mask, [1], np.zeros_like(f))[0]
+            info = piece.gram[0, 0]
+            if info > 1e-3 * float((f[mask] ** 2).sum()) > 0:
+                score = piece.pull[:, 0] - piece.lever[:, 0, 0] * piece.cross[0] / info
+                value[i, j] = piece.cross[0] / info
+                noise[i, j] = (score**2).sum() / info**2
+    out = np.zeros(both.design.dof)
+    for j in shared:
+        seen = np.isfinite(value[:, j])
+        if seen.sum() > 1:
+            beyond = value[seen, j].var(ddof=1) - noise[seen, j].mean()
+            out[j] = max(float(beyond), 0.0)
+    return out, both.first - 1
 
 
 def _middle(values: Array, sd: Array) -> tuple[float, float]:
@@ -115,7 +160,7 @@ def joints_of(both: Both, groups: Sequence[Group]) -> "Rest":
         shared[j], noise[j] = np.hstack([usual, own]), _quiet(both, alone, j)
         held[j] = _even(shared[j], noise[j] / (rules.give * design.rms[j]) ** 2)
         plain[j] = Joint(shared[j], both.left[j], both.layout[j], held[j])
-    warm = warmth(both, plain)
+    warm = warmth(both, plain, shared)
     joints, first = {}, {}
     for j in plain:
         layout, f = both.layout[j], both.friction[j]
@@ -171,9 +216,9 @@ def _by_log(both: Both, j: int, noise: float, warm: Warmth) -> tuple[Array, Arra
     epoch = np.column_stack([f, np.abs(f)]) * layout.second[:, None]
     columns = [f[:, None] * own, (f * ramp)[:, None] * own, epoch]
     rules, count = both.rules, len(logs)
-    moved = abs(warm.factor)
-    sd = [warm.spread] * count + [rules.ramp + 0.2 * moved] * count
-    sd += [warm.spread, rules.lean * (moved + warm.spread)]
+    moved, spread = abs(warm.factor), float(warm.own[j])
+    sd = [spread] * count + [rules.ramp + 0.2 * moved] * count
+    sd += [spread, rules.lean * (moved + spread)]
     if both.changed:
         # Each drive reports what it bears with a gain of its own.
         columns.append(both.changed[j][:, None])

@@ -15,9 +15,9 @@ from tests.frozen.make import HIDDEN, document
 from warehouse.logs.read import read_log
 
 FROZEN = Path(__file__).parent
-# Another processor rounds otherwise, and a search by differences repeats that: on one
-# machine all of these are equal bit for bit.
-CLOSE = 1e-9
+# Another processor, or another number of threads, rounds otherwise, and a search by
+# differences repeats that (1.5e-8 was seen): on one machine all are equal bit for bit.
+CLOSE = 1e-6
 
 
 def frozen(name):
