@@ -201,10 +201,11 @@ def beside(both: Both, changed: Sequence[tuple[Group, Array]], press: bool) -> B
         both = _pressed(both, changed)
     design = both.design
     fitted, _ = without(both, changed)
-    left = [design.residual(j, fitted.ids, fitted.theta) for j in range(design.dof)]
     wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
     every = [own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)]
-    return replace(both, left=tuple(left), changed=tuple(every) if wide else ())
+    return replace(
+        both, left=_left(design, fitted), changed=tuple(every) if wide else ()
+    )
 
 
 def without(

@@ -10,7 +10,7 @@ from residual.epochs.candidates import refined, renewed, vocabulary, weighed
 from residual.epochs.contrast import Candidate, Contrast, Table
 from residual.epochs.joint import Joint
 from residual.epochs.rows import Both, beside
-from residual.epochs.unrest import Warmth, basics, first_noise, joints_of
+from residual.epochs.unrest import Warmth, basics, first_noise, is_basic, joints_of
 from residual.evidence.limits import limits_of
 from residual.recording import Array
 
@@ -304,10 +304,7 @@ class _Look:
         plain = [
             c
             for c in self.every
-            if c.group.joints == own.group.joints
-            and c.group.effect.scope == "local"
-            and c.group.shape == ()
-            and len(c.group.ids) == 1
+            if c.group.joints == own.group.joints and is_basic(c.group)
         ]
         pair: list[Candidate] = []
         worth = -float(self.table.fits([own], others)[0])

@@ -77,14 +77,9 @@ def warmth(
     """
     each, sd = np.full(both.design.dof, np.nan), np.full(both.design.dof, np.nan)
     for j, joint in plain.items():
-        f = both.friction[j][:, None]
-        piece = joint.pieces(f, joint.layout.second, [1])[0]
-        info = piece.gram[0, 0]
-        if info <= 1e-3 * float((f[joint.layout.second] ** 2).sum()):
-            continue
-        score = piece.pull[:, 0] - piece.lever[:, 0, 0] * piece.cross[0] / info
-        each[j] = piece.cross[0] / info
-        sd[j] = np.sqrt((score**2).sum()) / info
+        told = _factor(joint, both.friction[j], joint.layout.second)
+        if told is not None:
+            each[j], sd[j] = told
     known = np.isfinite(each) & (sd < 0.2)
     least = both.rules.warmth
     within, logs = _within(both, shared)
@@ -97,6 +92,23 @@ def warmth(
     std = 1.25 * float(np.sqrt(1 / (1 / (sd[known] ** 2 + spread**2)).sum()))
     spread = max(float(spread), both.rules.uneven * abs(value))
     return Warmth(value, std, each, spread, _shrunk(spread, within, logs))
+
+
+def _factor(
+    joint: Joint, friction: Array, mask: Array, before: Array | None = None
+) -> tuple[float, float] | None:
+    """Friction of a joint on some rows over all its friction, less one, and deviation.
+
+    None where the nuisance has nearly all of it.
+    """
+    f = friction[:, None]
+    piece = joint.pieces(f, mask, [1], before)[0]
+    info = piece.gram[0, 0]
+    if info <= 1e-3 * float((f[mask] ** 2).sum()):
+        return None
+    value = piece.cross[0] / info
+    score = piece.pull[:, 0] - piece.lever[:, 0, 0] * value
+    return value, np.sqrt((score**2).sum()) / info
 
 
 def _shrunk(spread: float, within: Array, logs: int) -> Array:
@@ -115,15 +127,12 @@ def _within(both: Both, shared: Mapping[int, Array]) -> tuple[Array, int]:
         rows = ~both.layout[j].second
         target, layout = both.design.target[j][rows], _of_first(both.layout[j])
         joint = Joint(columns[rows], target, layout)
-        f = both.friction[j][rows, None]
+        friction = both.friction[j][rows]
+        nothing = np.zeros((len(friction), 1))  # of a single log's was there before
         for i in range(both.first):
-            mask = joint.layout.log == i
-            piece = joint.pieces(f, mask, [1], np.zeros_like(f))[0]
-            info = piece.gram[0, 0]
-            if info > 1e-3 * float((f[mask] ** 2).sum()) > 0:
-                score = piece.pull[:, 0] - piece.lever[:, 0, 0] * piece.cross[0] / info
-                value[i, j] = piece.cross[0] / info
-                noise[i, j] = (score**2).sum() / info**2
+            told = _factor(joint, friction, joint.layout.log == i, nothing)
+            if told is not None:
+                value[i, j], noise[i, j] = told[0], told[1] ** 2
     out = np.zeros(both.design.dof)
     for j in shared:
         seen = np.isfinite(value[:, j])
@@ -256,12 +265,14 @@ def first_noise(both: Both, rest: "Rest", groups: Sequence[Group]) -> Noise:
 
 
 def basics(groups: Sequence[Group]) -> list[Group]:
-    """One column on one joint, without a shape: what logs are compared by."""
-    return [
-        g
-        for g in groups
-        if g.effect.scope == "local" and g.shape == () and len(g.ids) == 1
-    ]
+    """What logs are compared by."""
+    return [g for g in groups if is_basic(g)]
+
+
+def is_basic(group: Group) -> bool:
+    """Whether it is one column on one joint, without a shape."""
+    local = group.effect.scope == "local"
+    return local and group.shape == () and len(group.ids) == 1
 
 
 def _compared(

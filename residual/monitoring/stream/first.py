@@ -17,6 +17,7 @@ from residual.epochs.pursuit import chosen
 from residual.epochs.rows import LOOSE, Layout, joint_fit
 from residual.epochs.rules import Rules as EpochRules
 from residual.errors import InputError
+from residual.evidence.design import LAGS
 from residual.evidence.states import as_model
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
@@ -28,7 +29,6 @@ from residual.recording import Array
 from residual.signals.track import Filters, Track
 
 AT_ONCE = 2048  # rows: what their columns take stays under 100 MB
-LAGS = 80  # rows over which noise is asked whether it remembers
 FLOOR = 1e-3  # of torque rms: no residual is smaller
 _MOST = 12000  # rows that one arm is fitted to
 _REAL = 1e-7  # of the largest: what no motion shows

@@ -14,10 +14,11 @@ import numpy as np
 
 from residual.epochs.window import SLOW, Looks, Rules, Usual, follow, nothing, products
 from residual.errors import InputError
+from residual.evidence.design import LAGS
 from residual.evidence.fit import autocorrelation_time
 from residual.model.model import Model
 from residual.monitoring.monitor import LEAST_RUNS, check_limits, check_log
-from residual.monitoring.stream.first import AT_ONCE, FLOOR, LAGS, Taught, fitted
+from residual.monitoring.stream.first import AT_ONCE, FLOOR, Taught, fitted
 from residual.monitoring.stream.reference import Reference, body_sd
 from residual.monitoring.stream.rows import Rows, Samples, Window, start, take
 from residual.monitoring.stream.watch import begin, waited
