@@ -26,6 +26,7 @@ class Rows:
         errors: Rows of the view errors, but for ``trajectory``; those without a
             ``run_id`` are over all held-out runs.
         tables: Other tables of it, such as curves.
+        beside: Tables that go with its model: the motion that it is from.
         nominal: Id of the diagnosis whose model was the nominal one, if any.
     """
 
@@ -35,6 +36,7 @@ class Rows:
     errors: Sequence[Mapping] = ()
     tables: Mapping[str, pa.Table] = field(default_factory=dict)
     nominal: str | None = None
+    beside: Mapping[str, pa.Table] = field(default_factory=dict)
 
 
 def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> str:
@@ -56,7 +58,7 @@ def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> st
     model = {"robot": rows.record["robot"], "stage": "augmented", **rows.model}
     before = {"nominal": [rows.nominal]} if rows.nominal else {}
     fitted = {role: ids for role, ids in roles.items() if role != "held_out"} | before
-    model_id = commit_record(store, "models", model, parents=fitted)
+    model_id = commit_record(store, "models", model, rows.beside, fitted)
     errors = _placed(rows.errors, roles.get("held_out", []), motions)
     tables = {
         **rows.tables,

@@ -12,6 +12,7 @@ from flows.keep.diagnosis_tables import (
     from_record,
     to_record,
 )
+from flows.keep.states import STATES, read_states, states_table
 from residual.diagnosis.result import Diagnosis, Verdict
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
@@ -19,6 +20,7 @@ from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.model.record import from_record as read_model
 from residual.model.record import to_record as model_record
+from residual.recording import Recording
 from warehouse.commit import commit_record, read_record
 from warehouse.files import read_parquet
 from warehouse.layout import find, record_folder
@@ -33,6 +35,7 @@ def store_outcome(
     found: Diagnosis,
     runs: Mapping[str, list[str]],
     request: Mapping | None = None,
+    logs: Sequence[Recording] = (),
 ) -> tuple[str, str]:
     """Put a diagnosis, its models and the proof of it into the store.
 
@@ -41,6 +44,7 @@ def store_outcome(
         found: The diagnosis.
         runs: Ids of the runs it is from, by role.
         request: What was asked for, so that it can be made again.
+        logs: The logs behind its model, which goes with their motion.
 
     Returns:
         The ids of the diagnosis and of the validation, which has the curves.
@@ -50,12 +54,14 @@ def store_outcome(
     kept = {"known": _without_robot(found.known)} if found.known else {}
     serial = next((m.robot.serial for m in found.models.values()), None)
     whose = {"serial": serial} if serial else {}
+    motion = states_table(logs)
     rows = Rows(
         record=_record(found.verdict) | asked | whose,
         model=asked | {"models": models_record(found.models)} | kept,
         nominal=(request or {}).get("model"),
         effects=list(effect_rows(found.effects)),
         errors=[*error_rows(found.errors), *each],
+        beside={} if motion is None else {STATES: motion},
     )
     diagnosis_id = store_rows(store, rows, runs)
     told, curves = to_record(found)
@@ -164,6 +170,15 @@ def read_known(store: Path, diagnosis_id: str) -> Model:
     except (KeyError, TypeError) as error:
         raise InputError(f"An adopted model is damaged: {error!r}.") from error
     return read_model(whole)
+
+
+def read_motion(store: Path, diagnosis_id: str) -> tuple[Recording, ...]:
+    """Return the motion behind the model of a diagnosis, of logs by id; may be none.
+
+    Raises:
+        InputError: If there is none of that id, or it is damaged.
+    """
+    return read_states(store, read_record(store, diagnosis_id)["model_id"])
 
 
 def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str, ...]:

@@ -106,7 +106,8 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
     """Return the runs that an adopted model is from, but for those diagnosed now.
 
     Raises:
-        InputError: If one is not in the store, or none is left.
+        InputError: If none is left; or one is not in the store, and the model is of an
+            earlier version, which has not its motion with it.
     """
     known = logs.runs or {}
     now = {known.get(log.id, log.id) for log in (*logs.fit, *logs.held_out)}
@@ -122,6 +123,10 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
     try:
         return tuple(stored.read_run(store, id) for id in ids)
     except InputError as error:
+        # Runs are pruned, or stayed elsewhere: the model has their motion with it.
+        motion = tuple(m for m in kept.read_motion(store, diagnosis) if m.id in ids)
+        if motion:
+            return motion
         raise InputError(
             f"To say {told}, the runs behind it are needed: expected "
             f"{', '.join(id[:8] for id in ids)} in {store}. Got: {error} Import them "
@@ -196,7 +201,8 @@ def keep(
     asked = replace(request, **words).to_record()
     parents = {role: names for role, names in ids.items() if names}
     hash = {"robot_hash": logs.robot.content_hash}
-    return kept.store_outcome(store_folder(request.store), found, parents, asked | hash)
+    store, asked = store_folder(request.store), asked | hash
+    return kept.store_outcome(store, found, parents, asked, (*logs.fit, *logs.held_out))
 
 
 def as_stored(logs: LogSets) -> LogSets | None:

@@ -187,6 +187,30 @@ def motion_of(
     return uniform.t[::step], uniform.q[::step], motion
 
 
+def thinned(recording: Recording, filters: Filters) -> Recording:
+    """Return a log at the rate of its features: of motion and torque what counts.
+
+    What would alias is taken out, far above the cut-offs; gaps stay gaps.
+
+    Args:
+        recording: A log.
+        filters: Cut-offs and the rate.
+
+    Returns:
+        A log of the same name with times, angles and torques alone.
+    """
+    uniform = _resample(recording)
+    first = _thinning(uniform.rate, filters)
+    t, q, tau = recording.t, recording.q, recording.tau
+    if first > 1:
+        cutoff = 0.4 * uniform.rate / first
+        there = ~uniform.gap[::first]
+        t = uniform.t[::first][there]
+        q = low_pass(uniform.q, cutoff, uniform.rate, first)[there]
+        tau = _thinned(uniform, first)[there]
+    return Recording(recording.id, recording.robot, t, q, tau)
+
+
 def _resample(recording: Recording) -> _Uniform:
     rate = sample_rate(recording.t)
     t = np.arange(recording.t[0], recording.t[-1] + 0.5 / rate, 1 / rate)

@@ -1,6 +1,7 @@
 """From a diagnosis to the model of a robot, and back again."""
 
 from dataclasses import replace
+from shutil import copytree, rmtree
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, diagnosed, night
 from warehouse.adoptions import adopted
 from warehouse.commit import read_record
+from warehouse.layout import find
 from warehouse.query.store import open_store
 from warehouse.runs import read_run
 
@@ -216,8 +218,29 @@ def test_what_changed_since_needs_the_runs_behind_the_model(made, monkeypatch):
     assert ids == [*first[0], *first[1]]
     gone = "f" * len(ids[0])
     monkeypatch.setattr(keep, "read_runs", lambda *_: (*ids, gone))
+    monkeypatch.setattr(keep, "read_motion", lambda *_: ())
     with pytest.raises(InputError, match="or give logs of that time with --baseline"):
         diagnosed(store, second, model=id)
+
+
+def test_a_model_without_its_runs_has_their_motion_with_it(made, tmp_path):
+    store, first, second, id = made
+    copy = tmp_path / "store"
+    copytree(store, copy)
+    for run in (*first[0], *first[1]):
+        rmtree(find(copy, run).folder)
+    motion = keep.read_motion(copy, id)
+    assert [m.id for m in motion] == [*first[0], *first[1]]
+    run = read_run(store, first[0][0])
+    at = np.interp(motion[0].t, run.t, run.q[:, 0])
+    assert np.abs(at - motion[0].q[:, 0]).max() < 1e-3 * np.ptp(at)
+    told = [
+        read_verdict(place, diagnosed(place, second, model=id))
+        for place in (store, copy)
+    ]
+    assert told[0].effects == told[1].effects == ()
+    sizes = [np.array([d.value for d in one.minimum_detectable]) for one in told]
+    assert np.allclose(*sizes, rtol=0.1)
 
 
 def test_the_list_says_which_model_is_in_force(fresh, capsys):
