@@ -26,7 +26,7 @@ from benchmarks.figures import (
     missing,
     one_blas_thread,
 )
-from benchmarks.logs_parts import shell
+from benchmarks.measured_parts import shell
 from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
 from flows.workers.pool import Pool
 

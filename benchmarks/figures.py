@@ -68,7 +68,7 @@ def code_hash(*own: str) -> str:
         own: Folders of the benchmark; none for those of benchmarks/logs.py.
     """
     digest = hashlib.sha256()
-    own = own or ("benchmarks/logs_parts",)
+    own = own or ("benchmarks/measured_parts",)
     for folder in ("residual", "sim", "warehouse/logs", *own):
         for path in sorted((ROOT / folder).rglob("*")):
             if path.suffix in (".py", ".urdf", ".toml"):

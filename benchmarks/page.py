@@ -185,19 +185,17 @@ def _titled(table: Mapping) -> str:
 
 def _arms(measured: list[Mapping]) -> str:
     """The measured arms one by one, where least squares stand beside them."""
-    rows = [("log", "named", "error over least squares, per joint", "more than noise")]
-    rows.append(("---", "---", "---", "---"))
+    rows = [("fitted / held out", "named", "error over least squares, per joint")]
+    rows.append(("---", "---", "---"))
     for arm in measured:
-        if "least_squares" not in arm:
+        if "peer" not in arm:
             return ""
-        pairs = zip(
-            arm["filtered"]["augmented"], arm["least_squares"]["ordinary"], strict=True
-        )
-        named = (f"{e['name']} on {_plain(e['joints'])}" for e in arm["effects"])
-        split = arm["split"] if "|" not in arm["split"] else f"KR300 {arm['split']}"
-        ratios = ", ".join(f"{ours / peer:.2f}" for ours, peer in pairs)
-        left = "joints " + _plain(arm["unexplained"]) if arm["unexplained"] else "–"
-        rows.append((split.replace("|", " / "), "; ".join(named), ratios, left))
+        named = "; ".join(f"{name} on {_plain(on)}" for name, on in arm["named"])
+        ratios = "–"
+        if arm["peer"]:
+            pairs = zip(arm["filtered"]["augmented"], arm["peer"], strict=True)
+            ratios = ", ".join(f"{ours / peer:.2f}" for ours, peer in pairs)
+        rows.append((arm["split"].replace("|", "/"), named or arm["verdict"], ratios))
     return _table(rows).rstrip() if measured else ""
 
 

@@ -19,16 +19,29 @@ from residual.diagnosis.examine import (
 )
 from residual.diagnosis.findings import Named, clouds
 from residual.diagnosis.fold import folded
+from residual.diagnosis.least_squares import (
+    Plain,
+    given_constants,
+    outdone,
+    plain_fit,
+    plain_names,
+)
 from residual.diagnosis.leftover.examine import Remains, examine_leftover
 from residual.diagnosis.null_key import key_of
 from residual.diagnosis.null_record import Null, choose_null, null_sentences
-from residual.diagnosis.result import Diagnosis
+from residual.diagnosis.result import PLAIN, Diagnosis
 from residual.diagnosis.task import Rules
 from residual.diagnosis.warnings import signal_notes, warnings
 from residual.epochs.compare import Asked, compared
 from residual.errors import InputError
 from residual.evidence.fit import Fit
-from residual.model.compare import Errors, compare, prepare_held_out
+from residual.model.compare import (
+    Errors,
+    HeldOutLog,
+    compare,
+    prepare_held_out,
+    worse_joints,
+)
 from residual.model.model import Model
 from residual.model.nominal import (
     GIVEN,
@@ -131,9 +144,29 @@ def _alone(
     if null:
         rules = replace(rules, threshold=null.threshold(rules.threshold))
         asked = replace(asked, null=null)
-    found = _prove(examine(logs, nominal, rules, asked.tell), asked)
+    plain = plain_fit(logs)
+    examined, proof, standing = _stood(logs, nominal, rules, asked)
+    behind = outdone(examined.task, standing.judged.fit, plain)
+    if behind and not isinstance(start, Model):
+        # Never worse than what anyone has at hand: with what that one has and the
+        # model has not, everything is searched again.
+        wider = start_nominal(logs, plain_names(nominal.names))
+        examined, proof, standing = _stood(logs, wider, rules, asked)
+        said = given_constants(examined.task, standing.judged.fit, behind)
+        asked = replace(asked, said=(said,))
+    found = _concluded(examined, proof, standing, plain, asked)
+    declared = replace(found.verdict, declared=tuple(nominal.names))
     asked.tell("proof", 1.0)
-    return found
+    return replace(found, verdict=declared)
+
+
+def _stood(logs: Logs, nominal: Nominal, rules: Rules, asked: "_Wanted"):
+    """Search, and let the held-out logs judge what was found."""
+    examined = examine(logs, nominal, rules, asked.tell)
+    asked.tell("proof", 0.0)
+    proof = prepare_held_out(asked.held_out, examined.nominal.model)
+    standing = stand(examined, proof, asked.fit, asked.tell)
+    return standing.examined, proof, standing
 
 
 def _nominal(logs: Logs, start: Sequence[str] | Model | None) -> Nominal:
@@ -152,26 +185,32 @@ class _Wanted:
     tell: Progress
     inside: Inside | None
     null: Null | None = None
+    said: tuple[str, ...] = ()
 
 
-def _prove(examined: Examined, asked: _Wanted) -> Diagnosis:
-    """Let the held-out logs judge the names, and say what stands."""
-    asked.tell("proof", 0.0)
-    proof = prepare_held_out(asked.held_out, examined.nominal.model)
-    standing = stand(examined, proof, asked.fit, asked.tell)
-    examined, judged = standing.examined, standing.judged
+def _concluded(
+    examined: Examined,
+    proof: Sequence[HeldOutLog],
+    standing: Standing,
+    plain: Plain,
+    asked: _Wanted,
+) -> Diagnosis:
+    """Say what stands, with the error of every model on the held-out logs."""
+    judged = standing.judged
     models, left = _models(examined, judged)
-    listed, usual = folded(examined, standing.named)
+    listed, usual = folded(standing.named, examined.logs.robot.dof)
     if asked.inside:
         asked.inside(examined, judged.fit, listed)
     errors, proofs = compare(models, proof, examined.logs.filters)
+    reference, _ = compare({PLAIN: plain.model}, proof, examined.logs.filters)
     case = Case(
         examined=examined,
         named=listed,
         folded=usual,
         judged=judged,
         splits=standing.splits,
-        errors=errors,
+        errors=errors | reference,
+        worse=worse_joints(models, proof),
         held_out=[r.id for r in asked.held_out],
         same_run=asked.same_run,
         left=left.joints,
@@ -187,16 +226,8 @@ def _prove(examined: Examined, asked: _Wanted) -> Diagnosis:
         notes=_noted(standing, asked, models["augmented"]),
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in listed),
-        known=_known(examined, judged, models["augmented"]),
+        known=models["augmented"],
     )
-
-
-def _known(examined: Examined, judged: Verdicts, augmented: Model) -> Model:
-    """The augmented model with the tables that the joints' states account for."""
-    if not examined.logs.background:
-        return augmented
-    fitted = judged.fit if judged.kept else examined.plain
-    return examined.model(fitted, like=augmented, tables=True)
 
 
 def _hint(case: Case) -> dict | None:
@@ -214,6 +245,7 @@ def _warned(
         *warnings(standing.examined, standing.withdrawn, asked.same_run),
         *by_chance,
         *unproven(standing.examined, augmented),
+        *asked.said,
         *left.sentences,
     ]
 

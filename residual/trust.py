@@ -49,9 +49,13 @@ def _unnamed(verdict: Verdict) -> Verdict:
 
 
 def _errors(error: ErrorTables) -> ErrorTables:
-    names = ("held_out", "filtered", "moving", "overall", "overall_filtered")
-    tables = {name: _refit(getattr(error, name)) for name in names}
-    return replace(error, **{k: table | {"plsr": None} for k, table in tables.items()})
+    overall = ("overall", "overall_filtered", "overall_moving")
+    tables = {
+        name: _refit(getattr(error, name))
+        for name in ("held_out", "filtered", "moving", *overall)
+    }
+    tables = {k: table | {"plsr": None} for k, table in tables.items()}
+    return replace(error, worse=(), **tables)
 
 
 def _refit(by_model: Mapping) -> dict:

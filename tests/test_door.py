@@ -137,7 +137,7 @@ def _diagnosis() -> Diagnosis:
     }
     overall = {name: value and value[0] for name, value in both.items()}
     error = ErrorTables(
-        "%", 8.0, ("<script>",), False, both, both, both, overall, overall
+        "%", 8.0, ("<script>",), False, both, both, both, overall, overall, overall
     )
     evidence = Evidence(310.0, "fit", "confirmed", 0.9, None)
     mass = {"mass": Parameter(3.96, 0.35, "kg")}

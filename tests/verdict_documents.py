@@ -63,11 +63,13 @@ def errors(part: dict) -> dict:
     """Return the proof; a model that is not given has no errors."""
     none = dict.fromkeys(MODELS)
     tables = ("held_out", "filtered", "moving", "overall", "overall_filtered")
+    tables += ("overall_moving",)
     return {
         "metric": "100*||tau-tau_hat||/||tau||",
         "filter": {"cutoff_hz": None},
         "logs": [],
         "same_run": False,
+        "worse": [],
         **part,
         **{name: none | (part.get(name) or {}) for name in tables},
     }

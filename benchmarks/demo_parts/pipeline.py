@@ -4,8 +4,8 @@ import shutil
 from pathlib import Path
 from time import perf_counter
 
+from benchmarks.demo_parts.judge import judge, told
 from benchmarks.figures import ROOT, Figures, figure
-from benchmarks.logs_parts.singles import judge, told
 from flows.blind.sums import wilson
 from flows.keep.diagnosis import read_outcome
 from flows.requests import Demo

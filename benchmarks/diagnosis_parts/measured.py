@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import Figures, figure, missing
-from benchmarks.logs_parts.measured import data_folder
+from benchmarks.measured_parts.arms import data_folder
 from flows.blind.score import Name, Said, members
 from flows.blind.sums import wilson
 from residual.close import close_the_loop

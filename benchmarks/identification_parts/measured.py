@@ -1,7 +1,7 @@
 """Group 3: measured arms: does a consistent model reach what a free one does?"""
 
 from benchmarks.figures import Figures, figure, missing
-from benchmarks.logs_parts.measured import data_folder
+from benchmarks.measured_parts.arms import data_folder
 from residual.identification.consistency import consistent
 from residual.identification.identify import identify
 from residual.identification.validation import torque_errors

@@ -7,8 +7,8 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.figures import Figures, figure, missing, partial
-from benchmarks.logs_parts.shell import run_shell
 from benchmarks.long_parts.shift import Shift, write_shift
+from benchmarks.measured_parts.shell import run_shell
 from benchmarks.store_parts.made import folder
 from residual.close import close_the_loop
 from residual.diagnosis.result import Diagnosis

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import Figures, figure, missing
-from benchmarks.logs_parts.measured import data_folder
+from benchmarks.measured_parts.arms import data_folder
 from residual.calibration.calibrate import Calibration, Settings, calibrate
 from residual.calibration.methods import DEFAULT, EFFECTS, NONE, PAPER_FORM
 from residual.calibration.rows import Run

@@ -51,7 +51,8 @@ def store_outcome(
     """
     asked, robot = {"request": request}, found.verdict.robot
     each = errors_by_run(found) if runs.get("held_out") else []
-    kept = {"known": _without_robot(found.known)} if found.known else {}
+    same = found.known is None or found.known is found.models.get("augmented")
+    kept = {} if same else {"known": _without_robot(found.known)}
     serial = next((m.robot.serial for m in found.models.values()), None)
     whose = {"serial": serial} if serial else {}
     motion = states_table(logs)
@@ -156,7 +157,7 @@ def _without_robot(model: Model) -> dict:
 
 
 def read_known(store: Path, diagnosis_id: str) -> Model:
-    """Return the model of a diagnosis that may be adopted, with all its tables.
+    """Return the model of a diagnosis that may be adopted.
 
     Raises:
         InputError: If there is none of that id, it was stored without models, or is

@@ -79,7 +79,7 @@ def error_rows(errors: ErrorTables) -> Iterator[dict]:
     metrics = {
         "held_out": (errors.held_out, errors.overall),
         "filtered": (errors.filtered, errors.overall_filtered),
-        "moving": (errors.moving, {}),
+        "moving": (errors.moving, errors.overall_moving),
     }
     for metric, (by_joint, overall) in metrics.items():
         for stage, values in by_joint.items():

@@ -16,6 +16,7 @@ from residual.diagnosis.findings import Named, public_joints
 from residual.diagnosis.leftover.leftover import Leftover, depends_on
 from residual.diagnosis.prior_scale import neighbours
 from residual.diagnosis.result import (
+    PLAIN,
     STAGES,
     Detectable,
     ErrorTables,
@@ -54,6 +55,7 @@ class Case:
         splits: For the id of each tested member, how often it was found again.
         contradictions: What of the fit no arm can be, in sentences.
         p_value: Chance of so many nats where nothing is missing; None without a null.
+        worse: Joints from 1 that the findings make worse beyond chance.
     """
 
     examined: Examined
@@ -67,6 +69,7 @@ class Case:
     splits: Mapping[int, Splits]
     contradictions: Sequence[str] = ()
     p_value: Callable[[float], float] | None = None
+    worse: Sequence[int] = ()
     folded: Sequence[Named] = ()
 
 
@@ -176,10 +179,11 @@ def _unexplained(case: Case) -> Unexplained:
 
 def _errors(case: Case) -> ErrorTables:
     return error_tables(
-        {name: case.errors.get(name) for name in STAGES},
+        {name: case.errors.get(name) for name in (*STAGES, PLAIN)},
         min(t.cutoff for t in case.examined.logs.tracks),
         case.held_out,
         case.same_run,
+        case.worse,
     )
 
 
@@ -188,6 +192,7 @@ def error_tables(
     cutoff: float,
     logs: Sequence[str],
     same_run: bool = False,
+    worse: Sequence[int] = (),
 ) -> ErrorTables:
     """Return the errors of several models as plain values [%].
 
@@ -196,6 +201,7 @@ def error_tables(
         cutoff: Of the identification filter [Hz].
         logs: Labels of the held-out logs.
         same_run: Whether they are a part of a fit log.
+        worse: Joints from 1 that the findings make worse beyond chance.
     """
 
     def overall(kind: str) -> dict:
@@ -214,6 +220,8 @@ def error_tables(
         moving=per_joint("moving"),
         overall=overall("raw"),
         overall_filtered=overall("filtered"),
+        overall_moving=overall("moving"),
+        worse=tuple(worse),
     )
 
 

@@ -15,7 +15,6 @@ from residual.diagnosis.prior_scale import Selection, select
 from residual.diagnosis.search import refined, search
 from residual.diagnosis.task import Rules, Task
 from residual.effects import registry
-from residual.evidence.background import learnt_tables, usual_background, with_tables
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.priors import Space
@@ -25,7 +24,6 @@ from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
 from residual.model.standstill import with_standstill
 from residual.recording import Array
-from residual.signals.pieces import is_cut
 
 Progress = Callable[[str, float], None]
 LOOKS = 4  # at what was named, before the second search
@@ -66,30 +64,22 @@ class Examined:
             fitted: A fit of these logs.
             held_out: Logs that no fit has seen.
         """
-        rough = with_tables(
-            as_model(self.nominal, fitted),
-            learnt_tables(self.task.design, self.logs.background, fitted),
-        )
-        return moving_error(rough, held_out)
+        return moving_error(as_model(self.nominal, fitted), held_out)
 
-    def model(
-        self, fitted: Fit, like: Model | None = None, tables: bool = False
-    ) -> Model:
+    def model(self, fitted: Fit, like: Model | None = None) -> Model:
         """A fit as a model, with the standstill that suits the fit logs.
 
         Args:
             fitted: A fit of these logs.
             like: A model whose standstill to take over, so that two models differ by
                 nothing but their effects.
-            tables: Whether to keep what else the joints' state accounts for, without a
-                name; it is there in the fit in either case.
         """
         rough = as_model(self.nominal, fitted)
         if like is not None:
             rough = replace(rough, standstill=like.standstill)
         else:
             rough = with_standstill(rough, self.logs.sketch)
-        return _refitted(self, fitted, rough, tables)
+        return _refitted(self, fitted, rough)
 
 
 def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> Examined:
@@ -102,10 +92,6 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         progress: Told the stage and the share done.
     """
     design = first_design(logs, nominal)
-    if not is_cut([t.seconds for t in logs.tracks]):
-        tables = usual_background(design)
-        logs = replace(logs, background=tables)
-        design.calm(logs.background)
     progress("features", 0.0)
     everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
     selection = _search(design, nominal, everything, (rules, progress))
@@ -232,9 +218,7 @@ def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 
-def _refitted(
-    examined: Examined, fitted: Fit, rough: Model, with_its_tables: bool
-) -> Model:
+def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Model:
     """Coefficients that go with a model's standstill and its own torque.
 
     A wide standstill changes friction on slow moving rows too, and features such as
@@ -243,14 +227,9 @@ def _refitted(
     nominal, tracks = examined.nominal, examined.logs.tracks
     base = replace(nominal.model, standstill=rough.standstill)
     design = Design(tracks, base, seen_with=rough)
-    background = examined.logs.background
-    design.calm(background)
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
     final = fit(design, examined.task.prior, members, fitted.counted, fitted.variance)
-    model = as_model(replace(nominal, model=base), final)
-    if with_its_tables:
-        model = with_tables(model, learnt_tables(design, background, final))
-    return model
+    return as_model(replace(nominal, model=base), final)
 
 
 def without_refuted(examined: Examined, fitted: Fit) -> Examined:

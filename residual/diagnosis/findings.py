@@ -134,7 +134,7 @@ def _torque(examined: Examined, fitted: Fit, group: Group) -> float:
 def _torque_on(design: Design, fitted: Fit, group: Group, j: int) -> Array:
     """Torque of a member on the rows of a joint, as logged [N m]. Shape (rows,)."""
     place, have = design.present(j, group.ids)
-    return design.as_logged(j, design.columns(j, place) @ fitted.of(group)[have])
+    return design.columns(j, place) @ fitted.of(group)[have]
 
 
 def _size(fitted: Fit, tested: Tested, checks: Checked | None) -> tuple[Array, Array]:
@@ -259,7 +259,7 @@ def _drawn_on(design: Design, fitted: Fit, tested: Tested) -> Sequence[int]:
 def _cloud(examined: Examined, fitted: Fit, tested: Tested, j: int) -> Cloud:
     design, group = examined.task.design, tested.group
     torque = _torque_on(design, fitted, group, j)
-    left = design.as_logged(j, design.residual(j, fitted.ids, fitted.theta))
+    left = design.residual(j, fitted.ids, fitted.theta)
     anchor = j if group.effect.scope == "local" else tested.joint
     x, label, log = _variable(examined, group.effect, anchor, j)
     if x is None:

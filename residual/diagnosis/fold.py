@@ -6,24 +6,26 @@ that is another when the arm is cold. They are no reason to look.
 
 from collections.abc import Sequence
 
-from residual.diagnosis.examine import Examined
+import numpy as np
+
 from residual.diagnosis.findings import Named
 
-USUAL = 2.0  # times what the tables of a joint are expected to have
+USUAL = 0.03  # of the joint's torque rms: what gears and drives have anyway
+HALF, FEW = 0.5, 3  # of the joints
 BESIDE = 0.1  # of the largest torque of a finding
 
 
 def folded(
-    examined: Examined, named: Sequence[Named]
+    named: Sequence[Named], dof: int
 ) -> tuple[tuple[Named, ...], tuple[Named, ...]]:
     """Part the findings into those to be listed and those to be folded.
 
     Folded is friction or ripple of a size that the joints have anyway, beside something
-    much larger.
+    much larger, where half of the joints have such: one alone is a finding.
 
     Args:
-        examined: The diagnosis.
         named: The findings.
+        dof: Number of joints.
 
     Returns:
         What is listed, and what is folded, in the same order.
@@ -31,16 +33,14 @@ def folded(
     if not named:
         return tuple(named), ()
     largest = max(f.torque.max() for f in named)
-    small = [f for f in named if _is_usual(examined, f, BESIDE * largest)]
+    small = [f for f in named if _is_usual(f, BESIDE * largest)]
+    if len({j for f in small for j in f.joints}) < max(HALF * dof, FEW):
+        small = []
     return tuple(f for f in named if f not in small), tuple(small)
 
 
-def _is_usual(examined: Examined, found: Named, least: float) -> bool:
-    design, effect = examined.task.design, found.effect
+def _is_usual(found: Named, least: float) -> bool:
+    effect = found.effect
     if not (effect.brakes or effect.repeats) or effect.scope != "local":
         return False
-    joints = [t.group.joints[0] for t in found.tested]
-    return all(
-        torque < min(USUAL * design.usual(j), least)
-        for j, torque in zip(joints, found.torque, strict=True)
-    )
+    return bool(np.all(found.torque < min(USUAL, least)))

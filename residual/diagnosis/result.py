@@ -17,6 +17,7 @@ from residual.names import joints_listed
 from residual.quantity import measured, percent
 
 STAGES = ("nominal", "identified", "augmented", "plsr")
+PLAIN = "least_squares"  # the reference that anyone has at hand, and no model of ours
 
 Value = Number | tuple[Number, ...]  # one per joint where a finding is on several
 PerJoint = Mapping[str, tuple[Number, ...] | None]  # by model; None as a whole
@@ -153,7 +154,10 @@ class ErrorTables:
         same_run: Whether it is a part of a fit log.
         held_out, filtered, moving: Of every joint: as logged, both sides filtered, the
             same where that joint moves.
-        overall, overall_filtered: All joints in one norm, as logged and filtered.
+        overall, overall_filtered, overall_moving: All joints in one norm: as logged,
+            filtered, where they move.
+        worse: Joints from 1 that the findings make worse beyond chance, where they
+            move.
     """
 
     metric: str
@@ -165,6 +169,8 @@ class ErrorTables:
     moving: PerJoint
     overall: Mapping[str, Number]
     overall_filtered: Mapping[str, Number]
+    overall_moving: Mapping[str, Number] = field(default_factory=dict)
+    worse: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +227,7 @@ class Verdict:
         return len(self.unexplained.per_joint)
 
     def __str__(self) -> str:
-        errors = self.error.overall_filtered
+        errors = self.error.overall_moving or self.error.overall_filtered
         before, after = (percent(errors[k]) for k in ("identified", "augmented"))
         said = "nothing found" if self.verdict == "none" else "something without a name"
         if not self.trusted:
@@ -250,7 +256,7 @@ class Diagnosis:
         left: One per unexplained joint, without a name: what remains, over what it
             depends on most (over time where that is not known).
         sentences: One plain sentence per finding, in the order of the findings.
-        known: The augmented model with all tables: what may be adopted.
+        known: What may be adopted: the augmented model, or the fit of both epochs.
     """
 
     verdict: Verdict

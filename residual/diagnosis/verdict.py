@@ -31,7 +31,7 @@ from residual.plain import plain
 
 SCHEMA = 1
 _PER_JOINT = ("held_out", "filtered", "moving")
-_OVERALL = ("overall", "overall_filtered")
+_OVERALL = ("overall", "overall_filtered", "overall_moving")
 
 
 def to_json(verdict: Verdict) -> dict:
@@ -258,6 +258,7 @@ def _error(error: ErrorTables) -> dict:
         "logs": error.logs,
         "same_run": error.same_run,
         **{kind: getattr(error, kind) for kind in (*_PER_JOINT, *_OVERALL)},
+        "worse": error.worse,
     }
 
 
@@ -272,5 +273,7 @@ def _read_error(entry: Mapping) -> ErrorTables:
         logs=tuple(entry["logs"]),
         same_run=entry["same_run"],
         **tables,
-        **{kind: dict(entry[kind]) for kind in _OVERALL},
+        # Records of before do not have the last two.
+        **{kind: dict(entry.get(kind, {})) for kind in _OVERALL},
+        worse=tuple(entry.get("worse", ())),
     )

@@ -148,6 +148,7 @@ class Effect:
         in_every_model: No model is without that parameter, declared or not.
         usual_in_every_drive: Its place, from 1, in the list of what every drive has and
             a model is taken to have where nobody says otherwise; 0 for none.
+        is_constant: Its torque is the same on every row.
         carries: What its coefficients are a part of, besides the torque of its columns:
             the inertial parameters of the last body ("body"), the drive's torque per
             "speed" or per "acceleration"; empty for nothing.
@@ -208,6 +209,7 @@ class Effect:
     is_parameter: bool = False
     in_every_model: bool = False
     usual_in_every_drive: int = 0
+    is_constant: bool = False
     carries: Carried = ""
     repeats: bool = False
     needs_known_body: bool = False

@@ -19,6 +19,7 @@ EFFECT = Effect(
     parameters={"torque": "N m"},
     columns=local(_feature),
     family="static",
+    is_constant=True,
     groupable=True,
     possible=within_torque,
     in_any_arm=lambda span, j: ((),),

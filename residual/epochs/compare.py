@@ -19,11 +19,13 @@ from residual.epochs.rules import Rules
 from residual.epochs.search import Change, Found, find
 from residual.epochs.unnamed import unnamed
 from residual.evidence.design import Design
+from residual.model.chance import is_sure, rise
 from residual.model.compare import (
     HeldOutLog,
     compare,
     moving_error,
     prepare_held_out,
+    worse_joints,
 )
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal, begin, prepare_logs
@@ -37,9 +39,6 @@ Progress = Callable[[str, float], None]
 # Of the error. Another motion asks more of the rest of a model than of a name, so that
 # it must be much worse with it.
 WORSE, BETTER = 1.25, 0.95
-SURE = 2.33  # deviations over blocks: p = 0.01
-BLOCK = 2  # seconds
-FEW = 8  # blocks: with fewer the ratio alone decides
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -95,7 +94,11 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
         errors,
         epochs=(before, after),
         declared=nominal.names,
-        logs=([r.id for r in asked.held_out], asked.same_run),
+        logs=(
+            [r.id for r in asked.held_out],
+            asked.same_run,
+            worse_joints(models, proof),
+        ),
     )
     edit = baseline_edits(
         models,
@@ -172,14 +175,14 @@ def _judged(
     refuted: list[Change] = []
     while True:
         model = model_of(found)
-        whole = _error(model, proof)
+        whole = moving_error(model, proof)
         judged = {}
         for change in found.changes:
             less = replace(
                 found, changes=tuple(c for c in found.changes if c is not change)
             )
             judged[id(change)] = _judgement(
-                change, whole, _error(model_of(less), proof)
+                change, whole, moving_error(model_of(less), proof)
             )
         worst = [c for c in found.changes if judged[id(c)].word == "refuted"]
         if not worst:
@@ -187,13 +190,6 @@ def _judged(
         gone = min(worst, key=lambda c: judged[id(c)].gain)
         refuted.append(gone)
         found = replace(found, changes=tuple(c for c in found.changes if c is not gone))
-
-
-def _error(model: Model, proof: Sequence[HeldOutLog]) -> Array:
-    """Squared error of each block of two seconds on moving rows. (blocks, dof)."""
-    seconds = moving_error(model, proof)
-    whole = len(seconds) // BLOCK * BLOCK
-    return seconds[:whole].reshape(-1, BLOCK, seconds.shape[1]).sum(axis=1)
 
 
 def _judgement(change: Change, with_it: Array, without: Array) -> Judged:
@@ -206,15 +202,10 @@ def _judgement(change: Change, with_it: Array, without: Array) -> Judged:
     a, b = (x[:, on] / np.maximum(least, 1e-300) for x in (with_it, without))
     a, b = a.sum(axis=1), b.sum(axis=1)
     ratio = float(np.sqrt(a.sum() / b.sum()))
-    rise = a - b
-    scatter = rise.std(ddof=1) * np.sqrt(len(rise)) if len(rise) > 1 else 0.0
-    sure = len(rise) < FEW or rise.sum() > SURE * scatter
-    if ratio > WORSE and sure:
+    if rise(a, b, WORSE):
         return Judged("refuted", 1 - ratio)
-    gain = 1 - ratio
-    fell = len(rise) < FEW or -rise.sum() > SURE * scatter
-    word = "confirmed" if ratio < BETTER and fell else "neutral"
-    return Judged(word, gain)
+    word = "confirmed" if ratio < BETTER and is_sure(b, a) else "neutral"
+    return Judged(word, 1 - ratio)
 
 
 def _notes(found: Found) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.drift import Drift
 from residual.diagnosis.leftover.remainder import Dependence, Unexplained
 from residual.diagnosis.result import (
+    PLAIN,
     STAGES,
     Evidence,
     Finding,
@@ -72,7 +73,7 @@ def conclude(
         minimum_detectable=tuple(minimum_detectable(found)),
         unexplained=_unexplained(found, rest, flagged),
         error=error_tables(
-            {name: errors.get(name) for name in STAGES},
+            {name: errors.get(name) for name in (*STAGES, PLAIN)},
             min(t.cutoff for t in found.both.logs.tracks),
             *logs,
         ),

@@ -50,7 +50,6 @@ class Design:
         remembered: What is made of groups of its columns once (``evidence.screen``).
     """
 
-    _background: tuple = ()  # tables of each joint; none, or not yet
     _kept: Array | None = None  # the folds of a part; None for all
     _alone = False  # whether a part looks at its own rows only
 
@@ -207,7 +206,6 @@ class Design:
     def _extend(self, c: int, j: int, new: Array) -> None:
         """Keep new columns of a joint on one chunk's rows, and add up their sums."""
         y = self._targets[j][c]
-        new = self.calmed(j, new.T).T
         first = self._columns.count((j, c))
         self._columns.write((j, c), new)
         every = self._columns.read((j, c), len(y))
@@ -319,39 +317,6 @@ class Design:
         out._sums = self._sums.with_cross(cross)
         out._show_target()
         return out
-
-    def calm(self, background: Sequence) -> None:
-        """From now on see all without what tables of the joints account for."""
-        if not background:
-            return
-        self._background = tuple(background)
-        old, place, size = self._columns, self._sums.place, self._sums.size
-        self._columns, sums = ColumnCache(False), Sums(self.dof, self.folds)
-        counts = [x.shape[1] for x in self.cross]
-        self._sums, self._totals, self.remembered = sums, [None] * self.dof, {}
-        for j in self._js:
-            self._targets[j] = [self.calmed(j, y) for y in self._targets[j]]
-            sums.grow(j, counts[j])
-            self._extend(0, j, old.read((j, 0), len(self.target[j])))
-        sums.place, sums.size = place, size
-        self._show_target()
-
-    def calmed(self, j: int, values: Array) -> Array:
-        """Row values of joint j without what the tables account for. Shape as given."""
-        own = self._tables_of(j)
-        return values if own is None else own.whiten(values)
-
-    def as_logged(self, j: int, values: Array) -> Array:
-        """Row values of joint j with what the tables account for. Shape as given."""
-        own = self._tables_of(j)
-        return values if own is None else own.restore(values)
-
-    def usual(self, j: int) -> float:
-        """Size of the tables of joint j, as a share of torque rms; 0 without."""
-        return getattr(self._tables_of(j), "size", 0.0)
-
-    def _tables_of(self, j: int):
-        return self._background[j] if self._background else None
 
     # -- reading ------------------------------------------------------------------
 

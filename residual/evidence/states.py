@@ -25,7 +25,6 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
         prior = relative_prior(design, nominal, ROUGH_SCALE)
         named = as_model(nominal, start(design, prior))
     design.show_torque(named)
-    design.calm(logs.background)
     return design
 
 

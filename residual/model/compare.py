@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.model.chance import rises
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.recording import Array, Recording
@@ -176,6 +177,17 @@ def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
         starts = np.searchsorted(t, np.arange(t[0], t[-1], BLOCK))
         out.append(np.add.reduceat(miss, np.unique(starts), axis=0))
     return np.concatenate(out)
+
+
+def worse_joints(
+    models: Mapping[str, Model | Corrected], held_out: Sequence[HeldOutLog]
+) -> tuple[int, ...]:
+    """Joints (from 1) on which "augmented" is worse than "identified" beyond chance."""
+    after, before = (
+        moving_error(models[name], held_out) for name in ("augmented", "identified")
+    )
+    larger = rises(after, before, moving_power(held_out))
+    return tuple(int(j) + 1 for j in np.flatnonzero(larger))
 
 
 def moving_power(held_out: Sequence[HeldOutLog]) -> Array:

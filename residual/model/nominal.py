@@ -142,7 +142,7 @@ class Logs:
     """Fit logs, ready: signals, session clock and how far they move the arm.
 
     ``shaken`` are those of the ``sketch`` with one more helping of the noise of their
-    angles, ``background`` the tables that every joint's state accounts for.
+    angles.
     """
 
     robot: Robot
@@ -152,7 +152,6 @@ class Logs:
     speed_floor: np.ndarray
     filters: Filters
     shaken: tuple[Track, ...]
-    background: tuple = ()
 
     @property
     def sketch(self) -> tuple[Track, ...]:

@@ -18,7 +18,6 @@ from residual.diagnosis.gate import passed, simplest
 from residual.diagnosis.prior_scale import select
 from residual.diagnosis.search import _shortlist
 from residual.diagnosis.task import Rules, Task
-from residual.evidence.background import usual_background
 from residual.evidence.colour import coloured
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, System, fit, gain
@@ -55,8 +54,6 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
     logs, hiss = _noisy(source, rng)
     nominal = redrawn(source, rng)
     design = first_design(logs, nominal)
-    if source.logs.background:
-        design.calm(usual_background(design))
     candidates = every_candidate(design, nominal, logs.span, logs.clock is not None)
     out = [_searched(design, nominal, candidates)]
     for turn in range(1, count):
@@ -66,7 +63,6 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
         target = design.stacked([b - a for a, b in zip(hiss, fresh, strict=True)])
         for j, change in enumerate(target):
             place, have = design.present(j, design.nominal)
-            change[:] = design.calmed(j, change) + design.target[j]
             change += design.columns(j, place) @ moved[have]
         out.append(_searched(design.with_target(target), another, candidates))
     return tuple(out)

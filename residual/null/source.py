@@ -108,7 +108,7 @@ def _left(design: Design, fitted: Fit) -> tuple[Array, ...]:
     joints = []
     for j in range(design.dof):
         left = design.residual(j, fitted.ids, fitted.theta)
-        joints.append(design.series(j, design.as_logged(j, left)))
+        joints.append(design.series(j, left))
     return tuple(np.column_stack(lines) for lines in zip(*joints, strict=True))
 
 

@@ -116,6 +116,8 @@ def verdict(kind: str, effects: list[dict], **changes: object) -> dict:
         "moving": moving,
         "overall": {k: v and v + 3.0 for k, v in overall.items()},
         "overall_filtered": overall,
+        "overall_moving": overall,
+        "worse": [],
     }
     return {
         "schema": 1,

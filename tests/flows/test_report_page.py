@@ -216,7 +216,7 @@ def test_terminal_says_the_verdict_first_and_then_everything() -> None:
         "or a spring: these data",
         "held-out: neutral",
         "by plausibility",
-        "22.7 → 4.7",
+        "22.4 → 14.8",
         "Next experiment:",
     ):
         assert words in flat

@@ -2,7 +2,7 @@
 
 The arm's formulas are others than those of the library, its inertia is 2 % off its
 URDF, its friction is anything. One clear case per effect, of short logs: how often it
-goes right over many draws is the matter of benchmarks/logs.py.
+goes right over many draws is the matter of benchmarks/diagnosis.py.
 """
 
 import numpy as np

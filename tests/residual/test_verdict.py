@@ -9,6 +9,7 @@ import pytest
 
 from residual.check.report import CheckReport, FaultReport
 from residual.close import close_the_loop
+from residual.diagnosis.result import PLAIN
 from residual.diagnosis.verdict import from_json, to_json
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
@@ -73,7 +74,7 @@ def outcome_of():
 
 
 # The form of DESIGN section 7, written down once more on purpose.
-TABLE = {"nominal", "identified", "augmented", "plsr"}
+TABLE = {"nominal", "identified", "augmented", "plsr", "least_squares"}
 FORM = {
     "": {
         "schema",
@@ -114,6 +115,8 @@ FORM = {
         "moving",
         "overall",
         "overall_filtered",
+        "overall_moving",
+        "worse",
     },
 }
 EFFECT = {
@@ -156,7 +159,14 @@ def test_every_key_is_there_and_no_other(outcome_of, kind):
     error = verdict["error"]
     assert set(error) == FORM["error"]
     assert set(error["filter"]) == {"cutoff_hz"}
-    for table in ("held_out", "filtered", "moving", "overall", "overall_filtered"):
+    for table in (
+        "held_out",
+        "filtered",
+        "moving",
+        "overall",
+        "overall_filtered",
+        "overall_moving",
+    ):
         assert set(error[table]) == TABLE
     for effect in verdict["effects"]:
         assert set(effect) == EFFECT
@@ -242,7 +252,13 @@ def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(
         "torque_sign",
         "filtered",
     ]
-    for table in ("held_out", "filtered", "overall", "overall_filtered"):
+    for table in (
+        "held_out",
+        "filtered",
+        "overall",
+        "overall_filtered",
+        "overall_moving",
+    ):
         error = verdict["error"][table]
         assert error["augmented"] == error["identified"]
         assert error["plsr"] is None
@@ -377,7 +393,14 @@ def test_augmented_is_identified_where_nothing_was_found(outcome_of, kind):
     assert to_json(outcome.verdict)["effects"] == []
     assert outcome.sentences == outcome.clouds == ()
     error = to_json(outcome.verdict)["error"]
-    for table in ("held_out", "filtered", "moving", "overall", "overall_filtered"):
+    for table in (
+        "held_out",
+        "filtered",
+        "moving",
+        "overall",
+        "overall_filtered",
+        "overall_moving",
+    ):
         assert error[table]["augmented"] == error[table]["identified"]
 
 
@@ -389,7 +412,9 @@ def test_curves_and_sentences_stand_beside_the_verdict(outcome_of, kind):
     assert [p.id for p in outcome.proofs] == to_json(outcome.verdict)["error"]["logs"]
     for proof in outcome.proofs:
         unexplained = to_json(outcome.verdict)["unexplained"]["joints"]
-        assert set(proof.tau_hat) == TABLE - (set() if unexplained else {"plsr"})
+        assert set(proof.tau_hat) == (TABLE - {PLAIN}) - (
+            set() if unexplained else {"plsr"}
+        )
         for curve in (*proof.tau_hat.values(), proof.moving):
             assert curve.shape == proof.tau.shape
     named = {e["name"] for e in effects}
@@ -613,7 +638,14 @@ def test_what_knocks_with_time_is_told_with_its_frequency_and_left_uncorrected(
     assert (told["joint"], told["on"], told["of"]) == (2, "frequency", [])
     assert told["frequency"] == pytest.approx(0.4, abs=0.06)
     assert any("joint 2: not correctable from state" in w for w in verdict["warnings"])
-    for table in ("held_out", "filtered", "moving", "overall", "overall_filtered"):
+    for table in (
+        "held_out",
+        "filtered",
+        "moving",
+        "overall",
+        "overall_filtered",
+        "overall_moving",
+    ):
         assert verdict["error"][table]["plsr"] == verdict["error"][table]["augmented"]
     (cloud,) = outcome.left
     assert (cloud.joint, cloud.name) == (2, "")

@@ -16,7 +16,7 @@ from flows.report.words.sets import other_sets
 from flows.report.words.staged import Staged
 from flows.report.words.verdict import sentences
 from residual import quantity
-from residual.diagnosis.result import STAGES, Diagnosis, Verdict
+from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
 from residual.quantity import known
 
 
@@ -118,7 +118,7 @@ def _setting(verdict: Verdict) -> str:
 def _error_table(found: Diagnosis) -> dict[str, Any]:
     lines = rows.error_rows(found)
     groups = [
-        (metric, name, [s for s in STAGES if rows.has(lines, metric, s)])
+        (metric, name, [s for s in _shown(metric) if rows.has(lines, metric, s)])
         for metric, name in rows.METRICS.items()
     ]
     return {
@@ -128,12 +128,17 @@ def _error_table(found: Diagnosis) -> dict[str, Any]:
     }
 
 
+def _shown(metric: str) -> tuple[str, ...]:
+    """Models of a table's columns; the reference stands beside the leading one."""
+    return (*STAGES, PLAIN) if metric == next(iter(rows.METRICS)) else STAGES
+
+
 def summary(found: Diagnosis) -> str:
     """Return the headline, the effects, and the errors before and after, escaped."""
     errors = found.errors
     rows = [
-        (name, values, errors.overall_filtered[name])
-        for name, values in errors.filtered.items()
+        (name, values, errors.overall_moving.get(name))
+        for name, values in errors.moving.items()
         if values is not None
     ]
     return (

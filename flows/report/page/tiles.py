@@ -63,8 +63,8 @@ def _error(found: Diagnosis, named: list[FindingRow]) -> list[Tile]:
         return [Tile(label, fall, f"of the torque {where}, before → after")]
     if named:
         return []
-    level = found.errors.overall_filtered.get("identified")
-    note = "of the torque over all joints, refitted"
+    level, where = words.level(found.errors)
+    note = f"of the torque {where}, refitted"
     return [Tile(label, quantity.percent(level), note)]
 
 

@@ -15,11 +15,12 @@ from flows.report.words.rows import METRICS, ErrorRow, FindingRow
 from flows.report.words.sets import other_sets
 from flows.report.words.staged import Staged
 from flows.report.words.verdict import headline, rising
-from residual.diagnosis.result import STAGES, Diagnosis
+from residual.diagnosis.result import PLAIN, STAGES, Diagnosis
 from residual.quantity import bare_percent, known, probability
 
 # What a terminal without Unicode shows instead.
 _PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3", "·": ","})
+_PAIR = 12  # characters of an error before and after
 _NARROW = 26
 _TRUTH = ("", "hidden", "found")
 
@@ -127,6 +128,8 @@ def _errors(found: Diagnosis, console: Console) -> None:
     heads = ["joint", *(head for head, _, _ in columns)]
     heads += ["unex-\nplained"] if share else []
     table = _table(_error_title(found, columns[0][1]), heads, "right")
+    for column, (_, _, stages) in zip(table.columns[1:], columns, strict=False):
+        column.min_width = _PAIR if len(stages) > 1 else None
     for row in lines:
         cells = [Text(row.label)]
         cells += [_error_cell(row, metric, stages) for _, metric, stages in columns]
@@ -139,7 +142,7 @@ def _errors(found: Diagnosis, console: Console) -> None:
         _line(console, "Arrows: identified (refit without the findings) → augmented.")
     worse = rising(found.verdict)
     if worse:
-        _line(console, f"Worse with the findings: {', '.join(worse)} (filtered).")
+        _line(console, f"Worse with the findings: {', '.join(worse)} (moving).")
 
 
 def _error_columns(lines: Sequence[ErrorRow]) -> list[tuple]:
@@ -147,8 +150,11 @@ def _error_columns(lines: Sequence[ErrorRow]) -> list[tuple]:
     metrics = [metric for metric in METRICS if _any(lines, metric)]
     if not metrics:
         return []
-    first, *others = metrics
+    # Two are as many as eighty columns hold; the page and the JSON have the third.
+    first, *others = metrics[:2]
     columns = [(s, first, (s,)) for s in STAGES if tables.has(lines, first, s)]
+    if tables.has(lines, first, PLAIN):
+        columns.append(("least\nsquares", first, (PLAIN,)))
     pair = ("identified", "augmented")
     return columns + [(METRICS[metric], metric, pair) for metric in others]
 

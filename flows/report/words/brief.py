@@ -2,7 +2,7 @@
 
 from flows.report.words.check import title
 from flows.report.words.phrases import At, joint_words, place
-from flows.report.words.verdict import change, is_wrong_value
+from flows.report.words.verdict import change, is_wrong_value, level
 from residual.diagnosis.result import Finding, Verdict
 from residual.quantity import bare_percent, known, percent
 
@@ -38,10 +38,8 @@ def errors(verdict: Verdict) -> str:
     found = change(verdict) if verdict.verdict == "effects" else None
     if found:
         return f"{bare_percent(found.before)} → {percent(found.after)}"
-    for stages in (verdict.error.overall_filtered, verdict.error.overall):
-        if known(stages.get("identified")):
-            return percent(stages["identified"])
-    return ""
+    found, _ = level(verdict.error)
+    return percent(found) if known(found) else ""
 
 
 def _item(effect: Finding, verdict: Verdict) -> str:

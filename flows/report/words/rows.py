@@ -15,7 +15,7 @@ from residual.diagnosis.result import (
 from residual.quantity import MISSING, fraction, known, measured, number
 
 _OPEN = "not determined"
-METRICS = {"filtered": "filtered", "moving": "moving", "held_out": "as logged"}
+METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +94,8 @@ def error_rows(found: Diagnosis) -> list[ErrorRow]:
         flagged = joint in left.joints
         rows.append(ErrorRow(str(joint), joint, values, _percent(share), flagged))
     overall = {
+        "moving": error.overall_moving,
         "filtered": error.overall_filtered,
-        "moving": {},
         "held_out": error.overall,
     }
     return [*rows, ErrorRow("all", None, overall, _percent(left.fraction), False)]

@@ -14,13 +14,14 @@ from flows.report.words.phrases import (
     phrase,
     sentence_case,
 )
-from residual.diagnosis.result import Finding, Number, Verdict
+from residual.diagnosis.result import ErrorTables, Finding, Number, Verdict
 from residual.quantity import known, percent
 
 _NAMED_AT_MOST = 3
 _SURE = 0.9
 _REFIT = ("nominal", "identified")
 _WORSE = 1.02  # times the error before: less is no difference
+_NO_MODEL, _NO_NOMINAL = 50.0, 200.0  # % of torque: no model of these logs
 _CANNOT_TELL = "These data cannot tell a name in brackets from the one before it."
 
 
@@ -49,9 +50,8 @@ def sentences(verdict: Verdict) -> list[str]:
         parts = [_unknown(verdict), off_words(verdict), _level(verdict)]
         parts.append(drifted(verdict))
     else:
-        nothing = "No effect that the model lacks shows in these data."
-        parts = [nothing, off_words(verdict), usual(verdict), drifted(verdict)]
-        parts.append(_level(verdict))
+        parts = [_nothing(verdict), off_words(verdict), usual(verdict)]
+        parts += [drifted(verdict), _level(verdict)]
     return [part for part in (*enough(verdict.log_check), *parts) if part]
 
 
@@ -73,33 +73,43 @@ def held_out_words(word: str | None) -> str:
 
 
 def change(verdict: Verdict) -> Change | None:
-    """Return the fall of the held-out error that tells most about the findings.
+    """Return the held-out error before and after what was found: one pair everywhere.
 
-    One joint concerned: that joint while it moves, since standstill torque is set by
-    friction history and not by the model. Several: all joints together.
+    All joints, while they move: standstill torque is set by friction history and not by
+    a model, and the joints that nothing was found on belong to the arm as well.
     """
-    joints = {j for e in verdict.effects for j in e.joints}
-    scopes = {effect_named(e.name).scope for e in verdict.effects}
-    if len(joints) == 1 and "flange" not in scopes:
-        found = _joint_change(verdict, joints.pop())
-        if found:
-            return found
-    for stages in (verdict.error.overall_filtered, verdict.error.overall):
+    for stages, where in _levels(verdict.error):
         pair = _pair(stages)
         if pair:
-            return Change("over all joints", *pair)
+            return Change(where, *pair)
     return None
 
 
-def rising(verdict: Verdict) -> list[str]:
-    """Return the joints that the findings make worse by more than 2 %, in words."""
-    stages = verdict.error.filtered
-    before, after = stages["identified"] or (), stages["augmented"] or ()
-    rows = enumerate(zip(before, after, strict=False), start=1)
+def level(errors: ErrorTables) -> tuple[Number, str]:
+    """Return the held-out error of the refitted model, and of what it is, in words."""
+    for stages, where in _levels(errors):
+        if known(stages.get("identified")):
+            return stages["identified"], where
+    return None, "over all joints"
+
+
+def _levels(errors: ErrorTables) -> list[tuple[Mapping[str, Number], str]]:
+    """Errors of all joints, the one that tells most first; older records lack it."""
     return [
-        f"joint {joint} from {percent(old)} to {percent(new)}"
-        for joint, (old, new) in rows
-        if known(old) and known(new) and new > 1.02 * old
+        (errors.overall_moving, "over all joints, while they move,"),
+        (errors.overall_filtered, "over all joints"),
+        (errors.overall, "over all joints"),
+    ]
+
+
+def rising(verdict: Verdict) -> list[str]:
+    """Return the joints that the findings make worse beyond chance, in words."""
+    stages = verdict.error.moving
+    before, after = stages["identified"] or (), stages["augmented"] or ()
+    return [
+        f"joint {j} from {percent(before[j - 1])} to {percent(after[j - 1])}"
+        for j in verdict.error.worse
+        if j <= min(len(before), len(after))
     ]
 
 
@@ -142,7 +152,9 @@ def _proof(verdict: Verdict) -> str:
         fall = f"{'falls' if found.after < found.before else 'rises'} from {old}"
         fall = f"{fall} to {new}"
     weak = " in the same run: a weak proof" if verdict.error.same_run else ""
-    return f"Held-out error {found.where} {fall}{weak}."
+    said = f"Held-out error {found.where} {fall}{weak}."
+    worse = rising(verdict)
+    return f"{said} It rises on {listing(worse)}." if worse else said
 
 
 def _left_over(verdict: Verdict) -> str:
@@ -181,6 +193,30 @@ def drifted(verdict: Verdict) -> str:
     )
 
 
+def _nothing(verdict: Verdict) -> str:
+    """Return what it means that no effect is named: not always that none is missing."""
+    faults = verdict.log_check.faults if verdict.log_check else ()
+    # What no line mends (a short motion, a smoothed torque) is said by itself.
+    suspected = [fault for fault in faults if fault.repair]
+    if suspected:
+        what = listing([title(fault) for fault in suspected])
+        return (
+            f"No effect is named, but the logs may be at fault: {what}. Try the line "
+            "that `modelgap check` proposes before this is believed."
+        )
+    given, refit = (verdict.error.overall_moving.get(stage) for stage in _REFIT)
+    if (known(refit) and refit > _NO_MODEL) or (known(given) and given > _NO_NOMINAL):
+        return (
+            "The model does not describe these logs "
+            f"({percent(given)} of the torque is missed as given, {percent(refit)} "
+            "refitted), so that nothing can be said of effects: check units, signs and "
+            "the order of the joints (`modelgap check`)."
+        )
+    if off_words(verdict):
+        return "No effect that the model lacks shows; what it has is another matter."
+    return "No effect that the model lacks shows in these data."
+
+
 def _unknown(verdict: Verdict) -> str:
     if verdict.contradictions:
         return " ".join(sentence_case(f"{said}.") for said in verdict.contradictions)
@@ -196,12 +232,11 @@ def _level(verdict: Verdict) -> str:
             "The refit predicts held-out motion worse than the model as it was given: "
             f"{percent(after)} after {percent(before)}, over all joints."
         )
-    for stages in (verdict.error.overall_filtered, verdict.error.overall):
-        value = stages.get("identified")
-        if known(value):
-            run = " in the same run" if verdict.error.same_run else ""
-            return f"Its held-out error{run} is {percent(value)} over all joints."
-    return ""
+    value, where = level(verdict.error)
+    if not known(value):
+        return ""
+    run = " in the same run" if verdict.error.same_run else ""
+    return f"Its held-out error{run} is {percent(value)} {where.removesuffix(',')}."
 
 
 def _is_worse(verdict: Verdict) -> bool:
@@ -215,19 +250,6 @@ def _is_worse(verdict: Verdict) -> bool:
     moving = [verdict.error.moving.get(stage) or () for stage in _REFIT]
     pairs = [(a, b) for a, b in zip(*moving, strict=False) if known(a) and known(b)]
     return sum(b > _WORSE * a for a, b in pairs) >= len(pairs) / 2
-
-
-def _joint_change(verdict: Verdict, joint: int) -> Change | None:
-    error = verdict.error
-    for stages, where in (
-        (error.moving, f"on joint {joint}, while it moves,"),
-        (error.filtered, f"on joint {joint}"),
-        (error.held_out, f"on joint {joint}"),
-    ):
-        pair = _pair({k: v[joint - 1] for k, v in stages.items() if v is not None})
-        if pair:
-            return Change(where, *pair)
-    return None
 
 
 def _pair(stages: Mapping[str, Number]) -> tuple[float, float] | None:

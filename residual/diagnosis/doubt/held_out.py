@@ -10,6 +10,7 @@ from residual.diagnosis.gate import Tested
 from residual.diagnosis.search import least
 from residual.evidence.fit import Fit
 from residual.evidence.priors import given_slots, held_at
+from residual.model.chance import rise, rises
 from residual.model.compare import Errors, HeldOutLog, moving_power
 from residual.model.model import Model
 from residual.recording import Array
@@ -18,9 +19,6 @@ CONFIRMED = 0.01  # gain above which a name counts as confirmed
 STANDING = 0.02  # share of moving rows under which a joint counts as standing
 STRANGE, STRANGE_LEAST = 4.0, 0.03  # held-out error beyond that of the fit logs
 SURE = 2.0  # standard errors
-HARM_SURE = 3.0  # the same of a rise, of which any joint may show one
-RISE = 0.02  # of a joint's error: what no name may add
-SMALL = 1e-3  # of a joint's torque: what may be added all the same
 PRICE = 0.02  # of what names cure, that they may cost elsewhere
 ROUND = 3  # gains are compared to 0.1 %
 
@@ -97,10 +95,10 @@ def harmful(
         return []
     after = examined.error(judged.fit, held_out)
     before = examined.error(examined.plain, held_out)
-    rise, on, where = _worst(after, before, moving_power(held_out))
+    larger, on, where = _worst(after, before, moving_power(held_out))
     # Of single joints alone: what a headline says of the arm must never be a rise.
     one_joint = on != slice(None)
-    if not rise or (one_joint and _pays(examined, after, before)):
+    if not larger or (one_joint and _pays(examined, after, before)):
         return []
 
     def left(one: Tested) -> float:
@@ -108,33 +106,23 @@ def harmful(
         return examined.error(rest.fit, held_out)[:, on].sum()
 
     worst = min(alone, key=left)
-    why = f"it raises the held-out error {where} by {100 * rise:.0f} %"
+    why = f"it raises the held-out error {where} by {100 * larger:.0f} %"
     return [(worst, f"withdrawn: {why}")]
 
 
 def _worst(after: Array, before: Array, power: Array) -> tuple[float, slice, str]:
-    """The largest rise as a share, on which joints, and where in words; 0 for none.
-
-    No chance is allowed for: a rise is no finding, whatever it is by.
-    """
-    logged = _logged(power)
-    every = np.sqrt(after[:, logged].sum() / max(before[:, logged].sum(), 1e-30)) - 1
-    if every > RISE:
-        return float(every), slice(None), "over all joints"
-    rise = rises(after, before, power, sure=0.0)
-    j = int(np.argmax(rise))
-    return float(rise[j]), slice(j, j + 1), f"of joint {j + 1}"
+    """The largest rise as a share, on which joints, and where in words; 0 for none."""
+    if (every := rise(after.sum(axis=1), before.sum(axis=1))) > 0:
+        return every, slice(None), "over all joints"
+    by_joint = rises(after, before, power)
+    j = int(np.argmax(by_joint))
+    return float(by_joint[j]), slice(j, j + 1), f"of joint {j + 1}"
 
 
 def _pays(examined: Examined, after: Array, before: Array) -> bool:
     """Whether what names cost some joints is next to nothing beside what they cure."""
     change = (after - before).sum(axis=0) / examined.task.design.rms**2
     return bool(np.maximum(change, 0).sum() < PRICE * np.maximum(-change, 0).sum())
-
-
-def _logged(power: Array) -> Array:
-    """Joints whose channel is alive. Shape (dof,), bool."""
-    return power > 1e-12 * power.max(initial=0.0)
 
 
 def judgement(gain: float) -> str:
@@ -176,26 +164,6 @@ def unproven(examined: Examined, augmented: Errors) -> list[str]:
     return out
 
 
-def rises(after: Array, before: Array, power: Array, sure: float) -> Array:
-    """By how much each joint's error rises, as a share; 0 where by chance. (dof,).
-
-    A rise counts from 2 % of the error, and 0.1 % of the torque: below that it moves
-    within what no model of the arm is good for.
-
-    Args:
-        after: Squared errors per second [N^2 m^2]. Shape (seconds, dof).
-        before: The same without the name. Shape (seconds, dof).
-        power: Squared torque on the same rows [N^2 m^2]. Shape (dof,).
-        sure: Standard errors, over the seconds, that a rise must have.
-    """
-    change = after - before
-    scatter = np.sqrt(((change - change.mean(axis=0)) ** 2).sum(axis=0))
-    now, then = np.sqrt(after.sum(axis=0)), np.sqrt(before.sum(axis=0))
-    rise = now / np.maximum(then, 1e-15) - 1
-    clear = _logged(power) & (rise > RISE) & (now - then > SMALL * np.sqrt(power))
-    return np.where(clear & (change.sum(axis=0) > sure * scatter), rise, 0.0)
-
-
 def _gains(
     examined: Examined,
     fitted: Fit,
@@ -211,7 +179,7 @@ def _gains(
     for one in tested:
         rest = refit(examined, [t for t in tested if t is not one])
         less = examined.error(rest, held_out)
-        harm = rises(with_all, less, power, HARM_SURE).max(initial=0.0)
+        harm = rises(with_all, less, power).max(initial=0.0)
         if harm > 0 and not _pays(examined, with_all, less):
             out.append(round(-float(harm), ROUND))
             continue
@@ -243,18 +211,16 @@ def _at_nominal(
 def _fall(one: Tested, with_it: Array, without: Array, rms: Array) -> float:
     """1 - error with over error without, where the effect acts and where it shows.
 
-    Parameters that bend without the name may predict the same. So a rise within its own
-    scatter over the seconds of the logs is none, and neither is a fall where the name
-    only spares the parameters.
+    Parameters that bend without the name may predict the same. So a rise by chance is
+    none, and neither is a fall where the name only spares the parameters.
     """
     effect, dof = one.group.effect, len(rms)
     joints = sorted({*effect.rows(one.group.joints, dof), one.seen})
     a, b = ((e / rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
     change = b - a
+    if change.sum() < 0:
+        return -rise(a, b)
     scatter = np.sqrt(((change - change.mean()) ** 2).sum())
-    rises_or_spares = change.sum() < 0 or one.by == "plausibility"
-    if rises_or_spares and abs(change.sum()) < SURE * scatter:
+    if one.by == "plausibility" and change.sum() < SURE * scatter:
         return 0.0
-    fall = 1 - np.sqrt(a.sum() / b.sum()) if b.sum() > 0 else 0.0
-    # A wrong value the refit puts right by itself: the logs are silent on its name.
-    return 0.0 if effect.is_parameter and -RISE < fall < 0 else float(fall)
+    return float(1 - np.sqrt(a.sum() / b.sum())) if b.sum() > 0 else 0.0

@@ -15,22 +15,6 @@ from residual.evidence.fit import Fit, gain
 PARTS = 3
 SHARE = 1 - 1 / PARTS  # of the evidence that is left in what remains
 SHOWN = 0.2  # share of an effect's power under which a part hardly shows it
-SURE = 2.0  # standard deviations of evidence
-MAJORITY = 2 / 3  # of the parts
-
-
-def contradict(splits: Splits, nats: float, threshold: float) -> bool:
-    """Whether a name came back too rarely.
-
-    Two parts in three must have it, since the third may hold what tells it from the
-    body of the arm. Evidence is half a sum of squares, so its own standard deviation is
-    about the root of twice its size: a name that just passed need come back but once.
-    """
-    if splits.of and not splits.found:
-        return True
-    left = SHARE * nats
-    clear = left - SURE * np.sqrt(2 * left) > threshold
-    return clear and splits.found < MAJORITY * splits.of
 
 
 def found_again(task: Task, fitted: Fit, tested: Sequence[Tested]) -> list[Splits]:

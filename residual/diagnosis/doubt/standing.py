@@ -15,7 +15,7 @@ from residual.diagnosis.doubt.held_out import (
     judge_held_out,
     without,
 )
-from residual.diagnosis.doubt.splits import contradict, found_again
+from residual.diagnosis.doubt.splits import found_again
 from residual.diagnosis.doubt.substitutes import substitutes
 from residual.diagnosis.examine import (
     Examined,
@@ -117,8 +117,12 @@ def stand(
         kin = [w.tested.group for w in gone if w.with_kin]
         examined = search_again(examined, [w.tested.group for w in gone], kin)
     known = {_place(t) for f in now.named for t in f.tested}
+    tested = [t for t, _ in now.judged.kept]
+    # A part of the logs may be too short for a name: so this is told, and no veto.
+    again = found_again(now.examined.task, now.judged.fit, tested)
     return replace(
         now,
+        splits={id(t): s for t, s in zip(tested, again, strict=True)},
         examined=without_refuted(now.examined, now.judged.fit),
         withdrawn=tuple(w for w in gone if _place(w.tested) not in known),
     )
@@ -140,11 +144,11 @@ def _doubted(
     gone += [Withdrawn(t, _refuted(t, gain), True, True) for t, gain in judged.refuted]
     if history.last:
         gone += [Withdrawn(t, ALONE) for t in judged.dropped]
-    checks, named, splits = None, [], {}
+    checks, named = None, []
     while history.last or not gone:
         judged, checks, noise = drop_noise(examined, judged, recordings)
         tested = [t for t, _ in judged.kept]
-        named, splits = findings(examined, judged.fit, tested, checks), {}
+        named = findings(examined, judged.fit, tested, checks)
         company = _company(examined, judged)
         fallen = [(t, NOISE) for t in noise] or _weak(named, company)
         harm = [] if fallen else harmful(examined, judged, proof, company)
@@ -152,12 +156,10 @@ def _doubted(
         late = [t for t in tested if _place(t) not in history.first]
         fallen = fallen or substitutes(examined, judged, proof, (late, history.fallen))
         if not fallen:
-            splits, fallen = _splits(examined, judged, company)
-        if not fallen:
             break
         gone += [Withdrawn(t, why, explains=bool(harm)) for t, why in fallen]
         judged = without(examined, judged, [t for t, _ in fallen])
-    return Standing(examined, judged, checks, tuple(named), splits, tuple(gone))
+    return Standing(examined, judged, checks, tuple(named), {}, tuple(gone))
 
 
 def _company(examined: Examined, judged: Verdicts) -> list[Tested]:
@@ -185,20 +187,6 @@ def _weak(
                 why = "withdrawn: its size may as well be nothing"
                 out.append((tested, why))
     return out
-
-
-def _splits(
-    examined: Examined, judged: Verdicts, company: Sequence[Tested]
-) -> tuple[dict[int, Splits], list[tuple[Tested, str]]]:
-    """How often each name is found again, and those that should have been."""
-    tested = [t for t, _ in judged.kept]
-    every = found_again(examined.task, judged.fit, tested)
-    fallen = [
-        (t, f"withdrawn: found again in only {s.found} of {s.of} parts of the data")
-        for t, s in zip(tested, every, strict=True)
-        if t not in company and contradict(s, t.nats, examined.task.rules.threshold)
-    ]
-    return {id(t): s for t, s in zip(tested, every, strict=True)}, fallen
 
 
 def _place(tested: Tested) -> tuple:

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.doubt.held_out import HARM_SURE, SURE, rises
+from residual.diagnosis.doubt.held_out import SURE
 from residual.errors import InputError
+from residual.model.chance import rises
 from residual.model.compare import (
     HeldOutLog,
     moving_error,
@@ -120,7 +121,7 @@ def _no_better(after: Array, before: Array) -> list[str]:
 
 
 def _harms(after: Array, before: Array, power: Array) -> list[str]:
-    rise = rises(after, before, power, HARM_SURE)
+    rise = rises(after, before, power)
     return [
         f"the error of joint {j + 1} on held-out motion rises by {100 * rise[j]:.0f} %"
         for j in np.flatnonzero(rise)

@@ -44,8 +44,8 @@ def _is_wrong(
         return False
     (j,) = group.joints
     place, have = design.present(j, group.ids)
-    drawn = design.as_logged(j, design.columns(j, place) @ fitted.of(group)[have])
-    left = design.as_logged(j, design.residual(j, fitted.ids, fitted.theta))
+    drawn = design.columns(j, place) @ fitted.of(group)[have]
+    left = design.residual(j, fitted.ids, fitted.theta)
     x, log = _variable(design, tracks, tested, j)
     curve = _repeated(x, left, log)
     return curve > max(PART * np.std(drawn), LEAST * design.rms[j])

@@ -1,7 +1,7 @@
 import pytest
 
+from benchmarks.demo_parts.judge import judge
 from benchmarks.figures import figure, finish, missing, partial
-from benchmarks.logs_parts.singles import judge, singles_figures
 from flows.blind.sums import wilson
 from tests.verdict_documents import typed
 
@@ -70,14 +70,6 @@ def test_a_null_with_a_name_is_a_false_alarm():
 def test_an_effect_without_a_name_asks_for_a_flag_on_its_joint(found, flagged, score):
     answer = verdict(*found, flagged=flagged)
     assert judge(["x_vibration", [5]], answer)["score"] == score
-
-
-def test_a_crash_counts_as_not_right():
-    crash = {"effect": "offset", "truth": TRUTH, "score": "crash", "extra": []}
-    figures = singles_figures([crash, {**crash, "effect": None}], small=False)
-    assert figures["singles_right"]["ok"] is False
-    assert figures["nulls_named"]["value"] == 0
-    assert figures["crashes"] == {"value": 2, "bar": 0, "ok": False, "n": 2}
 
 
 def test_wilson_interval_has_known_values():
