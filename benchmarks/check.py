@@ -4,7 +4,8 @@
     python benchmarks/check.py --seeds 1:2                to look at
     python benchmarks/check.py --full-json benchmarks/results/check.json
 
-Every kind of fault is put into logs of simulated and measured arms, at three sizes.
+Every kind of fault is put into logs of simulated and measured arms, at three sizes or
+six (two kinds have six). Sound logs are some in which a joint is held, too.
 A factor on a torque, or a delay, that leaves no trace in a log is not applicable there:
 any body and friction that are fitted to the clean log could carry the change within 5
 nats, and it is less than half of what the robot file misses of the clean torque beside

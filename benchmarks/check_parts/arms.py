@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import ROOT
-from benchmarks.logs_parts.measured import data_folder
+from benchmarks.measured_parts.arms import data_folder
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 from sim.records import Noise, PlantSpec, Rates, TrajectorySpec

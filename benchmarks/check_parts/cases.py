@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 
-from benchmarks.check_parts import motions, readings, sensors
+from benchmarks.check_parts import motions, readings, reports, sensors
 from benchmarks.check_parts.arms import DRAWN, ENGINE, HOSTS, SIX, Host, host
 from benchmarks.check_parts.judge import given, judged, read, told
 from benchmarks.check_parts.spoiled import Fault, Spoiled
@@ -50,6 +50,10 @@ FAULTS: Mapping[str, Fault] = {
         motions.too_short,
         motions.robot_file,
         motions.wrong_robot,
+        reports.gravity_removed,
+        reports.friction_removed,
+        reports.commanded,
+        reports.constant,
     )
 }
 # Of these the reading given is excluded: no arm makes such a log.
@@ -64,8 +68,11 @@ EXCLUDED = (
     "out_of_range",
     "robot_file",
     "wrong_robot",
+    "gravity_removed",
 )
 SIZES = 3
+# Of these there are three more ways: currents of motors, joints exchanged altogether.
+_MORE_SIZES = {"torque_unit": 6, "joint_order": 6}
 _QUICK_KINDS = ("torque_sign", "joint_order", "torque_unit", "spike", "clock")
 
 
@@ -134,7 +141,7 @@ def _faults(task: Task) -> list[dict]:
     kinds = _QUICK_KINDS if task.quick else FAULTS
     rows = []
     for kind in kinds:
-        for size in range(1 if task.quick else SIZES):
+        for size in range(1 if task.quick else _MORE_SIZES.get(kind, SIZES)):
             own = host(task.host, task.seed)
             spoiled = _spoil(own, kind, size, task.seed)
             if spoiled is not None:
@@ -163,7 +170,9 @@ def _guarded(work, own: Host, spoiled: Spoiled, task: Task, size: int) -> dict:
 
 def _clean(task: Task) -> list[dict]:
     own = host(task.host, task.seed)
-    return [_sound(own.robot, own.logs, task, "")]
+    rng = stream(task.seed, f"held/{own.name}")
+    every = (own, reports.held(own, rng))
+    return [_sound(arm.robot, arm.logs, task, "") for arm in every if arm is not None]
 
 
 def _effects(task: Task) -> list[dict]:

@@ -63,7 +63,7 @@ def read(
     words = []
     for i, table in enumerate(tables):
         names = {"t": table["t"]}
-        for signal in SIGNALS[1:]:
+        for signal in (*SIGNALS[1:], "q_ref"):
             if signal in table:
                 names |= {f"{signal}{j}": c for j, c in enumerate(table[signal].T, 1)}
         path = folder / f"log_{i}.parquet"

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.check_parts.arms import Host
+from benchmarks.check_parts.reports import joints_swapped, motor_current
 from benchmarks.check_parts.spoiled import (
     Spoiled,
     changed,
@@ -53,7 +54,12 @@ def _turnable(
 
 
 def joint_order(host: Host, size: int, rng: Rng) -> Spoiled | None:
-    """Two torques, two joints altogether, or three torques in a ring are exchanged."""
+    """Two torques, two joints altogether, or three torques in a ring are exchanged.
+
+    Sizes 3 to 5 exchange two joints altogether in further ways.
+    """
+    if size > 2:
+        return joints_swapped(host, size - 3, rng)
     dof, right = host.robot.dof, tables_of(host)
     for _ in range(_TRIES):
         joints = some(rng, dof, (2, 2, 3)[size])
@@ -69,7 +75,9 @@ def joint_order(host: Host, size: int, rng: Rng) -> Spoiled | None:
 
 
 def torque_unit(host: Host, size: int, rng: Rng) -> Spoiled:
-    """Torque in N mm, kN m or N cm."""
+    """Torque in N mm, kN m or N cm; sizes 3 to 5 are currents, or in other units."""
+    if size > 2:
+        return motor_current(host, size - 3, rng)
     return _scaled(host, "torque_unit", {"tau": (1e3, 1e-3, 1e2)[size]})
 
 

@@ -66,7 +66,9 @@ def turned(dof: int, joints: Sequence[int]) -> Array:
     return np.array([-1.0 if j + 1 in joints else 1.0 for j in range(dof)])
 
 
-def told_apart(host: Host, angles: Callable, torques: Callable) -> bool:
+def told_apart(
+    host: Host, angles: Callable, torques: Callable, logged: float = 0.0
+) -> bool:
     """Whether two readings of a log differ by what the nominal model says of them.
 
     An arm is the mirror image of itself where the angles of some joints, and their
@@ -76,6 +78,8 @@ def told_apart(host: Host, angles: Callable, torques: Callable) -> bool:
         host: The arm.
         angles: What one reading does to positions. (n, dof) to (n, dof).
         torques: What the other does to torques, so that both were the same.
+        logged: Share of the logged torque, friction and all, that they have to differ
+            by on some joint too.
     """
     log = host.logs[0]
     step = max(1, len(log.t) // 1000)
@@ -83,8 +87,9 @@ def told_apart(host: Host, angles: Callable, torques: Callable) -> bool:
     own = _model_torque(host, t, q)
     read = _model_torque(host, t, angles(q))
     size = np.sqrt(np.mean(own**2, axis=0)) + 1e-9
-    apart = np.sqrt(np.mean((torques(own) - read) ** 2, axis=0)) / size
-    return bool(apart.max() > _TOLD_APART)
+    apart = np.sqrt(np.mean((torques(own) - read) ** 2, axis=0))
+    seen = apart / (np.std(torques(log.tau[::step]), axis=0) + 1e-9)
+    return bool((apart / size).max() > _TOLD_APART and seen.max() > logged)
 
 
 def _model_torque(host: Host, t: Array, q: Array) -> Array:

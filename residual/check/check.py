@@ -8,17 +8,16 @@ from residual.check.body import body_faults
 from residual.check.clock import time_unit, uneven
 from residual.check.enough import enough
 from residual.check.follow import carried
-from residual.check.late import filtered, late, long_late
+from residual.check.late import commanded, filtered, late, long_late
 from residual.check.motion import thin_rows
 from residual.check.physics import misread, wrong_robot
-from residual.check.ranges import degrees, out_of_range
-from residual.check.repaired import with_scale, without_spikes
+from residual.check.ranges import degrees, out_of_range, zero_explains
+from residual.check.reported import exchanged, frictionless, other_torque
 from residual.check.result import Fault, LogCheck
-from residual.check.samples import spikes, wraps
-from residual.check.standing import standing
+from residual.check.samples import spikes, with_scale, without_spikes, wraps
+from residual.check.standing import constant, standing
 from residual.check.velocity import velocity_faults
 from residual.check.world import other_world
-from residual.check.zero import zero_explains
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -49,11 +48,13 @@ def check_logs(
     if not recordings:
         raise InputError("No log to check: expected at least one recording, got none.")
     with np.errstate(all="ignore"):
-        faults = _faults(robot, recordings)
+        faults = _faults(robot, recordings, declared)
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
 
 
-def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+def _faults(
+    robot: Robot, recordings: Sequence[Recording], declared: Sequence[str] | None
+) -> list[Fault]:
     single = [(r, spikes(r)) for r in recordings]
     faults = [fault for _, found in single for fault in found]
     logs = [without_spikes(r) if found else r for r, found in single]
@@ -64,14 +65,16 @@ def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     wrapped = [fault for log in logs for fault in wraps(log, robot)]
     if wrapped:
         return faults + wrapped
+    dead = [fault for log in logs for fault in constant(robot, log)]
     for log in logs:
         faults += uneven(log) + standing(log)
     speeds = velocity_faults(logs)
     logs = _in_units(logs, speeds)
     turned = degrees(robot, logs)
-    if turned:
-        return faults + carried(turned, speeds, logs)
-    return faults + _of_the_arm(robot, logs, speeds)
+    if turned or dead:
+        # Nothing more is known of an arm without one of its angles.
+        return faults + dead + carried(turned, speeds, logs)
+    return faults + _of_the_arm(robot, logs, speeds, declared)
 
 
 def _in_units(
@@ -86,7 +89,10 @@ def _in_units(
 
 
 def _of_the_arm(
-    robot: Robot, logs: Sequence[Recording], speeds: Sequence[Fault]
+    robot: Robot,
+    logs: Sequence[Recording],
+    speeds: Sequence[Fault],
+    declared: Sequence[str] | None,
 ) -> list[Fault]:
     """What the file, the motion and its physics say; the first that is certain wins.
 
@@ -99,12 +105,21 @@ def _of_the_arm(
     if motion is None or any(fault.certain for fault in faults):
         return [*faults, *speeds]
     columns, reading = misread(robot, motion)
+    if not any(fault.certain for fault in columns):
+        columns = exchanged(robot, motion) or columns
+    columns = other_torque(robot, motion, columns) or columns
     columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
     if any(fault.kind == "wrong_robot" for fault in columns):
         columns = long_late(robot, motion, logs) or columns
     if columns and zero_explains(robot, motion, logs, reading):
         return [*faults, *filtered(logs), *speeds, *out_of_range(robot, whole)]
-    columns += filtered(logs) + ([] if columns else late(robot, motion, logs))
+    computed = commanded(robot, logs)
+    fits = not columns
+    columns += computed or filtered(logs)
+    if fits and not computed:  # a command is ahead of what it makes the arm do
+        columns += late(robot, motion, logs)
+    if fits:
+        columns += frictionless(robot, motion, declared)
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += carried(columns, speeds, logs)
     return faults if mended else faults + out_of_range(robot, whole)

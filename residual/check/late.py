@@ -1,7 +1,13 @@
-"""Torque that is smoothed at its source, or comes later than the angles."""
+"""Torque that is smoothed at its source, late, or was never measured.
+
+A command follows from the reference alone: it is the same in every repeat, down to the
+last bit, and the model of whoever made it explains all of it. A measured torque has the
+noise of its sensor, and what no model has.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -10,10 +16,12 @@ from residual.check.motion import Motion, later_torques
 from residual.check.physics import BENT, bent
 from residual.check.reading import as_given, judge
 from residual.check.result import DELAY, Fault
-from residual.names import listed
+from residual.names import joints_listed, listed
 from residual.recording import Array, Recording
+from residual.robot.dynamics import PER_LINK, regressor
 from residual.robot.robot import Robot
 from residual.signals.spectrum import power_density
+from residual.signals.track import Filters, motion_of
 
 _SEGMENT = 128  # samples: short enough that most segments hold no reversal
 # Shares of the sampling rate: noise of a sensor is as strong in both.
@@ -31,6 +39,15 @@ _NEAREST, _COUPLED = (
     0.003,
 )  # of the torque, of the strongest: models are no nearer
 _ROUGH = 0.05  # of the torque, to begin with
+# Derivatives of a reference have no noise: far above what an arm does.
+_PLAN_FILTERS = Filters(kinematics=25.0)
+_ROWS, _PER_COLUMN = 900, 4  # rows that are looked at; at least, for each column
+_EDGE = 0.5  # s
+_SLOW = 0.1  # of the largest speed: nearer to a reversal forms of friction differ
+_FOLLOWS = 0.01  # of its size: sensors have more noise, and no arm's model is so near
+_MOVES = 0.02  # rad
+_AWAY = 3.0  # times what is left, that a torque of the motion itself would be off
+_SAME, _VARIED = 0.3, 50  # share of the rows of a log; rows that differ at least
 
 
 def filtered(recordings: Sequence[Recording]) -> list[Fault]:
@@ -160,3 +177,110 @@ def _peak(nats: Array) -> tuple[float, float]:
 
 def _rms(x: Array) -> Array:
     return np.sqrt(np.mean(x**2, axis=0))
+
+
+def commanded(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+    """Find torque that was computed, and logged in place of a measured one.
+
+    Args:
+        robot: The arm.
+        recordings: Its logs.
+    """
+    return _repeated(recordings) or _followed(robot, recordings)
+
+
+def _repeated(recordings: Sequence[Recording]) -> list[Fault]:
+    """Torques of two logs that are equal bit by bit while the angles are not."""
+    rows = [tuple(set(map(bytes, x)) for x in (r.tau, r.q)) for r in recordings]
+    for (one, own), (other, others) in combinations(
+        zip(recordings, rows, strict=True), 2
+    ):
+        tau, q = (len(a & b) / len(a) for a, b in zip(own, others, strict=True))
+        if len(own[0]) < _VARIED or tau < _SAME or q > tau / 2:
+            continue
+        words = (
+            f"Expected torque with the noise of a sensor, got {100 * tau:.0f} % of the "
+            f"torques of {one.id} again in {other.id}, bit for bit on all joints, "
+            "while the angles differ: it is a command. Log the measured torque or "
+            "current (columns of tau in --map)."
+        )
+        return [Fault("commanded", (), True, words)]
+    return []
+
+
+def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+    """Torque that a model explains by the reference alone, on all joints that move."""
+    logs = [r for r in recordings if r.q_ref is not None]
+    if not logs or len(logs) < len(recordings):
+        return []
+    wanted, torque = _rows(logs, "q_ref")
+    done, _ = _rows(logs, "q")
+    moves = np.max([np.ptp(r.q_ref, axis=0) for r in logs], axis=0) > _MOVES
+    worst, nearest = 0.0, np.inf
+    for j in np.flatnonzero(moves):
+        left, off = _misfit(robot, int(j), wanted, done, torque)
+        if not left < _FOLLOWS:
+            return []
+        worst, nearest = max(worst, left), min(nearest, off)
+    if not worst:
+        return []
+    # Where the arm does what it is told to, a quiet measurement looks the same.
+    certain = bool(nearest > _AWAY * max(worst, _FOLLOWS / _AWAY))
+    joints = tuple(int(j) + 1 for j in np.flatnonzero(moves))
+    words = (
+        f"Expected torque with noise and with what no model has, got one that follows "
+        f"from the reference alone to {100 * worst:.2g} % on {joints_listed(joints)} "
+        "(measured ones: 3 % at best): it is a command or a feed-forward. Log the "
+        "measured torque or current (columns of tau in --map)."
+    )
+    return [Fault("commanded", (), certain, words)]
+
+
+def _rows(logs: Sequence[Recording], signal: str) -> tuple[Array, Array]:
+    """Angles, speeds and accelerations of all logs by that signal, and their torque.
+
+    Returns:
+        Shapes (3, n, dof) and (n, dof).
+    """
+    parts, torques = [], []
+    total = sum(len(r.t) for r in logs)
+    every = max(1, total // _ROWS)
+    for log in logs:
+        t, _, motion = motion_of(replace(log, q=getattr(log, signal)), _PLAN_FILTERS)
+        use = np.flatnonzero((t > t[0] + _EDGE) & (t < t[-1] - _EDGE))[::every]
+        parts.append(np.stack(motion)[:, use])
+        columns = [np.interp(t[use], log.t, column) for column in log.tau.T]
+        torques.append(np.column_stack(columns))
+    return np.concatenate(parts, axis=1), np.concatenate(torques)
+
+
+def _misfit(
+    robot: Robot, j: int, wanted: Array, done: Array, torque: Array
+) -> tuple[float, float]:
+    """What a model of the reference leaves of one torque, as a share of its size.
+
+    Returns:
+        That; and how far the same model of the motion itself is off.
+    """
+    speed = np.abs(wanted[1, :, j])
+    use = speed > _SLOW * speed.max()
+    columns = _columns(robot, j, wanted[:, use])
+    if len(columns) < _PER_COLUMN * columns.shape[1]:
+        return np.inf, np.inf
+    tau = torque[use, j]
+    size = float(np.std(tau)) + 1e-12
+    scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-12
+    at = np.linalg.lstsq(columns / scale, tau, rcond=1e-10)[0]
+    left = tau - columns / scale @ at
+    moved = _columns(robot, j, done[:, use]) / scale @ at
+    free = len(columns) / (len(columns) - columns.shape[1])
+    return float(np.std(left) * np.sqrt(free)) / size, float(np.std(tau - moved)) / size
+
+
+def _columns(robot: Robot, j: int, motion: Array) -> Array:
+    """Any body from this joint on, friction, a rotor and an offset. Shape (n, p)."""
+    q, qd, qdd = motion
+    body = regressor(robot.model, q, qd, qdd)[:, j, PER_LINK * j :]
+    v, a = qd[:, j], qdd[:, j]
+    own = [v, np.sign(v), v * np.abs(v), a, np.ones_like(v)]
+    return np.column_stack([body, *own])

@@ -1,9 +1,15 @@
-"""Whether angles, speeds and torques are within what the robot file allows."""
+"""Whether angles, speeds and torques are within what the robot file allows.
+
+Angles beyond their range may have another zero, rather than other columns.
+"""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from residual.check.motion import Motion
+from residual.check.reading import Reading, as_given, judge
 from residual.check.result import Fault, Repair
 from residual.names import listed
 from residual.recording import Array, Recording, usual_speed
@@ -14,6 +20,9 @@ _SPEED, _TORQUE = 1.5, 1.5  # of the limit: files are often a little too strict
 _TOO_FAST, _TOO_FAR = 10.0, 3.0  # of the limit: no arm does
 _SHARE = 0.99  # of the samples, so that single ones do not count
 _STRIDE = 0.1  # s over which a speed is taken
+_ZERO_STEP = 0.3  # rad between the zeros that are tried
+_MOST_ZEROS = 16
+_ZERO_WORTH = 30.0  # nats that it must gain where the columns are as they should be
 
 
 def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
@@ -86,3 +95,50 @@ def _speeds(recording: Recording) -> Array:
     step = float(np.median(np.diff(recording.t)))
     stride = max(1, min(round(_STRIDE / step), len(recording.t) // 4))
     return usual_speed(recording, stride, _SHARE)
+
+
+def beyond(robot: Robot, recordings: Sequence[Recording]) -> tuple[int, ...]:
+    """Return joints (from 1) whose angles fit into their range, but lie beyond it.
+
+    Args:
+        robot: The arm.
+        recordings: Its logs.
+    """
+    low, high = _ends(recordings)
+    off = np.maximum(robot.lower - low, high - robot.upper) > _ANGLE
+    fits = high - low < robot.upper - robot.lower + _ANGLE
+    return tuple(int(j) + 1 for j in np.flatnonzero(off & fits))
+
+
+def zero_explains(
+    robot: Robot, motion: Motion, recordings: Sequence[Recording], best: Reading
+) -> bool:
+    """Whether another zero of one joint suits a log as well as other columns do.
+
+    Args:
+        robot: The arm.
+        motion: Rows of its logs, as given.
+        recordings: The logs.
+        best: The other columns.
+    """
+    joints = beyond(robot, recordings)
+    if len(joints) != 1:
+        return False
+    j = joints[0] - 1
+    low, high = (ends[j] for ends in _ends(recordings))
+    first, last = robot.lower[j] - low, robot.upper[j] - high
+    count = min(_MOST_ZEROS, 2 + int(abs(last - first) / _ZERO_STEP))
+    given, other = as_given(robot.dof), judge(robot, motion, best).value
+    other += _ZERO_WORTH if best == given else 0.0
+    for shift in np.linspace(first, last, count):
+        q = motion.q.copy()
+        q[:, j] += shift
+        if judge(robot, replace(motion, q=q), given).nats >= other:
+            return True
+    return False
+
+
+def _ends(recordings: Sequence[Recording]) -> tuple[Array, Array]:
+    low = np.min([r.q.min(axis=0) for r in recordings], axis=0)
+    high = np.max([r.q.max(axis=0) for r in recordings], axis=0)
+    return low, high

@@ -1,8 +1,10 @@
-"""Samples that no arm can have made, log by log: spikes, and values that stand."""
+"""Samples that no arm can have made, and logs without them, or in another unit."""
+
+from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import median_filter
 
-from residual.check.repaired import running_median
 from residual.check.result import Fault
 from residual.names import joints_listed
 from residual.recording import Array, Recording
@@ -13,6 +15,7 @@ _SPIKE = 12.0
 _MOST = 0.002  # share of samples: more are not single ones
 _WHOLE = 0.3  # rad that a leap may be off a whole turn: what the joint moved meanwhile
 _TOO_FAR = 10.0  # times the way that a joint can go in a step
+_WINDOW = 7
 
 
 def spikes(recording: Recording) -> list[Fault]:
@@ -81,3 +84,38 @@ def _spike(recording: Recording, name: str, found: tuple[Array, float, float]) -
     )
     joint = int(name.lstrip("qdtau"))
     return Fault("spike", (joint,), False, words, (), recording.id)
+
+
+def with_scale(recording: Recording, signal: str, scale: float) -> Recording:
+    """Return a log with one of its signals times a factor.
+
+    Args:
+        recording: The log.
+        signal: "t", "q", "qd", "tau" or "q_ref".
+        scale: The factor.
+    """
+    return replace(
+        recording, **{signal: np.asarray(getattr(recording, signal)) * scale}
+    )
+
+
+def without_spikes(recording: Recording) -> Recording:
+    """Return a log smoothed by a running median, which no single sample survives.
+
+    Args:
+        recording: The log.
+    """
+    names = ("q", "qd", "tau")
+    signals = {name: getattr(recording, name) for name in names}
+    smooth = {k: running_median(x) for k, x in signals.items() if x is not None}
+    return replace(recording, **smooth)
+
+
+def running_median(x: Array) -> Array:
+    """Return the median over each sample and its neighbours.
+
+    Args:
+        x: Samples along the first axis. Shape (n,) or (n, dof).
+    """
+    window = (_WINDOW,) + (1,) * (x.ndim - 1)
+    return median_filter(x, window, mode="nearest")

@@ -1,20 +1,40 @@
-"""Values that stand: frozen, clipped, or in steps that are too coarse."""
+"""Values that stand: frozen, clipped, in steps that are too coarse, or one for all.
+
+A joint that is held has an angle of one value too. It feels the others: its torque is
+what the robot file, bent as far as a rough one may be, gives for a standing joint.
+Torque beyond that is a moving joint's.
+"""
+
+from dataclasses import replace
 
 import numpy as np
 
+from residual.check.columns import Columns, columns
+from residual.check.motion import Motion, thin_rows
+from residual.check.reported import torque_factors
 from residual.check.result import Fault
+from residual.check.shares import shares_of
 from residual.recording import Array, Recording
+from residual.robot.robot import Robot
 
 _LONG = 0.3  # s that a frozen value lasts
 _FEW = 15  # samples of it at least
 _USUAL_RUNS = 5.0  # times the runs that a signal has elsewhere
-_MOVES = 0.02  # rad that a joint moves while its torque stands
 _JUMP = 0.01  # rad by which a frozen angle comes back
 _CLIPPED_RUN, _CLIPPED_RUNS = 4, 2  # samples at the limit, and how often
 _FULLER = 4.0  # times the samples of the levels below it
 _COARSE_TORQUE = 0.08  # of the torque's rms
 _COARSE_ANGLE = 0.4  # of the acceleration's rms
 _CUTOFF = 12.0  # Hz at which accelerations are judged
+_MOVES = 0.02  # rad that a joint moves, by its angle, reference or velocity
+# Of an angle that keeps one value:
+_NOISE = 5.0  # times the torque's noise, sample by sample
+# Of its torque, what is left beside all that a held joint feels: up to a half where
+# other friction and a load are hidden, more where friction holds it.
+_LEFT, _MOST_LEFT = 0.5, 0.8
+_BEYOND, _FAR_BEYOND = 1.5, 2.0  # times what a held joint may feel
+_ROUNDS, _ROUGH = 4, 0.05
+_NOTHING = 1e-12
 
 
 def standing(recording: Recording) -> list[Fault]:
@@ -140,3 +160,88 @@ def _step(x: Array) -> float:
     step = float(np.quantile(gaps, 0.1))
     whole = gaps / max(step, 1e-300)
     return step if np.mean(np.abs(whole - np.round(whole)) < 0.05) > 0.9 else 0.0
+
+
+def constant(robot: Robot, recording: Recording) -> list[Fault]:
+    """Find angles that keep one value while their torque is that of a moving joint.
+
+    Args:
+        robot: The arm.
+        recording: One log.
+    """
+    span = np.ptp(recording.q, axis=0)
+    still = np.flatnonzero(span == 0)
+    if len(recording.t) < 50 or not len(still) or span.max() < _MOVES:
+        return []
+    said = {int(j): _moves_elsewhere(recording, j) for j in still}
+    faults = [_fault(recording, j, why, True) for j, why in said.items() if why]
+    motion, rest = thin_rows([recording]), [j for j, why in said.items() if not why]
+    if motion is None or not rest:
+        return faults
+    if torque_factors(shares_of(robot, motion)) is not None:
+        return faults  # in another unit a held joint's torque is any joint's
+    motion = replace(motion, moving=np.ones_like(motion.moving))
+    every = columns(robot, motion)
+    parts = (_by_torque(recording, j, motion, every[j]) for j in rest)
+    return faults + [fault for fault in parts if fault]
+
+
+def _moves_elsewhere(recording: Recording, j: int) -> str:
+    """Say where else the joint moves; "" if nowhere."""
+    wanted, qd = recording.q_ref, recording.qd
+    if wanted is not None and np.ptp(wanted[:, j]) > _MOVES:
+        return f"its reference moves by {np.ptp(wanted[:, j]):.3g} rad"
+    if qd is not None:
+        steps = np.diff(recording.t) * (qd[1:, j] + qd[:-1, j]) / 2
+        way = float(np.ptp(np.cumsum(steps)))
+        # What an offset and noise of a velocity add up to is no motion.
+        if way > _MOVES + 3 * abs(float(steps.sum())) and _turns(qd[:, j]):
+            return f"its velocity adds up to {way:.3g} rad"
+    return ""
+
+
+def _turns(qd: Array) -> bool:
+    """Whether a velocity is smooth beside its size: its steps are those of a motion."""
+    return bool(np.std(np.diff(qd)) < 0.5 * np.std(qd))
+
+
+def _by_torque(
+    recording: Recording, j: int, motion: Motion, own: Columns
+) -> Fault | None:
+    tau = motion.tau[:, j]
+    size, left = float(np.std(tau)), _left(motion, tau, own)
+    steps = np.abs(np.diff(recording.tau[:, j]))
+    noise = float(np.median(steps)) / 0.6745 / np.sqrt(2)
+    feels = float(np.sqrt(np.var(own.nominal) + np.var(own.values, axis=0).sum()))
+    if left < max(_NOISE * noise, _NOTHING):
+        return None
+    if left < _LEFT * size and left < _BEYOND * feels:
+        return None
+    why = (
+        f"its torque moves by {np.ptp(tau):.3g} N m, {left:.3g} N m rms beside "
+        f"all that a held joint feels of the others' motion (about {feels:.3g} N m)"
+    )
+    certain = left > _MOST_LEFT * size and left > _FAR_BEYOND * feels
+    return _fault(recording, j, why, certain)
+
+
+def _left(motion: Motion, tau: Array, own: Columns) -> float:
+    """What a held joint's torque has beside a bent robot file."""
+    y, a = tau - own.nominal, own.values
+    sigma = max(_ROUGH * float(np.std(tau)), _NOTHING)
+    left = y
+    for _ in range(_ROUNDS):
+        weight = motion.spread / sigma**2
+        at = np.linalg.solve(np.eye(a.shape[1]) + weight * a.T @ a, weight * a.T @ y)
+        left = y - a @ at
+        sigma = max(float(np.std(left)), _NOTHING)
+    return float(np.std(left))
+
+
+def _fault(recording: Recording, j: int, why: str, certain: bool) -> Fault:
+    words = (
+        f"q{j + 1} is {recording.q[0, j]:.6g} rad in all {len(recording.t)} samples, "
+        f"bit for bit, while {why}: expected an angle that moves with it. Map the "
+        "column in which it is logged (columns of q in --map), or record it."
+    )
+    return Fault("constant", (j + 1,), certain, words, (), recording.id)

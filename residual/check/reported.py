@@ -1,0 +1,288 @@
+"""Torque that is not the drive's: another joint's, in no N m, or with a part gone.
+
+Drives report currents, and drivers take weight or friction out of what they report. Of
+a rough robot file, a load or a gear's losses the joints that carry the arm keep most of
+their share; all of them together lose it by the report alone. And where a slow log lets
+a rough body bend to the torque of any joint, the robot file as it is bends to none: it
+explains most of what friction leaves of a torque, and nothing of an exchanged one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from residual.check.motion import Motion
+from residual.check.physics import BENT, bent, misread, wrong_robot
+from residual.check.reading import GEAR, Reading, as_given, judge
+from residual.check.result import Fault, Repair
+from residual.check.shares import Shares, carries, shares_of
+from residual.effects import registry
+from residual.effects.base import Span
+from residual.model.nominal import build_nominal, declared_names
+from residual.names import joints_listed, listed
+from residual.recording import Array
+from residual.robot.robot import Robot
+from residual.signals.track import Filters
+
+_SHOWS, _SHARP = 0.3, 0.25  # explained at least; deviation of a share at most
+# Times: grippers and loads reach 2 on the joint that they load least, and less in the
+# mean of those that carry the arm.
+_OFF, _CERTAIN_OFF = 2.5, 5.0
+_SAME = 2.5  # times: shares of a right unit are nearer to one on some joint
+_TELLS = 0.03  # of the strongest nominal torque: a wrist's factor is anything
+_ALIKE = 1.1  # factors so near to each other are one
+_GEARS = GEAR / 3  # times: torque so much smaller is that of motors
+_UNLIKE = 4.0  # times: shares of a right joint in its unit are nearer to one
+_GONE, _SURE = 0.3, 0.1  # of the weight, and its deviation
+_FREE, _FREE_SURE = 0.2, 0.15  # of the declared power of friction, and its deviation
+_AT_LEAST = 2  # joints
+_STANDS = 1e-3  # rad/s
+_POOR, _GOOD = 0.7, 0.7  # explained at most, as given; at least, exchanged
+_WORTH, _CERTAIN = 40.0, 80.0  # nats
+# Of the bent body too, which sees the same in a weaker light.
+_AGREES = 5.0
+
+
+def other_torque(robot: Robot, motion: Motion, found: Sequence[Fault]) -> list[Fault]:
+    """Find torque in another unit, or without its weight: all joints at once.
+
+    Mended, the log must be this arm's in every column. Then what was found before is
+    what comes of it.
+
+    Args:
+        robot: The arm.
+        motion: Rows of its logs.
+        found: What was read of columns and units.
+
+    Returns:
+        The fault; empty where there is none, or ``found`` is nearer to it.
+    """
+    shares = shares_of(robot, motion)
+    light = _weightless(shares)
+    if light:
+        return [_no_weight(shares, light)]
+    scaled = torque_factors(shares)
+    if scaled is None or _settled(robot, scaled, found):
+        return []
+    known = np.nan_to_num(scaled, nan=float(np.nanmedian(scaled)))
+    suits = _suits(robot, replace(motion, tau=motion.tau * known))
+    return [_unit(robot, scaled, shares)] if suits else []
+
+
+def _suits(robot: Robot, motion: Motion) -> bool:
+    return not misread(robot, motion)[0] and not wrong_robot(robot, motion)
+
+
+def torque_factors(shares: Shares) -> Array | None:
+    """What each torque is to be multiplied by, where all that shows it is far off.
+
+    The joints that carry the arm decide: at a wrist a rough file is off by any factor.
+
+    Returns:
+        Factors, not a number for joints that show none. Shape (dof,). None where some
+        joint has the share that it should have.
+    """
+    sharp = shares.whole_sd < _SHARP * np.abs(shares.whole)
+    shows = sharp & (shares.seen > _SHOWS)
+    own = shares.whole[shows & carries(shares)]
+    if len(own) < min(_AT_LEAST, len(shows)) or shares.whole[shows].min() <= 0:
+        return None
+    if own.max() > 1 / _OFF and own.min() < _OFF:
+        return None
+    return np.where(shows, 1 / shares.whole, np.nan)
+
+
+def _settled(robot: Robot, scaled: Array, found: Sequence[Fault]) -> bool:
+    """Whether what was found says of the torque's unit what its shares say."""
+    if any(f.kind == "gear_ratio" and not f.repairs for f in found):
+        return bool(np.nanmin(scaled) > _GEARS)
+    repairs = [r for f in found for r in f.repairs if r.signal == "tau" and r.scale]
+    scale = np.ones(robot.dof)
+    for repair in repairs:
+        scale = scale * np.array(repair.scale)
+    left = float(np.nanmedian(scaled / scale))
+    return bool(repairs) and 1 / _SAME < left < _SAME
+
+
+def _unit(robot: Robot, scaled: Array, shares: Shares) -> Fault:
+    sure = np.isfinite(scaled) & carries(shares, _TELLS)
+    shown = np.flatnonzero(sure)
+    own = scaled[shown]
+    if own.max() < _ALIKE * own.min():
+        factors = f"about {np.median(own):.2g}"
+    else:
+        each = (f"{f:.2g} (joint {j + 1})" for j, f in zip(shown, own, strict=True))
+        factors = f"about {', '.join(each)}"
+    silent = np.flatnonzero(~sure) + 1
+    rest = f"; too little shows of {joints_listed(silent)}" if len(silent) else ""
+    words = (
+        f"Expected torques in N m, got values that fit this arm only times {factors}"
+        f"{rest}: currents of the motors, torque before the gears, or the file of an "
+        "arm of another size. "
+    )
+    known, repairs = robot.torque_per_unit, ()
+    if known is not None and _alike(own, known[shown]):
+        joints = tuple(range(1, robot.dof + 1))
+        repairs = (Repair("tau", joints, scale=tuple(float(k) for k in known)),)
+        words += "The torque_per_unit of robot.toml mends it."
+    else:
+        words += (
+            "Give the drives' own N m per logged unit (torque constant times gear "
+            "ratio), not these rough ones: torque_per_unit = [...] in robot.toml, "
+            '[joints], and unit = "A" in the line tau of --map.'
+        )
+    off = np.exp(abs(np.mean(np.log(scaled[np.isfinite(scaled) & carries(shares)]))))
+    return Fault("torque_unit", (), bool(off > _CERTAIN_OFF), words, repairs)
+
+
+def _alike(own: Array, known: Array) -> bool:
+    """Whether factors are those of the robot file, as far as a rough file tells."""
+    off = np.abs(np.log(own / known))
+    return bool(np.median(off) < np.log(_SAME) and off.max() < np.log(_UNLIKE))
+
+
+def _weightless(shares: Shares) -> tuple[int, ...]:
+    """Joints (from 1) without their weight; none where any that shows it has it.
+
+    The inertia has to be there, so that it is neither the unit nor another arm; and no
+    weight along another axis, which the arm has where its base is mounted otherwise.
+    """
+    sharp = shares.inertia_sd < _SHARP * np.abs(shares.inertia)
+    sharp &= carries(shares)
+    if not sharp.any():
+        return ()
+    unit = float(np.median(shares.inertia[sharp]))
+    if not 1 / _UNLIKE < unit < _UNLIKE:
+        return ()
+    sure = (shares.weight_sd < _SURE * unit) & carries(shares)
+    gone = np.maximum(np.abs(shares.weight), shares.tilted) < _GONE * unit
+    if sure.sum() < _AT_LEAST or not gone[sure].all():
+        return ()
+    return tuple(int(j) + 1 for j in np.flatnonzero(sure))
+
+
+def _no_weight(shares: Shares, joints: tuple[int, ...]) -> Fault:
+    own = listed((shares.weight[j - 1] for j in joints), ".2f")
+    words = (
+        f"Expected the weight that the robot file gives {joints_listed(joints)}, got "
+        f"{own} of it, while inertia is there: the driver took gravity out before it "
+        "was logged. Log the torque as measured, or say so in robot.toml, [robot]: "
+        "gravity = [0, 0, 0]."
+    )
+    return Fault("gravity_removed", (), True, words)
+
+
+def frictionless(
+    robot: Robot, motion: Motion, declared: Sequence[str] | None
+) -> list[Fault]:
+    """Find torque without the friction that the robot file declares, on all joints.
+
+    Arms with next to none do exist, so nothing is said where none is declared with its
+    values, and it is never certain.
+
+    Args:
+        robot: The arm.
+        motion: Rows of its logs, whose columns and units are right.
+        declared: Effects that the nominal model has; None for the robot's own list.
+    """
+    power = _declared_power(robot, motion, declared)
+    if not (power > 0).any():
+        return []
+    shares = shares_of(robot, motion)
+    with np.errstate(all="ignore"):
+        share, sd = shares.friction / power, shares.friction_sd / power
+    sure = (power > 0) & (sd < _FREE_SURE)
+    if sure.sum() < min(_AT_LEAST, robot.dof) or not (share[sure] < _FREE).all():
+        return []
+    joints = tuple(int(j) + 1 for j in np.flatnonzero(sure))
+    words = (
+        f"Expected the friction that robot.toml declares, got "
+        f"{listed(share[sure], '.2f')} of its power on {joints_listed(joints)}: was "
+        "friction taken out before it was logged, or is the torque measured behind the "
+        "gears? Log the torque of the drives, or declare no friction."
+    )
+    return [Fault("friction_removed", (), False, words)]
+
+
+def _declared_power(
+    robot: Robot, motion: Motion, declared: Sequence[str] | None
+) -> Array:
+    """Power that declared friction takes in the rows of each joint [W]. (dof,)."""
+    chosen = declared_names(robot, declared)
+    known = [name for name in chosen if name in robot.declared]
+    rubs = [n for n in known if registry()[n].brakes and robot.declared[n].values]
+    rows = (motion.q, motion.qd, motion.qdd)
+    floor, none = np.full(robot.dof, _STANDS), np.zeros(robot.dof)
+    span = Span(none, none, 0.0, 0.0)  # declared with values: no shape is tried
+    model = build_nominal(robot, rubs, span, floor, Filters()).model
+    state = model.state(1.0, np.arange(len(motion.q), dtype=float), rows)
+    drag = sum((term.torque(state) for term in model.terms), np.zeros(motion.q.shape))
+    return np.sum(drag * motion.qd * motion.moving, axis=0) / np.maximum(
+        motion.moving.sum(axis=0), 1
+    )
+
+
+def exchanged(robot: Robot, motion: Motion) -> list[Fault]:
+    """Find two joints whose angles and torques are those of each other.
+
+    Args:
+        robot: The arm.
+        motion: Rows of its logs, of which nothing else was found.
+    """
+    given = shares_of(robot, motion)
+    poor = carries(given) & (given.seen < _POOR)
+    pairs = [p for p in combinations(range(robot.dof), 2) if poor[list(p)].any()]
+    tried = {pair: _gain(robot, motion, given, pair) for pair in pairs}
+    best = max(tried, key=tried.__getitem__, default=None)
+    if best is None or tried[best] < _WORTH:
+        return []
+    order = _order(robot.dof, best)
+    same = as_given(robot.dof)
+    other = Reading(order, same.angle_sign, 1.0, order, same.torque_sign, 1.0)
+    swapped = judge(robot, motion, other)
+    if swapped.nats - judge(robot, motion, same).nats < _AGREES:
+        return []
+    if bent(swapped) > BENT:
+        return []
+    return [_fault(given, best, order, tried[best])]
+
+
+def _gain(robot: Robot, motion: Motion, given: Shares, pair: Sequence[int]) -> float:
+    """What exchanging two joints (from 0) explains more of their torques [nats]."""
+    order = list(_order(robot.dof, pair))
+    turned = motion.with_angles(order, np.ones(robot.dof))
+    turned = replace(turned, tau=motion.tau[:, order])
+    other, both = shares_of(robot, turned), list(pair)
+    share = other.whole[both]
+    if (other.seen[both] < _GOOD).any() or not carries(other)[both].any():
+        return 0.0
+    if not ((share > 1 / _UNLIKE) & (share < _UNLIKE)).all():
+        return 0.0
+    rows = motion.spread * turned.moving.sum(axis=0)
+    more = np.log((1 - given.seen) / (1 - other.seen))
+    strong = carries(given) | carries(other)
+    return float(0.5 * np.sum((rows * more)[strong]))
+
+
+def _order(dof: int, pair: Sequence[int]) -> tuple[int, ...]:
+    order = list(range(dof))
+    a, b = pair
+    order[a], order[b] = b, a
+    return tuple(order)
+
+
+def _fault(
+    given: Shares, pair: Sequence[int], order: Sequence[int], nats: float
+) -> Fault:
+    joints = tuple(j + 1 for j in pair)
+    channels = tuple(i + 1 for i in order)
+    seen = listed((100 * given.seen[j] for j in pair), ".0f")
+    words = (
+        f"q and tau of {joints_listed(joints)} are those of each other: the robot file "
+        f"explains {seen} % of what friction leaves of these torques, expected 70 % at "
+        f"least; in the order {listed(channels)} it does, better by {nats:.0f} nats."
+    )
+    repairs = tuple(Repair(signal, order=channels) for signal in ("q", "tau"))
+    return Fault("joint_order", joints, nats > _CERTAIN, words, repairs)
