@@ -144,3 +144,44 @@ def _shuffled(track, model, rng, piece=0.5):
 def told(diagnosis):
     """Every name that passes the gate; a held-out log could only take some away."""
     return tuple((t.group.effect.name, t.group.joints) for t in diagnosis.tested)
+
+
+# -- what an earlier version reached, and plain least squares ------------------------
+
+UR10_REACHED = (8.4, 2.7, 4.2, 6.0, 8.6, 25.3)  # filtered, held out [%]
+KR300_REACHED = (7.7, 12.8, 6.4, 19.1, 11.2, 14.8)
+SPARE = 1.05
+
+
+def test_friction_by_load_is_named_on_a_ur10e_and_halves_what_is_left():
+    day, other = log("ur10e", "feb10.csv"), log("ur10e", "feb12.csv")
+    verdict = close_the_loop(robot("ur10e"), [day], held_out=[other]).verdict
+    assert names(verdict) == [("load_friction", (2, 3))]
+    moving = verdict.error.moving
+    for joint in (1, 2):
+        assert moving["augmented"][joint] < 0.7 * moving["identified"][joint]
+    assert verdict.error.worse == ()
+
+
+def test_what_was_reached_on_a_ur10_is_reached():
+    fit, held_out = (log("ur10", f"run.csv@{part}") for part in (":60%", "60%:"))
+    verdict = close_the_loop(robot("ur10"), [fit], held_out=[held_out]).verdict
+    error = np.array(verdict.error.filtered["augmented"])
+    assert (error < SPARE * np.array(UR10_REACHED)).all()
+
+
+def test_what_was_reached_on_a_kr300_is_reached():
+    error = np.array(kr300().verdict.error.filtered["augmented"])
+    assert (error < SPARE * np.array(KR300_REACHED)).all()
+
+
+def test_no_joint_of_an_lwr4_is_worse_than_by_plain_least_squares():
+    """Its sensors have constants that nothing names on joints that keep more."""
+    fit = [log("lwr4", f"run_{k}.csv") for k in (1, 2)]
+    held_out = [log("lwr4", "run_3.csv")]
+    found = close_the_loop(robot("lwr4"), fit, held_out=held_out)
+    moving = found.errors.moving
+    ours, plain = (np.array(moving[k]) for k in ("augmented", "least_squares"))
+    assert (ours < SPARE * plain).all()
+    assert found.verdict.declared == DEFAULT_DECLARED
+    assert any("plain least squares" in said for said in found.warnings)

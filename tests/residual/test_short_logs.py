@@ -1,0 +1,77 @@
+"""Five seconds of motion: what they show is named, and nothing where nothing is.
+
+A part of so short a log is too short to repeat a name, which is no reason against it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.close import close_the_loop
+from residual.diagnosis.least_squares import outdone, plain_fit
+from residual.model.nominal import DEFAULT_DECLARED, prepare_logs
+from residual.robot.robot import load_robot
+from residual.signals.track import Filters
+from sim.records import Hidden
+from sim.synthetic.logs import LogPlan, make
+from sim.synthetic.plant import Plant
+from tests.residual.arms import arm, doubts, names, short_case
+
+PLAN = (
+    LogPlan("fit", "fit", "fourier", 5.0),
+    LogPlan("held_out", "held_out", "fourier", 5.0),
+)
+COUPLING = Hidden(
+    "coupled_friction", (4, 5), {"level": 7.0, "coefficient": 0.7, "sign": 1.0}
+)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "expected"),
+    [((COUPLING,), [("coupled_friction", (4, 5))]), ((), [])],
+    ids=["a coupling of the wrist", "nothing"],
+)
+def test_a_coupling_is_named_on_five_seconds(hidden, expected):
+    robot = load_robot("irb140")
+    fit, held_out = make(Plant(robot, hidden, 41), PLAN, 41)
+    verdict = close_the_loop(robot, [fit], held_out=[held_out]).verdict
+    assert names(verdict) == expected
+    if expected:
+        moving = verdict.error.moving
+        assert moving["augmented"][4] < moving["identified"][4] / 3
+
+
+def test_smoothed_friction_that_grew_is_told_with_all_joints_in_the_headline():
+    """A form that is nobody's textbook: what gets worse with a name must be said."""
+    case = short_case(arm(), seed=70, baseline=True)
+    rub = np.array([2.0, 2.0])
+
+    def rubbed(log):
+        qd = np.gradient(log.q, log.t, axis=0)
+        return replace(log, tau=log.tau + rub * np.tanh(qd / 0.01))
+
+    found = close_the_loop(
+        case.robot,
+        [rubbed(r) for r in case.fit],
+        baseline=case.baseline,
+        held_out=[rubbed(r) for r in case.held_out],
+    ).verdict
+    assert {e.name for e in found.effects} == {"coulomb"}
+    before, after = (
+        np.array(found.error.moving[k]) for k in ("identified", "augmented")
+    )
+    risen = tuple(int(j) + 1 for j in np.flatnonzero(after > 1.05 * before))
+    assert set(found.error.worse) <= set(risen)
+    overall = found.error.overall_moving
+    assert overall["augmented"] < 1.05 * overall["identified"]
+
+
+def test_a_model_without_a_constant_is_outdone_and_one_with_it_is_not():
+    case = short_case(arm(), Hidden("offset", (1,), {"torque": 5.0}), seed=71)
+    diagnosis, _ = doubts(case)
+    plain = plain_fit(prepare_logs(case.robot, case.fit, None, Filters()))
+    assert 0 in outdone(diagnosis.task, diagnosis.plain, plain)
+    assert outdone(diagnosis.task, diagnosis.fit, plain) == {}
+    own = {t.effect.name for t in plain.model.terms}
+    assert own == {*DEFAULT_DECLARED, "offset"}
