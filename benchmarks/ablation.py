@@ -28,7 +28,7 @@ from flows.workers.pool import Pool
 
 SEEDS = "90301:90301"
 GROUPS = (CHANGE, UNCHANGED, UNNAMED, REAL_CHANGE, rules.SPLIT)
-LEAST = 0.04  # size of a change from which on it is asked for
+LEAST = 0.07  # size of a change from which on it is asked for
 WEIGHT = 5  # names missed that one false name is worth
 
 

@@ -2,6 +2,7 @@
 
     python benchmarks/demo.py --quick                     under 50 s on two cores
     python benchmarks/demo.py --seeds 1:20                to tune on; never 1001:1020
+    python benchmarks/demo.py --effect each --seeds 200:223 --nulls 0      all in turn
     python benchmarks/demo.py --full-json benchmarks/results/demo.json
 
 Finished seeds are kept in store/benchmarks, by a hash of the code: an interrupted run
@@ -31,9 +32,11 @@ from benchmarks.figures import (
 from flows.settings import cores
 from flows.steps import demo
 from flows.workers.pool import Pool
+from sim.draw import usual_effects
 
 _SEEDS, _NULLS = "1001:1020", 10
 _QUICK = "the full run decides"
+_EACH = "each"  # as --effect: all effects that are drawn unasked, in turn
 
 
 def main() -> int:
@@ -48,7 +51,8 @@ def main() -> int:
     elif "pipeline" in args.groups:
         one_blas_thread()
         records = list(_run(_tasks(args)))
-        deciding = args.seeds == _SEEDS and args.nulls >= _NULLS
+        drawn = args.effect is None
+        deciding = args.seeds == _SEEDS and args.nulls >= _NULLS and drawn
         figures |= pipeline.pipeline_figures(records, deciding)
     if args.full_json:
         facts = circumstances(seeds=args.seeds, quick=args.quick)
@@ -63,7 +67,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
     parser.add_argument("--seeds", default=_SEEDS, metavar="A:B", help="both included")
     parser.add_argument("--nulls", type=int, default=_NULLS, help="how many")
-    parser.add_argument("--effect", help="hide this one instead of drawing it")
+    parser.add_argument("--effect", help=f"hide this one, or '{_EACH}'")
     parser.add_argument("--full-json", type=Path, metavar="FILE")
     groups = ["command", "pipeline"]
     parser.add_argument("--groups", nargs="*", default=groups, choices=groups)
@@ -72,7 +76,10 @@ def _arguments() -> argparse.Namespace:
 
 def _tasks(args: argparse.Namespace) -> list[tuple[int, str | None]]:
     first, last = (int(word) for word in args.seeds.split(":"))
-    tasks: list = [(seed, args.effect) for seed in range(first, last + 1)]
+    names = usual_effects() if args.effect == _EACH else [args.effect]
+    tasks: list = [
+        (seed, names[i % len(names)]) for i, seed in enumerate(range(first, last + 1))
+    ]
     return tasks + [(seed, demo.NOTHING) for seed in range(first, first + args.nulls)]
 
 

@@ -40,6 +40,7 @@ def demo(
     Args:
         seed: Seed of the arm, the motions, the noise, and of what is hidden.
         effect: Effect to hide; drawn from the seed without it. "none" hides nothing.
+            It is as large as the motions of the arm can show.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         plain: The same steps without Prefect.
         background: What all joints have beside it: nothing, that of an arm in use, or

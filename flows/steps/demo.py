@@ -1,11 +1,13 @@
 """The main job on an arm of our own, as plain steps: ids in, ids out.
 
-An arm hides one effect from its model. Six experiments are run on it and two more that
-no fit will see; they are stored, diagnosed from the store, and reported; only then is
-the seal opened.
+An arm hides one effect from its model, large enough to show on its motions
+(`sim.visible`). Six experiments are run on it and two more that no fit will see; they
+are stored, diagnosed from the store, and reported; only then is the seal opened.
 """
 
+from collections.abc import Iterator
 from dataclasses import asdict
+from functools import lru_cache
 from pathlib import Path
 
 from flows.errors import RunError
@@ -22,16 +24,22 @@ from residual.effects import reported_joints
 from residual.errors import InputError
 from residual.names import check_name
 from residual.plain import plain
-from sim.experiment import draw_hidden
-from sim.records import BACKGROUNDS
+from sim.catalogue import kinds
+from sim.records import BACKGROUNDS, PlantEffect, TrajectorySpec
 from sim.streams import HIDDEN, stream
+from sim.trajectories import make_reference
+from sim.trajectories.given import draw_slow
+from sim.visible import Stage, draw_visible
 from warehouse import seal
 
 ROBOT = "irb140"
 NOTHING = "none"  # as --effect: hide nothing
-FIT = (*2 * ("fourier",), *2 * ("cyclic",), *2 * ("move_stop_move",))
+SLOW = "slow"  # a Fourier motion that creeps: some friction is there alone
+FIT = (*2 * ("fourier",), "cyclic", SLOW, *2 * ("move_stop_move",))
 HELD_OUT = ("welding", "fourier")  # of another family, and of one that was fitted
 DURATION, PAUSE = 20.0, 10.0  # s
+CREEP = 0.2  # rad/s that no joint of the slow motion exceeds
+_RATE = 100.0  # Hz, of the motions by which a size is found
 
 Runs = dict[str, list[str]]
 
@@ -54,16 +62,11 @@ def specs(asked: Demo) -> list[tuple[str, ExperimentSpec]]:
         "salt": f"{derived_seed(asked.seed, 'salt'):08x}",
     }
     made = []
-    for i, kind in enumerate((*FIT, *HELD_OUT)):
-        motion = {
-            "kind": kind,
-            "duration": DURATION,
-            "seed": derived_seed(asked.seed, f"reference/{i}"),
-        }
+    for kind, start, motion in _motions(asked.seed, (*FIT, *HELD_OUT)):
         content = {
             "robot": ROBOT,
             "seed": asked.seed,
-            "start": i * (DURATION + PAUSE),
+            "start": start,
             "trajectory": motion,
             "plant": plant,
         }
@@ -119,11 +122,39 @@ def open_seal(runs: Runs, diagnosis: str, store: Path) -> list[dict]:
     ]
 
 
+def _motions(seed: int, families: tuple[str, ...]) -> Iterator[tuple[str, float, dict]]:
+    """Yield what each motion is called, when it begins [s], and its table."""
+    for i, kind in enumerate(families):
+        own = derived_seed(seed, f"reference/{i}")
+        motion: dict = {"kind": kind, "duration": DURATION, "seed": own}
+        if kind == SLOW:
+            rng = stream(own, f"trajectory/{SLOW}")
+            slow = draw_slow(load(ROBOT), DURATION, CREEP, rng)
+            motion |= {"kind": "fourier", "periods": 1, "coefficients": slow}
+        yield kind, i * (DURATION + PAUSE), motion
+
+
 def _hidden_effect(asked: Demo) -> list[dict]:
     if asked.effect == NOTHING:
         return []
-    rng = stream(asked.seed, HIDDEN)
-    effect = draw_hidden(load(ROBOT), rng, asked.effect)
+    if asked.effect is not None:
+        check_name(asked.effect, kinds(), "effect of the plant")
+    effect = _drawn(asked.seed, asked.effect, FIT)
     return [
         {"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}
     ]
+
+
+# Kept, since the same specs are asked for before and after the server is started.
+@lru_cache(maxsize=8)
+def _drawn(seed: int, name: str | None, families: tuple[str, ...]) -> PlantEffect:
+    """Draw what shows on the motions that are fitted.
+
+    For the Fourier motions stand others of their family, since a search for those that
+    will be run takes as long as the experiments.
+    """
+    robot, stages = load(ROBOT), []
+    for _, start, motion in _motions(seed, families):
+        reference = make_reference(robot, TrajectorySpec(**motion), _RATE, False)
+        stages.append(Stage.of(robot, reference, start))
+    return draw_visible(robot, stream(seed, HIDDEN), stages, name)

@@ -185,6 +185,9 @@ class Effect:
         groupable: It is also tried on all joints at once.
         in_any_arm: (span, joint) -> shapes in which every arm in use has a little of
             it, model or not; none for what an arm is without.
+        least_seen: Shapes, SI, in which arms have it too and logs show it least, as
+            what lives nearer to standstill than rows count: what would be found in each
+            of them is found in any. None where its usual shape says it.
         variable: (state, joint) -> what the report draws it against, with label; None
             where no one variable explains it, as with all that has inertia: then what
             was measured of it is drawn against what it explains, joint by joint.
@@ -231,6 +234,7 @@ class Effect:
     family: str = ""
     groupable: bool = False
     in_any_arm: Callable[[Span, int], Sequence[Shape]] = _nowhere
+    least_seen: tuple[Shape, ...] = ()
     variable: Callable[[State, int], tuple[Array, str]] | None = lambda state, j: (
         state.qd[:, j],
         f"qd{j + 1} [rad/s]",

@@ -44,6 +44,7 @@ EFFECT = Effect(
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
     possible=_possible,
+    least_seen=((0.006,),),  # rad
     brakes=True,
     portable=formula("a[0] * (bristle(m, q, s[0]) - sign)", memory=BRISTLE),
 )

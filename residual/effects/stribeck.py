@@ -41,5 +41,6 @@ EFFECT = Effect(
     possible=dissipates,
     brakes=True,
     in_any_arm=_usual_shapes,
+    least_seen=tuple((velocity, 1.0) for velocity in (0.06, 0.12)),  # rad/s
     portable=formula("a[0] * sign * exp(-pow(fabs(qd / s[0]), s[1]))"),
 )

@@ -1,16 +1,29 @@
-"""A Fourier motion by its numbers: written down, read back, and the same again."""
+"""A Fourier motion by its numbers: written down, read back, and the same again.
+
+So can a motion be given that no search would end with: a slow one.
+"""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from residual.errors import InputError
-from sim.synthetic.series import Series
-from sim.trajectories.fourier import FREE, free_of, harmonics
+from residual.robot.robot import Robot
+from sim.synthetic.series import Series, peaks
+from sim.trajectories.fourier import (
+    FREE,
+    arena,
+    draw,
+    fit_in,
+    free_of,
+    harmonics,
+    shrunk,
+)
 
 Array = np.ndarray
 
 DIGITS = 9  # of a number that is written down [rad]
+_TRIES = 50  # slow motions that are drawn at most
 
 
 def written(series: Series) -> tuple[tuple[float, ...], ...]:
@@ -47,3 +60,30 @@ def given(rows: Sequence[Sequence[float]], dof: int, period: float) -> Series:
     if not np.isfinite(values).all():
         raise InputError("coefficients: expected finite numbers.")
     return Series(values[0], *harmonics(values[1:]), period)
+
+
+def draw_slow(
+    robot: Robot, period: float, speed: float, rng: np.random.Generator
+) -> tuple[tuple[float, ...], ...]:
+    """Draw a motion that creeps, for friction that lives at low speed.
+
+    Args:
+        robot: The arm.
+        period: Length of one period [s].
+        speed: What no joint is faster than [rad/s].
+        rng: Random stream.
+
+    Returns:
+        Coefficients, as `written` returns them.
+
+    Raises:
+        InputError: If no motion that keeps the limits is found.
+    """
+    place = arena(robot, period)
+    for _ in range(_TRIES):
+        series = draw(place, rng)
+        slow = shrunk(series, np.minimum(1.0, speed / peaks(series)[1]))
+        fitted = fit_in(place, slow)
+        if fitted is not None:
+            return written(fitted)
+    raise InputError(f"fourier: found no motion of {robot.name} below {speed:g} rad/s.")

@@ -8,9 +8,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from flows.cli import main
+from flows.inputs.robots import load
 from flows.progress import progress_bar
 from flows.report.terminal.diagnosis import print_truth
 from flows.report.words.edit import baseline_sentences
@@ -18,6 +20,10 @@ from flows.report.words.staged import Hidden, Staged, judge
 from flows.requests import Demo
 from flows.steps import demo as steps
 from residual.diagnosis.causes.edit.edits import Edit
+from sim.draw import draw_hidden
+from sim.streams import HIDDEN, stream
+from sim.trajectories import make_reference
+from sim.visible import VISIBLE, Stage, share
 from tests.verdict_documents import typed
 
 ROOT = Path(__file__).parents[2]
@@ -103,6 +109,27 @@ def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
     assert nothing.plant_spec().effects == ()
     assert drawn.reference() == asked.reference() == nothing.reference()
     assert drawn.plant_spec().seed == nothing.plant_spec().seed
+
+
+@pytest.mark.parametrize(("seed", "joint"), [(61, 1), (62, 4)])
+def test_stribeck_friction_is_hidden_so_that_the_motions_show_it(seed, joint):
+    """A usual size named nothing: it was there near standstill and nowhere else."""
+    made = [spec for _, spec in steps.specs(Demo(seed, "stribeck"))]
+    (hidden,) = made[0].plant_spec().effects
+    robot = load("irb140")
+    stages = [
+        Stage.of(robot, make_reference(robot, spec.reference(), 100.0, False))
+        for spec in made[: len(steps.FIT)]
+    ]
+    usual = draw_hidden(robot, stream(seed, HIDDEN), "stribeck")
+    assert usual.joints == hidden.joints == (joint,)
+    assert share(robot, usual, stages) < VISIBLE <= share(robot, hidden, stages)
+
+
+def test_one_of_the_motions_creeps():
+    made = dict(steps.specs(Demo(3, "none")))
+    reference = make_reference(load("irb140"), made[steps.SLOW].reference(), 100.0)
+    assert np.abs(reference.qd).max() <= steps.CREEP + 1e-6
 
 
 SPRING = Hidden("spring", (2,), {"stiffness": 4.0, "rest": 0.1})

@@ -1,0 +1,177 @@
+"""Draw what an arm hides, as large as the motions that it makes can show.
+
+How much there is to see is told by the plant's own torque along those very motions,
+exact and without noise:
+
+    share = rms((tau - RNEA(q)) with it - (tau - RNEA(q)) without it) / rms(tau without)
+
+on the rows where the joint moves, q what its encoder reads. No method of finding it is
+asked.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.ndimage import binary_dilation
+from scipy.signal import butter, sosfiltfilt
+
+from residual.robot.dynamics import inverse_dynamics
+from residual.robot.robot import Robot
+from sim.catalogue import acting, amount, kinds, multiplied, of_drives
+from sim.draw import draw_hidden
+from sim.effects.base import Rng
+from sim.kinds import BRISTLE
+from sim.records import Hidden, PlantEffect, Reference
+from sim.synthetic.motion import Motion
+from sim.synthetic.plant import Plant, true_torque
+
+Array = np.ndarray
+
+VISIBLE = 0.05  # share of a joint's torque that an effect has at least
+# Asked for: the arm that runs is a few per cent off its description, does not follow
+# its motions to the last sample, and some of those are only like the ones looked at.
+_ASKED = 1.3 * VISIBLE
+_OF_BRISTLES = 2.5  # times that: in the engine their damper takes half of it off
+MOST = 3.0  # of a usual size: an arm that has ten times as much as any is no arm
+# Nearer to standstill dry friction may be anything up to breakaway.
+_FASTER, _AWAY = 0.03, 0.1  # rad/s, s
+_CUTOFF = 8.0  # Hz: faster torque is noise to whoever reads a log
+_FEWEST = 0.05  # of the rows: a joint that moves on fewer has no torque to compare with
+_DRAWS, _STEPS = 24, 4
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Stage:
+    """A motion on which an effect is to be seen, of the arm without it.
+
+    Attributes:
+        motion: The motion; its samples are even.
+        start: Session time of the first one [s].
+        moves: Where each joint moves, standstill well away. Shape (n, dof).
+        torque: Torque of the arm as described, smooth [N m]. Shape (n, dof).
+        rest: The same less what the rigid body takes [N m]. Shape (n, dof).
+    """
+
+    motion: Motion
+    start: float
+    moves: Array
+    torque: Array
+    rest: Array
+
+    @classmethod
+    def of(cls, robot: Robot, reference: Reference, start: float = 0.0) -> Self:
+        """Return the stage of one motion, of an arm just as its description says."""
+        r = reference
+        motion = Motion(r.kind, r.t, r.q, r.qd, r.qdd)
+        rate = 1 / (r.t[1] - r.t[0])
+        slow = np.abs(r.qd) < _FASTER
+        slow |= np.diff(np.sign(r.qd), axis=0, prepend=np.sign(r.qd[:1])) != 0
+        torque, rest = _torques(Plant(robot, (), 0, scatter=0.0), motion, start)
+        near = np.ones((2 * round(_AWAY * rate) + 1, 1), dtype=bool)
+        return cls(motion, start, ~binary_dilation(slow, near), torque, rest)
+
+
+def draw_visible(
+    robot: Robot, stream: Rng, stages: Sequence[Stage], name: str | None = None
+) -> PlantEffect:
+    """Draw one hidden effect that shows on some motions.
+
+    A usual one is made larger where it shows too little; where no arm has so much of
+    it, another of its name is drawn. Errors of angles may show less in any arm: of
+    several that one is hidden that shows most.
+
+    Args:
+        robot: The robot.
+        stream: Random stream.
+        stages: The motions on which it is to be seen.
+        name: Name of the effect; None to draw it too.
+
+    Returns:
+        The effect.
+
+    Raises:
+        UnknownNameError: On an unknown name.
+    """
+    effect = draw_hidden(robot, stream, name)
+    best, most = effect, -1.0
+    if not kinds()[effect.name].on_synthetic:
+        return best  # no torque of it is known but by the engine
+    asked = _ASKED * (_OF_BRISTLES if _has_bristles(effect) else 1.0)
+    for _ in range(_DRAWS):
+        larger, now = _enlarged(robot, effect, stages)
+        if now >= asked:
+            return larger
+        if now > most:
+            best, most = larger, now
+        effect = draw_hidden(robot, stream, effect.name)
+    return best
+
+
+def share(robot: Robot, effect: PlantEffect, stages: Sequence[Stage]) -> float:
+    """Return the share of an effect in the torque of the joint where it is largest."""
+    plant = Plant(robot, _as_in_engine(effect), 0, scatter=0.0)
+    own, total = np.zeros((2, robot.dof))
+    for stage in stages:
+        rest = _torques(plant, stage.motion, stage.start)[1]
+        own += np.square((rest - stage.rest) * stage.moves).sum(axis=0)
+        total += np.square(stage.torque * stage.moves).sum(axis=0)
+    rows = np.mean([stage.moves.mean(axis=0) for stage in stages], axis=0)
+    shares = np.sqrt(own / np.maximum(total, 1e-30)) * (rows >= _FEWEST)
+    return float(shares.max())
+
+
+def _enlarged(
+    robot: Robot, effect: PlantEffect, stages: Sequence[Stage]
+) -> tuple[PlantEffect, float]:
+    """Return the effect, as large as it must and an arm may have it, and its share."""
+    larger, factor, now = effect, 1.0, share(robot, effect, stages)
+    grows = amount(effect.name, dict(effect.parameters)) is not None
+    for _ in range(_STEPS):
+        if now >= _ASKED or factor >= MOST or not grows:
+            break
+        # A little more, so that what grows less than in proportion arrives as well.
+        factor = min(factor * 1.02 * _ASKED / max(now, 1e-9), MOST)
+        values = multiplied(effect.name, dict(effect.parameters), factor)
+        larger = PlantEffect(effect.name, effect.joints, tuple(sorted(values.items())))
+        now = share(robot, larger, stages)
+    return larger, now
+
+
+def _as_in_engine(effect: PlantEffect) -> tuple[Hidden, ...]:
+    """Return what gives a synthetic arm the torque that the effect has in the engine.
+
+    Bristles bear a part of the dry friction there, and come on top of it here.
+    """
+    p = dict(effect.parameters)
+    hidden = Hidden(effect.name, effect.joints, p)
+    if not _has_bristles(effect):
+        return (hidden,)
+    # By unit, since the drive's effects have their names in their own files.
+    dry = next(e for e in of_drives() if e.parameters[e.amount[0]] == "N m")
+    borne = {dry.amount[0]: -p["level"]}
+    return hidden, Hidden(dry.name, effect.joints, borne)
+
+
+def _has_bristles(effect: PlantEffect) -> bool:
+    what, p, *_ = acting([effect])[0]
+    return bool(what.friction) and what.friction(p, 0.0)[0] == BRISTLE
+
+
+def _torques(plant: Plant, motion: Motion, start: float) -> tuple[Array, Array]:
+    """Return torque, and torque less that of the rigid body where encoders read.
+
+    Both without what is too fast to be seen [N m]. Shapes (n, dof).
+    """
+    step = float(motion.t[1] - motion.t[0])
+    made = true_torque(plant, motion, "stage", start)
+    off = made.reading - motion.q
+    first = np.gradient(off, step, axis=0)
+    second = np.gradient(first, step, axis=0)
+    rigid = inverse_dynamics(
+        plant.robot.model, made.reading, motion.qd + first, motion.qdd + second
+    )
+    low = butter(4, 2 * _CUTOFF * step, output="sos")
+    torque, rest = (sosfiltfilt(low, x, axis=0) for x in (made.tau, made.tau - rigid))
+    return torque, rest

@@ -1,0 +1,119 @@
+"""What is hidden so that it can be seen: by the plant's own torque, in any draw."""
+
+import numpy as np
+import pytest
+
+from sim.catalogue import amount, check_effect, vocabulary
+from sim.draw import draw_hidden, usual_effects
+from sim.plant import tables as at
+from sim.records import PlantEffect, TrajectorySpec
+from sim.streams import stream
+from sim.trajectories import make_reference
+from sim.trajectories.given import draw_slow
+from sim.visible import MOST, VISIBLE, Stage, draw_visible, share
+from tests.sim.plant_cases import NOMINAL_ARM, ROBOT, drive, effect
+
+SPEED = 0.2  # rad/s
+SEEDS = range(3)
+
+
+def slow(seed: int = 1, duration: float = 10.0, rate: float = 100.0):
+    rows = draw_slow(ROBOT, duration, SPEED, stream(seed, "slow"))
+    spec = TrajectorySpec("fourier", duration, 1, seed, rows)
+    return make_reference(ROBOT, spec, rate)
+
+
+def stops(seed: int = 1):
+    spec = TrajectorySpec("move_stop_move", 10.0, seed=seed)
+    return make_reference(ROBOT, spec, 100.0)
+
+
+@pytest.fixture(scope="module")
+def stages():
+    """Two motions of each seed: one that creeps and one that hurries."""
+    return {
+        seed: [Stage.of(ROBOT, slow(seed)), Stage.of(ROBOT, stops(seed), 30.0)]
+        for seed in SEEDS
+    }
+
+
+@pytest.mark.parametrize("name", usual_effects())
+def test_whatever_is_drawn_is_five_per_cent_of_a_joint_that_moves(name, stages):
+    for seed in SEEDS:
+        hidden = draw_visible(ROBOT, stream(seed, "hidden"), stages[seed], name)
+        check_effect(hidden, ROBOT)
+        assert hidden.name == name
+        assert share(ROBOT, hidden, stages[seed]) >= VISIBLE
+
+
+@pytest.mark.parametrize("name", sorted(set(vocabulary()) - set(usual_effects())))
+def test_errors_of_angles_show_or_are_as_large_as_any_arm_has_them(name, stages):
+    """An elastic gear moves its torque by little, in whatever arm."""
+    hidden = draw_visible(ROBOT, stream(1, "hidden"), stages[1], name)
+    check_effect(hidden, ROBOT)
+    if share(ROBOT, hidden, stages[1]) < VISIBLE:
+        rng = stream(1, "hidden")
+        usual = [draw_hidden(ROBOT, rng, name) for _ in range(24)]
+        there = amount(name, dict(hidden.parameters))
+        times = [there / amount(name, dict(u.parameters)) for u in usual]
+        assert np.isclose(times, MOST).any()
+
+
+def test_what_shows_already_is_left_as_it_is(stages):
+    drawn = draw_hidden(ROBOT, stream(1, "hidden"), "payload")
+    assert draw_visible(ROBOT, stream(1, "hidden"), stages[1], "payload") == drawn
+
+
+def test_what_is_drawn_too_small_is_the_same_and_larger(stages):
+    usual = draw_hidden(ROBOT, stream(1, "hidden"), "stribeck")
+    larger = draw_visible(ROBOT, stream(1, "hidden"), stages[1], "stribeck")
+    before, after = dict(usual.parameters), dict(larger.parameters)
+    assert (larger.joints, after["velocity"]) == (usual.joints, before["velocity"])
+    assert before["level"] < after["level"] <= MOST * before["level"]
+
+
+def test_the_effect_is_drawn_from_the_seed_where_none_is_asked_for(stages):
+    names = {draw_visible(ROBOT, stream(s, "h"), stages[1]).name for s in range(30)}
+    assert len(names) > 8
+    assert names <= set(usual_effects())
+
+
+@pytest.mark.parametrize(
+    ("hidden", "close"),
+    [
+        (effect("stribeck", 2, level=8.0, velocity=0.08), 0.15),
+        (effect("presliding", 2, level=10.0, displacement=0.02), 0.2),
+        (effect("spring", 2, stiffness=9.0), 0.05),
+        (effect("load_friction", 2, coefficient=0.1), 0.15),
+    ],
+)
+def test_the_share_is_that_of_the_arm_in_the_engine(hidden, close, compiled_plant):
+    """Of its own torque with and without, along the same slow motion."""
+    reference = slow(duration=6.0, rate=1000.0)
+    stage = Stage.of(ROBOT, slow(duration=6.0))
+    own, plain = (
+        drive(*effects, reference=reference, **NOMINAL_ARM).rows[::10, at.DRIVE]
+        for effects in ((hidden,), ())
+    )
+    joint = hidden.joints[0] - 1
+    rows = stage.moves[:, joint]
+    there = np.sqrt(np.mean((own - plain)[rows, joint] ** 2))
+    there /= np.sqrt(np.mean(plain[rows, joint] ** 2))
+    assert share(ROBOT, hidden, [stage]) == pytest.approx(there, rel=close)
+
+
+def test_twice_the_effect_is_twice_the_share(stages):
+    one, two = (
+        PlantEffect("ripple", (3,), (("amplitude", a), ("order", 9.0)))
+        for a in (1.0, 2.0)
+    )
+    assert share(ROBOT, two, stages[1]) == pytest.approx(
+        2 * share(ROBOT, one, stages[1])
+    )
+
+
+def test_a_slow_motion_is_slow_and_moves_every_joint():
+    for seed in SEEDS:
+        fastest = np.abs(slow(seed).qd).max(axis=0)
+        assert (fastest <= SPEED + 1e-6).all()
+        assert (fastest > 0.3 * SPEED).all()
