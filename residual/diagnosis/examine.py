@@ -28,6 +28,7 @@ from residual.recording import Array
 Progress = Callable[[str, float], None]
 LOOKS = 4  # at what was named, before the second search
 STEADY = 0.1  # nats by which one more look at it changes nothing
+MOST_OF_IT = 0.75  # of what was left of a joint that keeps more than any model may
 LARGE = 0.05  # an effect of this share of torque rms shifts model-based features
 
 
@@ -145,7 +146,7 @@ def _tested(logs: Logs, nominal: Nominal, selection: Selection) -> Examined:
     plain = task.settle(task.fit((), fitted, rounds=4))
     enough = _adequacy(logs, nominal, design, (plain, fitted))
     wrong = [*curved, *wrong_forms(design, logs.sketch, fitted, tested)]
-    kept = [t for t in tested if t not in wrong and not _resembles(task, t, enough)]
+    kept = [t for t in tested if t not in wrong and not _resembles(t, enough)]
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
@@ -203,18 +204,18 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     return fitted
 
 
-def _resembles(task: Task, tested: Tested, enough: Adequacy) -> bool:
-    """A name on a joint that keeps more than it may be a part of what is not known.
+def _resembles(tested: Tested, enough: Adequacy) -> bool:
+    """A name on a joint that keeps much may be a part of what is not known.
 
-    On a flagged joint it must explain 3/4 of what was left; on a doubted one, more of
-    the torque than it leaves beyond noise.
+    On a flagged joint it must explain 3/4 of what was left. What claims the whole arm
+    must explain more than remains of a doubted one, too; of one joint's own friction or
+    constant that was asked once, and cost true names only (docs/benchmarks.md).
     """
-    effect = tested.group.effect
-    local = effect.scope in ("local", "pair")
+    local = tested.group.effect.scope in ("local", "pair")
     joints = set(tested.group.joints if local else (tested.joint,))
-    if joints & set(enough.flagged) and tested.share < 0.75:
+    if joints & set(enough.flagged) and tested.share < MOST_OF_IT:
         return True
-    doubted = joints & set(enough.doubted)
+    doubted = set() if local else joints & set(enough.doubted)
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 

@@ -10,8 +10,8 @@ from residual.diagnosis.gate import Tested
 from residual.diagnosis.search import least
 from residual.evidence.fit import Fit
 from residual.evidence.priors import given_slots, held_at
-from residual.model.chance import rise, rises
-from residual.model.compare import Errors, HeldOutLog, moving_power
+from residual.model.chance import rise
+from residual.model.compare import Errors, HeldOutLog
 from residual.model.model import Model
 from residual.recording import Array
 
@@ -19,7 +19,6 @@ CONFIRMED = 0.01  # gain above which a name counts as confirmed
 STANDING = 0.02  # share of moving rows under which a joint counts as standing
 STRANGE, STRANGE_LEAST = 4.0, 0.03  # held-out error beyond that of the fit logs
 SURE = 2.0  # standard errors
-PRICE = 0.02  # of what names cure, that they may cost elsewhere
 ROUND = 3  # gains are compared to 0.1 %
 
 
@@ -85,44 +84,27 @@ def harmful(
     held_out: Sequence[HeldOutLog],
     company: Sequence[Tested],
 ) -> list[tuple[Tested, str]]:
-    """The name that makes the arm, or a joint, worse than the refit without any name.
+    """The name that makes the arm worse than the refit without any name.
 
     Each may be harmless alone and all of them harm together: then the one goes without
-    which it comes out best. Not of the company, which stands or falls together.
+    which it comes out best. Not of the company, which stands or falls together. A
+    single joint that gets worse is said, and no reason: of names that fell by it all
+    were true (docs/benchmarks.md).
     """
     alone = [t for t, _ in judged.kept if t not in company]
     if not alone:
         return []
-    after = examined.error(judged.fit, held_out)
-    before = examined.error(examined.plain, held_out)
-    larger, on, where = _worst(after, before, moving_power(held_out))
-    # Of single joints alone: what a headline says of the arm must never be a rise.
-    one_joint = on != slice(None)
-    if not larger or (one_joint and _pays(examined, after, before)):
+    after = examined.error(judged.fit, held_out).sum(axis=1)
+    before = examined.error(examined.plain, held_out).sum(axis=1)
+    larger = rise(after, before)
+    if not larger:
         return []
 
     def left(one: Tested) -> float:
-        rest = without(examined, judged, [one])
-        return examined.error(rest.fit, held_out)[:, on].sum()
+        return examined.error(without(examined, judged, [one]).fit, held_out).sum()
 
-    worst = min(alone, key=left)
-    why = f"it raises the held-out error {where} by {100 * larger:.0f} %"
-    return [(worst, f"withdrawn: {why}")]
-
-
-def _worst(after: Array, before: Array, power: Array) -> tuple[float, slice, str]:
-    """The largest rise as a share, on which joints, and where in words; 0 for none."""
-    if (every := rise(after.sum(axis=1), before.sum(axis=1))) > 0:
-        return every, slice(None), "over all joints"
-    by_joint = rises(after, before, power)
-    j = int(np.argmax(by_joint))
-    return float(by_joint[j]), slice(j, j + 1), f"of joint {j + 1}"
-
-
-def _pays(examined: Examined, after: Array, before: Array) -> bool:
-    """Whether what names cost some joints is next to nothing beside what they cure."""
-    change = (after - before).sum(axis=0) / examined.task.design.rms**2
-    return bool(np.maximum(change, 0).sum() < PRICE * np.maximum(-change, 0).sum())
+    why = f"it raises the held-out error over all joints by {100 * larger:.0f} %"
+    return [(min(alone, key=left), f"withdrawn: {why}")]
 
 
 def judgement(gain: float) -> str:
@@ -172,17 +154,13 @@ def _gains(
 ) -> list[float]:
     """What of the error vanishes with each name, beside the others.
 
-    A joint whose error a name raises beyond chance counts against it, whichever.
+    Only joints count on which it acts, or on which it shows.
     """
-    with_all, power = examined.error(fitted, held_out), moving_power(held_out)
+    with_all = examined.error(fitted, held_out)
     rms, out = examined.task.design.rms, []
     for one in tested:
         rest = refit(examined, [t for t in tested if t is not one])
         less = examined.error(rest, held_out)
-        harm = rises(with_all, less, power).max(initial=0.0)
-        if harm > 0 and not _pays(examined, with_all, less):
-            out.append(round(-float(harm), ROUND))
-            continue
         fall = _fall(one, with_all, less, rms)
         if fall < CONFIRMED and (stiff := _at_nominal(examined, tested, one)):
             # The refit imitates it: then it is held against the value as given.
