@@ -20,6 +20,8 @@ from residual.quantity import bare_percent, known, probability
 
 # What a terminal without Unicode shows instead.
 _PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3", "·": ","})
+# Broken by hand, so that eighty columns hold all of them.
+_HEADS = {"identified": "identi-\nfied", "augmented": "aug-\nmented"}
 _PAIR = 12  # characters of an error before and after
 _NARROW = 26
 _TRUTH = ("", "hidden", "found")
@@ -152,7 +154,8 @@ def _error_columns(lines: Sequence[ErrorRow]) -> list[tuple]:
         return []
     # Two are as many as eighty columns hold; the page and the JSON have the third.
     first, *others = metrics[:2]
-    columns = [(s, first, (s,)) for s in STAGES if tables.has(lines, first, s)]
+    shown = [s for s in STAGES if tables.has(lines, first, s)]
+    columns = [(_HEADS.get(s, s), first, (s,)) for s in shown]
     if tables.has(lines, first, PLAIN):
         columns.append(("least\nsquares", first, (PLAIN,)))
     pair = ("identified", "augmented")
