@@ -151,7 +151,8 @@ def _alone(
         # Never worse than what anyone has at hand: with what that one has and the
         # model has not, everything is searched again.
         wider = start_nominal(logs, plain_names(nominal.names))
-        examined, proof, standing = _stood(logs, wider, rules, asked)
+        # What is there and has no better name than a constant may be anything.
+        examined, proof, standing = _stood(logs, wider, rules, asked, tuple(behind))
         said = given_constants(examined.task, standing.judged.fit, behind)
         asked = replace(asked, said=(said,))
     found = _concluded(examined, proof, standing, plain, asked)
@@ -160,9 +161,15 @@ def _alone(
     return replace(found, verdict=declared)
 
 
-def _stood(logs: Logs, nominal: Nominal, rules: Rules, asked: "_Wanted"):
+def _stood(
+    logs: Logs,
+    nominal: Nominal,
+    rules: Rules,
+    asked: "_Wanted",
+    closed: Sequence[int] = (),
+) -> tuple[Examined, Sequence[HeldOutLog], Standing]:
     """Search, and let the held-out logs judge what was found."""
-    examined = examine(logs, nominal, rules, asked.tell)
+    examined = examine(logs, nominal, rules, asked.tell, closed)
     asked.tell("proof", 0.0)
     proof = prepare_held_out(asked.held_out, examined.nominal.model)
     standing = stand(examined, proof, asked.fit, asked.tell)

@@ -1,7 +1,7 @@
 """Which effects may be blamed, on which joints, and what a wider choice costs."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -51,6 +51,22 @@ class Candidates:
             return self
         kept = tuple(g for g in self.groups if g.effect.name not in names)
         return replace(self, groups=kept)
+
+    def closing(self, joints: Collection[int]) -> "Candidates":
+        """The same without what sits on some joints, alone or among others.
+
+        Args:
+            joints: The joints, from 0.
+        """
+        if not joints:
+            return self
+        shut = set(joints)
+        kept = (
+            g
+            for g in self.groups
+            if not any(p.joints and shut & set(p.joints) for p in g.parts or (g,))
+        )
+        return replace(self, groups=tuple(kept))
 
     def barring(self, fallen: Sequence[Group], kin: Sequence[Group]) -> "Candidates":
         """The same without some effects on their joints, alone or among others.

@@ -1,6 +1,6 @@
 """Diagnosis of one set of logs: what the nominal model lacks on them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,7 +83,13 @@ class Examined:
         return _refitted(self, fitted, rough)
 
 
-def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> Examined:
+def examine(
+    logs: Logs,
+    nominal: Nominal,
+    rules: Rules,
+    progress: Progress,
+    closed: Collection[int] = (),
+) -> Examined:
     """Search, test and flag.
 
     Args:
@@ -91,10 +97,12 @@ def examine(logs: Logs, nominal: Nominal, rules: Rules, progress: Progress) -> E
         nominal: The model to be doubted.
         rules: Thresholds.
         progress: Told the stage and the share done.
+        closed: Joints (from 0) of which nothing of their own may be named.
     """
     design = first_design(logs, nominal)
     progress("features", 0.0)
     everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
+    everything = everything.closing(closed)
     selection = _search(design, nominal, everything, (rules, progress))
     if _needs_second_search(selection):
         settled = _refit_named(logs, nominal, selection)

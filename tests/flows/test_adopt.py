@@ -196,8 +196,9 @@ def test_the_model_is_whole_and_records_of_before_are_read(made, monkeypatch):
     augmented = read_models(store, id)["augmented"]
     assert np.array_equal(known.coefficients(), augmented.coefficients())
     record = read_record(store, read_record(store, id)["model_id"])
+    same = {"model": record["models"]["models"]["augmented"]}
     for own in (
-        {**record["known"], "covariance": [1.0], "unexplained": [], "usual": None},
+        {**same, "covariance": [1.0], "unexplained": [], "usual": None},
         None,
     ):
         old = {k: v for k, v in record.items() if k != "known"}

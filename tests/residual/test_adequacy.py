@@ -87,18 +87,20 @@ def test_a_name_that_halved_it_clears_a_joint_unless_much_is_left(rng):
 
 
 @pytest.mark.parametrize(
-    ("fall", "share", "left", "void"),
+    ("scope", "fall", "share", "left", "void"),
     [
-        (0.04, 0.6, 0.03, False),  # it explains more than it leaves
-        (0.02, 0.3, 0.03, True),  # less: it may be a part of what is not known
-        (0.02, 0.3, 0.01, False),  # what it leaves is no more than noise
-        (0.09, 0.7, 0.06, True),  # much is left: three quarters are asked for
-        (0.20, 0.9, 0.06, False),
+        ("global", 0.04, 0.6, 0.03, False),  # it explains more than it leaves
+        ("global", 0.02, 0.3, 0.03, True),  # less: a part of what is not known, maybe
+        ("local", 0.02, 0.3, 0.03, False),  # which is asked of the whole arm alone
+        ("global", 0.02, 0.3, 0.01, False),  # what it leaves is no more than noise
+        ("local", 0.09, 0.7, 0.06, True),  # much is left: three quarters are asked for
+        ("local", 0.20, 0.9, 0.06, False),
     ],
 )
-def test_a_name_on_a_joint_that_keeps_more_is_void(rng, fall, share, left, void):
+def test_a_name_on_a_joint_that_keeps_more_is_void(rng, scope, fall, share, left, void):
     found = problem(rng)
     (group,) = found.design.add([(LINE, (1,), ())])
+    group = replace(group, effect=replace(LINE, scope=scope))
     tested = gate.Tested(group, 99.0, "fit", 1, fall, share, 1)
     told = replace(
         judge(found),
@@ -106,7 +108,7 @@ def test_a_name_on_a_joint_that_keeps_more_is_void(rng, fall, share, left, void)
         flagged=(1,) if left > 0.05 else (),
         doubted=(1,) if left > 0.02 else (),
     )
-    assert examine._resembles(found.task([group]), tested, told) is void
+    assert examine._resembles(tested, told) is void
 
 
 # -- repeats -----------------------------------------------------------------------
