@@ -63,7 +63,7 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
         target = design.stacked([b - a for a, b in zip(hiss, fresh, strict=True)])
         for j, change in enumerate(target):
             place, have = design.present(j, design.nominal)
-            change += design.columns(j, place) @ moved[have]
+            change += design.target[j] + design.columns(j, place) @ moved[have]
         out.append(_searched(design.with_target(target), another, candidates))
     return tuple(out)
 
