@@ -51,6 +51,7 @@ WORSE = 1.10  # times plain least squares on one joint: beyond what a log decide
 LOADED_JOINTS, DAYS_NAMED, HALVED = (2, 3), 4, 0.7
 FRICTION = "load_friction"
 LOAD = (2.7, 3.1)  # kg; 2.805 were weighed, the drives' gains may carry the rest
+_MODELS = ("identified", "augmented")
 QUICK = ("ur10 60 % | 40 %", "kr300 AB | C", "ur10e feb10 | other days", LOADED)
 
 
@@ -182,9 +183,6 @@ def _show(row: Mapping, before: Mapping | None) -> None:
             print(f"  {label:22}{cells}")
     for said in row["contradictions"]:
         print(f"  {said}")
-
-
-_MODELS = ("identified", "augmented")
 
 
 def _read(path: Path | None) -> dict[str, Mapping]:

@@ -52,19 +52,19 @@ class Candidates:
         kept = tuple(g for g in self.groups if g.effect.name not in names)
         return replace(self, groups=kept)
 
-    def closing(self, joints: Collection[int]) -> "Candidates":
+    def closing(self, joints: Collection[int], bodies: bool = True) -> "Candidates":
         """The same without what sits on some joints, alone or among others.
 
         Args:
             joints: The joints, from 0.
+            bodies: Whether bodies go too, which other joints carry.
         """
-        if not joints:
-            return self
         shut = set(joints)
         kept = (
             g
             for g in self.groups
-            if not any(p.joints and shut & set(p.joints) for p in g.parts or (g,))
+            if not shut & set(g.joints)
+            or not (bodies or g.effect.portable.bodies is None)
         )
         return replace(self, groups=tuple(kept))
 
@@ -168,15 +168,5 @@ def every_candidate(
     given = nominal.kinds
     kept = [g for g in every.groups if not any(p.effect.name in given for p in g.parts)]
     every = replace(every, groups=tuple(kept))
-    return _on_live_joints(design, every)
-
-
-def _on_live_joints(design: Design, every: Candidates) -> Candidates:
-    """Without what sits on joints of which the logs say nothing; bodies are carried."""
-    dead = set(np.flatnonzero(design.rows < FEWEST_ROWS))
-    kept = (
-        g
-        for g in every.groups
-        if g.effect.portable.bodies is not None or not dead & set(g.joints)
-    )
-    return replace(every, groups=tuple(kept))
+    # Of joints that hardly move the logs say nothing.
+    return every.closing(np.flatnonzero(design.rows < FEWEST_ROWS), bodies=False)

@@ -15,17 +15,15 @@ import numpy as np
 from residual.diagnosis.gate import leave_out
 from residual.diagnosis.task import Task
 from residual.effects import registry
-from residual.evidence.fit import Fit, System
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, System, smallest_change
 from residual.evidence.priors import SCALES, relative_prior
-from residual.evidence.states import first_design
 from residual.model.chance import SMALL, WORSE
 from residual.model.model import Model
 from residual.model.nominal import DEFAULT_DECLARED, Logs, start_nominal
 from residual.model.standstill import with_standstill
 from residual.names import joints_listed
 from residual.recording import Array
-
-RANK = 1e-10  # of the largest eigenvalue, of columns of size one: not determined
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -51,18 +49,16 @@ def plain_names(declared: tuple[str, ...]) -> tuple[str, ...]:
 def plain_fit(logs: Logs) -> Plain:
     """Fit a robot's logs by plain least squares."""
     nominal = start_nominal(logs, plain_names(()))
-    design = first_design(logs, nominal)
+    design = Design(logs.tracks, nominal.model)
     prior = relative_prior(design, nominal, SCALES[-1])
     whole = System.of(design, prior, ())
     gram, cross = whole.gram.sum(axis=0), whole.cross.sum(axis=0)
     left = []
     for own in whole.folds(design):
         rest = gram - own.gram.sum(axis=0), cross - own.cross.sum(axis=0)
-        left.append(own.squared_error(_solved(*rest)))
-    theta, count = _solved(gram, cross), len(nominal.model.coefficients())
-    model = nominal.model.with_coefficients(
-        nominal.model.coefficients() + theta[:count]
-    )
+        left.append(own.squared_error(smallest_change(*rest)))
+    moved = nominal.model.coefficients() + smallest_change(gram, cross)
+    model = nominal.model.with_coefficients(moved)
     return Plain(with_standstill(model, logs.sketch), np.array(left))
 
 
@@ -110,12 +106,3 @@ def given_constants(
         f"(joint {worst + 1}: {ours:.1f} against {theirs:.1f} %), so the model was "
         f"given the constants that the logs show, without naming them: {values} N m"
     )
-
-
-def _solved(gram: Array, cross: Array) -> Array:
-    """Least squares of normal equations; what is not determined stays at zero."""
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    real = values > RANK * values.max(initial=0.0)
-    turned = vectors[:, real]
-    return turned @ ((turned.T @ (cross / size)) / values[real]) / size

@@ -16,6 +16,7 @@ from residual.recording import Array
 
 NOISE_FLOOR = 0.003  # of torque rms: no log is believed to be cleaner
 FEWEST_ROWS = 5.0
+CUT = 1e-10  # eigenvalues of a scaled Gram below this share tell nothing
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -237,6 +238,25 @@ class System:
         """Squared error of each joint on the gathered rows. Shape (dof,)."""
         left = self.power - 2 * self.cross @ theta + (self.gram @ theta) @ theta
         return np.maximum(left, 0.0)
+
+
+def smallest_change(gram: Array, cross: Array) -> Array:
+    """Least squares of normal equations, without a prior. Shape (p,).
+
+    Of the many solutions where columns depend on each other it is the smallest, in
+    units of the torque that each column makes; what nothing is said of stays zero.
+
+    Args:
+        gram: Shape (p, p).
+        cross: Shape (p,).
+    """
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    seen = np.diag(gram) > CUT**2 * np.diag(gram).max()
+    scaled = np.where(np.outer(seen, seen), gram / np.outer(scale, scale), 0.0)
+    values, vectors = np.linalg.eigh(scaled)
+    good = values > CUT * values[-1]
+    right = vectors[:, good].T @ np.where(seen, cross / scale, 0.0)
+    return np.where(seen, vectors[:, good] @ (right / values[good]) / scale, 0.0)
 
 
 def scaled_inverse(matrix: Array) -> Array:

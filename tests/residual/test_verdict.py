@@ -74,6 +74,14 @@ def outcome_of():
 
 
 # The form of DESIGN section 7, written down once more on purpose.
+TABLES = (
+    "held_out",
+    "filtered",
+    "moving",
+    "overall",
+    "overall_filtered",
+    "overall_moving",
+)
 TABLE = {"nominal", "identified", "augmented", "plsr", "least_squares"}
 FORM = {
     "": {
@@ -159,14 +167,7 @@ def test_every_key_is_there_and_no_other(outcome_of, kind):
     error = verdict["error"]
     assert set(error) == FORM["error"]
     assert set(error["filter"]) == {"cutoff_hz"}
-    for table in (
-        "held_out",
-        "filtered",
-        "moving",
-        "overall",
-        "overall_filtered",
-        "overall_moving",
-    ):
+    for table in TABLES:
         assert set(error[table]) == TABLE
     for effect in verdict["effects"]:
         assert set(effect) == EFFECT
@@ -393,14 +394,7 @@ def test_augmented_is_identified_where_nothing_was_found(outcome_of, kind):
     assert to_json(outcome.verdict)["effects"] == []
     assert outcome.sentences == outcome.clouds == ()
     error = to_json(outcome.verdict)["error"]
-    for table in (
-        "held_out",
-        "filtered",
-        "moving",
-        "overall",
-        "overall_filtered",
-        "overall_moving",
-    ):
+    for table in TABLES:
         assert error[table]["augmented"] == error[table]["identified"]
 
 
@@ -638,14 +632,7 @@ def test_what_knocks_with_time_is_told_with_its_frequency_and_left_uncorrected(
     assert (told["joint"], told["on"], told["of"]) == (2, "frequency", [])
     assert told["frequency"] == pytest.approx(0.4, abs=0.06)
     assert any("joint 2: not correctable from state" in w for w in verdict["warnings"])
-    for table in (
-        "held_out",
-        "filtered",
-        "moving",
-        "overall",
-        "overall_filtered",
-        "overall_moving",
-    ):
+    for table in TABLES:
         assert verdict["error"][table]["plsr"] == verdict["error"][table]["augmented"]
     (cloud,) = outcome.left
     assert (cloud.joint, cloud.name) == (2, "")

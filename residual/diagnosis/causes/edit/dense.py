@@ -18,12 +18,12 @@ import numpy as np
 
 from residual.effects import registry
 from residual.evidence.design import Design
+from residual.evidence.fit import smallest_change
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs
 from residual.recording import Array, Recording
 from residual.signals.split import session_clock
 
-CUT = 1e-10  # eigenvalues of the scaled Gram below this share tell nothing
 ROUNDS = 3  # of parameters and noise in turn
 
 
@@ -57,13 +57,7 @@ def _solve(design: Design, weight: Array) -> Array:
         own, right, have = _sums(design, j)
         gram[np.ix_(have, have)] += weight[j] * own
         cross[have] += weight[j] * right
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    seen = np.diag(gram) > CUT**2 * np.diag(gram).max()
-    scaled = np.where(np.outer(seen, seen), gram / np.outer(scale, scale), 0.0)
-    values, vectors = np.linalg.eigh(scaled)
-    good = values > CUT * values[-1]
-    right = vectors[:, good].T @ np.where(seen, cross / scale, 0.0)
-    return np.where(seen, vectors[:, good] @ (right / values[good]) / scale, 0.0)
+    return smallest_change(gram, cross)
 
 
 def _sums(design: Design, j: int) -> tuple[Array, Array, Array]:
