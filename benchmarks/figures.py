@@ -25,7 +25,6 @@ def figure(value: float | None, bar: float | None, n: int, **extra: object) -> d
     Args:
         value: What was measured, None if it was not.
         bar: What it may be at most, None where there is no bar.
-        n: How many measurements are in it.
         extra: Anything else to record; `ok` overrides the comparison, and a `why`
             explains an `ok` of None.
     """

@@ -27,12 +27,10 @@ def run_groups(
     """Measure the groups that were asked for and return the exit code.
 
     Args:
-        about: What `--help` says.
         groups: Names of the groups, in order.
         measure: From the name of a group, and whether to be quick, to its figures; it
             imports what it needs itself, since NumPy must not be loaded before.
         own: Options of this benchmark alone (made with `add_help=False`), for `--help`.
-        facts: What else to keep of the circumstances.
     """
     args = _arguments(about, groups, own)
     # Before NumPy is loaded, here and in what this starts.
@@ -56,8 +54,6 @@ def merged(
 
     Args:
         earlier: The file as it was; empty where there was none.
-        made: Figures of the groups that were measured now.
-        about: Circumstances of this run (`circumstances`).
         groups: All groups that there are, in order.
 
     Returns:

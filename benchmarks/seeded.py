@@ -18,10 +18,7 @@ def seeded_options(
     """Return the options that all of them have.
 
     Args:
-        about: What `--help` says.
         seeds: The seeds that decide, as A:B.
-        groups: Names of the groups of cases.
-        quick: What `--quick` does.
     """
     parser = argparse.ArgumentParser(
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -68,7 +65,6 @@ def guarded(about: Mapping, work: Callable[[], dict]) -> dict:
 
     Args:
         about: What the row of a crash says of its case.
-        work: Makes the row.
     """
     try:
         return work()
@@ -80,12 +76,7 @@ def guarded(about: Mapping, work: Callable[[], dict]) -> dict:
 def group_figures(
     rows: Mapping[str, Rows], makers: Mapping[str, Callable[[Rows], Figures]]
 ) -> Figures:
-    """Return the figures of every group that was run, of cases that came to their end.
-
-    Args:
-        rows: Rows of each group.
-        makers: From the rows of a group to its figures.
-    """
+    """Return the figures of every group that was run, from finished cases."""
     figures: Figures = {}
     for group, make in makers.items():
         if group in rows:

@@ -21,7 +21,6 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
     """Refuse early what could not be written at the end.
 
     Args:
-        files: Files to write, by the option that names them.
         inputs: Files that are read and must not be lost.
 
     Raises:
@@ -53,11 +52,6 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
 def check_outside(option: str, file: str | None, store: Path) -> None:
     """Refuse to write among the records of a store, which nothing may change.
 
-    Args:
-        option: The option that names the file.
-        file: The file, as it was typed.
-        store: The store.
-
     Raises:
         InputError: If it lies in one of its folders.
     """
@@ -74,7 +68,6 @@ def check_new_folder(option: str, place: Path) -> None:
     """Refuse early a folder for export in which something could be overwritten.
 
     Args:
-        option: The option that names it.
         place: The folder, which need not be there.
 
     Raises:
@@ -94,12 +87,7 @@ def check_new_folder(option: str, place: Path) -> None:
 
 
 def read_files(words: Iterable[str], *files: str | None) -> list[Path]:
-    """Return what a command may read, with and without the window of a log.
-
-    Args:
-        words: Logs and robots as the user wrote them.
-        files: Other files, where they were named.
-    """
+    """Return what a command may read, with and without the window of a log."""
     words = list(words)
     windowless = (word.rpartition("@")[0] for word in words)
     return [Path(word) for word in (*words, *windowless, *files) if word]
@@ -109,7 +97,6 @@ def in_folder(folder: str, files: Mapping[str, bytes]) -> dict[Path, bytes]:
     """Return files by where they go, in a folder that is made if it is not there.
 
     Args:
-        folder: The folder (`check_new_folder`).
         files: Content by name.
     """
     Path(folder).mkdir(exist_ok=True)

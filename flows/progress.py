@@ -19,7 +19,6 @@ def plain_lines(say: Callable[[str], None], clock: Clock = monotonic) -> Progres
     """Return what prints progress as lines, for a log file: one at most in PAUSE.
 
     Args:
-        say: Prints a line.
         clock: Tells the time [s].
     """
     last = [clock()]

@@ -56,7 +56,6 @@ def page_link(address: str, otherwise: Path) -> str:
 
     Args:
         address: Below the first folder of the pages, such as "night/latest.html".
-        otherwise: Its file, for where no server serves it.
     """
     first = os.environ.get(PAGES)
     return f"{first}/{address}" if first else otherwise.as_uri()
@@ -131,9 +130,5 @@ def quiet_prefect(home: Path) -> dict[str, str]:
 
 
 def prepare_prefect(home: Path) -> None:
-    """Set Prefect up for a flow of ours; to be called before Prefect is imported.
-
-    Args:
-        home: Where its files go.
-    """
+    """Set Prefect up for a flow of ours; to be called before Prefect is imported."""
     os.environ.update(quiet_prefect(home))

@@ -77,8 +77,6 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     """Find what a robot's model lacks, add it, and prove it on held-out motion.
 
     Args:
-        robot: The arm as the user describes it.
-        fit: Logs to diagnose.
         baseline: Logs of the arm as it was: then what has changed since is found.
         held_out: Logs for the proof. Where there are none, the last quarter of the
             longest fit log is cut off and held out.

@@ -18,8 +18,6 @@ def check_name(name: str, known: Iterable[str], what: str) -> str:
     """Return the name if it is known.
 
     Args:
-        name: What was typed.
-        known: The valid names.
         what: What the name stands for, as the message begins: "effect".
 
     Returns:
@@ -65,12 +63,7 @@ def check_keys(table: Iterable[str], known: Iterable[str], where: str) -> None:
 
 
 def listed(values: Iterable, form: str = "") -> str:
-    """Return values as a list: '1, 2, 5'.
-
-    Args:
-        values: Numbers of joints, or other values.
-        form: Format of each, as in an f-string.
-    """
+    """Return values as a list: '1, 2, 5'."""
     return ", ".join(format(value, form) for value in values)
 
 
@@ -88,7 +81,6 @@ def check_nesting(content: Content, where: str) -> Content:
 
     Args:
         content: What a reader of TOML or JSON made of it.
-        where: Name of the file, for the message.
 
     Raises:
         InputError: If they are.

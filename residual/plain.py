@@ -6,11 +6,7 @@ import numpy as np
 
 
 def plain(value: object) -> object:
-    """Return plain Python values; what is not a finite number becomes None.
-
-    Args:
-        value: Numbers, text, arrays, mappings and sequences of them.
-    """
+    """Return plain Python values; what is not a finite number becomes None."""
     if isinstance(value, Mapping):
         return {k: plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

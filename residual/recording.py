@@ -99,7 +99,6 @@ def usual_speed(recording: Recording, stride: int, share: float) -> Array:
     """Return the speed that a share of a log's samples stay below.
 
     Args:
-        recording: The log.
         stride: Samples over which a speed is taken, so that noise does not count.
         share: The share, from 0 to 1.
 

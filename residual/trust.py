@@ -14,10 +14,6 @@ def with_check(found: Diagnosis, report: CheckReport) -> Diagnosis:
 
     With a certain fault nothing is named, and nothing is said to be missing or not:
     what was found may be the fault.
-
-    Args:
-        found: The diagnosis.
-        report: What the check says of all of its logs.
     """
     warnings = (*report.sentences, *found.warnings)
     verdict = replace(found.verdict, log_check=report, warnings=warnings)

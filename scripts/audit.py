@@ -27,15 +27,7 @@ _NOT = ("gpl", "mpl", "mozilla", "epl", "eupl", "cddl", "proprietary", "commerci
 
 
 def audit(lock: Path, run: Run = subprocess.run) -> tuple[int, list[str]]:
-    """Ask for the known vulnerabilities of what a lock file pins.
-
-    Args:
-        lock: The lock file, with hashes.
-        run: Runs pip-audit.
-
-    Returns:
-        The exit code, and what to print.
-    """
+    """Ask for the known vulnerabilities of what a lock file pins."""
     tool = shutil.which("pip-audit")
     if tool is None and run is subprocess.run:
         return NOT_ASKED, [_not_asked("pip-audit is not on the PATH (pipx has it)")]

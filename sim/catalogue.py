@@ -91,10 +91,6 @@ def amount(name: str, parameters: Mapping[str, float]) -> float | None:
 
     In the unit of its first parameter, or the inverse of that (compliance of a gear).
 
-    Args:
-        name: Name of the effect.
-        parameters: Its parameters, SI.
-
     Returns:
         The amount, None for an effect that has none in proportion to its torque
         (presliding, saturation, all out of the vocabulary).

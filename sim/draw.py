@@ -21,13 +21,8 @@ def draw_hidden(
 
     Args:
         robot: The robot; sizes scale with its torques and friction.
-        stream: Random stream.
         name: Name of the effect; None to draw it too.
         joint: Joint from 1 (the first of a pair), None to draw it.
-        every: Draw among the whole vocabulary, the rare ones too.
-
-    Returns:
-        The effect.
 
     Raises:
         UnknownNameError: On an unknown name.
@@ -49,8 +44,6 @@ def draw(robot: Robot, effect: str, rng: Rng, joint: int | None = None) -> Hidde
 
     Args:
         robot: The robot; sizes scale with its torques and friction.
-        effect: Its name.
-        rng: Random stream.
         joint: Joint from 1 (the first of a pair), or None to draw it.
 
     Raises:

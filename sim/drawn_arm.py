@@ -49,11 +49,7 @@ class _Body(NamedTuple):
 
 @lru_cache(maxsize=16)
 def light_arm(seed: int) -> Robot:
-    """Return an arm of about 20 kg, its friction and rotors declared with values.
-
-    Args:
-        seed: Of its lengths, masses and friction.
-    """
+    """Return an arm of about 20 kg, its friction and rotors declared with values."""
     rng = stream(seed, "light arm")
     urdf = [f'<robot name="{NAME}"><link name="link_0"/>']
     for i, body in enumerate(_bodies(rng)):

@@ -38,16 +38,10 @@ def run_experiment(
 
     Args:
         robot: Description of the arm, which the controller and the twin believe.
-        reference: The motion, at rates.control.
-        plant: How the arm differs from its description.
-        rates: Rates of controller and log.
         start: Time since the session began; the log's clock goes on from there, and
             the gears are as warm as after usual work for that long [s].
         given: What drives the arm in place of the nominal model: torque along the
             reference [N m], shape (n, dof), or a law of computed torque.
-
-    Returns:
-        Log, truth and twin errors.
 
     Raises:
         InputError: On a spec that cannot be.

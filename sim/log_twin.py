@@ -56,7 +56,6 @@ def log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
     are differences.
 
     Args:
-        robot: The arm as described.
         log: What it did, with the reference that it was given.
 
     Returns:

@@ -23,13 +23,9 @@ def log_of(
     """Return the log.
 
     Args:
-        robot: The robot.
-        trace: What happened.
-        reference: What was asked for.
         effects: Effects of the arm; some sit in the reports of the drives.
         noise: Sizes, seed of the arm, label of the motion, and start of the log on the
             clock of the session [s].
-        rates: Rates of controller and log.
 
     Returns:
         Encoder positions, reported torque and reference at the rate of the log.

@@ -25,9 +25,6 @@ def stream(seed: int, name: str) -> np.random.Generator:
     Args:
         seed: Seed of the whole experiment, 0 or more.
         name: What the stream is for, such as "encoder/fit_1".
-
-    Returns:
-        A fresh generator at the start of the stream.
     """
     digest = hashlib.sha256(name.encode()).digest()
     entropy = [seed, int.from_bytes(digest[:8], "little")]

@@ -40,9 +40,6 @@ def drive(
     closes the loop itself (computed torque).
 
     Args:
-        robot: Description of the arm.
-        reference: The motion, at the rate of the controller.
-        plant: The arm.
         given: Torque along the reference [N m], shape (n, dof); or the law.
     """
     controller = controller_by(robot, reference, given)

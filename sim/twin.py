@@ -36,8 +36,6 @@ def twin_errors(
     on the motors, without the noise of the log; accelerations are their differences.
 
     Args:
-        log: What the robot logged.
-        plant: Trace of the arm.
         twin: Trace of the twin on the same reference.
         every: Control steps per sample of the log.
 
@@ -62,9 +60,6 @@ def track(robot: Robot, reference: Reference, plant: PlantSpec, torque: Array) -
     validation by feed-forward of the paper's section 1.3.
 
     Args:
-        robot: Description of the arm.
-        reference: The motion.
-        plant: The arm.
         torque: Feed-forward torque along the reference [N m]. Shape (n, dof).
 
     Returns:
@@ -84,7 +79,6 @@ def open_loop(
     """Let the nominal model run free under given torques, a window at a time.
 
     Args:
-        robot: The robot.
         reference: The motion that was measured; each window begins in its state.
         torque: Torques measured on it, at the same times [N m]. Shape (n, dof).
         window: Length of a window [s]; without feedback errors grow quickly.

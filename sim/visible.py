@@ -83,13 +83,7 @@ def draw_visible(
     several that one is hidden that shows most.
 
     Args:
-        robot: The robot.
-        stream: Random stream.
-        stages: The motions on which it is to be seen.
         name: Name of the effect; None to draw it too.
-
-    Returns:
-        The effect.
 
     Raises:
         UnknownNameError: On an unknown name.

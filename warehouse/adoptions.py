@@ -64,11 +64,7 @@ def commit_adoption(store: Path, made: Adoption) -> str:
     """Put an adoption into the store under the next number.
 
     Args:
-        store: The store.
         made: The adoption; its parent is what the robot had when it was judged.
-
-    Returns:
-        Its number in six digits.
 
     Raises:
         MeanwhileError: If the robot has got another model since.
@@ -98,10 +94,6 @@ def commit_adoption(store: Path, made: Adoption) -> str:
 def read_adoption(store: Path, id: str) -> Adoption:
     """Return an adoption.
 
-    Args:
-        store: The store.
-        id: Its number in six digits.
-
     Raises:
         InputError: If there is none, or it is damaged.
     """
@@ -116,8 +108,6 @@ def adopted(
     """Return the last adoption of a robot with its number, None where there is none.
 
     Args:
-        store: The store.
-        robot: Slug of the robot.
         serial: Its serial number, None where it has none.
 
     Raises:

@@ -48,16 +48,9 @@ def commit_run(
     """Put a run into the store; one of the same id that is there already stays.
 
     Args:
-        store: The store.
-        recording: What was logged.
         manifest: How it came to be (keys: ``warehouse.runs``). With ``spec``, the
             open half, it is a simulated run; without, a measured one, which needs
             ``robot_hash``.
-        sealed: The hidden half of a simulated run.
-        extra: More channels (``schema.SIGNALS``): the errors of the twin.
-
-    Returns:
-        The id of the run.
 
     Raises:
         InputError: If the manifest or a channel is not usable.
@@ -100,12 +93,7 @@ def _write_samples(folder: Path, arrays: Mapping, units: Mapping, flush: bool) -
 
 
 def imported_run_id(recording: Recording, robot_hash: str) -> str:
-    """Return the id that a measured recording has as a run, stored or not.
-
-    Args:
-        recording: What was logged.
-        robot_hash: Hash of its robot's description.
-    """
+    """Return the id that a measured recording has as a run, stored or not."""
     return ids.imported_id(ids.data_hash(_channels(recording, {})), robot_hash)
 
 
@@ -120,13 +108,10 @@ def commit_record(
     """Put a model, diagnosis, validation or report into the store.
 
     Args:
-        store: The store.
-        kind: models, diagnoses, validations or reports.
         record: All there is to say, as JSON can hold it; what has the name of a column
             of the view becomes one.
         tables: ``errors`` and ``effects`` become rows of these views (columns as in
             ``schema.VIEWS``, without the record's own id); others become files.
-        parents: Ids that it was made from, with roles (``manifest.lineage_rows``).
         files: Other files by name, such as the page of a report.
 
     Returns:
@@ -167,7 +152,6 @@ def read_record(store: Path, id: str) -> dict:
     """Return what a record was committed with.
 
     Args:
-        store: The store.
         id: Id of a model, diagnosis, validation or report, or its beginning.
 
     Raises:
@@ -253,11 +237,6 @@ def row_of(kind: str, id: str, known: Provenance, record: Mapping) -> dict:
 
 def one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Table:
     """Return a catalogue row as the file of a record has it.
-
-    Args:
-        kind: Kind of record.
-        row: Its values by column.
-        extra: Further columns of text.
 
     Raises:
         InputError: If a value is of another type than its column.

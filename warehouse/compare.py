@@ -58,7 +58,6 @@ def compare(one: Mapping[str, Array], two: Mapping[str, Array]) -> tuple[Channel
 
     Args:
         one: Signals by name, as ``runs.read_channels`` gives them; times are its.
-        two: Those of the other run.
 
     Returns:
         One entry for each channel of either, joint by joint, in the order of signals.
@@ -87,8 +86,6 @@ def values_apart(one: object, two: object, at: str = "") -> list[Channel]:
     """Compare two records as JSON holds them, value by value.
 
     Args:
-        one: Record, or a part of it.
-        two: The other.
         at: Where the parts are, such as "document.effects".
 
     Returns:

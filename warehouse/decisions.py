@@ -58,11 +58,7 @@ def commit_decision(store: Path, decision: Decision) -> str:
     """Put a decision into the store.
 
     Args:
-        store: The store.
         decision: The decision; its number is the next one of its loop.
-
-    Returns:
-        Its id.
 
     Raises:
         InputError: If that number is taken: the same loop runs elsewhere, too.
@@ -88,10 +84,6 @@ def commit_decision(store: Path, decision: Decision) -> str:
 
 def read_decisions(store: Path, loop: str) -> tuple[Decision, ...]:
     """Return what a loop has decided so far, the first one first.
-
-    Args:
-        store: The store.
-        loop: Id of the loop.
 
     Raises:
         InputError: If a record is damaged.

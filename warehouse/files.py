@@ -32,10 +32,6 @@ def write_parquet(path: Path, table: pa.Table) -> None:
     """Write a table: zstd; floats split by byte and without a dictionary.
 
     For measured signals that is half the size of the default and faster both ways.
-
-    Args:
-        path: A new file.
-        table: The table.
     """
     pq.write_table(table, path, **parquet_options(table.schema))
 
@@ -138,7 +134,6 @@ def staged(store: Path, label: str) -> Iterator[Path]:
 
     Args:
         store: The store; made where there is none, for its owner alone.
-        label: Begins its name, for people who look.
 
     Raises:
         ReadOnlyStoreError: If nothing may be written there.
@@ -166,10 +161,6 @@ def staged(store: Path, label: str) -> Iterator[Path]:
 
 def publish(folder: Path, target: Path) -> bool:
     """Make a staged folder visible at its place with its sums, whole or not at all.
-
-    Args:
-        folder: The folder in ``_staging``, all files written.
-        target: Where it goes.
 
     Returns:
         Whether it is this one; False if another writer was faster.
@@ -214,7 +205,6 @@ def sweep_staging(store: Path, age: float = 86400.0) -> None:
     """Remove what killed writers left behind.
 
     Args:
-        store: The store.
         age: Only what is older, so that nobody loses what is being written [s].
     """
     oldest = time.time() - age

@@ -76,9 +76,7 @@ def run_id(open_half: object, sealed_sha256: str | None, code_hash: str) -> str:
     """Return the id of a simulated run, known before it is simulated.
 
     Args:
-        open_half: The part of the spec that everybody may read.
         sealed_sha256: Hash of the hidden part (``seal.sealed_hash``), None for none.
-        code_hash: Hash of the plant's code (``provenance.plant_code_hash``).
     """
     return digest(open_half, sealed_sha256, code_hash)[:ID_DIGITS]
 
@@ -87,7 +85,6 @@ def decision_id(loop: str, number: int) -> str:
     """Return the id of a decision of a loop: there is one of each number.
 
     Args:
-        loop: Id of the loop.
         number: Which decision, from 1.
     """
     return digest("decisions", loop, number)[:ID_DIGITS]

@@ -61,11 +61,7 @@ def find(store: Path, id: str) -> Found:
     """Find a record of any kind by its id or the beginning of it.
 
     Args:
-        store: The store.
         id: Up to 20 hex digits.
-
-    Returns:
-        The record.
 
     Raises:
         InputError: If it is not an id, or none or several records begin with it.

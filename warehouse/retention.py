@@ -53,10 +53,8 @@ def old_runs(
     """Return runs that may leave a store; nothing is changed.
 
     Args:
-        store: The store.
         days: How old they are at least, by their recording, else by their commit [d].
         robot: Name of the robot, None for all.
-        keep: Tags of runs that stay.
     """
     before = datetime.now(UTC).replace(tzinfo=None) - timedelta(days=days)
     asked = {"before": before, "robot": robot, "keep": list(keep)}
@@ -71,14 +69,6 @@ def move_away(store: Path, old: Old, to: Path) -> Path:
 
     Copied first, and out of the store at once: a kill leaves it in the store or in
     both, whole. Its sealed half goes with it.
-
-    Args:
-        store: The store.
-        old: The run (`old_runs`).
-        to: The folder, outside of the store.
-
-    Returns:
-        Where it is now.
 
     Raises:
         InputError: If the folder is in the store, or the store in a bucket.

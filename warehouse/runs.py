@@ -27,10 +27,6 @@ Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
 def read_manifest(store: Path, run_id: str) -> dict:
     """Return the manifest of a run.
 
-    Args:
-        store: The store.
-        run_id: Id of the run, or its beginning.
-
     Raises:
         InputError: If there is no such run, or it is damaged.
     """
@@ -47,7 +43,6 @@ def lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
 
     Args:
         parents: Ids, pairs of id and role, or lists of ids by role.
-        role: Role of those that are given none.
 
     Raises:
         InputError: If an id is none.
@@ -113,13 +108,6 @@ _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
 def read_run(store: Path, run_id: str) -> Recording:
     """Return what was logged in a run, bit for bit as it was committed.
 
-    Args:
-        store: The store.
-        run_id: Id of the run, or its beginning.
-
-    Returns:
-        The recording, its id that of the run.
-
     Raises:
         InputError: If there is no such run, or its samples are damaged.
     """
@@ -157,11 +145,6 @@ def check_samples(folder: Path) -> dict:
 
 def quarantine(store: Path, run_id: str, reason: str) -> Path:
     """Say that a run should not be used; nothing of it is deleted or changed.
-
-    Args:
-        store: The store.
-        run_id: Id of the run, or its beginning.
-        reason: Why, for people.
 
     Returns:
         The tombstone; the first one stays.

@@ -41,11 +41,7 @@ class Sealed:
 
 
 def sealed_hash(spec: object) -> str:
-    """Return the hash of a hidden half; its salt keeps it from being guessed.
-
-    Args:
-        spec: Mapping or dataclass.
-    """
+    """Return the hash of a hidden half; its salt keeps it from being guessed."""
     return digest(spec)
 
 
@@ -62,21 +58,12 @@ def commit_seal(store: Path, run_id: str, sealed: Sealed) -> None:
 
 
 def has_seal(store: Path, run_id: str) -> bool:
-    """Return whether the hidden half of a run is in the store.
-
-    Args:
-        store: The store.
-        run_id: Whole id of the run.
-    """
+    """Return whether the hidden half of a run is in the store."""
     return is_there(_folder(store, run_id))
 
 
 def open_seal(store: Path, run_id: str) -> Sealed:
     """Open the hidden half of a run: for reruns and for judging verdicts, only.
-
-    Args:
-        store: The store.
-        run_id: Id of the run, or its beginning.
 
     Raises:
         InputError: If the run has no seal, or the seal is not the one that was hashed.

@@ -22,11 +22,7 @@ _CRC = 8  # hex digits
 
 
 def write_sums(folder: Path) -> None:
-    """Write the sums of all files of a folder into it.
-
-    Args:
-        folder: The folder, all its files written.
-    """
+    """Write the sums of all files of a folder into it."""
     paths = sorted(p for p in folder.iterdir() if p.is_file() and p.name != SUMS)
     text = _text({path.name: sums_of(path) for path in paths})
     (folder / SUMS).write_bytes(text)
@@ -70,7 +66,6 @@ def check_file(path: Path, blocks: Collection[int] | None = None) -> bool:
     """Check a file, or some of its blocks, against the sums beside it.
 
     Args:
-        path: A file of a record.
         blocks: Numbers of the blocks; None for all.
 
     Returns:

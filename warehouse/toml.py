@@ -51,8 +51,6 @@ def checked(record: type[Record], content: dict[str, Any], where: str) -> Record
 
     Args:
         record: What the file must hold: a model or dataclass of pydantic.
-        content: What it holds.
-        where: Name of the file, for messages.
 
     Raises:
         InputError: On the first fault; an unknown key gets the nearest valid one.
@@ -67,7 +65,6 @@ def faults(record: type, content: dict[str, Any]) -> list[tuple[str, tuple]]:
 
     Args:
         record: What the file must hold: a model or dataclass of pydantic.
-        content: What it holds.
     """
     try:
         TypeAdapter(record).validate_python(content)

@@ -43,8 +43,6 @@ def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> st
     """Put a diagnosis and its model into the store.
 
     Args:
-        store: The store.
-        rows: What is kept of it.
         runs: Ids of the runs that it was made from, by role: fit, baseline, held_out.
 
     Returns:

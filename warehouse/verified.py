@@ -38,10 +38,6 @@ def told(check: Callable, *about: object) -> tuple[str, ...]:
 def check_robot(folder: Path, load: Callable) -> None:
     """Check that a kept robot is the one that its folder names.
 
-    Args:
-        folder: Its folder.
-        load: What reads a robot (`residual.robot.robot.load_robot`).
-
     Raises:
         ValueError: If it is another.
     """

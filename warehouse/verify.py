@@ -28,11 +28,7 @@ _OTHER_FORM = (
 
 
 def faults(found: Found) -> tuple[str, ...]:
-    """Return what is not as it was committed, a line each; empty for a good record.
-
-    Args:
-        found: The record.
-    """
+    """Return what is not as it was committed, a line each; empty for a good record."""
     brought(found.folder)
     wrong = file_faults(found.folder)
     if wrong:
@@ -83,12 +79,7 @@ def other_files(found: Found) -> dict[str, Path]:
 
 
 def _check_form(found: Found) -> None:
-    """Check that a row has the types of its view: one that has not stops every query.
-
-    Raises:
-        InputError: If a parent is no id.
-        pa.ArrowException: If a column has another type.
-    """
+    """Check that a row has the types of its view: another stops every query."""
     table = read_parquet(found.row)
     for field in KINDS[found.kind].fields:
         if field.name in table.column_names:

@@ -19,11 +19,7 @@ _OPEN_TO_OTHERS = 0o077
 
 
 def verify_all(store: Path) -> Iterator[Verified]:
-    """Verify every record, seal, robot, patch and tombstone of a store, one by one.
-
-    Args:
-        store: The store.
-    """
+    """Verify every record, seal, robot, patch and tombstone of a store, one by one."""
     return verify_bucket(store) if bucket_of(store) else _verify_folder(store)
 
 

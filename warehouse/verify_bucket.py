@@ -22,9 +22,6 @@ def verify_bucket(store: Path) -> Iterator[Verified]:
     """Verify every record, seal, robot, patch and tombstone of a store in a bucket.
 
     Each is fetched anew, and nothing of it is kept.
-
-    Args:
-        store: Its mirror.
     """
     records = all_records(store)
     seals = set(names_in(store, SEALED))

@@ -90,7 +90,6 @@ def make(arm: Arm, effects: Sequence[PlantEffect]) -> Made:
     """Record one case.
 
     Args:
-        arm: The arm.
         effects: What changed.
     """
     plant, seconds = arm.plant(effects), 12.0 if arm.quick else 20.0
@@ -106,12 +105,7 @@ def make(arm: Arm, effects: Sequence[PlantEffect]) -> Made:
 
 
 def make_edited(arm: Arm, effects: Sequence[PlantEffect]) -> Recording:
-    """Record the arm with other changes in a motion of its own, with other noise.
-
-    Args:
-        arm: The arm.
-        effects: What it has after one change was undone.
-    """
+    """Record the arm with other changes in a motion of its own, with other noise."""
     seconds = 12.0 if arm.quick else 20.0
     made = motion(arm, EDITED, "fourier", seconds)
     return record(arm, arm.plant(effects), EDITED, made, 0.0)

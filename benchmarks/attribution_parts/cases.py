@@ -70,8 +70,6 @@ def tasks(group: str, seeds: Sequence[int], quick: bool) -> list[Task]:
     """Return the cases of a group.
 
     Args:
-        group: Its name.
-        seeds: Seeds of the draws.
         quick: Two arms only, in few and short logs.
     """
     counts = (0,) if group == UNCHANGED else tuple(range(1, MOST + 1))

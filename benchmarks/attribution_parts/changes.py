@@ -41,9 +41,6 @@ def draw_changes(
     again as another.
 
     Args:
-        arm: The arm.
-        rng: Random stream.
-        count: How many.
         minimum: What logs of the same motions would show of the arm, unchanged.
     """
     made: list[PlantEffect] = []

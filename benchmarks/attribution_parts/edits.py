@@ -27,11 +27,8 @@ def edit_rows(
     The arm without that change, and with all others, moves in a way of its own.
 
     Args:
-        arm: The arm.
         effects: What changed.
         named: The same in the convention of the verdict.
-        made: The logs.
-        found: Their diagnosis.
     """
     models = {k: found.models[k] for k in ("nominal", "augmented")}
     out = []
@@ -56,8 +53,6 @@ def true_arm(arm: Arm, effects: Sequence[PlantEffect], like: Model) -> Model:
     """Return a model with the true parameters of an arm.
 
     Args:
-        arm: The arm.
-        effects: What it has beside what its description says.
         like: A model of the same declared effects, for its signals.
     """
     plant = arm.plant(effects)

@@ -19,7 +19,6 @@ def judged(verdict: Verdict, planted: Sequence[Name]) -> dict:
     among what changed and no other name stands for that already.
 
     Args:
-        verdict: The verdict.
         planted: What changed, in the convention of the verdict.
 
     Returns:
@@ -80,7 +79,6 @@ def moved(
     """Return what of the moved values is among the changes that a verdict tells.
 
     Args:
-        verdict: The verdict.
         values: Given and true value of each drive's numbers, by name and joint.
         minimum: Detectable sizes, of the same arm without a change.
         body: Whether a body of the arm changed by enough.

@@ -88,10 +88,7 @@ def changed(at: State, name: str, joints: Sequence[int], values: Values) -> Reco
     """Return a log with a change added to it.
 
     Args:
-        at: The log.
-        name: Which change.
         joints: Its joint, from 1; () for one of the whole arm.
-        values: Its parameters, SI.
     """
     if name in WHOLE:
         return replace(at.log, tau=WHOLE[name](at, values))

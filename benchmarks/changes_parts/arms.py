@@ -111,14 +111,7 @@ def truly(case: Case) -> Truly:
 def record(
     case: Case, epoch: str, effects: Effects, exact: bool = False
 ) -> tuple[Recording, ...]:
-    """Record all logs of one epoch, of the second with its held-out one.
-
-    Args:
-        case: Which arm and motions.
-        epoch: FIRST or SECOND.
-        effects: What the arm has there.
-        exact: Whether the sensors add nothing.
-    """
+    """Record all logs of one epoch, of the second with its held-out one."""
     return tuple(log for log, _ in _records(case, epoch, effects, exact))
 
 

@@ -54,11 +54,7 @@ class Job:
 
 
 def run(job: Job) -> dict:
-    """Do one job; a crash is a row like any other, and says nothing.
-
-    Returns:
-        A row, as JSON has it.
-    """
+    """Do one job; a crash is a row like any other, and says nothing."""
     return guarded(nothing(job), lambda: {**_about(job), **_row(job)})
 
 

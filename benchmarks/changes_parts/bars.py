@@ -46,7 +46,6 @@ def all_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
     """Return the figures of all rows.
 
     Args:
-        rows: Rows of all groups and methods.
         deciding: Whether these are the seeds that the bars are for.
     """
     ours, theirs = (_by_group(rows, method) for method in (PRODUCT, PEER))

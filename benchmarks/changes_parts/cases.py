@@ -94,7 +94,6 @@ def listed(
     """Return the cases of a group.
 
     Args:
-        group: One of GROUPS.
         seeds: Seeds of the draws; orders of measured logs have none.
         quick: The first case of the group only, of a short one where there is.
         pool: Where those that nobody has listed yet are drawn; None for here.
@@ -156,9 +155,6 @@ def write_list(seeds: str, pool: Any) -> int:
 
 def drawn(slot: Slot) -> dict:
     """Draw the case of a place, again and again until an arm can have it.
-
-    Returns:
-        The case as JSON has it.
 
     Raises:
         ValueError: If no draw gives one.

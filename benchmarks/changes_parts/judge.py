@@ -62,7 +62,6 @@ def judged(truths: Sequence[Truth], answer: Answer) -> dict:
 
     Args:
         truths: What changed; effects out of the vocabulary cannot be named rightly.
-        answer: What a method says.
     """
     named = [(t.name, t.joints) for t in truths if not t.name.startswith("x_")]
     of_each = _given(named, answer.said)

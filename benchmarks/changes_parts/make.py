@@ -29,11 +29,7 @@ _IN_TORQUE = {
 
 @lru_cache(maxsize=2)
 def make(case: Case) -> Made:
-    """Record a simulated case, or cut a measured one and add what is planted.
-
-    Args:
-        case: As listed (`cases.listed`).
-    """
+    """Record a simulated case, or cut a measured one and add what is planted."""
     return _measured(case) if case.group in MEASURED else _simulated(case)
 
 

@@ -150,8 +150,6 @@ def changes(
     """Return all candidates, best first, and the factor of each joint's variance.
 
     Args:
-        model: The arm as its description has it.
-        first: Logs of the first epoch.
         second: Logs of the second epoch.
     """
     logs = [_log(model, log) for log in (*first, *second)]

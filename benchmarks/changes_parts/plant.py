@@ -121,11 +121,7 @@ def drawn(
     """Draw a change of that size on an arm, None where the arm cannot have it.
 
     Args:
-        case: The arm and its motions.
-        name: Effect.
-        rng: Random stream.
         target: Its size; 0 for a usual one.
-        apart: Joints that another change has already.
     """
     robot, arm = robot_of(case.arm), truly(case)
     usual = draw_hidden(robot, rng, name)

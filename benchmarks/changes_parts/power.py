@@ -27,12 +27,7 @@ Rows = Sequence[Mapping]
 
 
 def draw(rows: Rows, path: Path) -> None:
-    """Draw both methods' curves, of all cases and of each effect.
-
-    Args:
-        rows: Rows of a results file (`cases`).
-        path: The picture.
-    """
+    """Draw both methods' curves, of all cases and of each effect."""
     panels: dict[str, Rows] = {}
     for group, title in _PARTS.items():
         own = [r for r in rows if r["group"] == group]

@@ -152,14 +152,7 @@ def plain_body(arm: str) -> Body:
 
 
 def drawn(case: Case, name: str, rng: Rng, target: float) -> Planted | None:
-    """Draw a change of that size, None where the arm cannot have it.
-
-    Args:
-        case: The arm and its epochs.
-        name: One of EFFECTS.
-        rng: Random stream.
-        target: Its size.
-    """
+    """Draw a change of that size, None where the arm cannot have it."""
     body = plain_body(case.arm)
     dof = body.robot.dof
     joints = () if name in added.WHOLE else (int(rng.integers(1, dof + 1)),)

@@ -97,7 +97,6 @@ def shares(rigid: RigidBody, with_: Recording, without: Recording) -> Shares:
 
     Args:
         rigid: Torque of the arm's rigid body without the change.
-        with_: The log with it.
         without: The same motion without it.
     """
     one, other = smooth(with_), smooth(without)
@@ -114,7 +113,6 @@ def size_of(found: Sequence[Shares], joints: Sequence[int]) -> float:
     """Return the size of a change.
 
     Args:
-        found: What it does in each log.
         joints: Joints from 1 that have it; several or none: where it is largest.
     """
     effect, torque, moves = (np.concatenate(each) for each in zip(*found, strict=True))
@@ -135,7 +133,6 @@ def solved(
 
     Args:
         size_at: Size for a multiple; None where no arm can be so.
-        target: Size asked for.
 
     Returns:
         None where no arm can have it so large, or nothing shows of it at all.

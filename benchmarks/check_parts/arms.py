@@ -56,12 +56,7 @@ class Host:
 
 @lru_cache(maxsize=4)
 def host(name: str, seed: int) -> Host | None:
-    """Return an arm with its logs, None where measured ones are absent.
-
-    Args:
-        name: One of HOSTS.
-        seed: Of motions, arm and noise where they are drawn.
-    """
+    """Return an arm with its logs, None where measured ones are absent."""
     if name == ENGINE:
         return Host(name, load_robot("irb140"), _in_engine(seed))
     if name in DRAWN:
@@ -70,12 +65,7 @@ def host(name: str, seed: int) -> Host | None:
 
 
 def synthetic(name: str, seed: int) -> Host:
-    """Return a synthetic arm with one log of each family.
-
-    Args:
-        name: SIX, which logs speeds too, or SEVEN.
-        seed: Of motions, arm and noise.
-    """
+    """Return a synthetic arm with one log of each family."""
     robot = load_robot("irb140") if name == SIX else seven()
     plant = Plant(robot, (), seed)
     logs = []

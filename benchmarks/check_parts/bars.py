@@ -34,7 +34,6 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
     """Return all figures.
 
     Args:
-        rows: Rows of all groups.
         absent: Measured arms whose logs are not there.
         deciding: Whether these are the seeds and counts that the bars are for.
     """

@@ -120,9 +120,6 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
 def run(task: Task) -> dict:
     """Do one job; a crash of one case is a row with its error.
 
-    Args:
-        task: The job.
-
     Returns:
         The rows of its cases; none, and why, where measured logs are absent.
     """

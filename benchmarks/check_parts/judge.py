@@ -55,9 +55,6 @@ def read(
     """Write logs as files and read them as a command does.
 
     Args:
-        folder: Where to write.
-        tables: The logs.
-        robot: The arm.
         columns: The COLUMNS.toml, None for none.
     """
     words = []

@@ -39,9 +39,7 @@ def motor_current(host: Host, size: int, rng: Rng) -> Spoiled:
     """Torque is divided by 8 to 15 per joint, by one such factor, or in kgf cm.
 
     Args:
-        host: The arm.
         size: 0 to 2.
-        rng: Random stream.
     """
     dof = host.robot.dof
     each = rng.uniform(8, 15, dof)
@@ -54,9 +52,7 @@ def joints_swapped(host: Host, size: int, rng: Rng) -> Spoiled | None:
     """Two joints are exchanged in all signals: neighbours, any two, or in two logs.
 
     Args:
-        host: The arm.
         size: 0 to 2.
-        rng: Random stream.
 
     Returns:
         None where it is never more than a rough robot file misses.

@@ -75,7 +75,6 @@ def told_apart(
     torques, are turned: nobody can tell one reading from the other there.
 
     Args:
-        host: The arm.
         angles: What one reading does to positions. (n, dof) to (n, dof).
         torques: What the other does to torques, so that both were the same.
         logged: Share of the logged torque, friction and all, that they have to differ

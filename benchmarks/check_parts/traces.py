@@ -47,12 +47,7 @@ class Trace:
 
 
 def trace(host: Host, spoiled: Spoiled) -> Trace | None:
-    """Return what a fault of the torque leaves; None of other kinds, or without rows.
-
-    Args:
-        host: The arm, with clean logs.
-        spoiled: Its logs with the fault.
-    """
+    """Return what a fault of the torque leaves; None of other kinds or without rows."""
     clean = thin_rows(host.logs) if spoiled.kind in KINDS else None
     if clean is None:
         return None

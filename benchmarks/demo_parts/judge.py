@@ -12,7 +12,6 @@ def judge(truth: list | None, verdict: Verdict) -> dict:
 
     Args:
         truth: Name and joints, None for a null case.
-        verdict: The verdict.
     """
     found = verdict.effects
     names = [_key(e.name, e.joints) for e in found]

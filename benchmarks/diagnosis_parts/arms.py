@@ -81,8 +81,6 @@ def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Ma
     Args:
         data: "synthetic", "pybullet" or "quick" (synthetic, short).
         effects: What the arm hides; forms of other authors only on synthetic ones.
-        motion: Seed of the motions.
-        arm: Seed of the arm and of the noise.
     """
     plan = PLANS[data]
     record = _pybullet if data == PYBULLET else _synthetic
@@ -147,12 +145,7 @@ def _reference(spec: TrajectorySpec):
 
 
 def as_form(effect: PlantEffect, form: str) -> PlantEffect:
-    """Return an effect as another author writes it down.
-
-    Args:
-        effect: The named effect whose form it is.
-        form: One of ``sim.catalogue.forms``.
-    """
+    """Return an effect as another author writes it down."""
     values = dict(effect.parameters)
     if form == "lugre":
         values["displacement"] = 2e-3  # rad: the bristles of a heavy gear

@@ -44,7 +44,6 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     """Return the figures of all groups that were run.
 
     Args:
-        rows: Rows of each group.
         deciding: Whether these are the seeds and the counts that the bars are for.
     """
     makers: Mapping[str, Callable[[Rows], Figures]] = {

@@ -55,7 +55,6 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
     """Return the cases of a group.
 
     Args:
-        group: Its name.
         seeds: Seeds of the draws; a group that needs more goes on from the last.
         quick: A handful only.
     """

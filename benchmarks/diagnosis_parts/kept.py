@@ -53,13 +53,7 @@ class Kept:
     def run(
         self, pool: Any, work: Callable[[Any], dict], jobs: Mapping[str, Any]
     ) -> dict[str, dict]:
-        """Do what is not known yet; return the results of all, by name.
-
-        Args:
-            pool: Processes (``flows.workers.pool``).
-            work: A function of a module, of one argument.
-            jobs: Its argument for each name.
-        """
+        """Do what is not known yet; return the results of all, by name."""
         todo = [name for name in jobs if name not in self._known]
         if len(todo) < len(jobs):
             print(f"{len(jobs) - len(todo)} of {len(jobs)} known already", flush=True)

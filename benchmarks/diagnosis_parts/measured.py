@@ -41,11 +41,7 @@ def jobs(quick: bool) -> list[tuple[str, str]]:
 
 
 def run(job: tuple[str, str]) -> dict:
-    """Diagnose one arm's logs: a half, the whole, or with the residual replaced.
-
-    Args:
-        job: The arm and what of it.
-    """
+    """Diagnose one arm's logs: a half, the whole, or with the residual replaced."""
     arm, kind = job
     folder = data_folder()
     assert folder is not None

@@ -30,8 +30,6 @@ def many(folder: Path, number: int, seconds: float) -> list[Path]:
     """Write many short logs, each with samples of its own.
 
     Args:
-        folder: Where.
-        number: How many.
         seconds: Length of each [s].
     """
     case = standard_case("payload", 1, joint=6)

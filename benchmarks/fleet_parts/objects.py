@@ -21,11 +21,7 @@ _SMALL = "a quick run has fewer"
 
 
 def figures_of(quick: bool) -> Figures:
-    """Measure the group.
-
-    Args:
-        quick: Whether to take few of everything.
-    """
+    """Measure the group."""
     share = 20 if quick else 1
     with tempfile.TemporaryDirectory() as folder, serve(Path(folder)) as new_store:
         together = TOGETHER // share

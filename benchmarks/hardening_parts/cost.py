@@ -38,7 +38,6 @@ def cost_figures(runs: int, rounds: int) -> Figures:
 
     Args:
         runs: How many runs of 1000 samples and 43 columns.
-        rounds: How many pairs.
     """
     with folder() as place:
         for seed in range(runs):

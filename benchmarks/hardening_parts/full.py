@@ -29,11 +29,7 @@ _WRITERS = (
 
 
 def full_figures(moments: int) -> Figures:
-    """Let the disk be full at the first, second, ... write of each operation.
-
-    Args:
-        moments: How many moments of each.
-    """
+    """Let the disk be full at the first, second, ... write of each operation."""
     bad, met, count = [], 0, 0
     for name, prepare in _OPERATIONS.items():
         for moment in range(1, moments + 1):

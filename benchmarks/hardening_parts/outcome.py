@@ -20,13 +20,7 @@ from warehouse.runs import read_run
 
 
 def outcome_of(place: Path, given: Input, out: Connection) -> None:
-    """Run one command in a folder of its own; to be called in a child.
-
-    Args:
-        place: The folder.
-        given: The input.
-        out: Where exit code, output and complaints go.
-    """
+    """Run one command in a folder of its own; to be called in a child."""
     os.chdir(place)
     if given.request is not None:
         out.send((0 if let_through(given.request) else 2, "", ""))
@@ -42,14 +36,7 @@ def outcome_of(place: Path, given: Input, out: Connection) -> None:
 
 
 def judged(place: Path, given: Input, out: str, base: Mapping[str, Path]) -> bool:
-    """Return whether an answer may be right; True where nobody can say.
-
-    Args:
-        place: Where the command ran.
-        given: The input.
-        out: What was printed.
-        base: What the inputs were made of.
-    """
+    """Return whether an answer may be right; True where nobody can say."""
     if given.judge == "refuse":
         return False
     if given.judge == "samples":

@@ -31,7 +31,6 @@ def power(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
     dE/dt by central differences over three points on either side, of sixth order.
 
     Args:
-        model: Pinocchio model.
         q: Positions [rad]. Shape (n, dof).
         qd: Velocities [rad/s]. Shape (n, dof).
         qdd: Accelerations [rad/s^2]. Shape (n, dof).
@@ -56,7 +55,6 @@ def power_miss(
     |tau' qd - dE/dt| / |tau' qd| over all states.
 
     Args:
-        model: Pinocchio model.
         motion: q, qd, qdd. Shape (n, dof) each.
         tau: Torque that some other code found [N m]. Shape (n, dof).
     """

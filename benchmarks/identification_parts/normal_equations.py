@@ -41,7 +41,6 @@ def normal_equations(
     Row j of the regressor has no entry of links before j; those columns are skipped.
 
     Args:
-        model: Pinocchio model.
         motion: q, qd, qdd [rad, rad/s, rad/s^2]. Shape (n, dof) each.
         tau: Torque [N m]. Shape (n, dof).
 

@@ -25,7 +25,6 @@ def plant_logs(seed: int, noise: float = 0.015) -> tuple[list, list]:
     """Drive the plant of a seed along motions: logs to fit, and another family.
 
     Args:
-        seed: Of the arm and its noise.
         noise: Torque noise, as a share of each joint's usual range.
     """
     logs = [_log(f, k, seed, noise) for k, f in enumerate((*FIT, *HELD_OUT))]

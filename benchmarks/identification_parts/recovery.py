@@ -17,11 +17,7 @@ from residual.signals.track import prepare
 
 
 def recovery_figures(seeds: int) -> Figures:
-    """Identify arms whose parameters are 10 % off, and compare with what they are.
-
-    Args:
-        seeds: How many arms.
-    """
+    """Identify arms whose parameters are 10 % off, and compare with what they are."""
     rows = [_one(seed) for seed in range(1, seeds + 1)]
     of = {key: [row[key] for row in rows] for key in rows[0]}
     median = {key: float(np.median(values)) for key, values in of.items()}

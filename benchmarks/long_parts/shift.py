@@ -45,8 +45,6 @@ def write_shift(shift: Shift, folder: Path, forms: tuple[str, ...]) -> list[Path
     """Write one log in each form and return its paths.
 
     Args:
-        shift: What to write.
-        folder: Where.
         forms: "parquet", "csv" or both.
     """
     writers, paths = [], []

@@ -83,7 +83,6 @@ def figures_of(rows: Sequence[Mapping], deciding: bool) -> Figures:
     """Return the figures of some rows.
 
     Args:
-        rows: Of `run`.
         deciding: Whether these are all of the seeds that decide.
     """
     whole = [r for r in rows if "error" not in r]

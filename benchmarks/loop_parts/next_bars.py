@@ -18,7 +18,6 @@ def figures_of(rows: Sequence[Mapping], deciding: bool) -> Figures:
     """Return the figures of some rows.
 
     Args:
-        rows: Of `run`.
         deciding: Whether these are the seeds that decide.
     """
     done = [r for r in rows if r.get("open")]

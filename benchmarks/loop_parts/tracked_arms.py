@@ -52,9 +52,6 @@ def make_case(robot: Robot, name: str, seed: int, seconds: float) -> Case:
     """Draw an effect of a usual size, run experiments, and diagnose them.
 
     Args:
-        robot: Description of the arm.
-        name: The effect.
-        seed: Of everything.
         seconds: Length of each experiment [s].
     """
     effect = draw_hidden(robot, stream(seed, f"loop/{name}"), name)

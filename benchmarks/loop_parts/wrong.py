@@ -16,11 +16,7 @@ from sim.tracking import drive
 
 
 def wrong_figures(cases: Sequence[tuple[Case, Sequence[Reference]]]) -> Figures:
-    """Return how many wrong corrections pass the gate, or track as well as right ones.
-
-    Args:
-        cases: Diagnosed arms, with motions to drive them on.
-    """
+    """Count wrong corrections that pass the gate, or track as well as right ones."""
     passed, as_good, tried, right = 0, 0, 0, 0
     for case, references in cases:
         nominal, model = case.found.models["nominal"], case.found.known.model

@@ -85,9 +85,6 @@ def read_split(split: Split) -> tuple[Robot, dict[str, list[Recording]]]:
 def measure(name: str) -> dict:
     """Diagnose one split.
 
-    Args:
-        name: Key of SPLITS.
-
     Returns:
         What is named, errors on held-out motion [%] of each model and of plain least
         squares as anyone would write it, and the processor time it took [s].

@@ -31,8 +31,6 @@ def peer_errors(
 
     Args:
         robot: The robot; only its kinematics matter.
-        fit: Logs to fit.
-        held_out: Logs to predict.
 
     Returns:
         Per variant the error of each joint [%]. Shape (dof,).

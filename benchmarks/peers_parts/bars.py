@@ -24,11 +24,7 @@ Rows = Sequence[Mapping]
 
 
 def all_figures(rows: Mapping[str, Rows]) -> Figures:
-    """Return the figures of all programs.
-
-    Args:
-        rows: Rows of each program.
-    """
+    """Return the figures of all programs."""
     out: Figures = {}
     for program, own in rows.items():
         good = [row for row in own if "outcome" in row]

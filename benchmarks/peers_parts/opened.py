@@ -93,11 +93,7 @@ class Answer:
         return {"findings": list(self.findings), "unknown": self.unknown}
 
     def write(self, folder: Path) -> None:
-        """Write the predictions as CSV.
-
-        Args:
-            folder: That of the case.
-        """
+        """Write the predictions as CSV."""
         folder.mkdir(parents=True, exist_ok=True)
         for name, tau in self.predictions.items():
             head = ",".join(f"tau{i}" for i in range(1, tau.shape[1] + 1))

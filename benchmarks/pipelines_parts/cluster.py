@@ -13,12 +13,7 @@ from benchmarks.figures import ROOT, Figures, figure, missing
 
 
 def cluster_figures(folder: Path, quick: bool) -> Figures:
-    """Run a campaign here and on a cluster, on which a worker is killed meanwhile.
-
-    Args:
-        folder: Where the stores go.
-        quick: Whether to leave it out.
-    """
+    """Run a campaign here and on a cluster, on which a worker is killed meanwhile."""
     names = ("dask_runs_that_differ", "dask_runs_lost_with_a_worker")
     if quick:
         why = "scheduler and two workers take 10 s to start; the full run has it"

@@ -10,12 +10,7 @@ _BAR, _IDLE = 0.8, 0.3
 
 
 def efficiency_figures(folder: Path, quick: bool) -> Figures:
-    """Return the share of the time of one process that two need, halved.
-
-    Args:
-        folder: Where the stores go.
-        quick: Whether to leave it out.
-    """
+    """Return the share of the time of one process that two need, halved."""
     name = "parallel_efficiency"
     load = os.getloadavg()[0]
     if quick:

@@ -15,12 +15,7 @@ _PATIENCE = 170.0  # s
 
 
 def service_figures(folder: Path, quick: bool) -> Figures:
-    """Start a service as a user does, wait for its schedule, then time a campaign.
-
-    Args:
-        folder: Where the store goes.
-        quick: Whether to take few experiments.
-    """
+    """Start a service as a user does, wait for its schedule, then time a campaign."""
     from flows.service.api import Api
     from flows.service.key import store_key
     from flows.service.processes import flow_processes, stop

@@ -30,7 +30,6 @@ def identity_figures(seeds: int, quick: bool) -> Figures:
     explicit torques.
 
     Args:
-        seeds: How often each combination is drawn.
         quick: Whether to take every sixth pair only.
     """
     states, pairs = 20, list(combinations(_RIGID, 2))[:: 6 if quick else 1]

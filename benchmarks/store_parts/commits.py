@@ -40,7 +40,6 @@ def commit_figures(rounds: int, simulated: bool) -> Figures:
     """Commit and write the same run in turn; the bare file is not flushed to the disk.
 
     Args:
-        rounds: How many commits.
         simulated: Whether to take a run of the plant; else signals with its noise.
     """
     log, twin = _plant() if simulated else synthetic(1, ROWS)

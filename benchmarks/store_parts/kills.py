@@ -48,11 +48,7 @@ provenance()  # slow the first time, and the same in every process forked from h
 
 
 def kill_figures(kills: int) -> Figures:
-    """Kill campaigns, look at their stores, resume them, and compare what there is.
-
-    Args:
-        kills: How many.
-    """
+    """Kill campaigns, look at their stores, resume them, and compare what there is."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
     rng = random.Random(5)

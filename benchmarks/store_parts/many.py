@@ -23,12 +23,7 @@ ERRORS = """
 
 
 def many_figures(count: int, rounds: int) -> Figures:
-    """Fill a store through the real commit, then open and ask it.
-
-    Args:
-        count: How many runs.
-        rounds: How often each question is asked.
-    """
+    """Fill a store through the real commit, then open and ask it."""
     with folder() as place:
         start = perf_counter()
         _fill(place, count)

@@ -14,11 +14,7 @@ WRITERS, ROWS, FULL = 3, 400, 60.0
 
 
 def together_figures(seconds: float) -> Figures:
-    """Let three processes write for a while; every fifth run is of all of them.
-
-    Args:
-        seconds: How long.
-    """
+    """Let three processes write for a while; every fifth run is of all of them."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
     told = context.Queue()

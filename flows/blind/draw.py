@@ -163,9 +163,7 @@ def arm_of(asked: Asked, label: str, excitation: Excitation) -> dict:
     """Return the hidden half of an arm's experiments, without its effects.
 
     Args:
-        asked: Which study.
         label: Whose arm; each has scatter, noise and salt of its own.
-        excitation: Its noise level.
     """
     noise = {"torque": excitation.torque, "encoder": excitation.encoder}
     return {

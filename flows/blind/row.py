@@ -48,10 +48,7 @@ def case_row(
     """Return the row of a case (view ``blind``), but for where it is from.
 
     Args:
-        drawn: Kind of case (``blind_score.DRAWN``).
-        hidden: What the arm hides.
         truths: True parameters of each, as a verdict would state them.
-        verdict: The verdict.
         oracle: Held-out error of the true effects fitted [%], None where they have no
             name.
     """

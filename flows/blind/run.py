@@ -52,8 +52,6 @@ def run_study(
     """Run what is not in the store, and conclude.
 
     Args:
-        asked: Which study.
-        store: The store.
         tell: Told what is done and the share of it.
         pool: Processes to use; without it, own ones for the time being.
         workers: How many own processes; None for one per core.
@@ -86,11 +84,7 @@ def null_sizes(
     tell: Progress | None,
     pool: Pool | Here,
 ) -> tuple[dict[int, Sequence[Detectable]], list[str]]:
-    """Return the minimum detectable sizes of some excitations, each of a study.
-
-    Returns:
-        As ``run_nulls``.
-    """
+    """Return the minimum detectable sizes of some excitations, each of a study."""
     keys = {e.index: steps.key_of(steps.null_specs(own, e)) for own, e in wanted}
     ids = steps.finished(store, steps.NULL)
     todo = [(own, e) for own, e in wanted if keys[e.index] not in ids]
@@ -153,10 +147,7 @@ def conclude(
     """Sum up the cases and store that.
 
     Args:
-        asked: Which study.
-        store: The store.
         done: Ids of the validations of its cases, in order.
-        rest: How many were known, and what failed.
 
     Raises:
         RunError: If there is no case.

@@ -83,10 +83,8 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
     """Judge a verdict.
 
     Args:
-        drawn: One of ``DRAWN``.
         truths: What is there: one effect, two of a pair, none. Out of the vocabulary
             ("x_...") no name can be right.
-        verdict: The verdict.
     """
     said = members(verdict)
     flagged = set(verdict.unexplained.joints)
@@ -131,10 +129,6 @@ def _one_each(found: Finding) -> bool:
 
 def matched(truths: Sequence[Name], said: Sequence[Said]) -> tuple:
     """Give every truth a name of its own: the same first, then one of its class.
-
-    Args:
-        truths: What is there.
-        said: What was named (`members`).
 
     Returns:
         By its very name and by class, an entry a truth, None for none; and the names

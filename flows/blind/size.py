@@ -58,9 +58,6 @@ def draw_sized(
     proportion to any parameter, the usual size stays.
 
     Args:
-        robot: The robot.
-        rng: Random stream.
-        name: Name of the effect.
         multiple: Wanted size in minimum detectable ones, None for the usual one.
         minimum: ``minimum_detectable`` of a verdict on the same motion.
     """

@@ -101,16 +101,7 @@ def hidden_effects(
 def run_experiments(
     specs: Sequence[ExperimentSpec], held_out: int, store: Path
 ) -> Runs:
-    """Run the experiments that are not in the store.
-
-    Args:
-        specs: The experiments.
-        held_out: How many of the last are held out.
-        store: The store.
-
-    Returns:
-        Ids of the runs by role: fit and held_out.
-    """
+    """Run the experiments that are not in the store."""
     ids = [experiment.run(spec, store) for spec in specs]
     return {"fit": ids[:-held_out], "held_out": ids[-held_out:]}
 
@@ -139,11 +130,7 @@ def run_null(job: tuple[Asked, Excitation, str, Path]) -> str:
 
 
 def run_case(job: tuple[Asked, Case, Path]) -> str:
-    """Run, diagnose and judge one case; what is stored of it is not made again.
-
-    Returns:
-        The id of its validation.
-    """
+    """Run, diagnose and judge one case; what is stored of it is not made again."""
     asked, case, store = job
     if key_of(case.specs) != case.key:
         # A process loads the code anew: its rows would be under the key of another.
@@ -164,10 +151,7 @@ def judge(
     """Open the seal of a case whose verdict is in the store, and score it.
 
     Args:
-        asked: The study.
-        case: The case.
         done: Its runs, the ids of diagnosis and proof, and what that took [s].
-        store: The store.
 
     Returns:
         The id of the validation: one row of the view ``blind``.

@@ -22,7 +22,6 @@ def wilson(hits: int, n: int) -> list[float]:
     """Return the 95 % Wilson interval of a rate, to four digits.
 
     Args:
-        hits: How often it happened.
         n: Of how many; 0 gives [0, 1].
     """
     if n == 0:
@@ -46,11 +45,7 @@ Row = Mapping
 
 
 def summary(rows: Sequence[Row]) -> dict:
-    """Return the figures of a study, as JSON can hold them.
-
-    Args:
-        rows: Its cases, as in the view ``blind``.
-    """
+    """Return the figures of a study, as JSON can hold them."""
     singles = _of(rows, SINGLE)
     clear = [r for r in singles if is_clear(r)]
     pairs = [r for r in _of(rows, PAIR) if both_clear(r)]

@@ -83,11 +83,6 @@ class Diagnosed:
 def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
     """Return what there is to diagnose of a robot, None for nothing.
 
-    Args:
-        store: The store.
-        arm: The robot.
-        table: What the project says of it.
-
     Raises:
         InputError: If its model is of another description of it.
     """
@@ -128,8 +123,6 @@ def diagnose_new(
     """Diagnose what has come in of a robot since the last time; None where nothing has.
 
     Args:
-        project: The project.
-        name: Name of the robot.
         progress: Told the stage and the share done.
 
     Raises:

@@ -21,9 +21,6 @@ def look(folder: Path) -> dict[str, State]:
 
     Hidden files and names of what is not finished (.part, .tmp and the like) are left
     alone until their writer renames them.
-
-    Args:
-        folder: The inbox.
     """
     found = {}
     with os.scandir(folder) as entries:
@@ -60,10 +57,6 @@ def at_rest(before: Mapping[str, State], now: Mapping[str, State]) -> dict[str, 
     """Return what has not changed between two looks, and holds something.
 
     Clocks are not asked: that of a file server may be another.
-
-    Args:
-        before: What lay there before.
-        now: What lies there now.
     """
     return {
         name: state
@@ -97,11 +90,7 @@ def being_written(path: Path) -> bool:
 
 @contextmanager
 def alone(folder: Path) -> Iterator[bool]:
-    """Hold an inbox, so that no two take from it; whoever dies holds nothing.
-
-    Yields:
-        Whether it is ours now.
-    """
+    """Hold an inbox, so that no two take from it; whoever dies holds nothing."""
     with (folder / _LOCK).open("a") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -65,9 +65,6 @@ def look_twice(of: Sequence[Inbox]) -> dict[int, Mapping[str, State]]:
     """Return what rests in inboxes, by their place: two looks, the longest quiet apart.
 
     Where nothing lies nobody waits.
-
-    Args:
-        of: The inboxes.
     """
     before = [look(inbox.folder) for inbox in of]
     waits = [i.table.quiet for i, found in zip(of, before, strict=True) if found]
@@ -84,8 +81,6 @@ def take_all(inbox: Inbox, resting: Mapping[str, State], told: Told) -> Iterator
     """Take what rests in an inbox, a few logs at a time.
 
     Args:
-        inbox: The inbox.
-        resting: What rests there (`at_rest`).
         told: Told runs that are in the store.
 
     Yields:

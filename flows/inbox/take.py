@@ -54,9 +54,6 @@ class Taken:
 def take(job: Job) -> Taken:
     """Check a log and put it into the store; the file stays where it is.
 
-    Args:
-        job: The log.
-
     Returns:
         What became of it. What may be well in a minute, such as a full disk or a file
         that somebody writes to again, has to wait and is lost by nobody.
@@ -83,9 +80,6 @@ def take(job: Job) -> Taken:
 
 def put_away(taken: Taken) -> Path | None:
     """Move a log out of the way: into done/, or into rejected/ with the reason beside.
-
-    Args:
-        taken: What became of it.
 
     Returns:
         Where it is now; None where it waits.

@@ -29,10 +29,6 @@ class Watched:
 def watch_new(runs: Sequence[str], store: Path) -> Watched:
     """Watch new runs of one robot, against its adopted model or its last diagnosis.
 
-    Args:
-        runs: Ids of the runs.
-        store: The store.
-
     Raises:
         InputError: If a run is not usable, or of another description of the robot.
     """

@@ -23,9 +23,7 @@ def with_followers(
     after; speeds that never agreed are right, or a fault of their own.
 
     Args:
-        repairs: Repairs of one fault.
         others: All repairs; what they mend is not mended twice.
-        logs: The logs as they were read.
     """
     out, done = list(repairs), {repair.signal for repair in others}
     agree = {"qd": _speeds_agree, "q_ref": _references_agree}

@@ -63,7 +63,6 @@ def read_sets(
     Args:
         sets: Logs to fit, of the baseline, and held out: "FILE", "FILE@start:end", or
             the id of a run.
-        robot: The arm that was logged.
         columns: COLUMNS.toml for the files, None for the default columns.
         store: Where the runs are, None for the usual place.
         to_check: Whether a check follows, which tells why samples can be none of this
@@ -102,9 +101,7 @@ def need_logs(words: Sequence[str], purpose: str, command: str) -> None:
     """Refuse a command without any log.
 
     Args:
-        words: The logs.
         purpose: What they are needed for, such as "to diagnose".
-        command: The command that they belong to.
 
     Raises:
         InputError: If there is none.

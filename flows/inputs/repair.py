@@ -28,8 +28,6 @@ def repair_lines(
 
     Args:
         repairs: What to do, in this order.
-        robot: The arm.
-        columns: How the log was read.
 
     Returns:
         TOML for the map, or for robot.toml; None where no line can do it.

@@ -30,13 +30,9 @@ def store_calibration(
     """Put the tables and the errors into the store.
 
     Args:
-        store: The store.
         made: The calibration.
         request: What was asked for, so that it can be made again: `logs`, the ids of
             the runs it is from, in order, and `diagnosis`, whose effects it has.
-
-    Returns:
-        The ids of the model and of the validation.
     """
     ids = request["logs"]
     named = {"diagnosis": [request["diagnosis"]]} if request["diagnosis"] else {}
@@ -103,9 +99,6 @@ def found_effects(
     the same declared effects.
 
     Args:
-        store: The store.
-        ids: Ids of the runs.
-        robot: The arm.
         declared: Effects that the model has; None for the robot's own list.
     """
     if not ids:
@@ -141,10 +134,6 @@ def effects_of(store: Path, diagnosis: str) -> Found:
 
     Of that model only names and forms: its values may come from these very runs, and
     what is judged on a run must not have seen it.
-
-    Args:
-        store: The store.
-        diagnosis: Its id.
 
     Raises:
         InputError: If there is none.

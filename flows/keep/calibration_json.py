@@ -19,8 +19,6 @@ def document(
 
     Args:
         made: The calibration.
-        words: What it shows, in sentences.
-        warnings: What is odd but usable.
         kept: Ids of its records by kind; empty where nothing was stored.
     """
     return {

@@ -40,9 +40,6 @@ def store_outcome(
     """Put a diagnosis, its models and the proof of it into the store.
 
     Args:
-        store: The store.
-        found: The diagnosis.
-        runs: Ids of the runs it is from, by role.
         request: What was asked for, so that it can be made again.
         logs: The logs behind its model, which goes with their motion.
 
@@ -88,10 +85,6 @@ def _record(verdict: Verdict) -> dict:
 
 def read_outcome(store: Path, validation_id: str) -> Diagnosis:
     """Return a diagnosis as it was stored.
-
-    Args:
-        store: The store.
-        validation_id: Id of the validation that `store_outcome` made.
 
     Raises:
         InputError: If there is none of that id, or it is damaged.
@@ -185,11 +178,6 @@ def read_motion(store: Path, diagnosis_id: str) -> tuple[Recording, ...]:
 def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str, ...]:
     """Return ids of the runs that a diagnosis was made from, role by role.
 
-    Args:
-        store: The store.
-        diagnosis_id: Its id.
-        roles: Of fit, held_out and baseline those that are wanted.
-
     Raises:
         InputError: If there is none of that id.
     """
@@ -220,13 +208,7 @@ def store_report(
     """Put the files of a report into the store.
 
     Args:
-        store: The store.
         about: `robot`, and `kind`: what it reports, such as "demo".
-        diagnosis_id: The diagnosis that it shows.
-        files: Content by file name.
-
-    Returns:
-        The folder with the files.
     """
     parents = {"diagnosis": [diagnosis_id]}
     id = commit_record(store, "reports", about, None, parents, files)

@@ -17,9 +17,6 @@ def to_record(found: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
 
     Args:
         found: The diagnosis; its verdict and models are kept elsewhere.
-
-    Returns:
-        What `from_record` needs.
     """
     # A cloud without a name is what a joint keeps.
     clouds = (*found.clouds, *found.left)

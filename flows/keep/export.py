@@ -20,7 +20,6 @@ def read_model(store: Path, word: str, which: str | None = None) -> Whole:
     """Return a model of a file, of a diagnosis, or of a model of the store.
 
     Args:
-        store: The store.
         word: File of a model, or the id of a record; the beginning is enough.
         which: Which of the models of a diagnosis; None for the augmented one.
 

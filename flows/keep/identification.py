@@ -25,10 +25,7 @@ def store_identification(
     """Put an identified model into the store.
 
     Args:
-        store: The store.
-        outcome: What was identified.
         request: What was asked for, so that it can be made again.
-        runs: Ids of the runs it is from, by role.
 
     Returns:
         The id of the model; the same model of the same runs has the same.

@@ -19,7 +19,6 @@ def of_this_version(
     What chance gives is what the search makes of it: another search, another null.
 
     Args:
-        nulls: Those that there are.
         robot: The arm to be diagnosed; nothing is said of nulls of others.
     """
     if not nulls:

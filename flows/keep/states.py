@@ -58,10 +58,6 @@ def states_table(recordings: Sequence[Recording]) -> pa.Table | None:
 def read_states(store: Path, diagnosis_model: str) -> tuple[Recording, ...]:
     """Return the motion that goes with a model; none where it has none.
 
-    Args:
-        store: The store.
-        diagnosis_model: Id of the model.
-
     Raises:
         InputError: If there is no such model, or its motion is damaged.
     """

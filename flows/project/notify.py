@@ -39,10 +39,6 @@ class Notice:
 def tell(project: Project, notice: Notice) -> list[str]:
     """Tell people what the project's file says that they want to know.
 
-    Args:
-        project: The project.
-        notice: What happened.
-
     Returns:
         What went wrong in telling it, in words; a notice that does not arrive stops
         nothing.

@@ -93,9 +93,6 @@ class Project:
 def read_project(folder: str | Path) -> Project:
     """Read and check a project: its file, and that what it names is usable.
 
-    Args:
-        folder: The folder with its modelgap.toml.
-
     Raises:
         InputError: On the first fault, with its line and what to do.
     """
@@ -122,9 +119,6 @@ def read_project(folder: str | Path) -> Project:
 
 def project_here(store: Path) -> Project | None:
     """Return the project of the working directory, where a store is its own.
-
-    Args:
-        store: The store that is meant (`flows.settings.store_folder`).
 
     Raises:
         InputError: If its file is not usable.

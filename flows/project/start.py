@@ -41,9 +41,6 @@ def start(wanted: Start) -> Project:
         wanted: What it begins with. A robot's files that lie elsewhere are copied into
             its folder.
 
-    Returns:
-        The project, as it is read again.
-
     Raises:
         InputError: If there is one already, or the robot is not usable.
     """

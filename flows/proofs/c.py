@@ -43,9 +43,6 @@ def compiler() -> str | None:
 def prove_c99(made: Exported) -> Proof:
     """Compile the header and run it along a motion; its time per call is a note.
 
-    Args:
-        made: The export.
-
     Raises:
         RunError: If the header does not compile.
     """

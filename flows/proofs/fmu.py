@@ -18,9 +18,6 @@ SIGNALS = ("q", "qd", "qdd")
 def make_fmu(whole: Whole) -> Exported:
     """Return a model as an FMU, with a library where there is a C compiler.
 
-    Args:
-        whole: The model.
-
     Raises:
         RunError: If the compiler refuses it.
     """
@@ -37,9 +34,6 @@ def make_fmu(whole: Whole) -> Exported:
 
 def prove_fmu(made: Exported) -> Proof:
     """Let FMPy check the FMU and play it along a motion.
-
-    Args:
-        made: The export.
 
     Raises:
         InputError: If FMPy is not installed.

@@ -15,9 +15,6 @@ CREEP = 1e-3  # rad/s: dry friction must have its value from here on
 def prove_mjcf(made: Exported) -> Proof:
     """Compare MuJoCo's inverse dynamics on random states, where friction is all there.
 
-    Args:
-        made: The export.
-
     Raises:
         InputError: If MuJoCo is not installed.
     """

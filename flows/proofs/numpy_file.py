@@ -13,11 +13,7 @@ from residual.export.motion import exciting
 
 
 def prove_numpy(made: Exported) -> Proof:
-    """Run the file along a motion; its time per row is a note.
-
-    Args:
-        made: The export.
-    """
+    """Run the file along a motion; its time per row is a note."""
     motion = exciting(body_of(made.whole).robot)
     with loaded(made) as torque:
         start = perf_counter()

@@ -47,10 +47,8 @@ def compared(by: str, got: Array, want: Array, notes: tuple[str, ...] = ()) -> P
     """Return the proof of two torques.
 
     Args:
-        by: What computed the first.
         got: Torque of the target [N m]. Shape (n, dof).
         want: Torque of what the export carries [N m]. Shape (n, dof).
-        notes: What else is to be known.
     """
     gap, size = np.abs(got - want).max(), np.abs(want).max()
     return Proof(by, len(want), float(gap), float(size), notes)

@@ -17,11 +17,7 @@ STATES = 1000
 
 
 def prove_json(made: Exported) -> Proof:
-    """Read the file and predict with it, along a motion.
-
-    Args:
-        made: The export.
-    """
+    """Read the file and predict with it, along a motion."""
     again = from_record(json.loads(text_of(made)))
     motion = exciting(body_of(made.whole).robot)
     torques = [m.along(motion.t, motion.parts) for m in (again, made.carried)]
@@ -29,11 +25,7 @@ def prove_json(made: Exported) -> Proof:
 
 
 def prove_urdf(made: Exported) -> Proof:
-    """Let Pinocchio read inertias, damping and friction, and compute torque with them.
-
-    Args:
-        made: The export.
-    """
+    """Let Pinocchio read inertias, damping and friction, and compute torque."""
     model = body_of(made.carried)
     read = build_model(text_of(made), "the URDF")
     # A URDF says nothing of gravity.
@@ -48,11 +40,7 @@ def prove_urdf(made: Exported) -> Proof:
 
 
 def prove_table(made: Exported) -> Proof:
-    """Read the support points and go along lines between them.
-
-    Args:
-        made: The export.
-    """
+    """Read the support points and go along lines between them."""
     model, gaps, sizes, points = body_of(made.carried), [0.0], [0.0], 0
     notes = ["between support points the torque is taken along straight lines"]
     for name in (name for name in (SPEED, POSITION) if name in made.files):

@@ -38,7 +38,6 @@ def make_rrd(whole: Whole, log: Recording | None = None) -> Exported:
     """Return a recording of a log, or of a usual motion where there is none.
 
     Args:
-        whole: The model.
         log: A log of the robot, whose torque and residual are shown too.
 
     Raises:
@@ -59,11 +58,7 @@ def make_rrd(whole: Whole, log: Recording | None = None) -> Exported:
 
 
 def prove_rrd(made: Exported) -> Proof:
-    """Open the file, count what is in it, and add the torques up again.
-
-    Args:
-        made: The export.
-    """
+    """Open the file, count what is in it, and add the torques up again."""
     dof, found, entities = body_of(made.whole).robot.dof, {}, set()
     reader = extra("rerun.chunk").RrdReader
     with tempfile.TemporaryDirectory() as folder:

@@ -49,10 +49,6 @@ _KINDS = {
 def made_of(store: Path, id: str) -> Made:
     """Return where a record of a store comes from.
 
-    Args:
-        store: The store.
-        id: Its id, or the beginning of it.
-
     Raises:
         InputError: If there is no such record, or it is damaged.
     """

@@ -32,14 +32,9 @@ def diagnosis_page(
     """Write the page and the verdict of a diagnosis into the store.
 
     Args:
-        ids: Of the diagnosis and of its proof.
-        store: The store.
         kind: What it reports, such as "nightly".
         staged: What only a demonstration can show.
         files: More files of the report, by name.
-
-    Returns:
-        The page.
     """
     found = read_outcome(store, ids[1])
     robot = found.verdict.robot
@@ -57,17 +52,7 @@ def diagnosis_page(
 def demo_page(
     ids: Sequence[str], run_id: str, hidden: Sequence[Mapping], store: Path
 ) -> Path:
-    """Write the page of a demonstration: the arm in motion, and the truth at the end.
-
-    Args:
-        ids: Of the diagnosis and of its proof.
-        run_id: The run that the picture shows.
-        hidden: What the seal held.
-        store: The store.
-
-    Returns:
-        The page.
-    """
+    """Write the page of a demonstration: the arm in motion, at the end the truth."""
     run = read_run(store, run_id)
     rows = run.t - run.t[0] <= CLIP
     gif = gif_of(load(run.robot), run.t[rows], run.q[rows])
@@ -80,12 +65,7 @@ def demo_page(
 
 
 def words(proof: str, store: Path) -> str:
-    """Return a stored verdict in a few sentences.
-
-    Args:
-        proof: Id of the validation with its curves.
-        store: The store.
-    """
+    """Return a stored verdict in a few sentences."""
     return " ".join(sentences(read_outcome(store, proof).verdict))
 
 

@@ -16,11 +16,7 @@ from warehouse.layout import record_folder
 
 
 def store_page(asked: Asked, study: Study, store: Path) -> Path:
-    """Write the page of a study into the store.
-
-    Returns:
-        The page.
-    """
+    """Write the page of a study into the store."""
     about = {
         "robot": asked.robot,
         "seed": asked.seed,

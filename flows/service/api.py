@@ -43,7 +43,6 @@ def ask(
     """Send one request to the API and return its answer.
 
     Args:
-        api: The API.
         path: Below it, such as "/flows/filter".
         body: What to send as JSON; None for nothing.
         method: GET without a body, POST with one, unless given.
@@ -77,10 +76,6 @@ def ask(
 def opening_address(ui: str, key: str) -> str:
     """Return the address at which a browser gets the key: once, and not for long.
 
-    Args:
-        ui: Address of the pages.
-        key: What the server wants to see.
-
     Raises:
         RunError: If the server does not answer.
     """
@@ -104,12 +99,7 @@ def is_there(api: Api, path: str) -> bool:
 
 
 def open_pool(api: Api, paused: bool = False) -> None:
-    """Make the work pool if it is not there, and let it give out work or not.
-
-    Args:
-        api: The API.
-        paused: Whether it shall give out nothing for now.
-    """
+    """Make the work pool if it is not there, and let it give out work or not."""
     if not is_there(api, f"/work_pools/{POOL}"):
         ask(api, "/work_pools/", {"name": POOL, "type": "process"})
     ask(api, f"/work_pools/{POOL}", {"is_paused": paused}, "PATCH")
@@ -125,13 +115,7 @@ def active_runs(api: Api) -> list[dict]:
 
 
 def end_run(api: Api, id: str, why: str) -> None:
-    """Mark a flow run as crashed, which also frees the place that it held.
-
-    Args:
-        api: The API.
-        id: Of the flow run.
-        why: For whoever reads its history.
-    """
+    """Mark a flow run as crashed, which also frees the place that it held."""
     state = {"type": "CRASHED", "name": "Crashed", "message": why}
     ask(api, f"/flow_runs/{id}/set_state", {"state": state, "force": True})
 
@@ -162,12 +146,7 @@ def deployments(api: Api) -> list[Mapping]:
 
 
 def keep_deployments(api: Api, wanted: Sequence[Mapping]) -> None:
-    """Remove deployments of ours that are not wanted any more.
-
-    Args:
-        api: The API.
-        wanted: Those that are, as prefect.yaml has them.
-    """
+    """Remove deployments of ours that are not wanted any more."""
     ours = {(each["name"], each["entrypoint"]) for each in wanted}
     for each in ask(api, "/deployments/filter", {}):
         named = (each["name"], each["entrypoint"])
@@ -179,7 +158,6 @@ def start_now(api: Api, deployment: str) -> None:
     """Start a deployment once, beside its schedule.
 
     Args:
-        api: The API.
         deployment: As "flow/name".
     """
     id = ask(api, f"/deployments/name/{deployment}")["id"]
@@ -240,12 +218,7 @@ def start_flow(api: Api, deployment: str, parameters: Mapping) -> str:
     """Start a deployment now; a worker takes it when it is its turn.
 
     Args:
-        api: The API.
         deployment: As "flow/name".
-        parameters: Of the flow.
-
-    Returns:
-        The name of the flow run.
 
     Raises:
         RunError: If the server does not answer or has no such deployment.

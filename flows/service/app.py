@@ -31,9 +31,6 @@ def guarded(
     """Return Prefect's application with the guard before it.
 
     Args:
-        prefect: The application.
-        host: Address that it listens on.
-        port: Its port.
         store: The store whose pages it serves as well; None for none.
 
     Raises:

@@ -41,11 +41,7 @@ def wait_to_write() -> None:
 
 
 def patient(app: ASGIApp) -> ASGIApp:
-    """Return an application that can wait; for PostgreSQL nothing changes.
-
-    Args:
-        app: That of Prefect, before it has begun to serve.
-    """
+    """Return an application that can wait; for PostgreSQL nothing changes."""
     url = PREFECT_API_DATABASE_CONNECTION_URL.value()
     if get_dialect(url).name == "sqlite":
         MODELS_DEPENDENCIES["database_config"] = Patient(url)

@@ -15,10 +15,6 @@ _DEPLOYMENT = "diagnose/diagnose"
 def start_diagnosis(request: Diagnose, store: Path) -> str | None:
     """Let the service of a store make a diagnosis of runs.
 
-    Args:
-        request: What is wanted.
-        store: The store.
-
     Returns:
         The name of the flow run; None where nobody would run it, so that it is left to
         the caller.

@@ -25,7 +25,6 @@ def down(home: Path, wait: float, say: Say) -> Running | None:
     """Let flow runs end, then stop workers and server; schedules and history stay.
 
     Args:
-        home: Prefect's folder in the store.
         wait: How long flow runs may go on [s]; then they are ended and marked.
         say: Told each step, for people.
 

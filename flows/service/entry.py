@@ -74,8 +74,6 @@ def with_entry(app: ASGIApp, rules: Rules, tickets: Tickets) -> ASGIApp:
 
     Args:
         app: What everything else goes to; guarded, as the whole must be.
-        rules: Those of the server, with its key.
-        tickets: Those given.
     """
 
     def page(_: Request) -> Response:

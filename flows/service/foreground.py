@@ -17,7 +17,6 @@ def stay(store: Path, say: Callable[[str], None]) -> None:
     """Return after Ctrl-C or SIGTERM, with everything stopped.
 
     Args:
-        store: The store that is served.
         say: Told each step.
 
     Raises:

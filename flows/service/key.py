@@ -17,9 +17,6 @@ _SHORTEST = 32
 def store_key(home: Path) -> str:
     """Return the key of a store's server, made if there is none yet.
 
-    Args:
-        home: Prefect's folder in the store.
-
     Raises:
         InputError: If others may read it, or it is none.
     """

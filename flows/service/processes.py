@@ -44,9 +44,6 @@ def start(
     """Start a process in a session of its own.
 
     Args:
-        name: What it does.
-        command: Its command line.
-        env: Its whole environment.
         log: Where it writes what it has to say, after what is there.
         umask: Rights that its files do not get; -1 for those of ours.
     """

@@ -45,9 +45,6 @@ class Rules:
         A stranger's name that was made to point here (DNS rebinding) does not. Of a
         server that listens everywhere any address in digits does: nobody can make
         that point elsewhere.
-
-        Args:
-            host: The header.
         """
         if host.lower() in self.hosts:
             return True
@@ -74,8 +71,6 @@ def rules_for(host: str, port: int, key: str) -> Rules:
     """Return the rules of a server.
 
     Args:
-        host: Address that it listens on.
-        port: Its port.
         key: What a program must know.
     """
     everywhere = host in _EVERYWHERE
@@ -104,12 +99,7 @@ class Refusal:
 
 
 def refusal(scope: Scope, rules: Rules) -> Refusal | None:
-    """Return why a request or the opening of a WebSocket is refused, None if it is not.
-
-    Args:
-        scope: The request, as ASGI has it.
-        rules: Those of the server.
-    """
+    """Return why a request or an opening WebSocket is refused, None if it is not."""
     headers = Headers(scope=scope)
     hosts, origins = headers.getlist("host"), headers.getlist("origin")
     if len(hosts) != 1 or not rules.is_ours(hosts[0]):

@@ -73,9 +73,6 @@ def start_server(home: Path) -> Server:
 
     To be called before Prefect is imported: what Prefect still has to send at our exit
     it sends before the server is stopped then.
-
-    Args:
-        home: Prefect's home.
     """
     log, port, key = home / "server.log", _free_port(), store_key(home)
     # -P: the folder that we are called from must not be a place to import from.

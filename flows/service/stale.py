@@ -13,12 +13,6 @@ def close_stale(to: api.Api) -> list[str]:
 
     Those of workers on other machines are left to `watch_for_stale`, which needs no
     look at processes.
-
-    Args:
-        to: The API.
-
-    Returns:
-        The names of what was closed.
     """
     alive, closed = flow_processes(), []
     if _elsewhere(to):
@@ -31,11 +25,7 @@ def close_stale(to: api.Api) -> list[str]:
 
 
 def watch_for_stale(to: api.Api) -> None:
-    """Let the server itself close a flow run that gives no sign of life any more.
-
-    Args:
-        to: The API.
-    """
+    """Let the server itself close a flow run that gives no sign of life any more."""
     wanted = {"automations": {"name": {"any_": [_WATCH]}}}
     if api.ask(to, "/automations/filter", wanted):
         return

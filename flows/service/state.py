@@ -68,11 +68,7 @@ class Running:
 
 
 def read_running(home: Path) -> Running | None:
-    """Return what was started last for a store, whether it lives or not.
-
-    Args:
-        home: Prefect's folder in the store.
-    """
+    """Return what was started last for a store, whether it lives or not."""
     try:
         told = json.loads((home / _FILE).read_text(encoding="utf-8"))
         processes = tuple(Process(**each) for each in told.pop("processes"))

@@ -71,12 +71,7 @@ class Status:
 
 
 def status(home: Path, most: int = 10) -> Status:
-    """Look at everything that belongs to a store.
-
-    Args:
-        home: Prefect's folder in the store.
-        most: How many flow runs to list.
-    """
+    """Look at everything that belongs to a store."""
     running = read_running(home)
     if running is None or not running.processes:
         return Status(None)

@@ -39,7 +39,6 @@ def up(wanted: Wanted, say: Say) -> tuple[Running, bool]:
     """Bring up what does not run yet; what runs is left as it is.
 
     Args:
-        wanted: What shall run (`wanted.checked`).
         say: Told each step, for people.
 
     Returns:
@@ -234,7 +233,6 @@ def start_every(
     """Give a deployment a further schedule from now on, instead of the one before.
 
     Args:
-        to: The API.
         deployment: As "flow/name".
         seconds: Time between two starts [s]; 0 for no such schedule any more.
         parameters: Of the flow, instead of those of the deployment.

@@ -53,9 +53,6 @@ class Wanted:
 def checked(wanted: Wanted) -> None:
     """Refuse what cannot be, or what must be said twice.
 
-    Args:
-        wanted: What shall run.
-
     Raises:
         InputError: With what was expected.
     """
@@ -136,13 +133,7 @@ def port_is_free(host: str, port: int) -> bool:
 
 
 def server_environment(running: Running, home: Path, database: str | None) -> dict:
-    """Return the environment of the server, with the key that it asks for.
-
-    Args:
-        running: Where it listens.
-        home: Prefect's folder.
-        database: Address of a PostgreSQL database, with its password.
-    """
+    """Return the environment of the server, with the key that it asks for."""
     own = {
         # Whose pages it serves.
         STORE: str(home.parent),

@@ -42,7 +42,6 @@ def load_campaign(path: str | Path, seed: int | None = None) -> tuple[Entry, ...
     seed of its own; a seed under [trajectory] or [plant] keeps motion or arm the same.
 
     Args:
-        path: The campaign file.
         seed: Replaces the seed of the file.
 
     Raises:

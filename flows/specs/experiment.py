@@ -179,7 +179,6 @@ def derived_seed(seed: int, name: str) -> int:
     """Return the seed of a named purpose: one never tells or shifts another.
 
     Args:
-        seed: Seed of the whole experiment.
         name: What the derived seed is for, such as "reference".
     """
     digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()

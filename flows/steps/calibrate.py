@@ -43,9 +43,6 @@ class Calibrated:
 def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
     """Read every log once: runs with their twin and family, files as they are.
 
-    Args:
-        request: What is wanted.
-
     Returns:
         The logs, and the same as runs of a calibration.
 
@@ -75,8 +72,6 @@ def calibrate(
     """Fit and validate every model; store what was found if all logs are runs.
 
     Args:
-        request: What is wanted.
-        logs: The logs (`read_logs`).
         runs: The same as runs of a calibration.
         progress: Told the stage and the share done.
 

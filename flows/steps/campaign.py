@@ -71,8 +71,6 @@ def run_all(
     """Run what is not in the store, in as many processes as there are cores.
 
     Args:
-        planned: The experiments (`experiment.plan`).
-        store: The store.
         tell: Told what is done and the share of it.
         pool: Processes or a cluster to use; without it, own processes.
 
@@ -137,7 +135,6 @@ def run_campaign(asked: Campaign, tell: Progress | None = None) -> Ran:
     """Run what is not in the store.
 
     Args:
-        asked: The campaign.
         tell: Told what is done.
 
     Raises:
@@ -155,12 +152,7 @@ def run_campaign(asked: Campaign, tell: Progress | None = None) -> Ran:
 
 
 def run_part(asked: Campaign, ids: Sequence[str]) -> list[str]:
-    """Run some experiments of a campaign in this process; return what failed.
-
-    Args:
-        asked: The campaign.
-        ids: Which: the ids that their runs will have.
-    """
+    """Run some experiments of a campaign in this process; return what failed."""
     part = [p for p in planned(asked) if p.run_id in ids]
     summary = run_all(part, store_folder(asked.store), pool=Here())
     return [f"{f.planned.label}: {f.why}" for f in summary.failures]
@@ -173,12 +165,6 @@ def by_role(
     failed: Sequence[str],
 ) -> Runs:
     """Return the stored runs by role.
-
-    Args:
-        asked: The campaign.
-        wanted: Its experiments.
-        stored: Ids of the runs that are in the store.
-        failed: What failed, in words.
 
     Raises:
         RunError: If none is left to fit.

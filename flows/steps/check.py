@@ -19,9 +19,6 @@ from residual.threads import one_blas_thread
 def read_logs(request: Check) -> LogSets:
     """Read the robot and every log, also such as no arm can have made.
 
-    Args:
-        request: What is wanted.
-
     Raises:
         InputError: If the request or a file is not usable.
     """
@@ -40,7 +37,6 @@ def check(logs: LogSets, declared: Sequence[str] | None = None) -> CheckReport:
     lost among the logs of the other.
 
     Args:
-        logs: The logs.
         declared: Effects that the nominal model has; None for the robot's own list.
     """
     faults: list[Fault] = []
@@ -56,7 +52,6 @@ def checked(
     """Check logs before they are used, and refuse those with a certain fault.
 
     Args:
-        logs: The logs.
         declared: Effects that the nominal model has; None for the robot's own list.
         trust_log: Whether to go on all the same.
 

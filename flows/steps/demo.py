@@ -79,9 +79,6 @@ def run_experiments(
 ) -> Runs:
     """Run the experiments that are not in the store.
 
-    Returns:
-        Ids of the runs by role: fit and held_out.
-
     Raises:
         RunError: If one of them failed.
     """
@@ -98,9 +95,7 @@ def open_seal(runs: Runs, diagnosis: str, store: Path) -> list[dict]:
     """Return what the arm had and its model does not have.
 
     Args:
-        runs: Ids of the runs by role.
         diagnosis: Id of their diagnosis: the verdict is stored by now.
-        store: The store.
 
     Returns:
         Name, joints and parameters of each effect, as JSON can hold it; and the edit

@@ -30,9 +30,6 @@ _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 def read_logs(request: Diagnose) -> LogSets:
     """Read the robot and every log once.
 
-    Args:
-        request: What is wanted.
-
     Raises:
         InputError: If the request or a log is not usable.
     """
@@ -71,8 +68,6 @@ def diagnose(
     """Find what the model lacks, and say whether an experiment would tell more.
 
     Args:
-        request: What is wanted.
-        logs: The logs (`read_logs`).
         progress: Told the stage and the share done.
         inside: Shown what the search knows, before it is let go.
 
@@ -103,12 +98,7 @@ def diagnose(
 
 
 def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]:
-    """Return the runs that an adopted model is from, but for those diagnosed now.
-
-    Raises:
-        InputError: If none is left; or one is not in the store, and the model is of an
-            earlier version, which has not its motion with it.
-    """
+    """Return the runs that an adopted model is from, but for those diagnosed now."""
     known = logs.runs or {}
     now = {known.get(log.id, log.id) for log in (*logs.fit, *logs.held_out)}
     ids = kept.read_runs(store, diagnosis, ("fit", "held_out"))
@@ -189,9 +179,7 @@ def keep(
     """Store a diagnosis of runs; one on the same runs that says the same is kept once.
 
     Args:
-        request: What was wanted.
         logs: The runs, called by their whole ids (`as_stored`).
-        found: The diagnosis.
 
     Returns:
         The ids of the diagnosis, and of the validation that has its curves.
@@ -224,7 +212,6 @@ def request_of(
 
     Args:
         runs: Ids by role: fit, and held_out and baseline where there are such.
-        store: The store.
         model: Id of the diagnosis whose model is the nominal one, None for none.
 
     Raises:

@@ -44,14 +44,6 @@ class Diff:
 def diff(one: str, two: str, store: Path) -> Diff:
     """Compare two records of one kind.
 
-    Args:
-        one: Id, or its beginning.
-        two: Id of the other.
-        store: The store.
-
-    Returns:
-        The two side by side.
-
     Raises:
         InputError: If there is no such record, or they are of two kinds.
     """

@@ -39,12 +39,6 @@ def sealed_edits(
 
     The arm without that effect, and with whatever else it hides, follows the reference
     of the first held-out run.
-
-    Args:
-        runs: Ids of the runs by role: fit and held_out.
-        diagnosis: Id of their diagnosis, which has its verdict.
-        plant: The arm, from its seal.
-        store: The store.
     """
     verdict = read_verdict(store, diagnosis)
     manifest = read_manifest(store, runs["held_out"][0])

@@ -72,10 +72,6 @@ class Made:
 def plan(specs: Iterable[tuple[str, ExperimentSpec]], store: Path) -> list[Planned]:
     """Return what would run and what is there; the same experiment only once.
 
-    Args:
-        specs: Labels and experiments.
-        store: The store.
-
     Raises:
         InputError: If an experiment asks for what its robot or the plant lacks.
     """
@@ -108,12 +104,7 @@ def run(spec: ExperimentSpec, store: Path, campaign: str | None = None) -> str:
     """Run one experiment and store it; one that is stored is not run again.
 
     Args:
-        spec: What to run.
-        store: The store.
         campaign: Name of the campaign that it is of, kept with it.
-
-    Returns:
-        The id of the run.
 
     Raises:
         InputError: If the motion breaks a limit of the arm (which joint, when, by how
@@ -154,16 +145,7 @@ def make(spec: ExperimentSpec, store: Path | None = None) -> Made:
 
 
 def keep(made: Made, store: Path, parents: Mapping | None = None) -> str:
-    """Store an experiment that was run.
-
-    Args:
-        made: The experiment.
-        store: The store.
-        parents: Ids that it was made from, by role.
-
-    Returns:
-        The id of the run.
-    """
+    """Store an experiment that was run."""
     lineage = {**made.manifest.get("parents", {}), **(parents or {})}
     manifest = {**made.manifest, "parents": lineage}
     if not lineage:
@@ -220,9 +202,6 @@ def _sealed(plant: PlantSpec) -> dict:
 
 def plant_of(sealed: Mapping) -> PlantSpec:
     """Return the plant of a sealed half that was read back: `sealed_half` undone.
-
-    Args:
-        sealed: The hidden half as its JSON has it (``warehouse.seal.open_seal``).
 
     Raises:
         InputError: If it is not a sealed half as this version writes it.

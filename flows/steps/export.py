@@ -54,9 +54,6 @@ class Made:
 def export(request: Export) -> Made:
     """Read a model, write it in the form of another program, and try it there.
 
-    Args:
-        request: What is wanted.
-
     Raises:
         InputError: If there is no such model or target, the target cannot take the
             model, or a package that it needs is not installed.
@@ -76,8 +73,6 @@ def export_model(model: Whole, to: str, log: Recording | None = None) -> Made:
     """Write a model in the form of another program, and try it there.
 
     Args:
-        model: The model.
-        to: The target.
         log: A log of the robot, for a target that shows it.
 
     Raises:

@@ -21,9 +21,6 @@ from residual.threads import one_blas_thread
 def read_logs(request: Identify) -> LogSets:
     """Read the robot and every log once.
 
-    Args:
-        request: What is wanted.
-
     Raises:
         InputError: If the request or a log is not usable.
     """
@@ -40,10 +37,6 @@ def read_logs(request: Identify) -> LogSets:
 @one_blas_thread
 def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
     """Identify, prove it, and keep the model if it is from runs or a store was named.
-
-    Args:
-        request: What is wanted.
-        logs: The logs (`read_logs`).
 
     Returns:
         What was identified, and the id of the model; None where it is not stored.

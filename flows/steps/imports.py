@@ -54,9 +54,6 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
     Args:
         request: Which logs; the store need not be there.
 
-    Returns:
-        The robot and the logs.
-
     Raises:
         InputError: If a log is not usable, or two are the same run.
     """
@@ -94,11 +91,6 @@ def check_logs(
 ) -> tuple[tuple[Log, ...], CheckReport]:
     """Check logs before they are stored.
 
-    Args:
-        request: Which logs were asked for.
-        robot: The arm.
-        read: The logs (`read_logs`).
-
     Returns:
         The logs, their records with what was found; and what was found.
 
@@ -120,14 +112,6 @@ def check_logs(
 
 def store_log(log: Log, request: Import, robot: Robot) -> str:
     """Put a log that was read into the store; one that is there stays.
-
-    Args:
-        log: The log.
-        request: Which logs were asked for.
-        robot: The arm.
-
-    Returns:
-        The id of the run.
 
     Raises:
         InputError: If one that is there is damaged, or nothing may be written.

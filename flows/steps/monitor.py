@@ -67,9 +67,6 @@ class Watched:
 def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
     """Calibrate a monitor, watch runs, and store what was found.
 
-    Args:
-        request: What is wanted.
-
     Returns:
         The id of the record, what was found, and the watched runs by their id.
 

@@ -42,7 +42,6 @@ def source_of(word: str, store: Path) -> Source:
 
     Args:
         word: Id of a diagnosis or its beginning, or what --robot takes.
-        store: The store.
 
     Raises:
         InputError: If the id is that of another record, or several begin with it.
@@ -65,8 +64,6 @@ def model_of(source: Source, robot: Robot, runs: Sequence[Recording]) -> Model:
     """Return the model to start from; calibration fits its coefficients.
 
     Args:
-        source: Where it comes from.
-        robot: The robot.
         runs: Good runs: what counts as standing is learnt from them, where no
             diagnosis has told.
     """

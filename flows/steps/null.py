@@ -54,7 +54,6 @@ def calibrate_null(
     Interrupted, it keeps what is finished and returns that, marked incomplete.
 
     Args:
-        asked: Which null.
         progress: Told the stage and the share done.
         pool: Processes to use; without it, own ones for the time being.
         workers: How many own processes; None for one per core.

@@ -30,9 +30,6 @@ FORMS = (".csv", ".parquet")
 def read(request: Predict) -> tuple[Whole, LogSets]:
     """Read the model and every log once.
 
-    Args:
-        request: What is wanted.
-
     Raises:
         InputError: If there is no such model, or a log is not usable.
     """
@@ -46,11 +43,6 @@ def read(request: Predict) -> tuple[Whole, LogSets]:
 @one_blas_thread
 def predict(request: Predict, model: Whole, logs: LogSets) -> Prediction:
     """Compute the torque of the model on the logs.
-
-    Args:
-        request: What is wanted.
-        model: The model (`read`).
-        logs: The logs (`read`).
 
     Raises:
         InputError: If an effect to take out is not in the model.

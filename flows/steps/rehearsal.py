@@ -7,9 +7,6 @@ from residual.errors import InputError
 def refusal_of(planned: Planned) -> str | None:
     """Plan the motion of an experiment; nothing is simulated, nothing is written.
 
-    Args:
-        planned: The experiment.
-
     Returns:
         Why it would fail: the limit of range, speed, acceleration or torque that its
         motion breaks. None where the motion is possible; that the arm then diverges,

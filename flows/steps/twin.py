@@ -13,10 +13,6 @@ def with_twins(robot: Robot, runs: Sequence[Run]) -> tuple[Run, ...]:
 
     Those that have a twin, and those that have no reference, stay as they are.
 
-    Args:
-        robot: The arm as described.
-        runs: Its logs.
-
     Raises:
         DivergedError: If a twin cannot follow.
     """

@@ -73,9 +73,6 @@ class Validation:
 def validate(request: Request) -> tuple[str, Validation]:
     """Validate the nominal model on a run, and store what was found.
 
-    Args:
-        request: What is wanted.
-
     Returns:
         The id of the validation, the same for the same run and window; and the errors.
 
@@ -110,8 +107,6 @@ def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array,
     windows are halved until the model stays near, for all joints alike.
 
     Args:
-        robot: The robot as described.
-        log: What was measured.
         window: Length of a window [s].
 
     Returns:
@@ -145,11 +140,6 @@ def feed_forward_errors(
     Its own torque is what the closed loop of the paper gave it on this motion: about
     the best that a model could compute, so the first error is judged against it. It is
     no bound, since it has feedback in it, which the drives then add once more.
-
-    Args:
-        robot: The robot as described.
-        reference: The motion, at the rate of the controller.
-        plant: The arm.
 
     Returns:
         Root mean square of read minus wanted position: nominal, arm [rad]. (dof,) each.

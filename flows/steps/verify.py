@@ -13,9 +13,6 @@ from warehouse.verify_all import open_to_others, verify_all
 def verify(place: Path) -> Iterator[str]:
     """Read a store and say what is not as it was written, a line each.
 
-    Args:
-        place: The store.
-
     Raises:
         InputError: If there is none.
         RunError: After the last line, if something is damaged or missing.

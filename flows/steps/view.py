@@ -48,9 +48,6 @@ class Viewed:
 def view(request: View) -> Viewed:
     """Read a log and compute the torque of its models.
 
-    Args:
-        request: What is wanted.
-
     Raises:
         InputError: If the log, the robot or the verdict is not usable, or the verdict
             is of another robot.

@@ -60,7 +60,6 @@ class Cluster:
 
         Args:
             work: A function of a module that the workers have too.
-            jobs: Its arguments.
         """
         from distributed import as_completed
 

@@ -73,7 +73,6 @@ class Pool:
 
         Args:
             work: A function of a module, of one argument that can be pickled.
-            jobs: Its arguments.
         """
         waiting, suspects = deque(range(len(jobs))), deque[int]()
         running: dict[Future, int] = {}

@@ -32,7 +32,6 @@ def chosen_runner(word: str | None = None, trust_network: bool = False) -> Runne
     """Return the runner that a word, else $MODELGAP_RUNNER, else the default names.
 
     Args:
-        word: threads, processes or dask://host:port.
         trust_network: Whether the scheduler may be on another machine.
 
     Raises:
@@ -65,10 +64,6 @@ def workers_of(runner: Runner, jobs: int) -> Iterator[Pool | Cluster | None]:
 
     Threads and processes are the same here: experiments need a process each, and the
     difference is in what Prefect sees (`flows.scheduled.flows`).
-
-    Args:
-        runner: Where to compute.
-        jobs: How many there are.
     """
     if jobs == 0:
         yield None

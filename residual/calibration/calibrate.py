@@ -155,10 +155,8 @@ def calibrate(
     """Fit and validate every model under every scheme.
 
     Args:
-        robot: The arm as described.
         runs: Its logs; a single one is cut into parts. Of more than 15 min all identify
             the model, and tables take every second row, or third, or fewer.
-        settings: How.
         named: What a diagnosis found, for the model with named effects.
         progress: Told the stage and the share done.
 

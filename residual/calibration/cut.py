@@ -29,9 +29,6 @@ def thinning(runs: Sequence[Run]) -> tuple[int, tuple[str, ...]]:
     """Return every how manieth row tables take of all logs, and that, a line.
 
     The model is identified from all of them, piece by piece.
-
-    Args:
-        runs: The logs.
     """
     total = sum(run.log.duration for run in runs)
     thin = max(1, int(np.ceil(total / MOST)))
@@ -48,9 +45,6 @@ def shorten(runs: Sequence[Run]) -> tuple[tuple[Run, ...], tuple[str, ...]]:
 
     Of the paper's rows each needs the next one. Those of more than a quarter of an hour
     would take gigabytes and hours, and say what these say.
-
-    Args:
-        runs: The logs.
 
     Returns:
         The logs, each cut to the same share of its length, and what was done, a line.

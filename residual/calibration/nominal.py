@@ -80,8 +80,6 @@ def prepare_runs(
     """Filter all logs once.
 
     Args:
-        robot: The arm as described.
-        runs: Its logs.
         declared: Effects that the model has; None for the robot's own list.
     """
     logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), whole=True)
@@ -98,7 +96,6 @@ def identified_without(
     """Identify the model from all parts of the runs but some.
 
     Args:
-        prepared: All logs.
         left_out: Numbers of the parts that it must not see.
         named: Effects beyond the declared ones; their coefficients are fitted.
     """

@@ -55,7 +55,6 @@ def part_of_rows(parts: Sequence[Part], times: Sequence[Array]) -> tuple[Array, 
     """Return the part of every row, and the other part that it is close to.
 
     Args:
-        parts: Parts of all runs (`cut_parts`).
         times: Times of the rows of each run [s]. Shapes (n,).
 
     Returns:
@@ -77,10 +76,6 @@ def part_of_rows(parts: Sequence[Part], times: Sequence[Array]) -> tuple[Array, 
 
 def label_rows(tracks: Sequence[Track], parts: Sequence[Part]) -> list[Array]:
     """Number the rows by part: three for each, its inside and both of its edges.
-
-    Args:
-        tracks: Signals of each run.
-        parts: Parts of all runs.
 
     Returns:
         3 times the part's number, and 0, 1 or 2 for rows close to the part before, to
@@ -118,8 +113,6 @@ def tracks_without(
     """Return what is left of each track.
 
     Args:
-        tracks: Signals of each run.
-        parts: Parts of all runs.
         left_out: Numbers of the parts that must not be seen.
     """
     out = []

@@ -82,7 +82,6 @@ def unseen_run(
     """Correct the run of the middle error by models that were fitted without it.
 
     Args:
-        rows: All rows.
         about: The rows with their labels, and the scheme that leaves runs out.
         forms: What models may be chosen from.
         chosen: What was chosen on all rows: the choice, unlike the fit, has seen it.

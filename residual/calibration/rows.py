@@ -99,7 +99,6 @@ def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows
     """Return the rows of the paper: X of the reference, Y the twin's error one ahead.
 
     Args:
-        runs: The logs.
         joints: Joints of X and Y, from 1; the paper's first three for None.
 
     Raises:
@@ -131,8 +130,6 @@ def measured_rows(
     """Return rows on measured motion.
 
     Args:
-        runs: The logs.
-        tracks: Their signals.
         residuals: Measured minus model torque on each track's times [N m]. (n, dof).
         joints: Joints of X and Y, from 1; all for None.
         thin: Take every so manieth row, where there are more than tables can use.

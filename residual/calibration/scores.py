@@ -71,10 +71,6 @@ def make_schemes(
 ) -> tuple[tuple[Scheme, ...], tuple[str, ...]]:
     """Return the schemes that these rows allow, and why others are left out.
 
-    Args:
-        rows: All rows.
-        rng: Source of the random blocks.
-
     Raises:
         InputError: If there is a single run, or fewer rows than blocks.
     """
@@ -192,8 +188,6 @@ def score(
 
     Args:
         scheme: What is held out, and which runs the nominal model must not see.
-        model: Name of the model.
-        method: How it is fitted.
         rows: All rows; their Y is not used.
         response: What a nominal model leaves that was identified without some parts.
     """
@@ -268,9 +262,7 @@ def ratio_interval(one: Score, other: Score, rng: np.random.Generator) -> Interv
     than runs, so that an interval of blocks is of these runs only.
 
     Args:
-        one: Errors of the model.
         other: Errors of the one that it is held against, under the same scheme.
-        rng: Source of the draws.
     """
     misses = np.stack([one.miss.sum(axis=1), other.miss.sum(axis=1)])
     folds = misses.shape[1]

@@ -121,12 +121,7 @@ class Scores:
 
 
 def torque_scores(robot: Robot, motion: Motion) -> Scores:
-    """Sum up a motion for all joints and channels.
-
-    Args:
-        robot: The arm.
-        motion: Its rows.
-    """
+    """Sum up a motion for all joints and channels."""
     parts = [_joint(motion, each) for each in columns(robot, motion)]
     values, channel, model, power, varying, cross, own, rows, brake = zip(
         *parts, strict=True

@@ -18,11 +18,7 @@ _TRIANGLE = 0.7  # of the largest moment: files round, and vendors simplify
 
 
 def body_faults(robot: Robot) -> list[Fault]:
-    """Check lengths, masses, inertias and gravity of the robot file.
-
-    Args:
-        robot: The arm.
-    """
+    """Check lengths, masses, inertias and gravity of the robot file."""
     return [fault for part in (_units, _gravity, _inertias) if (fault := part(robot))]
 
 

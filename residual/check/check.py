@@ -35,12 +35,7 @@ def check_logs(
     speed is too high, and with a wrong robot file nothing fits.
 
     Args:
-        robot: The arm.
-        recordings: Its logs, all read with one column map.
         declared: Effects that the nominal model has; None for the usual ones.
-
-    Returns:
-        The faults, certain ones first.
 
     Raises:
         InputError: If there is no log.

@@ -24,12 +24,7 @@ _SHARE = 0.95  # of the samples are slower
 
 
 def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
-    """Find a time that no logger keeps, and the unit in which one would.
-
-    Args:
-        robot: The arm.
-        recordings: Its logs, all read with one column map.
-    """
+    """Find a time that no logger keeps, and the unit in which one would."""
     logs = [r for r in recordings if len(r.t) > 2]
     if not logs:
         return None
@@ -53,11 +48,7 @@ def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
 
 
 def uneven(recording: Recording) -> list[Fault]:
-    """Find gaps in time and steps of unequal length.
-
-    Args:
-        recording: The log.
-    """
+    """Find gaps in time and steps of unequal length."""
     steps = np.diff(recording.t)
     if len(steps) < 10:
         return []

@@ -53,12 +53,7 @@ class Columns:
 
 
 def columns(robot: Robot, motion: Motion) -> list[Columns]:
-    """Return the columns of every joint.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs.
-    """
+    """Return the columns of every joint."""
     y = regressor(robot.model, motion.q, motion.qd, motion.qdd)
     nominal = y @ inertial_parameters(robot.model)
     size = np.sqrt(np.mean(nominal**2, axis=0))

@@ -19,7 +19,6 @@ def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault
     """Find logs that are too short, and joints that do not move on their own.
 
     Args:
-        recordings: Logs of one arm.
         motion: Their rows, None where nothing is left of them.
     """
     seconds = sum(r.duration for r in recordings)

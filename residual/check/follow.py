@@ -19,11 +19,6 @@ def carried(
 
     A velocity that runs against an angle is no fault of the velocity where it is the
     angle that counts backwards.
-
-    Args:
-        faults: What the physics of angles and torques says.
-        speeds: What velocities against angles say.
-        logs: The logs.
     """
     with_speed = any(r.qd is not None for r in logs)
     with_reference = _reference_follows(logs)

@@ -51,11 +51,7 @@ _SAME, _VARIED = 0.3, 50  # share of the rows of a log; rows that differ at leas
 
 
 def filtered(recordings: Sequence[Recording]) -> list[Fault]:
-    """Find torques without the noise that every sensor has.
-
-    Args:
-        recordings: Logs of one arm.
-    """
+    """Find torques without the noise that every sensor has."""
     spectra = [_spectrum(r) for r in recordings if len(r.t) >= 4 * _SEGMENT]
     if not spectra:
         return []
@@ -97,11 +93,6 @@ def late(robot: Robot, motion: Motion, recordings: Sequence[Recording]) -> list[
 
     The torque is moved back and forth in time: where it fits the motion best, all
     joints together, it belongs. No slope of a noisy torque is taken.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs.
-        recordings: The logs, whose columns are read rightly.
     """
     # In between the filtered torque is smooth enough for a polynomial.
     powers = (np.vander(x, len(_SHIFTS)) for x in (_SHIFTS, _DELAYS))
@@ -127,13 +118,7 @@ def late(robot: Robot, motion: Motion, recordings: Sequence[Recording]) -> list[
 def long_late(
     robot: Robot, motion: Motion, recordings: Sequence[Recording]
 ) -> list[Fault]:
-    """Find torque so late that the log looks like that of another arm.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs.
-        recordings: The logs, whose columns are read rightly.
-    """
+    """Find torque so late that the log looks like that of another arm."""
     strain = {}
     for shift, tau in zip(_FAR, later_torques(recordings, _FAR), strict=True):
         rows = replace(motion, tau=tau)
@@ -180,12 +165,7 @@ def _rms(x: Array) -> Array:
 
 
 def commanded(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
-    """Find torque that was computed, and logged in place of a measured one.
-
-    Args:
-        robot: The arm.
-        recordings: Its logs.
-    """
+    """Find torque that was computed, and logged in place of a measured one."""
     return _repeated(recordings) or _followed(robot, recordings)
 
 

@@ -39,11 +39,7 @@ class Motion:
         return self.q.shape[1]
 
     def split(self, parts: int) -> list["Motion"]:
-        """Return the rows of each part of every log, in time.
-
-        Args:
-            parts: How many.
-        """
+        """Return the rows of each part of every log, in time."""
         every = [np.flatnonzero(self.log == number) for number in np.unique(self.log)]
         pieces = [np.array_split(rows, parts) for rows in every]
         return [self._at(np.concatenate(p)) for p in zip(*pieces, strict=True)]
@@ -65,11 +61,7 @@ class Motion:
 
 
 def thin_rows(recordings: Sequence[Recording]) -> Motion | None:
-    """Filter and thin logs; None where nothing is left of them.
-
-    Args:
-        recordings: Logs of one robot, read with one column map.
-    """
+    """Filter and thin logs; None where nothing is left of them."""
     chosen = _chosen(recordings)
     if not chosen:
         return None
@@ -91,7 +83,6 @@ def later_torques(recordings: Sequence[Recording], ahead: Sequence[float]) -> Ar
     """Torque on the rows of ``thin_rows``, of moments that follow them.
 
     Args:
-        recordings: Logs of one robot, of which something is left.
         ahead: By how much the moments follow [s].
 
     Returns:

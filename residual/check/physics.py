@@ -30,15 +30,7 @@ _ONE = 40.0  # nats that one joint counts for at most: two may hide an effect
 
 
 def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
-    """Find signs, orders and units that another reading of the columns explains better.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs.
-
-    Returns:
-        The faults, and the reading that mends them.
-    """
+    """Find signs, orders and units that another reading of columns explains better."""
     best, given = best_reading(robot, motion), as_given(robot.dof)
     if best.reading == given:
         return [], given
@@ -61,12 +53,7 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
 
 
 def wrong_robot(robot: Robot, motion: Motion) -> list[Fault]:
-    """Find columns that are read rightly, but are not of this arm.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs.
-    """
+    """Find columns that are read rightly, but are not of this arm."""
     reading = as_given(robot.dof)
     found = _wrong_robot(judge(robot, motion, reading), [])
     return _in_every_part(robot, motion, reading, found)

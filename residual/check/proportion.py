@@ -42,10 +42,6 @@ class _Part:
 def out_of_proportion(robot: Robot, motion: Motion) -> tuple[float, Fault | None]:
     """Find the torque of one joint that fits the others only times a factor.
 
-    Args:
-        robot: The arm.
-        motion: Rows of its logs, whose columns are read rightly.
-
     Returns:
         What the factor gains [nats], and the fault; 0 and None where there is none.
     """

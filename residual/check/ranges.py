@@ -26,12 +26,7 @@ _ZERO_WORTH = 30.0  # nats that it must gain where the columns are as they shoul
 
 
 def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
-    """Find joints that are beyond the limits of the robot file.
-
-    Args:
-        robot: The arm.
-        recordings: Its logs.
-    """
+    """Find joints that are beyond the limits of the robot file."""
     beyond: dict[int, list[str]] = {}
     low = np.min([np.quantile(r.q, 1 - _SHARE, axis=0) for r in recordings], axis=0)
     high = np.max([np.quantile(r.q, _SHARE, axis=0) for r in recordings], axis=0)
@@ -63,12 +58,7 @@ def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
 
 
 def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
-    """Find single joints whose angles can be degrees but no radians.
-
-    Args:
-        robot: The arm.
-        recordings: Its logs.
-    """
+    """Find single joints whose angles can be degrees but no radians."""
     speed = np.max([_speeds(r) for r in recordings], axis=0) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
     limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
@@ -98,12 +88,7 @@ def _speeds(recording: Recording) -> Array:
 
 
 def beyond(robot: Robot, recordings: Sequence[Recording]) -> tuple[int, ...]:
-    """Return joints (from 1) whose angles fit into their range, but lie beyond it.
-
-    Args:
-        robot: The arm.
-        recordings: Its logs.
-    """
+    """Return joints (from 1) whose angles fit into their range, but lie beyond it."""
     low, high = _ends(recordings)
     off = np.maximum(robot.lower - low, high - robot.upper) > _ANGLE
     fits = high - low < robot.upper - robot.lower + _ANGLE
@@ -113,14 +98,7 @@ def beyond(robot: Robot, recordings: Sequence[Recording]) -> tuple[int, ...]:
 def zero_explains(
     robot: Robot, motion: Motion, recordings: Sequence[Recording], best: Reading
 ) -> bool:
-    """Whether another zero of one joint suits a log as well as other columns do.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs, as given.
-        recordings: The logs.
-        best: The other columns.
-    """
+    """Whether another zero of one joint suits a log as well as other columns do."""
     joints = beyond(robot, recordings)
     if len(joints) != 1:
         return False

@@ -89,12 +89,7 @@ def as_given(dof: int) -> Reading:
 
 
 def best_reading(robot: Robot, motion: Motion) -> Judged:
-    """Search the reading with the most evidence, one change of the angles at a time.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs, as given.
-    """
+    """Search the reading with the most evidence, one change of the angles at a time."""
     best = _with_torques(robot, motion, as_given(robot.dof), TORQUE_UNITS)
     for _ in range(_ROUNDS):
         tried = []
@@ -110,13 +105,7 @@ def best_reading(robot: Robot, motion: Motion) -> Judged:
 
 
 def judge(robot: Robot, motion: Motion, reading: Reading) -> Judged:
-    """Return one reading with its evidence.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs, as given.
-        reading: What to judge.
-    """
+    """Return one reading with its evidence."""
     scores, gears = _scores(robot, motion, reading), _gears(robot)
     nats = sum(
         float(scores.evidence(j, channel, np.array([factor]))[0])

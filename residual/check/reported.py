@@ -52,8 +52,6 @@ def other_torque(robot: Robot, motion: Motion, found: Sequence[Fault]) -> list[F
     what comes of it.
 
     Args:
-        robot: The arm.
-        motion: Rows of its logs.
         found: What was read of columns and units.
 
     Returns:
@@ -186,7 +184,6 @@ def frictionless(
     values, and it is never certain.
 
     Args:
-        robot: The arm.
         motion: Rows of its logs, whose columns and units are right.
         declared: Effects that the nominal model has; None for the robot's own list.
     """
@@ -231,7 +228,6 @@ def exchanged(robot: Robot, motion: Motion) -> list[Fault]:
     """Find two joints whose angles and torques are those of each other.
 
     Args:
-        robot: The arm.
         motion: Rows of its logs, of which nothing else was found.
     """
     given = shares_of(robot, motion)

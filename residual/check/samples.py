@@ -19,11 +19,7 @@ _WINDOW = 7
 
 
 def spikes(recording: Recording) -> list[Fault]:
-    """Find single samples that leave their neighbours by far, and come back.
-
-    Args:
-        recording: The log.
-    """
+    """Find single samples that leave their neighbours by far, and come back."""
     out = []
     for name in ("q", "qd", "tau"):
         signal = getattr(recording, name)
@@ -40,7 +36,6 @@ def wraps(recording: Recording, robot: Robot) -> list[Fault]:
     """Find angles that leap by a whole turn between two samples: an encoder that wraps.
 
     Args:
-        recording: The log.
         robot: The arm, for what its joints can do in a step.
     """
     leap = np.diff(recording.q, axis=0)
@@ -90,9 +85,7 @@ def with_scale(recording: Recording, signal: str, scale: float) -> Recording:
     """Return a log with one of its signals times a factor.
 
     Args:
-        recording: The log.
         signal: "t", "q", "qd", "tau" or "q_ref".
-        scale: The factor.
     """
     return replace(
         recording, **{signal: np.asarray(getattr(recording, signal)) * scale}
@@ -100,11 +93,7 @@ def with_scale(recording: Recording, signal: str, scale: float) -> Recording:
 
 
 def without_spikes(recording: Recording) -> Recording:
-    """Return a log smoothed by a running median, which no single sample survives.
-
-    Args:
-        recording: The log.
-    """
+    """Return a log smoothed by a running median, which no single sample survives."""
     names = ("q", "qd", "tau")
     signals = {name: getattr(recording, name) for name in names}
     smooth = {k: running_median(x) for k, x in signals.items() if x is not None}

@@ -58,12 +58,7 @@ class Shares:
 
 
 def shares_of(robot: Robot, motion: Motion) -> Shares:
-    """Return the shares of a motion.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs.
-    """
+    """Return the shares of a motion."""
     y = regressor(robot.model, motion.q, motion.qd, motion.qdd)
     nominal = y @ inertial_parameters(robot.model)
     down = np.asarray(robot.model.gravity.linear)
@@ -79,12 +74,7 @@ def shares_of(robot: Robot, motion: Motion) -> Shares:
 
 
 def carries(shares: Shares, least: float = 0.1) -> Array:
-    """Return which joints carry the arm: elsewhere a file is off by any factor. (dof,).
-
-    Args:
-        shares: Shares of the model.
-        least: Of the strongest nominal torque.
-    """
+    """Return which joints carry the arm: others are off by any factor. (dof,)."""
     return shares.load > least * shares.load.max()
 
 
@@ -92,7 +82,6 @@ def _beside(motion: Motion, joint: int, use: Array) -> Array:
     """Return friction, an offset and a rotor of any size. Shape (n, 4).
 
     Args:
-        motion: Rows of the logs.
         joint: Joint from 0.
         use: Rows that are used. Shape of all rows, bool.
     """

@@ -38,11 +38,7 @@ _NOTHING = 1e-12
 
 
 def standing(recording: Recording) -> list[Fault]:
-    """Find frozen, saturated and coarse signals of one log.
-
-    Args:
-        recording: The log.
-    """
+    """Find frozen, saturated and coarse signals of one log."""
     if len(recording.t) < 50:
         return []
     out = []
@@ -163,12 +159,7 @@ def _step(x: Array) -> float:
 
 
 def constant(robot: Robot, recording: Recording) -> list[Fault]:
-    """Find angles that keep one value while their torque is that of a moving joint.
-
-    Args:
-        robot: The arm.
-        recording: One log.
-    """
+    """Find angles that keep one value while their torque is that of a moving joint."""
     span = np.ptp(recording.q, axis=0)
     still = np.flatnonzero(span == 0)
     if len(recording.t) < 50 or not len(still) or span.max() < _MOVES:

@@ -27,11 +27,7 @@ _UNITS = {
 
 
 def velocity_faults(recordings: Sequence[Recording]) -> list[Fault]:
-    """Compare velocities with angles, all logs together.
-
-    Args:
-        recordings: Logs that were read with one column map.
-    """
+    """Compare velocities with angles, all logs together."""
     logs = [r for r in recordings if r.qd is not None and len(r.t) > 20]
     pairs = [_windows(r) for r in logs]
     if not pairs or sum(len(change) for change, _ in pairs) < 10:

@@ -21,12 +21,7 @@ _CERTAIN_TIME = 150.0
 
 
 def other_world(robot: Robot, motion: Motion) -> list[Fault]:
-    """Try other clocks, other directions of gravity, and scales of single torques.
-
-    Args:
-        robot: The arm.
-        motion: Rows of its logs, whose columns are read rightly.
-    """
+    """Try other clocks, other directions of gravity, and scales of single torques."""
     scores = torque_scores(robot, motion)
     given = _total(scores)
     found = [_clock(robot, motion, given), _gravity(robot, motion, given)]

@@ -120,8 +120,6 @@ def carried(model: Model, tracks: Sequence[Track], moved: Sequence[Track]) -> Ar
     measured and that of what it is held against.
 
     Args:
-        model: The model.
-        tracks: The logs.
         moved: The same, ``shaken``.
 
     Returns:

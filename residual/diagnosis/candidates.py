@@ -57,7 +57,6 @@ class Candidates:
 
         Args:
             joints: The joints, from 0.
-            bodies: Whether bodies go too, which other joints carry.
         """
         shut = set(joints)
         kept = (
@@ -72,7 +71,6 @@ class Candidates:
         """The same without some effects on their joints, alone or among others.
 
         Args:
-            fallen: Effects that go.
             kin: Those of them with which all of their family on those joints goes: it
                 would say the same, only worse.
         """
@@ -155,9 +153,6 @@ def every_candidate(
     """Append the columns of all effects that some prior allows.
 
     Args:
-        design: Columns.
-        nominal: The nominal model.
-        span: How far the logs move the arm.
         clocked: Whether the order of the logs in time is known.
     """
     effects = [e for e in registry().values() if clocked or not e.needs_clock]

@@ -199,8 +199,6 @@ def error_tables(
     Args:
         errors: By name of the model; None for a model that is not there.
         cutoff: Of the identification filter [Hz].
-        logs: Labels of the held-out logs.
-        same_run: Whether they are a part of a fit log.
         worse: Joints from 1 that the findings make worse beyond chance.
     """
 

@@ -34,12 +34,7 @@ def lookalikes(
     effects on all joints at once are left out.
 
     Args:
-        task: Data, prior and candidates.
-        fitted: The fit to which the effects would come.
         effects: Each with its coefficients. Shapes (k,).
-
-    Returns:
-        Their places for each effect, nearest first.
     """
     design = task.design
     weight = fitted.weight(design.rows)
@@ -106,11 +101,6 @@ def minimum_detectable(
     Found means all that a name must do: win the threshold with its price paid, stand
     against a wider prior without a name, and lower the error, also that of logs left
     out, by the rules' tolerance and share; or spare the parameters beyond belief.
-
-    Args:
-        task: Data, prior, candidates and rules.
-        fitted: The fit to which an effect would come.
-        priors: Other priors that the search may change to.
 
     Returns:
         One entry per effect and joints. Of several

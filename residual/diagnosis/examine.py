@@ -59,19 +59,13 @@ class Examined:
     adequacy: Adequacy
 
     def error(self, fitted: Fit, held_out: Sequence[HeldOutLog]) -> Array:
-        """Squared error of a fit on moving rows, per second [N^2 m^2]. (seconds, dof).
-
-        Args:
-            fitted: A fit of these logs.
-            held_out: Logs that no fit has seen.
-        """
+        """Squared error of a fit on moving rows by second [N^2 m^2]. (seconds, dof)."""
         return moving_error(as_model(self.nominal, fitted), held_out)
 
     def model(self, fitted: Fit, like: Model | None = None) -> Model:
         """A fit as a model, with the standstill that suits the fit logs.
 
         Args:
-            fitted: A fit of these logs.
             like: A model whose standstill to take over, so that two models differ by
                 nothing but their effects.
         """
@@ -93,9 +87,6 @@ def examine(
     """Search, test and flag.
 
     Args:
-        logs: Fit logs.
-        nominal: The model to be doubted.
-        rules: Thresholds.
         progress: Told the stage and the share done.
         closed: Joints (from 0) of which nothing of their own may be named.
     """
@@ -132,7 +123,6 @@ def search_again(
     Args:
         examined: The diagnosis so far; its prior is kept.
         fallen: What may not be named any more.
-        kin: Those of them whose family goes with them.
     """
     task = examined.task
     task = replace(task, candidates=task.candidates.barring(fallen, kin))

@@ -47,13 +47,7 @@ class Bench:
 
     @classmethod
     def of(cls, task: Task, fitted: Fit, priors: Sequence[Prior]) -> "Bench":
-        """Solve once what all effects have in common.
-
-        Args:
-            task: Data, chosen prior, candidates and rules.
-            fitted: The fit.
-            priors: Other priors that the search may change to.
-        """
+        """Solve once what all effects have in common."""
         design = task.design
         every, scores = _near(task, fitted, priors)
         systems = [System.of(design, p, fitted.members) for p in every]
@@ -107,13 +101,7 @@ class Expected:
 
 
 def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Expected]:
-    """What a group does in each of some directions.
-
-    Args:
-        bench: The logs.
-        group: The effect.
-        directions: Coefficients of an effect of size one. Each (k,).
-    """
+    """What a group does in each of some directions."""
     task, design, weight = bench.task, bench.task.design, bench.weight
     own, mixed = _blocks(bench, group)
     every, across = own.sum(axis=0), mixed.sum(axis=0)  # over folds
@@ -150,8 +138,6 @@ def found(bench: Bench, one: Expected, sizes: Array) -> Array:
     with it, so what holds at the average holds in half of the draws.
 
     Args:
-        bench: The logs.
-        one: The effect.
         sizes: Its sizes. Shape (s,).
 
     Returns:
@@ -187,8 +173,6 @@ def _confirmed(bench: Bench, one: Expected, square: Array) -> Array:
     """Whether logs left out are predicted better by enough, and enough of them.
 
     Args:
-        bench: The logs.
-        one: The effect.
         square: Squares of its sizes. Shape (sizes, 1).
 
     Returns:

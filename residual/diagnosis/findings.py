@@ -93,9 +93,6 @@ def findings(
     """Merge members of one name into one finding; what has most torque comes first.
 
     Args:
-        examined: The diagnosis.
-        fitted: Fit of exactly these members.
-        tested: The members that are named.
         checks: What noise of the angles does to the fit; None where nobody looked.
     """
     sizes = {id(t.group): _size(fitted, t, checks) for t in tested}

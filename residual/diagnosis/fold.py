@@ -23,10 +23,6 @@ def folded(
     Folded is friction or ripple of a size that the joints have anyway, beside something
     much larger, where half of the joints have such: one alone is a finding.
 
-    Args:
-        named: The findings.
-        dof: Number of joints.
-
     Returns:
         What is listed, and what is folded, in the same order.
     """

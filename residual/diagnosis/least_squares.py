@@ -66,8 +66,6 @@ def outdone(task: Task, fitted: Fit, plain: Plain) -> dict[int, tuple[float, flo
     """Joints (from 0) on which plain least squares predicts left-out parts better.
 
     Args:
-        task: What was searched.
-        fitted: A fit with what was named.
         plain: Plain least squares on the same logs.
 
     Returns:
@@ -86,8 +84,6 @@ def given_constants(
     """What to say of constants that a model was given without a name.
 
     Args:
-        task: What was searched, with the constants in the model.
-        fitted: Its fit.
         before: Joints on which plain least squares was better without (`outdone`).
     """
     model, count = task.design.model, len(task.design.nominal)

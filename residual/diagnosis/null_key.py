@@ -42,11 +42,7 @@ class Key:
     moving: tuple[float, ...]
 
     def mismatch(self, other: "Key") -> str | None:
-        """Return why a null of this key does not hold for other logs; None if it does.
-
-        Args:
-            other: Key of the logs.
-        """
+        """Return why a null of this key does not hold for other logs, or None."""
         exact = {
             "robot": "another robot, or another description of it",
             "declared": "other declared effects",

@@ -131,10 +131,6 @@ class Null:
 def choose_null(null: Null | Sequence[Null] | None, key: Key) -> Null | None:
     """The null that holds for some logs.
 
-    Args:
-        null: One that is wanted, or several to choose from.
-        key: Key of the logs.
-
     Returns:
         The one that is wanted, or of several the first that holds; None if none does.
 
@@ -178,10 +174,6 @@ def to_record(null: Null) -> dict:
 
 def from_record(record: Mapping, id: str) -> Null:
     """The way back.
-
-    Args:
-        record: What `to_record` made.
-        id: Id of the record, or name of the file.
 
     Raises:
         InputError: If it is no such record.

@@ -48,14 +48,8 @@ def oracle(
     """Fit the effects that one is told of, and predict the held-out logs.
 
     Args:
-        robot: The arm as the user describes it.
-        recordings: Logs to fit.
-        held_out: Logs for the proof.
         effects: Name and joints, from 1, of each missing effect.
         declared: Effects that the model has; None for the robot's own list.
-
-    Returns:
-        Errors on the held-out logs.
 
     Raises:
         UnknownNameError: If there is no such effect.
@@ -75,8 +69,6 @@ def oracle_model(
     """Return the model behind ``oracle``, with the effects that the robot declares.
 
     Args:
-        robot: The arm as the user describes it.
-        recordings: Logs to fit.
         held_out: Logs of the same session, for its clock only.
         effects: Name and joints, from 1, of each missing effect.
 

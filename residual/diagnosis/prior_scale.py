@@ -92,9 +92,7 @@ def select(
     its own way; then that scale's neighbours.
 
     Args:
-        space: The priors.
         candidates: All that may be named under some prior.
-        rules: Thresholds.
         progress: Told the share done.
     """
     runs, turns = _Runs(space, candidates, rules), (_as_said, _even, _by_kind, _beside)
@@ -177,12 +175,7 @@ def _widest(runs: _Runs, run: Selection) -> Prior:
 
 
 def neighbours(space: Space, prior: Prior) -> tuple[Prior, ...]:
-    """Priors that a search might have turned to, beside the one that it chose.
-
-    Args:
-        space: The priors.
-        prior: The chosen one.
-    """
+    """Priors that a search might have turned to, beside the one that it chose."""
     wanted = [(s, widths) for widths in space.even for s in space.scales]
     wanted += [(s, prior.widths) for s in space.scales]
     if space.free and len(prior.widths) > 1:

@@ -24,7 +24,6 @@ def search(task: Task, members: Sequence[Group] = ()) -> Fit:
     """Add the best effect while one is worth it; then swap and delete.
 
     Args:
-        task: What is searched.
         members: Names to start from; those go that do not carry their own weight.
 
     Returns:
@@ -52,8 +51,6 @@ def best(
     """Admissible additions to a fit, most evidence first: (net gain, group, fit).
 
     Args:
-        task: What is searched.
-        base: The fit to add to.
         instead: A member that was taken out: only what acts on its joints, and is not
             the same candidate, may stand in for it.
     """
@@ -72,14 +69,7 @@ def best(
 def _tried(
     task: Task, base: Fit, group: Group, own: System
 ) -> tuple[Group, Fit, System]:
-    """A fit with a candidate, on its own scale where it is far beyond the usual.
-
-    Args:
-        task: What is searched.
-        base: The fit to add to.
-        group: The candidate.
-        own: Normal equations of the base.
-    """
+    """A fit with a candidate, on its own scale where it is far beyond the usual."""
 
     def trial(group: Group) -> tuple[Group, Fit, System]:
         system, members = own.beside(task.design, group), (*base.members, group)

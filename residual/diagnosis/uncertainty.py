@@ -49,8 +49,6 @@ def standard_deviations(
     (Gauss-Newton), and the parameters' covariance follows by linearisation.
 
     Args:
-        examined: The diagnosis.
-        fitted: Its fit.
         sizes: For the id of each member its coefficients and what is doubtful of them
             beside the noise. Shapes (k,), (k, k).
 
@@ -197,10 +195,8 @@ def values_jacobian(
     """Derivative of an effect's parameter values to its coefficients.
 
     Args:
-        effect: The effect.
         theta: Its coefficients. Shape (k,).
         shape: Its shape.
-        robot: The arm.
         with_shape: Whether the first number of the shape comes last.
 
     Returns:

@@ -98,7 +98,6 @@ def warnings(
     """Return what qualifies the answer: a weak proof, a rough model, names withdrawn.
 
     Args:
-        examined: What the fit logs say.
         withdrawn: Names that did not stand.
         same_run: Whether the held-out logs are a part of a fit log.
     """
@@ -129,13 +128,7 @@ def complaint(tested: Tested, why: str) -> str:
 def signal_notes(
     examined: Examined, fit: Sequence[Recording], augmented: Model
 ) -> tuple[str, ...]:
-    """Return what was understood of the signals: filter, rows used, faults of logging.
-
-    Args:
-        examined: What the fit logs say.
-        fit: The fit logs.
-        augmented: The model with what was found.
-    """
+    """Return what was understood of the signals: filter, rows, faults of logging."""
     logs = examined.logs
     rows = examined.task.design.rows
     every = sum(int(t.inner.sum()) for t in logs.tracks)

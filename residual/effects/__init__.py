@@ -29,7 +29,6 @@ def reported_joints(name: str, joints: Iterable[int], dof: int) -> tuple[int, ..
     Args:
         name: Name of an effect; one that nobody looks for stays where it is.
         joints: Joints on which an arm has it, from 1.
-        dof: Number of joints of the arm.
     """
     effect = registry().get(name)
     at_flange = effect is not None and effect.scope == "flange"

@@ -67,7 +67,6 @@ def moved(state: State, joint: int, shift: Array, rates: tuple[Array, Array]) ->
     """Change of all torques when one joint is shifted. Shape (n, dof).
 
     Args:
-        state: The motion.
         joint: The joint, from 0.
         shift: By how much [rad]. Shape (n,).
         rates: First and second derivative of the shift [rad/s, rad/s^2].

@@ -18,7 +18,6 @@ def vocabulary(both: Both, clocked: bool) -> tuple[list[Group], list[float]]:
     """Every effect that may have changed, on each joint and in each shape.
 
     Args:
-        both: Rows of both epochs.
         clocked: Whether each epoch's order of logs in time is known.
 
     Returns:
@@ -71,9 +70,6 @@ def refined(
     """The same candidate with shapes about its own.
 
     Args:
-        both: Rows of both epochs.
-        joints: The joints.
-        one: The candidate.
         width: How far to look, as a part of the reach of its effect.
     """
     group = one.group
@@ -98,9 +94,6 @@ def weighed(
     """Groups of the design's columns as candidates.
 
     Args:
-        design: The columns.
-        joints: The joints.
-        groups: The groups.
         prices: What each costs [nats].
         before: What of each may have been there before; the same where none is given.
     """

@@ -66,7 +66,6 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
     """Say what changed between two epochs, and prove it on held-out logs.
 
     Args:
-        asked: What is compared.
         tell: Told the stage and the share done.
     """
     rules = Rules()
@@ -163,11 +162,6 @@ def _judged(
     """Let the held-out logs judge each name; what they refute falls.
 
     Each name against the best that can be said without it.
-
-    Args:
-        found: What was found.
-        proof: The held-out logs.
-        model_of: The augmented model of what was found.
 
     Returns:
         What stands, the judgement of each by its `id`, and the augmented model.

@@ -51,12 +51,6 @@ def conclude(
     """Return the verdict, of plain values.
 
     Args:
-        found: What the rows say.
-        rest: What remains.
-        judged: Of each change what the held-out logs say.
-        errors: Errors of each model on the held-out logs.
-        epochs: Fits of both epochs.
-        declared: Effects that the model is said to have.
         logs: Labels of the held-out logs, and whether they are a part of a fit log.
     """
     robot = epochs[0].model.robot

@@ -69,7 +69,6 @@ class Joint:
         Args:
             shared: Its columns. Shape (rows, p).
             y: Torque less that of the nominal model [N m]. Shape (rows,).
-            layout: Where the rows come from.
             held: Precision with which each is held, times the variance of independent
                 rows. Shape (p,).
             light: Whether it is there to project only.
@@ -123,7 +122,6 @@ class Joint:
         Args:
             columns: Columns of all candidates. Shape (rows, sum of sizes).
             mask: Rows on which they act. Shape (rows,).
-            sizes: Columns of each candidate.
             before: What of them may have been there before; the same where None.
         """
         raw = columns * mask[:, None]

@@ -46,8 +46,6 @@ def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:
     """Fit the logs of one epoch.
 
     Args:
-        logs: The logs.
-        nominal: The model that the arm is said to have.
         like: An earlier epoch's, to begin with: what these logs do not show is as it
             was, and so is how the arm stands.
     """
@@ -81,8 +79,6 @@ def augmented(found: Found, nominal: Nominal, like: Model) -> Model:
 
     Args:
         found: What changed.
-        nominal: The model that the arm is said to have.
-        like: A model whose standstill to take over.
     """
     both, changed = found.both, changed_terms(found)
     groups = [(c.contrast.candidate.group, c.contrast.theta) for c in found.changes]
@@ -150,7 +146,6 @@ def values_that_changed(first: Epoch, second: Epoch, found: Found) -> Iterator[C
     comparison of both epochs says so too.
 
     Args:
-        first: Fit of the first epoch.
         second: Fit of the second.
         found: What changed.
     """

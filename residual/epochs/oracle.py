@@ -26,11 +26,7 @@ def oracle(asked: Asked, effects: Sequence[Told]) -> Errors:
     """Fit the changes that one is told of, and predict the held-out logs.
 
     Args:
-        asked: What is compared.
         effects: Name and joints, from 1, of each change.
-
-    Returns:
-        Errors on the held-out logs.
 
     Raises:
         UnknownNameError: If there is no such effect.

@@ -48,12 +48,9 @@ def chosen(
     """Effects of the vocabulary that one joint has, by its first epoch.
 
     Args:
-        design: The columns.
         j: The joint, from 0.
-        groups: The vocabulary.
         first: Rows of the first epoch. Shape (rows,), bool.
         alone: The joint on these rows, the usual nuisance taken out.
-        rules: Thresholds.
     """
     some = [g for g in groups if len(g.ids) <= WIDEST]
     some = [g for g in some if len(design.present(j, g.ids)[0]) == len(g.ids)]

@@ -127,11 +127,6 @@ def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit
 
     How far the bodies are from the model's, and how little of the rest there is, the
     evidence chooses: a short log must not fill what it did not see.
-
-    Args:
-        logs: The logs.
-        nominal: The model.
-        scales: Relative scales of the bodies to choose from.
     """
     design = Design(logs.tracks, nominal.model)
     plain, loaded = _usual(logs, nominal.model)
@@ -158,9 +153,7 @@ def both_epochs(logs: Logs, first: int, nominal: Nominal, rules: Rules) -> Both:
 
     Args:
         logs: Logs of the first epoch, then those of the second.
-        first: How many are of the first.
         nominal: The model that the arm is said to have, adopted effects included.
-        rules: Thresholds.
     """
     joint = joint_fit(logs, nominal, (LOOSE,))
     design, fitted, known = joint.design, joint.fitted, joint.known
@@ -194,8 +187,6 @@ def beside(both: Both, changed: Sequence[tuple[Group, Array]], press: bool) -> B
 
     Args:
         both: The rows; columns of candidates that are there already stay as they are.
-        changed: Groups of columns and their coefficients.
-        press: Whether they change the torque that others depend on.
     """
     if press:
         both = _pressed(both, changed)
@@ -212,10 +203,6 @@ def without(
     both: Both, changed: Sequence[tuple[Group, Array]]
 ) -> tuple[Fit, tuple[Array, ...]]:
     """The joint fit of one arm, the second epoch without what changed.
-
-    Args:
-        both: The rows.
-        changed: Groups of columns and their coefficients.
 
     Returns:
         The fit, and the torque of the changes on the rows of each joint, (rows,).

@@ -94,7 +94,6 @@ def find(both: Both, clocked: bool) -> Found:
     """Search the rows of both epochs for what changed.
 
     Args:
-        both: The rows.
         clocked: Whether the order of each epoch's logs in time is known.
     """
     groups, prices = vocabulary(both, clocked)

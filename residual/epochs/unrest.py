@@ -71,7 +71,6 @@ def warmth(
     """How the friction of all joints moved together.
 
     Args:
-        both: Rows of both epochs.
         plain: The joints without what warms.
         shared: Columns of what each has. Shapes (rows, p).
     """
@@ -152,12 +151,7 @@ def _middle(values: Array, sd: Array) -> tuple[float, float]:
 
 
 def joints_of(both: Both, groups: Sequence[Group]) -> "Rest":
-    """The joints with what any arm has projected out, its warmth by log included.
-
-    Args:
-        both: Rows of both epochs.
-        groups: The vocabulary.
-    """
+    """The joints with what any arm has projected out, its warmth by log included."""
     design, rules = both.design, both.rules
     plain, shared, held, noise = {}, {}, {}, {}
     for j in both.live:
@@ -244,13 +238,7 @@ def _of_first(layout: Layout) -> Layout:
 
 
 def first_noise(both: Both, rest: "Rest", groups: Sequence[Group]) -> Noise:
-    """What errors are, as the first epoch shows them: nothing changed within it.
-
-    Args:
-        both: Rows of both epochs.
-        rest: The joints.
-        groups: Columns that logs are compared by.
-    """
+    """What errors are, as the first epoch shows them: nothing changed within it."""
     dof = both.design.dof
     variance, slow = np.ones(dof), np.full(dof, both.rules.slow)
     restless, fewest = np.ones(dof), []

@@ -209,9 +209,6 @@ def follow(
     """Look at new bins.
 
     Args:
-        usual: What the first epoch says.
-        rules: Lengths and the like.
-        past: What was before.
         gram: Products of the new bins, in order. Shape (n, dof, f, f).
         clock: Time at the end of each [s]. Shape (n,).
 
@@ -256,8 +253,6 @@ def _with_course(sums: Array, rules: Rules, grown: Past, begins: Array) -> Array
 
     Args:
         sums: Products in the windows that end with each new bin. Shape (n, dof, f, f).
-        rules: Units of time.
-        grown: The bins, the new ones last.
         begins: Number of the last bin before each window. Shape (n,).
 
     Returns:
@@ -344,7 +339,6 @@ def _left(gram: Array, precision: Array, what: Sequence[int]) -> tuple[Array, Ar
     Args:
         gram: Products over the noise. Shape (..., f, f).
         precision: Of the first columns behind r. Shape (..., k, k).
-        what: Numbers of c columns.
 
     Returns:
         Shapes (..., c, c), (..., c).
@@ -361,7 +355,6 @@ def _looks(usual: Usual, gram: Array, mean: Array, cov: Array) -> Looks:
     """What windows say.
 
     Args:
-        usual: What the first epoch says.
         gram: Products, with the course of friction. Shape (n, w, dof, f + 1, f + 1).
         mean: Of the slow and that course. Shape (n, w, dof, 3).
         cov: Of these. Shape (n, w, dof, 3, 3).

@@ -33,8 +33,6 @@ def coloured(acov: Array, rows: int, rng: np.random.Generator) -> Array:
 
     Args:
         acov: Autocovariance [N^2 m^2]. Shape (lags, dof).
-        rows: How many rows.
-        rng: Random numbers.
     """
     lags, dof = acov.shape
     around = np.zeros((rows + 2 * lags, dof))

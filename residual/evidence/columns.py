@@ -24,11 +24,7 @@ class ColumnCache:
     """
 
     def __init__(self, on_disk: bool) -> None:
-        """Make an empty one.
-
-        Args:
-            on_disk: Whether the columns are too many for memory.
-        """
+        """Make an empty one."""
         # It is closed with this object.
         self._file = TemporaryFile(prefix="modelgap-") if on_disk else None  # noqa: SIM115
         self._kept: dict[object, tuple[Array, int]] = {}
@@ -128,14 +124,7 @@ class Sums:
         return other
 
     def reserve(self, parts: Sequence[tuple[Joints, int]]) -> list[Array]:
-        """Number new columns and make room for them.
-
-        Args:
-            parts: The joints on which they act, and how many.
-
-        Returns:
-            Numbers of the columns of each part.
-        """
+        """Number new columns and make room for them."""
         ids, dof = [], len(self.place)
         have = [x.shape[1] for x in self.cross]
         for rows, k in parts:
@@ -163,11 +152,7 @@ class Sums:
         self.gram[j], self.cross[j] = gram[:, :size, :size], cross[:, :size]
 
     def cut(self, size: int) -> list[int]:
-        """Take back the newest columns, so that so many are left.
-
-        Returns:
-            How many of them act on each joint.
-        """
+        """Take back the newest columns, so that so many are left."""
         self.size, counts = size, []
         for j, place in enumerate(self.place):
             self.place[j] = place[:size]
@@ -182,10 +167,7 @@ class Sums:
         """Add rows of one fold to the sums of a joint's newest columns.
 
         Args:
-            j: The joint.
-            fold: The fold.
             rows: All columns of the joint on these rows. Shape (p, rows).
-            first: Number of the joint's columns that are known already.
             y: The target. Shape (rows,).
         """
         block = rows @ rows[first:].T

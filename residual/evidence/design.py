@@ -64,8 +64,6 @@ class Design:
         """Make the nominal model's columns.
 
         Args:
-            tracks: Signals of the logs.
-            model: The nominal model.
             states: What effects see of them, where that is known already.
             seen_with: The model whose torque effects see; the nominal one where None.
             labels: Fold of each row of each log, in ascending order; logs, or blocks
@@ -165,12 +163,7 @@ class Design:
         self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
     def _append(self, made: Made, bodies: bool) -> list[Array]:
-        """Append columns of all logs, and return their numbers, part by part.
-
-        Args:
-            made: What makes the columns of a log.
-            bodies: Whether it reads the inertial regressor.
-        """
+        """Append columns of all logs, and return their numbers, part by part."""
         ids: list[Array] = []
         for c, chunk in enumerate(self._chunks):
             fresh: list[list[Array]] = [[] for _ in self._js]

@@ -102,12 +102,8 @@ def fit(
     """Fit nominal and effects jointly; alternate coefficients and noise variance.
 
     Args:
-        design: Columns and Gram.
-        prior: Prior of the nominal coefficients.
-        members: Effects beside the nominal.
         counted: Effective rows of each joint. Shape (dof,).
         variance: Noise variance to start from [N^2 m^2]. Shape (dof,).
-        rounds: Alternations.
         system: The normal equations of these members, where they are known already.
     """
     system = system or System.of(design, prior, members)
@@ -318,13 +314,6 @@ def gain(
 
     Rows are counted by the larger model's residual: what the smaller model leaves is
     correlated because it lacks the effect, and would hide it.
-
-    Args:
-        design: Columns and Gram.
-        prior: Prior of the nominal coefficients.
-        big: Fit of the larger set.
-        small: Fit of the smaller one.
-        systems: Normal equations of both, where they are known already.
     """
     changed = np.flatnonzero(np.abs(small.sse / np.maximum(big.sse, 1e-300) - 1) > 0.02)
     counted = np.maximum(effective_rows(design, big, changed), small.counted)

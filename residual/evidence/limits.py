@@ -28,9 +28,7 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
     """Return what the arm can do at the joints of a group.
 
     Args:
-        design: Columns and rows of the logs.
         fitted: The fit that the group is, or would be, a member of.
-        group: The effect and where.
     """
     robot = design.model.robot
     on = list(group.joints) or list(range(design.dof))

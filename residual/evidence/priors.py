@@ -118,9 +118,6 @@ def relative_prior(
     """Inertial parameters within a relative scale, declared effects as given.
 
     Args:
-        design: Columns.
-        nominal: The nominal model.
-        scale: Relative sd of the inertial parameters.
         widths: Relative sd of the declared values, by the effect's name; None for what
             was said of them.
     """

@@ -17,12 +17,6 @@ def screen(design: Design, base: Fit, groups: Sequence[Group], system: System) -
     Noise is held at the fit's own, rows at a quarter of their number or more:
     optimistic, so that nothing worth an exact look is lost. Groups of one shape go as
     one stack.
-
-    Args:
-        design: The columns.
-        base: The fit.
-        groups: The candidates.
-        system: Normal equations of the fit.
     """
     weight = np.maximum(0.25, base.counted / design.rows) / base.variance
     theta, lower = system.solve(weight)

@@ -16,8 +16,6 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
     """Nominal columns, and features seen with a model that fits these logs roughly.
 
     Args:
-        logs: The logs.
-        nominal: The model to be doubted.
         named: A model to see features with instead, such as one with what was named.
     """
     design = Design(logs.tracks, nominal.model)

@@ -17,12 +17,7 @@ PRICE = float(np.log(20))  # nats: one effect in twenty is not of usual size
 
 
 def widened(fitted: Fit, group: Group) -> Group | None:
-    """Return a group with the prior of its own size; None where it is usual.
-
-    Args:
-        fitted: A fit with the group.
-        group: A candidate, on its usual prior.
-    """
+    """Return a group with the prior of its own size; None where it is usual."""
     if group.parts:
         return None
     theta, count = fitted.of(group), len(group.ids)

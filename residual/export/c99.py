@@ -20,11 +20,7 @@ _ARGUMENTS = " double *angle,\n    const double *speed, const double *accelerati
 
 
 def to_c99(whole: Whole) -> Exported:
-    """Return a model as a header; its functions begin with the robot's name.
-
-    Args:
-        whole: The model.
-    """
+    """Return a model as a header; its functions begin with the robot's name."""
     parts = split_program(whole)
     found = parts.exported({})
     text = header(parts, found.left)
@@ -39,12 +35,7 @@ def prefix_of(name: str) -> str:
 
 
 def header(parts: Split, left: Iterable[Left] = ()) -> str:
-    """Return the text of the header.
-
-    Args:
-        parts: The model, and what of it can be carried.
-        left: What cannot, as the header says.
-    """
+    """Return the text of the header."""
     program = program_of(parts.carried)
     words = {
         "NAME": program.name,

@@ -87,7 +87,6 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Spli
     """Part what a target can carry from what it cannot.
 
     Args:
-        whole: The model.
         refuse: Why a term cannot be carried; "" where it can.
         tables: Why tables cannot be carried; "" where they can.
     """

@@ -41,11 +41,7 @@ class Parts:
 
 
 def fmu_parts(whole: Whole) -> Parts:
-    """Return what is to be compiled and packed.
-
-    Args:
-        whole: The model.
-    """
+    """Return what is to be compiled and packed."""
     header = to_c99(whole)
     ((file, text),) = header.files.items()
     name, dof = file.removesuffix(".h"), body_of(whole).robot.dof
@@ -60,7 +56,6 @@ def to_fmu(parts: Parts, library: bytes | None) -> Exported:
     """Return the FMU.
 
     Args:
-        parts: What it is made of.
         library: The sources compiled for this platform; None to leave that to whoever
             imports it.
     """

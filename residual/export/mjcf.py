@@ -30,9 +30,6 @@ THICK = 0.03  # m, of the lines that stand for links
 def to_mjcf(whole: Whole) -> Exported:
     """Return a model as the text of an MJCF file.
 
-    Args:
-        whole: The model.
-
     Returns:
         One file, with a motor on each joint and no shape but lines.
 

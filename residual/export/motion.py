@@ -38,7 +38,6 @@ def exciting(robot: Robot, seconds: float = SECONDS, rate: float = RATE) -> Moti
     """Return three sines per joint, within its range and near its speed limit.
 
     Args:
-        robot: The arm.
         seconds: How long [s].
         rate: Samples per second [Hz].
     """
@@ -62,8 +61,6 @@ def random_states(robot: Robot, count: int, slowest: Array | float = 0.0) -> Mot
     """Return states that have nothing to do with each other.
 
     Args:
-        robot: The arm.
-        count: How many.
         slowest: Least speed of each joint [rad/s]. Shape (dof,).
     """
     lower, upper, speed = limits(robot)

@@ -13,9 +13,6 @@ def arrays_of(program: Program) -> dict[str, Array]:
     """Return the numbers by name.
 
     The rotation of a joint is R(q) = still + cos(q) along + sin(q) across.
-
-    Args:
-        program: What is to be computed.
     """
     chain = program.chain
     onto = np.einsum("ij,ik->ijk", chain.axis, chain.axis)

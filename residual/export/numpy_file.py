@@ -17,11 +17,7 @@ _NO_FORCE = "(0.0, 0.0, 0.0)"
 
 
 def to_numpy(whole: Whole) -> Exported:
-    """Return a model as torque.py, and its tables, if it has some, as torque.npz.
-
-    Args:
-        whole: The model.
-    """
+    """Return a model as torque.py, and its tables, if it has some, as torque.npz."""
     parts = split_program(whole)
     text = source(parts, parts.exported({}).left)
     files = {"torque.py": text.encode()}
@@ -29,12 +25,7 @@ def to_numpy(whole: Whole) -> Exported:
 
 
 def source(parts: Split, left: Iterable[Left] = ()) -> str:
-    """Return the text of the file.
-
-    Args:
-        parts: The model, and what of it can be carried.
-        left: What cannot, as the file says.
-    """
+    """Return the text of the file."""
     program = program_of(parts.carried)
     words = {
         "NAME": program.name,

@@ -17,14 +17,7 @@ NOT_NEGATIVE = ("damping", "quadratic_damping", "friction", "armature", "stiffne
 def split_passive(
     whole: Whole, target: str, can: Collection[str], gravity: bool = False
 ) -> Split:
-    """Part what the joints and bodies of a target can have from the rest.
-
-    Args:
-        whole: The model.
-        target: Name of the target, for the reasons.
-        can: Properties that its joints have.
-        gravity: Whether its file says where gravity points.
-    """
+    """Part what the joints and bodies of a target can have from the rest."""
     total = properties(body_of(whole))
 
     def refuse(term: Term) -> str:

@@ -129,11 +129,7 @@ def _is_said(said: Portable) -> bool:
 
 
 def program_of(carried: Whole) -> Program:
-    """Return what is to be computed for a model all of which can be said.
-
-    Args:
-        carried: A model that ``split_program`` has left whole.
-    """
+    """Return what is to be computed for a model all of which can be said."""
     model = body_of(carried)
     robot, dof = model.robot, model.robot.dof
     standstill = model.standstill or (SMOOTH,) * dof

@@ -60,11 +60,7 @@ class Curve:
 
 
 def to_table(whole: Whole) -> Exported:
-    """Return support points of each joint as CSV files; tables go along as they are.
-
-    Args:
-        whole: The model.
-    """
+    """Return support points of each joint as CSV files; tables go along as they are."""
     parts = split_table(whole)
     curves = curves_of(body_of(parts.carried))
     files = {
@@ -120,8 +116,6 @@ def curve_at(model: Model, file: str, j: int, x: Array) -> Array:
     """Return the torque of one joint over its speed or position [N m]. Shape (n,).
 
     Args:
-        model: The model.
-        file: Which of the two tables.
         j: The joint, from 0.
         x: Speeds or positions [rad/s] or [rad]. Shape (n,).
     """

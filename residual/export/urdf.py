@@ -12,9 +12,6 @@ CAN = ("damping", "friction")
 def to_urdf(whole: Whole) -> Exported:
     """Return a model as the text of a URDF.
 
-    Args:
-        whole: The model.
-
     Returns:
         One file; gravity and what the drives add is not for a URDF to say.
 

@@ -61,13 +61,6 @@ class Consistent:
 def consistent(found: Identification, scale: float = LOOSE) -> Consistent:
     """Find the physically consistent parameters that fit, nearest to the nominal.
 
-    Args:
-        found: The free fit.
-        scale: Relative doubt of the nominal values: smaller stays nearer.
-
-    Returns:
-        The parameters, and what they cost in fit.
-
     Raises:
         InputError: If cvxpy or Clarabel is not installed, or nothing is feasible.
     """
@@ -230,8 +223,6 @@ def least_mass_matrix(model: Model, poses: int = POSES, seed: int = 0) -> float:
 
     Args:
         model: Rigid body and effects; rotors add to the diagonal.
-        poses: How many.
-        seed: Of the poses, within the arm's ranges.
 
     Returns:
         Eigenvalue [kg m^2]; negative where M is not positive definite.

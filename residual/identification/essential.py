@@ -43,10 +43,7 @@ def reduce(
     """Drop parameters one by one.
 
     Args:
-        blocks: Compressed rows.
-        start: The full fit's start.
         estimate: The full fit; its weights are kept.
-        every: Rows of all joints.
     """
     weight = estimate.weight
     rows = float(estimate.independent.sum())

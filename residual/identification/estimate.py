@@ -106,10 +106,7 @@ def estimated(
     """Fit by the method asked for, with covariance.
 
     Args:
-        rows: The rows.
         blocks: The same, compressed.
-        start: Start, free parameters and prior.
-        options: How.
     """
     free = replace(start, precision=None)
     theta = solve.solve(blocks, np.ones(len(rows.y)), free)
@@ -136,10 +133,8 @@ def weights_of(
     """Return weight, noise and autocorrelation time of each joint's rows.
 
     Args:
-        rows: The rows.
         theta: Parameters whose residual tells the noise. Shape (b,).
         method: "ols" gives all joints one weight.
-        parameters: How many were fitted to these rows.
 
     Returns:
         w_j, s_j [N m], t_j. Shape (dof,) each.
@@ -212,8 +207,6 @@ def reweighted(
     """Fit until weights and parameters agree.
 
     Args:
-        rows: The rows.
-        start: Start, free parameters and prior.
         known: Parameters to start from and autocorrelation time of each joint.
         loss: "huber" or "bisquare"; the latter starts from the former.
 

@@ -96,15 +96,9 @@ def identify(
     """Identify a robot's model from logs.
 
     Args:
-        robot: The arm as described.
-        recordings: Logs to fit.
         declared: Effects that the model has; None for the robot's own list; or a model
             to start from as it is.
-        options: How.
         clock: Start of the session on the logs' clock [s], or None.
-
-    Returns:
-        The identified model and its accuracy.
 
     Raises:
         InputError: If a log is of another arm, nothing moves, or rows are too few.

@@ -84,8 +84,6 @@ def preflight(
     """Say which parameters a motion cannot tell, and which motion would.
 
     Args:
-        model: The nominal model.
-        base: Its base parameters.
         information: A: weighted x'x of the rows, in SI units. Shape (b, b).
         size: How far each base parameter may be off at all. Shape (b,).
         rows: Weight of one row of each joint, and how many there are: w_j, m_j.

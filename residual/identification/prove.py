@@ -73,13 +73,9 @@ def identify_and_prove(
     """Fit the parameters of a model and compare it with the nominal one.
 
     Args:
-        robot: The arm as described.
-        fit: Logs to fit.
         held_out: Logs for the proof; empty for the last quarter of the longest.
         declared: Effects that the model has; None for the robot's own list; or a model
             to start from as it is.
-        options: How to fit.
-        bodies: Whether to find parameters too that bodies can have.
 
     Raises:
         InputError: If a log is not usable.

@@ -48,7 +48,6 @@ def compress(rows: Rows, weights: tuple[Array, ...] | None = None) -> tuple[Arra
     """Return R_j of every joint. Shapes (at most b + 1, b + 1).
 
     Args:
-        rows: Rows of each joint.
         weights: A weight of each row, or None. Shapes (m_j,).
     """
     out = []
@@ -66,9 +65,7 @@ def solve(blocks: tuple[Array, ...], weight: Array, start: Start) -> Array:
     Directions that no row speaks of stay where they start.
 
     Args:
-        blocks: R_j.
         weight: w_j. Shape (dof,).
-        start: Start, free parameters and prior.
 
     Returns:
         Parameters. Shape (b,).
@@ -123,7 +120,6 @@ def autocorrelation(rows: Rows, left: tuple[Array, ...]) -> Array:
     (Geyer 1992), over the time lines of the logs.
 
     Args:
-        rows: The rows.
         left: Their residuals. Shapes (m_j,).
 
     Returns:

@@ -57,14 +57,7 @@ class Rows:
 
 
 def structure(model: Model) -> BaseParameters:
-    """Return the base parameters of a model, effects included.
-
-    Args:
-        model: Rigid body and the effects that it has.
-
-    Returns:
-        Base parameters over ``model.coefficients()``.
-    """
+    """Return the base parameters of a model, effects included."""
     states = random_states(model.robot.model)
     columns = columns_of(model, state_at(model, *states))
     rows = columns.reshape(-1, columns.shape[2])
@@ -122,14 +115,6 @@ def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> Ro
     """Filter torque and base columns alike, and keep the rows that count.
 
     Rows of joint j are samples at which joint j moves (``signals``).
-
-    Args:
-        model: The model whose columns are taken.
-        tracks: Signals of the logs.
-        base: Its base parameters.
-
-    Returns:
-        The rows.
     """
     dof = model.robot.dof
     made: list[list[tuple]] = [[] for _ in range(dof)]
@@ -154,7 +139,6 @@ def doubt(model: Model, rms: Array, columns: Array) -> Array:
     that is 0, by what would make 30 % of the torque.
 
     Args:
-        model: The nominal model.
         rms: Torque rms of each joint [N m]. Shape (dof,).
         columns: All columns on some states. Shape (n, dof, s).
 
@@ -179,9 +163,6 @@ def load(model: Model) -> Array:
     """Return what a usual load would add to each coefficient, 0 for effects.
 
     However small a link's nominal inertia is, it may carry a tool.
-
-    Args:
-        model: The nominal model.
 
     Returns:
         Standard deviations [SI]. Shape (s,).

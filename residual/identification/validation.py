@@ -41,7 +41,6 @@ def torque_errors(
 
     Args:
         models: Models of one signal path, by name.
-        recordings: Logs that none of them was fitted to.
 
     Raises:
         InputError: If there is no model or no log.
@@ -61,10 +60,6 @@ def acceleration_error(
     qdd_hat = M(q)^-1 (tau - h(q, qd)), with M and h of body and effects. Measured and
     computed acceleration pass the identification filter; samples count where the joint
     moves.
-
-    Args:
-        model: An identified model.
-        recordings: Logs.
 
     Raises:
         InputError: If M(q) of the model is not positive definite.
@@ -92,7 +87,6 @@ def acceleration(model: Model, track: Track, tau: Array) -> Array:
 
     Args:
         model: Body and effects. Effects may depend on acceleration linearly.
-        track: Position and velocity.
         tau: Torque at the same samples [N m]. Shape (n, dof).
 
     Returns:

@@ -23,7 +23,6 @@ def rise(after: Array, before: Array, worse: float = WORSE) -> float:
     Args:
         after: Squared errors per second. Shape (seconds,).
         before: The same of the other model. Shape (seconds,).
-        worse: Times the other's error that count.
     """
     ratio = float(np.sqrt(after.sum() / max(before.sum(), 1e-300)))
     return ratio - 1 if ratio > worse and is_sure(after, before) else 0.0

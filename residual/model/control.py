@@ -44,10 +44,8 @@ def feed_forward(
     """Return the torque of a model for a reference [N m]. Shape (n, dof).
 
     Args:
-        model: Any model.
         t: Times, evenly spaced [s]. Shape (n,).
         motion: q, qd and qdd of the reference. Shapes (n, dof).
-        use: What of the model.
     """
     q, qd, qdd = motion
     if not use.acceleration:
@@ -65,10 +63,8 @@ def computed_torque(
     """Return the law of computed torque, with the mass matrix of that model.
 
     Args:
-        model: Any model.
         t: Times of the reference, evenly spaced [s]. Shape (n,).
         motion: q, qd and qdd of the reference. Shapes (n, dof).
-        use: What of the model.
 
     Returns:
         From step, position, speed and wanted acceleration to torque [N m]. (dof,).

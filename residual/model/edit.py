@@ -24,8 +24,6 @@ def taken_out(terms: Terms, name: str, joints: Sequence[int] | None) -> Terms:
     there, and goes too where that is nothing.
 
     Args:
-        terms: All effects of a model.
-        name: Name of the effect.
         joints: Joints from 1 to take it from; None for all.
 
     Raises:
@@ -54,8 +52,6 @@ def with_values(
     Where a nominal value and a change of it are on the same joints, they become one.
 
     Args:
-        terms: All effects of a model.
-        robot: The arm.
         where: Name of the effect, and joints from 1; None for all that have it.
         values: New value of each parameter to change, in its SI unit.
 

@@ -18,10 +18,6 @@ _HEAD = """\
 def robot_files(model: Model, source: str = "") -> dict[str, bytes]:
     """Return a model as the files of a robot folder.
 
-    Args:
-        model: An identified model.
-        source: Where its values are from, as robot.toml will say.
-
     Returns:
         Content by file name: one *.urdf and robot.toml; together they reload to a
         model of the same torque.

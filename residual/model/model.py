@@ -223,7 +223,6 @@ class Model:
         What was found goes; what the nominal model has goes back to its value there.
 
         Args:
-            name: Name of the effect.
             joints: Joints from 1 to take it from; None for all.
 
         Raises:
@@ -239,7 +238,6 @@ class Model:
         A value is all that there is of it, also where a change of it was found.
 
         Args:
-            name: Name of the effect.
             joints: Joints from 1 on which to change it; None for all.
             values: New value of each parameter to change, in its SI unit.
 

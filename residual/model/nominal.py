@@ -200,7 +200,6 @@ def begin(logs: Logs, declared: Sequence[str] | Model | None) -> Model:
     """The model to start from, on the clock and thresholds of these logs.
 
     Args:
-        logs: The logs.
         declared: Effects that it has, None for the robot's own list; or a model as it
             is, such as one that was adopted.
     """

@@ -39,8 +39,6 @@ def predict(
     """Compute the torque of a model on logs, and with effects taken out of it.
 
     Args:
-        model: The model.
-        logs: Logs of its robot.
         without: Name of each effect to take out, and joints from 1; () for all of
             that name.
 

@@ -17,9 +17,6 @@ _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, Valu
 def to_record(model: Model | Corrected) -> dict:
     """Return a model whole: robot, inertial parameters, effects, signal path, tables.
 
-    Args:
-        model: The model.
-
     Returns:
         Plain values; `from_record` makes a model of the same bits of them.
     """

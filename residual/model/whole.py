@@ -17,9 +17,6 @@ FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it
 def check_whole(model: Model) -> None:
     """Refuse a model whose parts have other sizes or kinds than they must.
 
-    Args:
-        model: A model as it was read.
-
     Raises:
         InputError: If torques could not be computed with it.
     """

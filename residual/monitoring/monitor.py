@@ -122,9 +122,6 @@ def calibrate(
         recordings: Good runs, such as will be watched later. At least three.
         per_hour: False alarms wanted at most, all kinds together [1/h].
 
-    Returns:
-        The monitor.
-
     Raises:
         InputError: If there are fewer than three runs, or one does not fit the others.
     """
@@ -197,7 +194,6 @@ def check_limits(model: Model, per_hour: float) -> None:
     """Check that a model can be watched by, and how often it may err.
 
     Args:
-        model: The model.
         per_hour: False alarms per hour that are allowed.
 
     Raises:
@@ -245,9 +241,6 @@ def to_record(monitor: Monitor) -> dict:
 
 def from_record(record: Mapping) -> Monitor:
     """Return the monitor of a record.
-
-    Args:
-        record: What ``to_record`` returned.
 
     Raises:
         InputError: If it is of another form, or its model is damaged.

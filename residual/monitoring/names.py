@@ -63,7 +63,6 @@ def events(
     """Join crossings to alarms, and name them.
 
     Args:
-        scores: All scores of a log.
         limits: Limit of each column, by kind; a kind without is not watched.
         errors: The block of errors, what is usual of it, and the number of joints.
     """

@@ -152,7 +152,6 @@ def matched_scores(
         kind: "model", or "cycle" for the difference from the cycle before.
         rest: What is left, r [N m]. Shape (m, dof).
         tau: Torque that is expected [N m]. Shape (m, dof).
-        log: The log.
         size: What is usual of what is left, moving and slow [N m]. Shape (2, dof).
         usable: Rows to look at. Shape (m,), bool.
     """
@@ -190,8 +189,6 @@ def error_scores(errors: Array, rows: Rows, scale: Scale) -> Scores:
 
     Args:
         errors: Of ``error_block``. Shape (m, e).
-        rows: The log.
-        scale: What is usual.
     """
     z = (errors - scale.mean) / scale.size
     t = z @ scale.loadings

@@ -97,8 +97,6 @@ def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
     """Fit the coefficients to logs, but for one of them.
 
     Args:
-        model: Where to start.
-        logs: Logs.
         without: Index of the log to leave out, -1 for none.
 
     Returns:

@@ -69,7 +69,6 @@ def usual(logs: Sequence[Sight], rests: Sequence[Rest], without: int = -1) -> Sc
     """Return what is usual of errors in all logs but one.
 
     Args:
-        logs: Good logs.
         rests: What is left of their torque, by coefficients that did not see them.
         without: Index of the log to leave out, -1 for none.
     """
@@ -92,10 +91,7 @@ def all_scores(recording: Recording, log: Sight, theta: Array, scale: Scale):
     """Score a log.
 
     Args:
-        recording: The log.
-        log: What is known of it.
         theta: Coefficients of the model. Shape (p,).
-        scale: What is usual.
 
     Returns:
         All scores, and the block of errors, shape (m, e).
@@ -143,7 +139,6 @@ def limits_of(runs: Sequence[Scores], per_hour: float) -> Array:
     anything but independent.
 
     Args:
-        runs: Scores of good runs, of one kind.
         per_hour: False alarms of this kind that are wanted at most, per hour.
 
     Returns:
@@ -198,7 +193,6 @@ def tail_limit(peaks: Array, wanted: float) -> float:
 
     Args:
         peaks: Maxima of blocks. Shape (b,).
-        wanted: Probability.
     """
     least, tail = _MARGIN * float(peaks.max()), tail_of(peaks)
     if tail.beta == 0:
@@ -212,7 +206,6 @@ def next_run_limit(largest: Array, wanted: float) -> float:
 
     Args:
         largest: Largest value of each run. Shape (runs,).
-        wanted: Probability.
     """
     if len(largest) < 2 or largest.min() <= 0:
         return 0.0

@@ -45,10 +45,7 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
     """Draws of torque noise and nominal that share one draw of encoder noise.
 
     Args:
-        source: What they are made after.
-        seed: Seed of the null.
         index: Number of the block; its own random numbers.
-        count: How many draws.
     """
     rng = np.random.default_rng([seed, index])
     logs, hiss = _noisy(source, rng)

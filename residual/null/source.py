@@ -71,8 +71,6 @@ def source(
     What it names is no part of the truth, yet explained, so that it is no noise.
 
     Args:
-        robot: The arm.
-        recordings: Logs to diagnose.
         declared: Effects that the model has; None for the robot's own list.
     """
     names, filters = declared_names(robot, declared), Filters()
@@ -136,7 +134,6 @@ def redrawn(source: Source, rng: np.random.Generator) -> Nominal:
 
     Args:
         source: The truth, and how far off the user's model was.
-        rng: Random numbers.
     """
     nominal, truth = source.nominal, source.truth
     size = len(truth.inertial)

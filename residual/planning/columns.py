@@ -19,7 +19,6 @@ def planned_gram(
     round, and there rows do not count: so nothing is filtered.
 
     Args:
-        question: What is asked.
         motion: q, qd and qdd of the whole motion, or of one of its periods. The more
             samples, the better effects with a memory are seen. Shapes (n, dof).
         rate: Samples per second [Hz].
@@ -38,13 +37,9 @@ def growing_grams(
     """Return X' X of the shared columns on the first seconds of a motion, whitened.
 
     Args:
-        question: What is asked.
         motion: q, qd and qdd of all of it. Shapes (n, dof).
         rate: Samples per second [Hz].
         until: How many seconds, each more than the one before [s].
-
-    Returns:
-        One (m, m) for each.
     """
     signals = question.signals
     x = np.sqrt(signals.rate / rate) * _whitened(question, motion, rate)
@@ -75,12 +70,7 @@ def logged_products(
     Rows are filtered and left out as in a diagnosis.
 
     Args:
-        question: What is asked.
-        recording: The log.
         until: Times [s].
-
-    Returns:
-        Gram (m, m) and products (m,) at each time.
     """
     floor, model = question.signals.speed_floor, question.nominal
     (track,), _ = prepare([recording], model.filters, floor)
@@ -113,7 +103,6 @@ def standing(question: Question, qd: Array, rate: float) -> Array:
     """Return where a joint stands or turns round, and shortly before and after.
 
     Args:
-        question: What is asked.
         qd: Speeds [rad/s]. Shape (n, dof).
         rate: Samples per second [Hz].
 

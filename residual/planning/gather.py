@@ -69,10 +69,7 @@ class Basis:
         """Return what is known of one set of effects.
 
         Args:
-            members: All of them.
             own: Those that make the difference; empty for none.
-            joint: The joint of the contest.
-            without: Fit of the others alone.
         """
         design, weight = self.task.design, self.weight
         system = System.of(design, self.task.prior, members)
@@ -108,8 +105,6 @@ class Basis:
         """Return the contest of some candidates beside a set of other effects.
 
         Args:
-            rest: The other effects.
-            options: The candidates.
             joint: Where they matter most, from 0.
             nothing: Whether there may be none of them.
         """
@@ -135,11 +130,6 @@ def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Qu
     findings with what could stand in their place together. Where nothing is named and
     a joint keeps more than noise, the strongest candidates there are rivals of one
     another and of nothing, although none of them could be named.
-
-    Args:
-        examined: The diagnosis.
-        fitted: Fit of exactly what is named.
-        named: The findings.
     """
     wanted = [
         (t.group, near, t.joint)

@@ -48,9 +48,7 @@ def outlook(
     """Weigh one motion.
 
     Args:
-        question: What is asked.
         gram: Whitened Gram of the shared columns on the motion. Shape (m, m).
-        twins: Pairs that are left out.
     """
     nats, parted, worth = {}, {}, [np.inf]
     for c, contest in enumerate(question.contests):
@@ -78,10 +76,7 @@ def chance(
     so far make them.
 
     Args:
-        question: What is asked.
         gram: Whitened Gram on the motion. Shape (m, m).
-        twins: Pairs that no motion tells apart.
-        rng: Random numbers.
     """
     every = [
         _contest_chance(contest, gram, {t[1:] for t in twins if t[0] == c}, rng)
@@ -125,11 +120,9 @@ def realised(
     """Log Bayes factor that a log did bring [nats].
 
     Args:
-        contest: The rivals.
         gram: Whitened Gram of the shared columns on the log. Shape (m, m).
         products: X' y. Shape (m,).
         true: Index of the rival that it speaks for where positive.
-        other: Index of the other.
     """
     values = [
         log_evidence(products[:, None], gram, Refit.of(contest.rivals[i], gram))[0]
@@ -142,9 +135,7 @@ def has_enough(question: Question, gram: Array, twins: frozenset[Pair]) -> bool:
     """Whether every pair is expected to have enough, the logs so far included.
 
     Args:
-        question: What is asked.
         gram: Whitened Gram of a motion. Shape (m, m).
-        twins: Pairs that are left out.
     """
     seen = outlook(question, gram, twins)
     return bool(seen.nats) and all(
@@ -167,7 +158,6 @@ def structural_twins(question: Question, grams: list[Array]) -> frozenset[Pair]:
     imitate both, and its values speak for or against that.
 
     Args:
-        question: What is asked.
         grams: Whitened Gram of several free motions. Shapes (m, m).
     """
     total = np.sum(grams, axis=0)

@@ -40,7 +40,6 @@ class Refit:
         """Factor once what all questions about a motion share.
 
         Args:
-            rival: The rival.
             gram: Gram of the shared columns on the motion, whitened. Shape (m, m).
         """
         scale = 1 / np.sqrt(np.diag(rival.precision))
@@ -63,8 +62,6 @@ def gap(gram: Array, a: Rival, b: Refit) -> float:
 
     Args:
         gram: Gram of the shared columns, whitened. Shape (m, m).
-        a: The true rival.
-        b: The other.
     """
     apart = np.zeros(len(gram))
     apart[a.columns] += a.mean
@@ -81,8 +78,6 @@ def expected_nats(gram: Array, a: Refit, b: Refit) -> float:
 
     Args:
         gram: Gram of the shared columns, whitened. Shape (m, m).
-        a: The true rival.
-        b: The other.
     """
     first, other = a.rival.columns, b.rival.columns
     mixed = gram[np.ix_(other, first)]
@@ -103,7 +98,6 @@ def log_evidence(products: Array, gram: Array, b: Refit) -> Array:
         products: X' y of the shared columns, whitened; one column per draw of y.
             Shape (m, draws).
         gram: X' X. Shape (m, m).
-        b: The rival.
 
     Returns:
         Shape (draws,).
@@ -122,9 +116,6 @@ def drawn_products(
 
     Args:
         gram: X' X, whitened. Shape (m, m).
-        a: The true rival.
-        rng: Random numbers.
-        draws: How many logs.
     """
     rival = a.rival
     scaled = rival.precision * np.outer(a.scale, a.scale)

@@ -57,11 +57,7 @@ class Promise:
 
 
 def promised(question: Question) -> Promise | None:
-    """Return what free motions promise; None where none of them would decide.
-
-    Args:
-        question: What is open.
-    """
+    """Return what free motions promise; None where none of them would decide."""
     if not question.contests:
         return None
     rng = np.random.default_rng(0)
@@ -90,11 +86,6 @@ def free_motion(
     robot: Robot, count: int, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Draw one period of a motion of five harmonics, as large as its joints let it.
-
-    Args:
-        robot: The arm.
-        count: Samples of the period, evenly spaced.
-        rng: Random numbers.
 
     Returns:
         q, qd and qdd [rad, rad/s, rad/s^2]. Shapes (count, dof).

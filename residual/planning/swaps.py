@@ -30,8 +30,6 @@ def swaps(
     """Return what other sets within 6 nats differ by, each difference once.
 
     Args:
-        task: What was searched.
-        fitted: Fit of the set that is named.
         told: Named effects with their equivalents, which are no news here.
     """
     known = {(group.key, other.key) for group, near, _ in told for other in near}

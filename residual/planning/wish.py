@@ -65,8 +65,6 @@ def wished_question(examined: Examined, fitted: Fit, wish: Wish) -> Question:
     shown of it is the lead.
 
     Args:
-        examined: The diagnosis.
-        fitted: Fit of exactly what is named.
         wish: The effect; on every joint where it may be, if it names none.
 
     Raises:

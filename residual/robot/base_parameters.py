@@ -134,9 +134,6 @@ def base_columns(model: pin.Model) -> Array:
     QR with column pivoting over random states, columns at length one; what the other
     columns would have told goes to these.
 
-    Args:
-        model: Pinocchio model.
-
     Returns:
         Indices into the 10 * dof inertial parameters, increasing. Shape (b,).
     """
@@ -172,9 +169,6 @@ def base_parameters(model: pin.Model) -> BaseParameters:
     people can follow: inertias, then moments, then masses, each from the base on. A
     URDF whose angles were rounded (1.5708 for a right angle) has columns that differ
     by rounding alone; they count as one.
-
-    Args:
-        model: Pinocchio model.
     """
     rows = regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
     standard = standard_inertial(rows.shape[1] // PER_LINK)
@@ -189,10 +183,6 @@ def express(
     Args:
         rows: The regressor on states of every kind. Shape (rows, s).
         columns: Columns to keep, independent of one another. Shape (b,).
-        standard: What the s columns stand for.
-
-    Returns:
-        The base parameters.
     """
     size = np.linalg.norm(rows, axis=0)
     scaled = _scaled(rows)

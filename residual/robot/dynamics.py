@@ -21,7 +21,6 @@ def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array
     tau = M(q) qdd + C(q, qd) qd + g(q)    (paper eq. 3 without F)
 
     Args:
-        model: Pinocchio model.
         q: Positions [rad]. Shape (n, dof).
         qd: Velocities [rad/s]. Shape (n, dof).
         qdd: Accelerations [rad/s^2]. Shape (n, dof).
@@ -40,7 +39,6 @@ def regressor(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
     """Return the inertial regressor: inverse_dynamics = regressor @ parameters.
 
     Args:
-        model: Pinocchio model.
         q: Positions [rad]. Shape (n, dof).
         qd: Velocities [rad/s]. Shape (n, dof).
         qdd: Accelerations [rad/s^2]. Shape (n, dof).
@@ -72,7 +70,6 @@ def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
     Linear in the direction; model.gravity.linear gives the g(q) of the model itself.
 
     Args:
-        model: Pinocchio model.
         q: Positions [rad]. Shape (n, dof).
         direction: Acceleration of gravity in the base frame [m/s^2]. Shape (3,).
 
@@ -95,7 +92,6 @@ def flange_jacobian(model: pin.Model, q: Array) -> Array:
     axes of the base frame.
 
     Args:
-        model: Pinocchio model.
         q: Positions [rad]. Shape (n, dof).
 
     Returns:
@@ -146,11 +142,7 @@ def with_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
     Values that no body can have (negative mass or inertia) are taken as they are.
 
     Args:
-        model: Pinocchio model.
         parameters: Ten per moving body, in SI units. Shape (10 * dof,).
-
-    Returns:
-        The copy.
     """
     changed = pin.Model(model)
     for i, body in enumerate(np.reshape(parameters, (-1, PER_LINK)), start=1):

@@ -114,9 +114,6 @@ def load_robot(spec: str | Path, effects: Effects | None = None) -> Robot:
         effects: Parameters of each effect that its robot.toml may declare
             (``residual.effects.vocabulary``); None to take any.
 
-    Returns:
-        The robot.
-
     Raises:
         RobotError: If there is no such file or its content is not usable.
         UnknownNameError: On an unknown robot, table, key or effect.
@@ -134,11 +131,6 @@ def load_robot(spec: str | Path, effects: Effects | None = None) -> Robot:
 def robot_from_texts(name: str, urdf: str, toml: str) -> Robot:
     """Build a robot from what a `Robot` keeps: no file is read.
 
-    Args:
-        name: Its name.
-        urdf: The URDF text that it keeps.
-        toml: The canonical text of its robot.toml.
-
     Raises:
         RobotError: If the texts are not those of a robot.
     """
@@ -154,7 +146,6 @@ def with_serial(robot: Robot, serial: str | None) -> Robot:
     another hash, than its kind without a number.
 
     Args:
-        robot: The robot, or its kind.
         serial: The serial number; None leaves the robot as it is.
 
     Raises:

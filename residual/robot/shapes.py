@@ -68,7 +68,6 @@ def look_of(robot: Robot, folder: Path | None = None) -> Look:
     """Return what an arm looks like.
 
     Args:
-        robot: The arm.
         folder: Where its URDF lies, for files of meshes; None where nobody knows.
     """
     model = robot.model
@@ -149,7 +148,6 @@ def coarser(points: Array, faces: Array, most: int) -> tuple[Array, Array]:
     Args:
         points: Corners. Shape (n, 3).
         faces: Corners of the triangles. Shape (m, 3).
-        most: Triangles that are enough.
     """
     cells = 256
     while len(faces) > most and cells > 4:

@@ -89,13 +89,7 @@ def read_robot_toml(
     """Check the content of a robot.toml.
 
     Args:
-        content: Its tables.
-        dof: Number of joints of the URDF beside it.
-        where: File name, as messages begin.
         effects: Parameters of each effect that may be declared; None to take any.
-
-    Returns:
-        What it says.
 
     Raises:
         RobotError: On a wrong size or a value out of range.

@@ -48,13 +48,6 @@ class Chain:
 def read_chain(text: str, where: str) -> Chain:
     """Check a URDF and return its actuated joints in kinematic order.
 
-    Args:
-        text: The URDF.
-        where: File name, as messages begin.
-
-    Returns:
-        The chain.
-
     Raises:
         RobotError: If the text is not a URDF of a serial arm of revolute joints whose
             moving links have mass.
@@ -232,13 +225,6 @@ def _as_revolute(root: ET.Element, joints: list[ET.Element]) -> str:
 
 def build_model(text: str, where: str) -> pin.Model:
     """Build the Pinocchio model of a URDF text.
-
-    Args:
-        text: The URDF.
-        where: File name, as messages begin.
-
-    Returns:
-        The model.
 
     Raises:
         RobotError: If the parser refuses it, with what the parser printed, or drops

@@ -16,11 +16,7 @@ def with_inertials(robot: Robot, parameters: Array) -> str:
     that are fixed to it keep their geometry and lose their own inertia.
 
     Args:
-        robot: The arm.
         parameters: Ten per moving body, Pinocchio's order [SI]. Shape (10 dof,).
-
-    Returns:
-        URDF text that reloads to these parameters.
 
     Raises:
         InputError: If a mass is not positive: no URDF can hold it.

@@ -52,7 +52,6 @@ def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
         q: Position [rad]. Shape (n,).
         qd: Velocity [rad/s]. Shape (n,).
         floor: Speed under which the joint counts as standing [rad/s].
-        shape: Behaviour at standstill.
 
     Returns:
         Values in [-1, 1]. Shape (n,).

@@ -14,10 +14,6 @@ SEED = 0  # of the redrawn noise: a diagnosis says the same twice
 def smooth(recording: Recording, filters: Filters) -> Array:
     """Positions through the filter of the kinematics, at the log's own times.
 
-    Args:
-        recording: A log of n samples.
-        filters: The signal path.
-
     Returns:
         Angles [rad]. Shape (n, dof).
     """
@@ -43,9 +39,7 @@ def shaken(
     """The logs with one more helping of the noise of their angles.
 
     Args:
-        recordings: The logs.
         tracks: The same, prepared: their rows and torque are kept.
-        filters: The signal path.
     """
     rng, out = np.random.default_rng(SEED), []
     for r, track in zip(recordings, tracks, strict=True):

@@ -31,7 +31,6 @@ def in_pieces(
     """Cut the logs, where they are long.
 
     Args:
-        recordings: Logs.
         cutoff: Cut-off of the identification filter [Hz]; lower for slow logs.
 
     Returns:
@@ -83,7 +82,6 @@ def sketch_of(
     """Return pieces, evenly spread, of long logs; the logs where they are not long.
 
     Args:
-        recordings: Logs.
         most: From how many seconds on they are long; ten minutes where None.
         kept: Seconds that are kept of them; seven minutes where None.
     """

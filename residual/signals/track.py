@@ -119,11 +119,8 @@ def prepare(
     """Filter, differentiate and mask several logs with common speed thresholds.
 
     Args:
-        recordings: Checked logs.
-        filters: Cut-offs and margins.
         speed_floor: Standstill thresholds of other logs [rad/s]. Shape (dof,); made
             from these logs where None.
-        full_rate: Keep features at the log's own rate (for prediction).
 
     Returns:
         One track per log, and the standstill thresholds [rad/s]. Shape (dof,).
@@ -148,9 +145,6 @@ def _signals(
     """Return what gives each log resampled, with its kinematics.
 
     Args:
-        recordings: The logs.
-        filters: Cut-offs.
-        full_rate: Keep the logs' own rates.
         again: Make them anew each time: two passes over pieces of a long log take less
             room than all of it.
     """
@@ -175,8 +169,6 @@ def motion_of(
     """Return times, angles and filtered kinematics of a log, evenly spaced.
 
     Args:
-        recording: A log.
-        filters: Cut-offs.
         step: Samples per one that is returned.
 
     Returns:
@@ -191,10 +183,6 @@ def thinned(recording: Recording, filters: Filters) -> Recording:
     """Return a log at the rate of its features: of motion and torque what counts.
 
     What would alias is taken out, far above the cut-offs; gaps stay gaps.
-
-    Args:
-        recording: A log.
-        filters: Cut-offs and the rate.
 
     Returns:
         A log of the same name with times, angles and torques alone.

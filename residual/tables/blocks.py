@@ -18,7 +18,6 @@ def as_block(values: Array, name: str) -> Array:
 
     Args:
         values: What was given. Shape (n, k), or (n,) for one column.
-        name: What the message calls it.
 
     Returns:
         The block. Shape (n, k).
@@ -73,7 +72,6 @@ def check_varying(X: Array, names: Sequence[str], where: str = "") -> None:
 
     Args:
         X: The block. Shape (n, k).
-        names: Its columns.
         where: Which rows these are, for the message; all of them if empty.
 
     Raises:

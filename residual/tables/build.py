@@ -28,12 +28,6 @@ def build_lookup(
     """Return the tables of all joints; a joint without a table has zeros in it.
 
     Loads become variables, after all others, only if a joint takes them.
-
-    Args:
-        base: Least squares, main effects, and tables of load.
-        rest: Pair tables.
-        chosen: Option of each joint.
-        form: What the options were chosen from.
     """
     levels, joints = base.main[0].levels, len(chosen)
     offset, slope = np.zeros(joints), np.zeros((len(levels.names), joints))

@@ -36,7 +36,6 @@ def table_importance(lookup: Lookup, X: Array) -> Importance:
     """Return the size of each term's contribution on given rows.
 
     Args:
-        lookup: The correction.
         X: Rows to judge it on. Shape (n, d).
 
     Returns:

@@ -109,7 +109,6 @@ def equal_levels(X: Array, count: Count, names: Sequence[str] | None = None) -> 
     Args:
         X: Calibration rows. Shape (n, d).
         count: Levels of all variables, or of each, at least 2.
-        names: Names of the variables.
 
     Raises:
         InputError: On fewer than 2 levels, a constant column, or a value not finite.
@@ -141,7 +140,6 @@ def quantile_levels(
     Args:
         X: Calibration rows. Shape (n, d).
         count: Levels of all variables, or of each, at least 2.
-        names: Names of the variables.
         velocities: Columns (from 0) that hold velocities [rad/s].
         constant: Whether a column may be constant; all of it is then in one level.
 
@@ -244,9 +242,6 @@ class Cells:
 
 def merge_rows(codes: Codes) -> Cells:
     """Merge rows that have all levels in common.
-
-    Args:
-        codes: Levels of the rows.
 
     Returns:
         The cells; neighbours share their first variables, so that tables that are

@@ -52,8 +52,6 @@ def fit_loaded(
     complement of its own size.
 
     Args:
-        normal: Equations of the main effects.
-        pyramid: Their levels.
         pairs: Speed [rad/s] and load [N m] of each joint by turns. Shape (n, 2 j).
         Y: Responses [N m]. Shape (n, j).
         ridges: Ridges per 20 000 rows; of the tables as of the main effects.

@@ -103,7 +103,6 @@ class Normal:
 
         Args:
             cell: Cell of each row. Shape (n,).
-            size: Number of cells.
             share: Share of the rows in each. Shape (size,).
         """
         counts = [
@@ -140,9 +139,6 @@ def make_pyramid(
 def unite(layers: Sequence[Levels]) -> list[tuple[Array, list[Array]]]:
     """Return the union of all edges of each variable, and what is one level where.
 
-    Args:
-        layers: Levels of several widths.
-
     Returns:
         By variable: edges, and for each width the level that each level of the union
         is in. Shapes (k - 1,), (k,).
@@ -171,8 +167,6 @@ def main_effects(
     """Fit all tables by ridge regression, for several ridges at once.
 
     Args:
-        normal: The equations (`normal_equations`).
-        pyramid: Their levels.
         ridges: Ridges per 20 000 rows, above 0.
 
     Returns:
@@ -203,7 +197,6 @@ def normal_equations(X: Array, Y: Array, pyramid: Pyramid) -> Normal:
     Args:
         X: Variables. Shape (n, d).
         Y: Responses. Shape (n, j).
-        pyramid: The levels.
 
     Raises:
         InputError: On blocks of different length.

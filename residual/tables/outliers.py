@@ -95,7 +95,6 @@ def nominal_distances(
     SPE = x'x - 2 x'xbar + xbar'xbar - 2 t'P'(x - xbar) + t'P'P t: reads of tables.
 
     Args:
-        model: Fitted to these rows.
         X: Variables. Shape (n, d).
         Y: Responses. Shape (n, j).
         classes: Class of each response and row, each with a scale of its own; None for

@@ -52,7 +52,6 @@ def add_pairs(
     the drop of the squared rest of each run under a table of the other runs.
 
     Args:
-        codes: Levels of the rows.
         rest: One response after main effects [N m]. Shape (n,).
         run: Run of each row. Shape (n,).
         most: Tables at most.

@@ -63,9 +63,6 @@ def fit_pca(X: Array, names: Sequence[str] | None = None) -> Pca:
         X: Signals as columns, any units. Shape (n, k).
         names: One name per column; made up if None.
 
-    Returns:
-        The components, the one of the largest variance first.
-
     Raises:
         InputError: On a value that is not finite, a constant column, or one row.
     """

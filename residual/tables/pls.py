@@ -113,7 +113,6 @@ def fit_pls(
         X: Regressors. Shape (n, k).
         Y: Responses. Shape (n, j).
         components: Number A; as many as the rank of X if None.
-        names: Names of X's columns.
         scale_y: Also scale Y, so that no response dominates by its size.
 
     Raises:

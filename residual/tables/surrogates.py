@@ -53,9 +53,7 @@ def real_components(
 
     Args:
         X: Signals as columns. Shape (n, k).
-        rng: Source of random numbers.
         run: Run of each row: surrogates are drawn within runs. Shape (n,); one if None.
-        draws: Surrogates of each kind.
         quantile: Share of the surrogates that chance may not exceed.
 
     Raises:
@@ -87,8 +85,6 @@ def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Ar
     Args:
         spectrum: One-sided transform of each column (`numpy.fft.rfft`).
             Shape (rows // 2 + 1, k).
-        rows: Length of the signals.
-        rng: Source of random numbers.
 
     Returns:
         Signals; mean and amplitude at every frequency are kept. Shape (rows, k).

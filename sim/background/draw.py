@@ -94,7 +94,6 @@ def draw_background(
     Args:
         robot: The robot; sizes go by its torques.
         word: How much of it: "clean", "workshop", or twice as much, "worn".
-        seed: Seed of the arm.
         coulomb: True Coulomb friction of the arm [N m]. Shape (dof,).
 
     Returns:

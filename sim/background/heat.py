@@ -12,7 +12,6 @@ def warmth_after(background: Background, worked: float) -> Array:
     """Return the warmth of oil and housing after so long of usual work. (2, dof).
 
     Args:
-        background: The background of the arm.
         worked: Time of usual work since the arm was cold [s].
     """
     return 1.0 - np.exp(-worked / np.array([background.oil, background.housing]))

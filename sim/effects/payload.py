@@ -18,7 +18,6 @@ def with_load(model: pin.Model, p: Values) -> pin.Model:
     """Return a copy of an arm whose last body is the sum of link and load.
 
     Args:
-        model: Model of the arm.
         p: `mass` [kg] and `com_x`, `com_y`, `com_z` [m] in the flange frame; `ixx` to
             `izz` about that centre [kg m^2], NaN where they are not known.
 

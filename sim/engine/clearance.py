@@ -80,7 +80,6 @@ def clearances(arm: Body, q: Array) -> Array:
     """Return the room that every check of the arm has left.
 
     Args:
-        arm: Capsules and checks.
         q: Positions [rad]. Shape (n, dof).
 
     Returns:

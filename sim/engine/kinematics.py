@@ -46,10 +46,6 @@ class Kinematics:
 def kinematics(robot: Robot, family: str) -> Kinematics:
     """Return the kinematics of a robot.
 
-    Args:
-        robot: The arm.
-        family: What needs them, as a message begins.
-
     Raises:
         InputError: If the arm has too few joints to reach any pose.
     """
@@ -79,7 +75,6 @@ def inverse(
     """Return joint angles that bring the flange to a pose.
 
     Args:
-        arm: The arm.
         target: Pose of the flange in the base frame.
         guess: Joint angles to start from [rad]. Shape (dof,).
         home: Posture that decides what spare joints do [rad]; None for the answer
@@ -120,8 +115,6 @@ def follow(
     """Return joint angles along a path of poses, each found from the one before.
 
     Args:
-        arm: The arm.
-        targets: Poses of the flange, near to each other.
         start: Joint angles near the first [rad]. Shape (dof,).
         home: Posture that decides what spare joints do [rad]. Shape (dof,).
 
@@ -146,7 +139,6 @@ def dexterity(arm: Kinematics, q: Array) -> Array:
     lengths.
 
     Args:
-        arm: The arm.
         q: Joint angles [rad]. Shape (n, dof).
 
     Returns:

@@ -26,14 +26,7 @@ _COLOUR = "1 0.43 0.1 1"
 def animate(
     robot: Robot, reference: Reference, path: Path | None = None, frames: int = 60
 ) -> bytes:
-    """Return a GIF of the arm along a reference, one period of it where it repeats.
-
-    Args:
-        robot: The arm.
-        reference: Its motion.
-        path: Where to write the GIF as well, if anywhere.
-        frames: Number of pictures.
-    """
+    """Return a GIF of the arm along a reference, one period of it where it repeats."""
     shown = reference.period or _LONGEST
     rows = reference.t <= shown + 1e-9
     picture = gif_of(robot, reference.t[rows], reference.q[rows], frames)
@@ -49,7 +42,6 @@ def gif_of(robot: Robot, t: Array, q: Array, frames: int = 60) -> bytes:
         robot: The arm. Links without a primitive shape are drawn as rods.
         t: Times [s]. Shape (n,).
         q: Positions [rad]. Shape (n, dof).
-        frames: Number of pictures, evenly over the time.
     """
     rows = np.searchsorted(t, np.linspace(t[0], t[-1], frames, endpoint=False))
     span = float(t[-1] - t[0])

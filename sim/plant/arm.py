@@ -111,7 +111,6 @@ def new_state(arm: Arm, start: float) -> State:
     """Return the state of an arm that has worked since its session began.
 
     Args:
-        arm: The arm.
         start: Time since then [s].
     """
     dof, count = arm.robot.dof, len(arm.effects)
@@ -131,8 +130,6 @@ def phases(arm: Arm, steps: int, dt: float, series: Array) -> list[Phase]:
     """Return the arm between the onsets of its effects.
 
     Args:
-        arm: The arm.
-        steps: Number of control steps.
         dt: Time step [s].
         series: Torques given over time, one per effect and joint [N m]. (steps, s).
     """

@@ -103,8 +103,6 @@ def controller_by(
     """Return a controller by what some model gives.
 
     Args:
-        robot: Description of the arm.
-        reference: The motion.
         given: Torque along the reference [N m], shape (n, dof), which goes with plain
             feedback; or a law, which closes the loop.
     """

@@ -34,7 +34,6 @@ def balance(trace: Trace, every: int = 50) -> Balance:
 
     Args:
         trace: A run without onsets, which would change what is stored.
-        every: Steps between two looks at the stored energy.
     """
     rows, dt = trace.rows, float(trace.t[1] - trace.t[0])
     arm = trace.phases[0].constants

@@ -100,7 +100,6 @@ def used_rows(own: Background | None, first: int) -> Array:
 
     Args:
         own: The background, None for a clean arm, which has no row.
-        first: Place of the first warmth in the memory.
     """
     if own is None:
         return np.zeros((0, 5))
@@ -112,9 +111,7 @@ def series_of(effects: Effects, t: Array, seed: int, label: str) -> Array:
     """Return the torques that follow a clock or chance, for a whole motion.
 
     Args:
-        effects: All effects of the arm.
         t: Session time [s]. Shape (n,).
-        seed: Seed of the arm.
         label: Name of the motion; chance differs from motion to motion.
 
     Returns:

@@ -21,10 +21,6 @@ FAST, FAR = 60.0, 1.0  # rad/s, rad: beyond them a real arm has been stopped
 def encoder_errors(effects: Sequence[Acting], dof: int) -> Array:
     """Return constant, cosine and sine of the error, true minus reading [rad].
 
-    Args:
-        effects: Those that act.
-        dof: Number of joints.
-
     Returns:
         The three coefficients of each joint. Shape (3, dof).
     """
@@ -51,8 +47,6 @@ def read(k, joints, motors, goal, trace):
     reading = x - shift - cos cos x - sin sin x, with x the true angle of the motor.
 
     Args:
-        k: Number of the step.
-        joints: Constants of the joints, packed.
         motors: Of the state; those of rigid joints are set to their link.
         goal: Position that is asked for [rad]. Shape (dof,).
         trace: Rows Q and QD are read; motors and readings are written.
@@ -133,7 +127,6 @@ def hold_frozen(q: Array, t: Array, effects: Sequence[Acting]) -> Array:
     Args:
         q: Positions with noise, rounded [rad]. Shape (n, dof).
         t: Times since the run began [s]. Shape (n,).
-        effects: All effects of the arm.
     """
     if not any(effect.what.frozen for effect in effects):
         return q

@@ -26,12 +26,9 @@ def advance(k, body, outside, packed, state, trace):
     """Go one step on.
 
     Args:
-        k: Number of the step.
         body: Mass matrix of the rigid arm, and below it the torque of gravity and
             speed. Shape (dof + 1, dof).
         outside: Torque from outside on the links [N m]. Shape (dof,).
-        packed: Constants of this phase.
-        state: Changed in place.
         trace: Of step k the rows DRIVE, Q and QD are read, others are written.
             Shape (n, rows, dof).
 

@@ -89,15 +89,7 @@ def simulate(
     real one: the trace ends there.
 
     Args:
-        arm: The arm.
-        reference: The motion, at the rate of the controller.
-        controller: Turns readings into torque.
-        label: Names the random streams of this motion.
         start: Time since the session began [s].
-        seed: Seed of the arm.
-
-    Returns:
-        The trace.
 
     Raises:
         DivergedError: If it runs away, with time and state.

@@ -38,7 +38,6 @@ def lean_and_thin(used, memory, rubbing):
 
     Args:
         used: Table of the background. Shape (dof or 0, 5).
-        memory: Of the state.
         rubbing: Levels forwards and backwards, viscosity; changed in place. (4, c).
     """
     for j in range(len(used)):

@@ -17,7 +17,6 @@ def torque_of(row, angle, q, motor, now):
     """Return the torque with which one row resists.
 
     Args:
-        row: Row of the table.
         angle: Angle of its joint, on its side of the transmission [rad].
         q: Angles of all joints, same side [rad]. Shape (dof,).
         motor: Torque of the motor [N m].

@@ -14,9 +14,6 @@ def urdf_of(model: pin.Model) -> str:
 
     Args:
         model: Arm with revolute joints, joint 1 at the base.
-
-    Returns:
-        The text.
     """
     parts = ['<?xml version="1.0"?>', '<robot name="arm">', _link(0, None)]
     for i in range(1, model.njoints):

@@ -14,14 +14,6 @@ def scatter(model: pin.Model, relative: float, rng: np.random.Generator) -> pin.
     Mass and centre of mass are scaled, and each body is stretched about its centre:
     the second moment S = tr(I)/2 1 - I becomes s D S D with diagonal D. So the
     pseudo-inertia stays positive definite where it was: a body can be like that.
-
-    Args:
-        model: Nominal model.
-        relative: Standard deviation of each factor.
-        rng: Random stream.
-
-    Returns:
-        The scattered copy.
     """
     true = pin.Model(model)
     for i in range(1, true.njoints):

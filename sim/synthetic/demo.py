@@ -33,11 +33,6 @@ def write_demo(folder: Path, seed: int, effect: str) -> list[Path]:
 
     Args:
         folder: Where to write; made if it is not there.
-        seed: Seed of everything.
-        effect: Name of the hidden effect.
-
-    Returns:
-        The paths of the logs, then that of truth.json.
     """
     folder.mkdir(parents=True, exist_ok=True)
     robot = load_robot("irb140")

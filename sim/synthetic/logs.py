@@ -94,7 +94,6 @@ def make(plant: Plant, plan: tuple[LogPlan, ...], seed: int) -> list[Recording]:
     (warm-up) begins with the first log that is not baseline.
 
     Args:
-        plant: The arm.
         plan: What to record, in that order.
         seed: Seed of motions, pauses and noise; each has its own streams.
 
@@ -129,14 +128,9 @@ def standard_case(
 
     Args:
         effect: Name of the hidden effect, None for a null case.
-        seed: Seed of everything.
         joint: Its joint from 1 (the first of a pair), None to draw it.
         baseline: Whether to record a baseline also where the effect does not need one.
-        undeclared: For viscous, coulomb and rotor_inertia: leave it undeclared.
         robot: The robot; None for the built-in arm as a bare URDF.
-
-    Returns:
-        The case.
 
     Raises:
         ValueError: If there is no such effect, or `undeclared` does not fit it.

@@ -43,8 +43,6 @@ def make_motion(
     """Draw one motion.
 
     Args:
-        family: One of FAMILIES.
-        space: Room of the robot.
         duration: Length [s].
         rate: Samples per second [Hz].
         rng: Random stream; it decides the motion, the rate does not.

@@ -131,16 +131,11 @@ def true_torque(
     + background)
 
     Args:
-        plant: The arm.
-        motion: The true motion.
         log: Name of the log, which names the random streams of its effects.
         start: Session time of the first sample [s].
         active: Whether the hidden effects are there; not so when it was commissioned.
         worked: Usual work of the arm before the first sample [s], which left it warm;
             None for all of the session. Only a background feels it.
-
-    Returns:
-        The parts and the sum.
 
     Raises:
         InputError: If an effect is one that only the arm in the physics engine has.

@@ -31,10 +31,8 @@ def torque_noise(
     a = exp(-1 / (0.1 s rate))
 
     Args:
-        samples: Number of samples n.
         span: Range of the torque of each joint [N m]. Shape (dof,).
         rate: Samples per second [Hz].
-        rng: Random stream.
 
     Returns:
         Noise [N m]. Shape (n, dof).

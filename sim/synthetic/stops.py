@@ -21,10 +21,8 @@ def move_stop_move(
     are zero at its ends. The log starts and ends with a dwell.
 
     Args:
-        space: Room of the robot.
         t: Sample times from 0 [s]. Shape (n,).
         duration: Length of the motion [s].
-        rng: Random stream.
 
     Returns:
         Positions, velocities and accelerations. Shapes (n, dof).

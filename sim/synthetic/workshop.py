@@ -34,11 +34,6 @@ def write_workshop(folder: Path, seed: int, hidden: Hidden) -> list[Path]:
 
     Args:
         folder: Has the robot in `arm`; gets one CSV per log.
-        seed: Seed of everything.
-        hidden: What the arm has and its description lacks.
-
-    Returns:
-        The paths of the logs.
     """
     robot = load_robot(folder / "arm")
     gear = np.abs(robot.gear_ratio)

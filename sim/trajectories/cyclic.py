@@ -31,10 +31,7 @@ def plan_cyclic(
     """Draw a panel and paint it with as many strokes as the limits allow.
 
     Args:
-        robot: The arm.
         duration: Length [s].
-        periods: How often the panel is painted.
-        rng: Random stream that draws the panel.
 
     Raises:
         LimitError: If even one stroke per period is too fast.

@@ -42,7 +42,6 @@ def excitation(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Excitation:
     """Return how well some samples excite the base parameters.
 
     Args:
-        model: Pinocchio model.
         q: Positions [rad]. Shape (n, dof).
         qd: Velocities [rad/s]. Shape (n, dof).
         qdd: Accelerations [rad/s^2]. Shape (n, dof).

@@ -78,10 +78,6 @@ def sampled(series: Series, t: Array) -> tuple[Array, Array, Array]:
 def draw(place: Arena, rng: np.random.Generator) -> Series:
     """Draw a random motion, made as large as the limits let it.
 
-    Args:
-        place: Robot, limits and period.
-        rng: Random stream.
-
     Raises:
         InputError: If no motion at all keeps the limits.
     """
@@ -101,8 +97,6 @@ def draw_any(place: Arena, rng: np.random.Generator, anywhere: bool) -> Series:
     """Draw a motion that only keeps range, speed and acceleration.
 
     Args:
-        place: Robot, limits and period.
-        rng: Random stream.
         anywhere: Whether its centre may lie anywhere in the range; else it is up to
             0.3 rad off the zero posture, or what is near to that.
     """
@@ -144,8 +138,6 @@ def fit_in(place: Arena, series: Series, roughly: bool = False) -> Series | None
     """Make a motion so much smaller that it keeps all limits, those of bodies too.
 
     Args:
-        place: Robot, limits and period.
-        series: The motion.
         roughly: Look at torque and clearance at few times only: to compare motions.
 
     Returns:

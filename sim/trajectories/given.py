@@ -29,9 +29,6 @@ _TRIES = 50  # slow motions that are drawn at most
 def written(series: Series) -> tuple[tuple[float, ...], ...]:
     """Return the coefficients of a series at rest at its ends, rounded.
 
-    Args:
-        series: As `fourier.harmonics` makes it.
-
     Returns:
         Centre, then the free coefficients: 9 rows of dof numbers [rad].
     """
@@ -43,8 +40,6 @@ def given(rows: Sequence[Sequence[float]], dof: int, period: float) -> Series:
     """Return the series of such coefficients.
 
     Args:
-        rows: As `written` returns them.
-        dof: Number of joints.
         period: Length of one period [s].
 
     Raises:
@@ -68,13 +63,8 @@ def draw_slow(
     """Draw a motion that creeps, for friction that lives at low speed.
 
     Args:
-        robot: The arm.
         period: Length of one period [s].
         speed: What no joint is faster than [rad/s].
-        rng: Random stream.
-
-    Returns:
-        Coefficients, as `written` returns them.
 
     Raises:
         InputError: If no motion that keeps the limits is found.

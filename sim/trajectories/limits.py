@@ -125,8 +125,6 @@ def check_limits(robot: Robot, kind: str, t: Array, motion: tuple) -> None:
     """Make sure that a motion keeps the limits at its samples and between them.
 
     Args:
-        robot: The arm.
-        kind: Family, as the message begins.
         t: Fine, even times [s]. Shape (n,).
         motion: q, qd and qdd at those times. Shapes (n, dof).
 

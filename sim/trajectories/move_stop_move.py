@@ -59,10 +59,7 @@ def plan_move_stop_move(
     """Draw places and visit as many per period as the limits allow.
 
     Args:
-        robot: The arm.
         duration: Length [s].
-        periods: How often the places are visited.
-        rng: Random stream that draws places, dwells and speeds.
 
     Raises:
         LimitError: If even two places per period are too fast.

@@ -37,10 +37,6 @@ class Plan:
 def check(robot: Robot, plan: Plan) -> None:
     """Make sure that a motion keeps limits and clearance, between samples too.
 
-    Args:
-        robot: The arm.
-        plan: The motion.
-
     Raises:
         LimitError: With the joint, when, and by how much.
     """
@@ -55,8 +51,6 @@ def check_clearance(arm: Body, kind: str, t: Array, q: Array) -> None:
     """Make sure that an arm stays clear of the floor and of itself.
 
     Args:
-        arm: Its capsules.
-        kind: Family, as the message begins.
         t: Even times [s]. Shape (n,).
         q: Positions at those times [rad]. Shape (n, dof).
 

@@ -74,7 +74,6 @@ def along(route: Path, time: float, steady: bool) -> Stage:
     """Return a stage that follows a path.
 
     Args:
-        route: The path.
         time: How long it takes [s].
         steady: Whether the speed along the path is even but for its ends; else the
             path is run through in the way of a quick move.

@@ -33,7 +33,6 @@ def make_reference(
     the same numbers, bit for bit.
 
     Args:
-        robot: The arm.
         spec: What motion. Each family draws from a random stream of its own.
         rate: Samples per second [Hz].
         optimised: Whether a Fourier motion is searched for; else it is drawn, which

@@ -32,10 +32,6 @@ def optimise(place: Arena, rng: np.random.Generator) -> Series:
     Random motions are ranked by cost; sequential quadratic programming improves the
     best few and goes on with the better of them. What comes out is made to keep the
     limits exactly, between samples too.
-
-    Args:
-        place: Robot, limits and period.
-        rng: Random stream of the starts.
     """
     search = problem(place)
     drawn = [draw_any(place, rng, anywhere=bool(i % 2)) for i in range(_DRAWN)]

@@ -34,12 +34,7 @@ class Usage:
 
 
 def usage(robot: Robot, reference: Reference) -> Usage:
-    """Return how much of a robot's limits a motion uses.
-
-    Args:
-        robot: The arm.
-        reference: Its motion.
-    """
+    """Return how much of a robot's limits a motion uses."""
     q, qd, qdd = reference.q, reference.qd, reference.qdd
     torque = largest_torque(robot, q, qd, qdd)
     rows = np.unique(np.linspace(0, len(q) - 1, _SAMPLES).astype(int))

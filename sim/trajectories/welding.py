@@ -65,10 +65,7 @@ def plan_welding(
     """Draw a work piece and weld as many seams per period as the limits allow.
 
     Args:
-        robot: The arm.
         duration: Length [s].
-        periods: How often the piece is welded.
-        rng: Random stream that draws piece and seams.
 
     Raises:
         LimitError: If even two seams per period are too fast.

@@ -62,9 +62,6 @@ _FORMS = _forms()
 def kind_of(name: str) -> str | None:
     """Return what a file of a bundle is: a kind of record, seal, made_with or robot.
 
-    Args:
-        name: Its path in the bundle.
-
     Returns:
         None for a path that no bundle has: absolute ones, ones with "..", and any other
         that is not, letter by letter, where the store has such a file.
@@ -104,14 +101,9 @@ def write_bundle(store: Path, id: str, out: Path, with_seal: bool = True) -> Bun
     """Write a record and its ancestors into a tar file; the same ones, the same bytes.
 
     Args:
-        store: The store.
-        id: Id of the record, or its beginning.
         out: The file; replaced whole or not at all.
         with_seal: Whether to put in what simulated runs hide. Without it nobody can
             look at what was planted, nor run the experiment again.
-
-    Returns:
-        What is in it.
 
     Raises:
         InputError: If there is no such record, one of them is damaged, or the name of

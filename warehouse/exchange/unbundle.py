@@ -81,11 +81,7 @@ def read_bundle(file: Path, store: Path) -> Unbundled:
     hashes, and that every record is what its id says.
 
     Args:
-        file: A file that ``bundle.write_bundle`` wrote, or somebody else did.
         store: The store; made where there is none.
-
-    Returns:
-        What was added.
 
     Raises:
         InputError: If something in it is not as it should be; nothing is added then.

@@ -17,7 +17,6 @@ def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
 
     Args:
         t: Times [s]. Shape (n,).
-        where: File name, as messages begin.
 
     Returns:
         Which rows to keep, shape (n,); and what is wrong with the others.
@@ -42,7 +41,6 @@ def finite_rows(
 
     Args:
         signals: Values by name. Shapes (n, dof).
-        where: Label of the log, as messages begin.
 
     Returns:
         Which rows to keep, shape (n,); and what is wrong with the others.

@@ -43,7 +43,6 @@ def check_time(t: Array, where: str) -> None:
 
     Args:
         t: Times [s]. Shape (n,).
-        where: File name, as messages begin.
 
     Raises:
         RecordingError: If there are no samples, or time is not finite and increasing.
@@ -67,10 +66,6 @@ def check_time(t: Array, where: str) -> None:
 
 def check_samples(recording: Recording, robot: Robot) -> tuple[Doubt, ...]:
     """Check what a log says against what an arm can do.
-
-    Args:
-        recording: The log.
-        robot: The arm.
 
     Returns:
         What no log of this arm can be: too short or too slow, without motion, or at

@@ -162,12 +162,6 @@ class _File:
 def load_columns(path: str | Path) -> ColumnMap:
     """Read a COLUMNS.toml.
 
-    Args:
-        path: The file.
-
-    Returns:
-        What it says.
-
     Raises:
         InputError: If the file is not usable.
         UnknownNameError: On a unit that is not known.

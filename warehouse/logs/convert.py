@@ -24,7 +24,6 @@ def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Arra
     Args:
         name: "q", "qd", "qdd", "q_ref" or "tau".
         raw: Readings. Shape (n, dof).
-        signal: Their meaning.
         robot: Gears and torque per logged unit.
 
     Returns:

@@ -34,9 +34,6 @@ def from_seconds(seconds: float) -> datetime | None:
 def from_lines(lines: Iterable[str]) -> tuple[datetime | None, str | None]:
     """Look for a date with time and zone in the lines above a table.
 
-    Args:
-        lines: The lines.
-
     Returns:
         The first one, UTC; and what was found that says no zone, which is used for
         nothing.
@@ -53,7 +50,6 @@ def parse(text: str, what: str) -> datetime:
 
     Args:
         text: ISO 8601 with a zone, such as 2026-11-20T14:03:00+01:00.
-        what: Where it is from, as messages begin.
 
     Raises:
         InputError: If it is something else.

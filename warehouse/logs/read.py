@@ -41,9 +41,6 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
         columns: How text is written, and what of a bag is read.
         joints: Names of the robot's joints in the URDF, joint 1 first.
 
-    Returns:
-        The opened log.
-
     Raises:
         InputError: If the file is empty or of no known format.
     """
@@ -93,7 +90,6 @@ def read_log(
 
     Args:
         spec: "FILE" or "FILE@start:end".
-        robot: The arm that was logged.
         columns: Which column is what; None for t, q1.., tau1.. in SI units.
         label: Id of the recording; None for the file's stem and window.
 

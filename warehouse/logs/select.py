@@ -39,15 +39,6 @@ def select(
 ) -> Selection:
     """Find the columns of every signal.
 
-    Args:
-        columns: Names of all columns.
-        column_map: What the user says of them.
-        dof: Number of joints of the robot.
-        where: File name, as messages begin.
-
-    Returns:
-        What to read.
-
     Raises:
         InputError: If a needed column is missing or doubled, or there is a joint column
             beyond the robot's joints.
@@ -78,12 +69,6 @@ def check_units(
 ) -> None:
     """Compare the units of the map, or the usual ones, with those of the file.
 
-    Args:
-        chosen: The columns that are read.
-        time_unit: Unit of time of the map.
-        stated: Units that the file states, by column.
-        where: File name, as messages begin.
-
     Raises:
         InputError: If they differ.
     """
@@ -106,7 +91,6 @@ def default_signal(name: str, dof: int) -> SignalMap:
 
     Args:
         name: "q", "qd", "qdd", "q_ref" or "tau".
-        dof: Number of joints of the robot.
     """
     columns = tuple(f"{name}{i}" for i in range(1, dof + 1))
     return SignalMap(columns=columns, unit=next(iter(UNITS[name])))

@@ -43,7 +43,6 @@ class Window:
 
         Args:
             t: Sample times, strictly increasing [s]. Shape (n,).
-            where: File name, as messages begin.
 
         Raises:
             InputError: If the window is empty or reaches beyond the log.
@@ -113,9 +112,6 @@ def split_spec(spec: str) -> tuple[Path, Window | None]:
 def unique_ids(specs: Sequence[str]) -> list[str]:
     """Return a short label for each log, no two alike.
 
-    Args:
-        specs: The logs as the user wrote them.
-
     Returns:
         File stems with their windows; with folders, then with numbers, where alike.
     """
@@ -167,9 +163,6 @@ def check_distinct(recordings: Sequence[Recording]) -> None:
 
     Samples are compared by position and torque, not by time, since a copy may have
     another clock.
-
-    Args:
-        recordings: All logs of one diagnosis.
 
     Raises:
         InputError: Naming the first two logs that share samples.

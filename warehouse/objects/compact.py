@@ -45,10 +45,6 @@ _TRIES = 40
 def append(store: Path, rows: Mapping[str, pa.Table]) -> bool:
     """Add records to the catalogue of a bucket, and clear their notes away.
 
-    Args:
-        store: Its mirror.
-        rows: Their catalogue rows, by kind.
-
     Returns:
         Whether it was done; False where there is no catalogue yet, which only
         `replace` makes, or others were faster again and again.
@@ -83,10 +79,6 @@ def still_noted(store: Path, kind: str, rows: pa.Table) -> pa.Table:
 def replace(store: Path, rows: Mapping[str, pa.Table]) -> bool:
     """Write the catalogue of a bucket anew, and clear the notes of its records away.
 
-    Args:
-        store: Its mirror.
-        rows: All catalogue rows, by kind.
-
     Returns:
         Whether it was done; False where somebody else wrote one meanwhile.
 
@@ -108,9 +100,6 @@ def replace(store: Path, rows: Mapping[str, pa.Table]) -> bool:
 
 def all_records(store: Path) -> dict[str, dict[str, str]]:
     """Return the folder of every record by kind and id, from the records themselves.
-
-    Args:
-        store: The mirror.
 
     Raises:
         InputError: If the bucket does not answer.

@@ -37,13 +37,6 @@ def identity_of(bucket: Bucket) -> str | None:
 def make_identity(bucket: Bucket, shown: str) -> str:
     """Make a store in a bucket, if there is none, and try the condition of its server.
 
-    Args:
-        bucket: The bucket.
-        shown: What people call it.
-
-    Returns:
-        Its identity.
-
     Raises:
         InputError: If the server ignores the condition of a put.
     """

@@ -69,8 +69,6 @@ def note_of(kind: str, id: str, robot: str) -> str:
     """Return the key of the note of a record.
 
     Args:
-        kind: Its kind.
-        id: Its id.
         robot: Robot of a run; of other kinds it is not looked at.
     """
     return f"{TAIL}/{kind}/{robot if kind == 'runs' else _NOBODY}/{id}"
@@ -97,10 +95,6 @@ def folder_of(note: str) -> str | None:
 
 def read_listing(store: Path, kinds: Sequence[str] = tuple(KINDS)) -> Listing:
     """List the records of a store in a bucket.
-
-    Args:
-        store: Its mirror.
-        kinds: Which kinds.
 
     Raises:
         InputError: If the bucket does not answer.
@@ -158,11 +152,6 @@ def head_text(head: Head) -> bytes:
 
 def read_rows(store: Path, head: Head, kind: Kind) -> pa.Table:
     """Return the catalogue rows of a kind, each record once.
-
-    Args:
-        store: The mirror, which keeps copies of catalogue files.
-        head: The catalogue.
-        kind: Kind of record.
 
     Raises:
         InputError: If a catalogue file is missing or damaged.

@@ -131,9 +131,6 @@ def at_hand(path: Path) -> None:
 def brought(folder: Path) -> bool:
     """Copy all files of a record into the mirror; whether there is such a record.
 
-    Args:
-        folder: Folder of a record of any store.
-
     Raises:
         InputError: If the bucket does not answer, or what it gives is damaged.
     """
@@ -166,7 +163,6 @@ def names_in(store: Path, folder: str) -> list[str]:
     """Return the names of what lies in a folder of a store, one after the other.
 
     Args:
-        store: The store.
         folder: A folder of it whose files lie in a bucket by their own names, or one
             of folders; it need not be there.
 

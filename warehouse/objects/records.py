@@ -36,7 +36,6 @@ def upload(folder: Path, target: Path) -> bool:
 
     Args:
         folder: The folder, all files and sums written; it is used up.
-        target: Its place in the mirror.
 
     Returns:
         Whether it is this one; False if another writer was faster.
@@ -64,10 +63,6 @@ def upload(folder: Path, target: Path) -> bool:
 
 def upload_file(path: Path, target: Path) -> bool:
     """Put a file by itself into a bucket; one that is there already stays.
-
-    Args:
-        path: The file, written.
-        target: Its place in the mirror.
 
     Returns:
         Whether it goes into a bucket; False where its place is in a folder only.

@@ -53,11 +53,7 @@ def is_checkout(root: Path = ROOT) -> bool:
 
 @cache
 def uncommitted(root: Path = ROOT) -> Changes | None:
-    """Return the changes as they were when first asked for; None for no checkout.
-
-    Args:
-        root: Folder with the packages.
-    """
+    """Return the changes as they were when first asked for; None for no checkout."""
     if not is_checkout(root):
         return None
     plain = ("--no-ext-diff", "--no-textconv", "--no-color", "--relative")

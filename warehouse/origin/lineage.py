@@ -44,11 +44,6 @@ class Relative:
 def tree(store: Store, id: str, down: bool = False) -> Relative:
     """Return what a record was made from, or what was made from it, all the way.
 
-    Args:
-        store: The opened store.
-        id: Id of a record, or its beginning.
-        down: Whether to go to what was made from it.
-
     Raises:
         InputError: If there is no such record.
     """
@@ -70,10 +65,6 @@ def tree(store: Store, id: str, down: bool = False) -> Relative:
 
 def needed(store: Path, id: str) -> list[Found]:
     """Return a record after all that it was made from: parents stand first.
-
-    Args:
-        store: The store.
-        id: Id of a record, or its beginning.
 
     Raises:
         InputError: If the record or one that it was made from is not in the store.

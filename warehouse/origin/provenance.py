@@ -88,11 +88,7 @@ def packages() -> bytes:
 
 @cache
 def program_hash(root: Path = ROOT) -> str:
-    """Return the hash of all our code, 64 hex digits.
-
-    Args:
-        root: Folder with the packages.
-    """
+    """Return the hash of all our code, 64 hex digits."""
     files = {p for name in PACKAGES for p in (root / name).rglob("*") if _counts(p)}
     return _hash_files(files, root)
 
@@ -103,9 +99,6 @@ def plant_code_hash(root: Path = ROOT) -> str:
 
     That is ``sim/`` and the modules of ``residual/`` that it imports, directly or
     through others. Libraries are not in it: an upgrade makes no run a new one.
-
-    Args:
-        root: Folder with ``sim`` and ``residual``.
     """
     return _hash_files(plant_files(root), root)
 

@@ -29,9 +29,7 @@ def keep_robot(store: Path, word: str, robot: Robot) -> None:
     """Put the description of a robot into the store; one that is there stays.
 
     Args:
-        store: The store.
         word: What the robot was loaded from; built-in ones are not kept.
-        robot: What was loaded.
     """
     target = robot_folder(store, robot.content_hash)
     if is_there(target) or _is_built_in(word, robot):
@@ -73,10 +71,6 @@ def _toml_text(path: Path, robot: Robot) -> str | None:
 def robot_of_hash(store: Path, content_hash: str) -> str:
     """Return the word for the robot of a hash: a built-in name, or its kept folder.
 
-    Args:
-        store: The store.
-        content_hash: Hash of the robot's content.
-
     Raises:
         InputError: If no description of it was kept.
     """
@@ -96,8 +90,6 @@ def robot_word(store: Path, word: str, content_hash: str | None) -> str:
     """Return what to load a robot from, such that it is the one that was used.
 
     Args:
-        store: The store.
-        word: What it was loaded from then.
         content_hash: Its hash then; None where that is not known.
 
     Returns:

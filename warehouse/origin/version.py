@@ -12,12 +12,7 @@ BUILT = Path(__file__).with_name("commit.txt")
 
 
 def commit(root: Path = ROOT, built: Path = BUILT) -> str | None:
-    """Return the commit of the code that runs; None where nobody knows it.
-
-    Args:
-        root: Where the packages lie.
-        built: File that a wheel has.
-    """
+    """Return the commit of the code that runs; None where nobody knows it."""
     if is_checkout(root):
         answer = git(root, "rev-parse", "HEAD")
         return answer.decode("ascii").strip() if answer else None

@@ -23,13 +23,6 @@ from warehouse.schema import DEFAULT_DOF, all_views, arrow_schema, sample_column
 def attach(store: Path, file: Path) -> tuple[str, ...]:
     """Write a database of the views of a store; one that is there is replaced.
 
-    Args:
-        store: Folder of the store.
-        file: The database, outside of the store.
-
-    Returns:
-        The names of the views.
-
     Raises:
         InputError: If the store is in a bucket, or the file cannot be written.
     """

@@ -23,11 +23,7 @@ def read_bucket(store: Path, before: Catalogue | None = None) -> Catalogue:
     """List a store, and bring its catalogue up to date where that pays.
 
     Args:
-        store: Its mirror.
         before: What was read earlier; it is given back if nothing has changed.
-
-    Returns:
-        The catalogue.
 
     Raises:
         InputError: If the bucket does not answer, or its catalogue is damaged.
@@ -48,9 +44,6 @@ def read_bucket(store: Path, before: Catalogue | None = None) -> Catalogue:
 
 def rebuild(store: Path) -> tuple[Catalogue, bool]:
     """Make the catalogue of a store again, from its records.
-
-    Args:
-        store: Its mirror.
 
     Returns:
         The catalogue, and whether it could be written.

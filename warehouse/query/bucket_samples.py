@@ -98,12 +98,6 @@ class BucketSamples(AbstractFileSystem):
     ) -> bytes:
         """Return blocks of a file that lie one after the other.
 
-        Args:
-            path: What the query calls it.
-            key: Its key.
-            known: Its sums.
-            numbers: Which blocks.
-
         Raises:
             OSError: If they are not what was written; `broken` says so then.
         """
@@ -140,11 +134,7 @@ def _named(path: str) -> str:
 
 
 def _checked(data: bytes, first: int, known: Mapping) -> dict[int, bytes]:
-    """Return blocks by their number, each held against its sum.
-
-    Raises:
-        InputError: If one is not what was written.
-    """
+    """Return blocks by their number, each held against its sum."""
     sums, out = block_sums(known), {}
     for place in range(0, len(data), BLOCK):
         number, block = first + place // BLOCK, data[place : place + BLOCK]

@@ -41,8 +41,6 @@ def remember(store: Path, kind: Kind, row: pa.Table) -> None:
     """Keep the catalogue row of a record that is committed now.
 
     Args:
-        store: The store.
-        kind: Its kind.
         row: Its row; columns beyond those of the catalogue are left out.
     """
     key = (str(Path(store).resolve()), kind.name)
@@ -66,12 +64,7 @@ def flush() -> None:
 
 
 def read_segments(store: Path, kind: Kind) -> tuple[list[pa.Table], list[Path]]:
-    """Return what writers left, and the files it is in; what is torn is no loss.
-
-    Args:
-        store: The store.
-        kind: Kind of record.
-    """
+    """Return what writers left, and the files it is in; what is torn is no loss."""
     tables, files = [], sorted((store / INDEX).glob(f"{kind.name}-*.parquet"))
     for file in files:
         with suppress(InputError):
@@ -123,11 +116,7 @@ def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
     """List a store, and bring its index up to date where that pays.
 
     Args:
-        store: The store.
         before: What was read earlier; it is given back if nothing has changed.
-
-    Returns:
-        The catalogue.
     """
     if bucket_of(store):
         return read_bucket(store, before)

@@ -26,7 +26,6 @@ def reads_only(path: Path, samples: Any = None) -> duckdb.DuckDBPyConnection:
     """Return a connection that reaches nothing but what may be read of a store.
 
     Args:
-        path: Folder of the store.
         samples: File system with the samples of a store in a bucket; then nothing of
             the folder is reached.
 
@@ -94,7 +93,6 @@ def limited(
     """Interrupt what runs on a connection after some time.
 
     Args:
-        connection: The connection.
         seconds: How long it may take [s]; None for ever.
 
     Raises:

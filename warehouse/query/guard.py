@@ -59,7 +59,6 @@ def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> str:
 
     Args:
         connection: Any connection; nothing is executed but the parser.
-        query: What the user typed.
 
     Raises:
         InputError: If it is anything else, or no SQL.

@@ -68,7 +68,6 @@ def read_packs(store: Path, folders: Mapping[str, str]) -> tuple[Pack, ...]:
     """Return the packs that hold nothing but runs of the store.
 
     Args:
-        store: The store.
         folders: Folder of every run that is there, by id.
     """
     try:
@@ -89,7 +88,6 @@ def write_packs(
     """Copy small runs into packs; those of before are replaced.
 
     Args:
-        store: The store.
         groups: Files with samples by the signals and joints that they hold.
         largest: Size of a file that still counts as small [bytes].
     """

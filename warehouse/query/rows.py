@@ -35,8 +35,6 @@ def read_new(
     """Return rows that are read from the records, and what is damaged of them.
 
     Args:
-        ids: Of the records.
-        kind: Their kind.
         folders: Their folders, by id.
     """
     new, damaged = [], []

@@ -141,9 +141,6 @@ class Store:
 
         Args:
             largest: Size of the samples of a run that still counts as small [bytes].
-
-        Returns:
-            What was done.
         """
         if self._remote:
             raise InputError(

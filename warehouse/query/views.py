@@ -49,7 +49,6 @@ def samples_view(
 
     Args:
         groups: Files by the signals and the number of joints that they hold.
-        packs: Files with many runs each, with what they hold.
     """
     packed = list(packs)
     held = [*groups, *(held for held, _ in packed)]

@@ -16,11 +16,6 @@ def drawn_arm(folder: Path, seed: int, number: int) -> Path:
 
     Args:
         folder: Where; a folder of its own is made there.
-        seed: Seed of the study.
-        number: Which of its arms.
-
-    Returns:
-        The folder, as robots are loaded from.
     """
     robot = light_arm(derived_seed(seed, f"arm/{number}"))
     name = f"drawn_{robot.content_hash[:8]}"
@@ -36,7 +31,6 @@ def describe(robot: Robot, folder: Path) -> None:
     """Write what anybody may know of an arm: its URDF, and what is declared of it.
 
     Args:
-        robot: The arm.
         folder: Where; a folder of its name is made there.
     """
     place = folder / robot.name

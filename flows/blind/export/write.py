@@ -35,10 +35,8 @@ def export_study(
     first again.
 
     Args:
-        asked: Which study.
         arms: Numbers of the arms: 0 for the built-in one, others are drawn.
         target: Folder to make, which must not be there.
-        run: The store for the runs, and processes.
         tell: Told what is done and the share of it.
 
     Raises:
@@ -75,9 +73,7 @@ def parts(asked: Asked, arms: Sequence[int], folder: Path) -> list[Part]:
     """Return the cases, each with the study that has its arm.
 
     Args:
-        asked: Which study.
         arms: Numbers of the arms; those to be drawn are written.
-        folder: Folder of the export.
     """
     every = drafts(asked)
     arm_of = [arms[d.excitation.index % len(arms)] for d in every]

@@ -69,12 +69,6 @@ class Reader:
 def reader_of(line: str, robot: Robot, columns: ColumnMap, where: str) -> Reader:
     """Return what the lines after a first one mean.
 
-    Args:
-        line: Names of the columns, or the first JSON object.
-        robot: The arm.
-        columns: Which column is what.
-        where: What messages call it.
-
     Raises:
         InputError: If a needed column is missing, or the line has no names.
     """

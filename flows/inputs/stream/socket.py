@@ -36,7 +36,6 @@ class LocalPort:
 
         Args:
             address: "PORT" or "HOST:PORT"; the host can be this machine alone.
-            meaning: What the lines are.
 
         Raises:
             InputError: If the host is another machine, or the port is taken.

@@ -103,10 +103,8 @@ def trend(
 
     Args:
         series: Lines; of each the latest 200 points are drawn.
-        unit: Of all values, as text.
         width: Its width; its height is the same for all.
         limits: Lower and upper limit; what is beyond is marked.
-        marks: Times with a meaning, drawn as upright lines.
     """
     lines = [(s, [p for p in s.points if known(p[1])][-_MOST:]) for s in series]
     values = [v for _, points in lines for _, v in points]

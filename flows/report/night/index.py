@@ -64,10 +64,7 @@ def context(
     """Return what the template `index.html` is filled with.
 
     Args:
-        look: What the store holds.
-        place: Where the page is.
         robot: Name of the robot to which it is narrowed; None for all.
-        kind: Kind to which it is narrowed (`place.KINDS`).
         part: Which page of it, from 1.
     """
     everything = entries(look, place)

@@ -96,11 +96,7 @@ class Look:
 
 
 def look(opened: Store) -> Look:
-    """Read what a store holds; what is damaged is left out.
-
-    Args:
-        opened: The store.
-    """
+    """Read what a store holds; what is damaged is left out."""
     rows = {
         name: ask(opened, getattr(questions, name.upper()))
         for name in ("proposals", "watched", "adoptions", "studies", "models", "runs")

@@ -61,10 +61,7 @@ def context(look: Look, night: date, past: History | None, place: Place) -> dict
     """Return what the template `night.html` is filled with.
 
     Args:
-        look: What the store holds.
-        night: Which night, by its morning.
         past: Flow runs of that time; None where no server answers.
-        place: Where the page is.
     """
     warnings = past.warnings if past else ()
     inside = _Night(look, night, place, warnings)

@@ -29,11 +29,6 @@ _ERRORS = """
 def context(opened: Store, id: str, place: Place) -> dict:
     """Return what the template `record.html` is filled with.
 
-    Args:
-        opened: The store.
-        id: Id of the record, or its beginning.
-        place: Where the page is.
-
     Raises:
         InputError: If there is no such record, or it is damaged.
     """

@@ -17,13 +17,7 @@ _SMALL = 300.0  # width of one of them
 
 
 def context(look: Look, robot: str, place: Place) -> dict:
-    """Return what the template `robot.html` is filled with.
-
-    Args:
-        look: What the store holds.
-        robot: Name of the robot.
-        place: Where the page is.
-    """
+    """Return what the template `robot.html` is filled with."""
     found = [d for d in look.diagnoses if d.robot == robot]
     own = {
         name: [row for row in getattr(look, name) if row["robot"] == robot]

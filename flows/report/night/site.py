@@ -185,11 +185,7 @@ class Site:
 
 
 def _named(seen: Look, word: str) -> str:
-    """Return the robot whose part of an address that is.
-
-    Raises:
-        InputError: If there is none.
-    """
+    """Return the robot whose part of an address that is."""
     for name in seen.robots:
         if slug(name) == word:
             return name

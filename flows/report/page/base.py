@@ -59,9 +59,5 @@ def environment() -> Environment:
 
 
 def headings(body: str) -> list[tuple[str, Markup]]:
-    """Return id and text of each section of a page, in order.
-
-    Args:
-        body: Its main part as HTML.
-    """
+    """Return id and text of each section of a page, in order."""
     return [(id, Markup(text).striptags()) for id, text in _HEADING.findall(str(body))]

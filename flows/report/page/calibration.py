@@ -29,10 +29,6 @@ def render(made: Calibration, warnings: Sequence[str] = ()) -> str:
 
     Args:
         made: The calibration.
-        warnings: What is odd of its logs, but usable.
-
-    Returns:
-        One self-contained HTML document.
     """
     page = environment().get_template("calibration.html")
     return page.render(_context(made, warnings))

@@ -20,12 +20,7 @@ _WHAT = {DIAGNOSE: "diagnose", ADOPT: "adopt", DRIVE: "drive", STOP: "stop"}
 
 
 def render(done: Closed, verdict: Verdict | None) -> str:
-    """Return the page of a loop: one HTML document that needs nothing else.
-
-    Args:
-        done: The loop.
-        verdict: Of what was adopted (`flows.steps.closing.close.adopted_verdict`).
-    """
+    """Return the page of a loop: one HTML document that needs nothing else."""
     found = words.pairs(done.hidden, verdict)
     robot = done.arm.robot
     return (
@@ -50,13 +45,7 @@ def render(done: Closed, verdict: Verdict | None) -> str:
 
 
 def keep_page(done: Closed, store: Path, page: str) -> Path:
-    """Put the page of a loop into the store, and return its file.
-
-    Args:
-        done: The loop.
-        store: The store.
-        page: Its page.
-    """
+    """Put the page of a loop into the store, and return its file."""
     robot = done.arm.robot
     about = {"robot": robot.name, "serial": robot.serial, "kind": KIND}
     about |= {"loop": done.loop, "decisions": len(done.decisions)}

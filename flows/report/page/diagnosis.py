@@ -30,10 +30,6 @@ def render(
     """Return the report page.
 
     Args:
-        found: The diagnosis.
-        robot_name: Robot as the reader calls it.
-        staged: Picture and truth of an experiment of our own.
-        motion: Picture of the motion that is proposed.
         origin: Where it comes from, and what makes the page again.
 
     Returns:

@@ -24,11 +24,7 @@ def plot(found: Watched, runs: Mapping[str, Recording]) -> bytes:
     """Draw the largest score of each kind over its limit, and the alarms.
 
     Args:
-        found: What was found.
         runs: The watched runs by id; those with alarms come first.
-
-    Returns:
-        A PNG.
     """
     ids = sorted(runs, key=lambda id: -len(found.alarms[id]))[:MOST]
     figure = Figure(figsize=(9, 0.6 + 2.4 * len(ids)), layout="constrained")

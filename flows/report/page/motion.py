@@ -16,12 +16,7 @@ _MOST = 4000  # samples drawn
 
 
 def motion_png(robot: Robot, reference: Reference) -> bytes:
-    """Return curves of a motion as PNG: angles, and shares of the limits.
-
-    Args:
-        robot: The arm.
-        reference: Its motion.
-    """
+    """Return curves of a motion as PNG: angles, and shares of the limits."""
     step = max(1, len(reference.t) // _MOST)
     t, q, qd, qdd = (
         values[::step]

@@ -27,12 +27,7 @@ class Origin:
 
 
 def of_request(request: Diagnose, page: str = "report.html") -> Origin:
-    """Return the origin of a diagnosis that was just made.
-
-    Args:
-        request: What was asked for.
-        page: Where its page goes.
-    """
+    """Return the origin of a diagnosis that was just made."""
     facts: list[Fact] = [("Robot", (request.robot,)), ("Logs", request.logs)]
     facts += [("Baseline", request.baseline)] if request.baseline else []
     facts += [("Held out", request.held_out)] if request.held_out else []
@@ -42,12 +37,7 @@ def of_request(request: Diagnose, page: str = "report.html") -> Origin:
 
 
 def of_record(made: Made, record: Mapping) -> Origin:
-    """Return the origin of a diagnosis in the store.
-
-    Args:
-        made: Where its record comes from.
-        record: The record, with its request.
-    """
+    """Return the origin of a diagnosis in the store."""
     facts: list[Fact] = [
         ("Diagnosis", (made.id,)),
         ("Stored", (f"{made.created} UTC",)),

@@ -10,12 +10,7 @@ from residual.quantity import bare_percent
 
 
 def render(proposal: Proposal, made: Made | None = None) -> str:
-    """Return the page of a proposal: one HTML document that needs nothing else.
-
-    Args:
-        proposal: What is proposed.
-        made: Where its diagnosis comes from.
-    """
+    """Return the page of a proposal: one HTML document that needs nothing else."""
     page = environment().get_template("proposal.html")
     return page.render(
         robot=proposal.verdict.robot,

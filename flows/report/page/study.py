@@ -36,10 +36,7 @@ def render(
     """Return the page of a study.
 
     Args:
-        rows: Its cases, as in the view ``blind``.
-        summary: Its figures (``flows.blind.sums``).
         about: ``robot``, ``seed``, ``n``, ``id``, and ``failed`` in words.
-        made: Where it comes from.
     """
     page = environment().get_template("blind.html")
     return page.render(_context(rows, summary, about), made=made)

@@ -28,7 +28,6 @@ def confusion_figure(
     """Return the matrix of what was hidden against what was said first.
 
     Args:
-        counts: Cases by true effect, then by what was said.
         rows: True effects in order.
         columns: What may be said, in order.
     """

@@ -11,12 +11,7 @@ from residual.quantity import known
 
 
 def tiles_of(found: Diagnosis, named: list[FindingRow]) -> list[Tile]:
-    """Return up to five figures that say what is missing, and what naming it gains.
-
-    Args:
-        found: The diagnosis.
-        named: Its findings.
-    """
+    """Return up to five figures that say what is missing, and what naming it gains."""
     return [
         *(_one_size(found, named) if len(named) == 1 else _count(named)),
         *_torque(found, named),

@@ -22,9 +22,6 @@ _COLOURS = ("#009e73", "#cc79a7", "#b07700", "#3b86b0", "#7a5195")
 def render(found: Viewed) -> str:
     """Return the page of a log: one HTML document that needs nothing else.
 
-    Args:
-        found: The log, with the torque of its models.
-
     Raises:
         InputError: If the package that draws in 3-D is not installed.
     """

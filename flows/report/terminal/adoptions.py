@@ -38,12 +38,7 @@ def table_of(listed: Sequence[tuple[str, Adoption, str]]) -> Table:
 
 
 def adoption_lines(number: str, judged: Judged) -> list[str]:
-    """Return what was adopted, and what the gate saw, a line each.
-
-    Args:
-        number: Number of the adoption.
-        judged: What was adopted.
-    """
+    """Return what was adopted, and what the gate saw, a line each."""
     return [
         f"adoption {int(number)}: {judged.model.robot.name} has the model of diagnosis "
         f"{judged.diagnosis[:8]} from now on; modelgap rollback takes it back",

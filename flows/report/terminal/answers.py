@@ -27,7 +27,6 @@ def print_table(rows: pa.Table, format: str) -> None:
     """Print an answer on standard output.
 
     Args:
-        rows: The answer.
         format: "table", "csv", "json" or "parquet".
 
     Raises:
@@ -48,7 +47,6 @@ def as_bytes(rows: pa.Table, format: str) -> bytes:
     """Return an answer as the content of a file.
 
     Args:
-        rows: The answer.
         format: "table", "csv", "json" or "parquet".
 
     Raises:

@@ -21,7 +21,6 @@ def print_outcome(outcome: Calibrated, console: Console) -> None:
 
     Args:
         outcome: The calibration.
-        console: Where to print.
     """
     if not console.is_terminal:
         # Into a file or a pipe: as wide as it needs, nothing is cut.

@@ -31,7 +31,6 @@ def print_diagnosis(found: Diagnosis, console: Console, verbose: bool = False) -
     """Print a diagnosis: verdict, findings, errors, what is left, what to do next.
 
     Args:
-        found: The diagnosis.
         console: Where to print; 80 columns and no colour are enough.
         verbose: List the effects that these logs could not tell apart.
     """
@@ -47,12 +46,7 @@ def print_diagnosis(found: Diagnosis, console: Console, verbose: bool = False) -
 
 
 def print_truth(staged: Staged, console: Console) -> None:
-    """Print what was hidden beside what was found.
-
-    Args:
-        staged: Both.
-        console: Where to print.
-    """
+    """Print what was hidden beside what was found."""
     table = _table("The seal, opened after the verdict was stored", _TRUTH)
     for row in staged.rows:
         _row(console, table, map(Text, row))

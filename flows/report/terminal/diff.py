@@ -12,11 +12,7 @@ _SHOWN = 40  # lines of one table
 
 
 def print_diff(found) -> None:
-    """Print a comparison as tables.
-
-    Args:
-        found: A ``flows.steps.diff.Diff``.
-    """
+    """Print a comparison as tables."""
     console = _console()
     same = "the same values" if found.same else "other values"
     say(console, f"{found.kind} {found.ids[0]} and {found.ids[1]}: {same}")
@@ -58,7 +54,6 @@ def print_tree(root, words: str) -> None:
     """Print a record and its relatives.
 
     Args:
-        root: A ``warehouse.origin.lineage.Relative``.
         words: What the relatives are to it.
     """
     tree = Tree(f"{_named(root)}, {words}{'' if root.relatives else ': nothing'}")

@@ -15,12 +15,7 @@ _NARROW = 58
 
 
 def print_outcome(outcome: Identified, console: Console) -> None:
-    """Print an identification.
-
-    Args:
-        outcome: What was identified.
-        console: Where to print.
-    """
+    """Print an identification."""
     if not console.is_terminal:
         # Into a file or a pipe: as wide as it needs, nothing is cut.
         console = Console(file=console.file, width=200)

@@ -9,11 +9,7 @@ from warehouse.logs.convert import shorten
 
 
 def table(log: Log) -> Table:
-    """Return a table: which column became which channel, and what was done to it.
-
-    Args:
-        log: The log.
-    """
+    """Return a table: which column became which channel, and what was done to it."""
     out = Table(box=SIMPLE_HEAD, pad_edge=False)
     for title in ("channel", "column", "unit of the file", "done to it"):
         out.add_column(title)
@@ -23,13 +19,7 @@ def table(log: Log) -> Table:
 
 
 def lines(log: Log, robot: Robot, all: bool) -> list[str]:
-    """Return what was understood, one line each.
-
-    Args:
-        log: The log.
-        robot: The arm.
-        all: Whether to tell all, as a dry run does.
-    """
+    """Return what was understood, one line each."""
     known = log.known
     if not all:
         return [known.text, *(f"warning: {w}" for w in known.warnings)]

@@ -34,7 +34,6 @@ def alarm_table(found: Watched, watched: Mapping[str, Recording]) -> Table:
     """Return the alarms, one a row.
 
     Args:
-        found: What was found.
         watched: The watched runs by id.
     """
     table = Table(box=SIMPLE_HEAD, pad_edge=False)

@@ -53,7 +53,6 @@ def nothing_open(asked: Asked, made: Design | None) -> list[str]:
     """Return why there is no experiment to propose.
 
     Args:
-        asked: The verdict, and what it leaves open.
         made: The best motion, which promises nothing; None where nothing was asked.
     """
     question, left = asked.question, asked.found.verdict.unexplained.joints

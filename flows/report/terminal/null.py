@@ -8,13 +8,7 @@ from warehouse.objects.mirror import shown
 
 
 def null_lines(made: Made, draws: int, store: Path) -> list[str]:
-    """Return what a null says, a sentence each.
-
-    Args:
-        made: The null.
-        draws: How many draws were asked for.
-        store: Where it is kept.
-    """
+    """Return what a null says, a sentence each."""
     null = made.null
     least = Rules().threshold
     threshold, beyond = null.threshold(least), null.beyond(null.threshold(least))

@@ -17,7 +17,6 @@ def print_errors(errors: ErrorTables, console: Console) -> None:
 
     Args:
         errors: Errors against the measured torque [%].
-        console: Where to print.
     """
     title = f"Error in % of torque ({', '.join(errors.logs)})"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)

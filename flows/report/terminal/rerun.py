@@ -6,11 +6,7 @@ _SHOWN = 12  # channels that are listed for people
 
 
 def lines(made) -> list[str]:
-    """Return what a rerun gave, line by line.
-
-    Args:
-        made: A ``flows.steps.rerun.rerun.Rerun``.
-    """
+    """Return what a rerun gave, line by line."""
     about = f"{made.kind} {made.id}"
     if made.reproduced and made.imported:
         return [f"{about}: measured; its values are those that were imported"]

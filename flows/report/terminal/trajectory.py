@@ -17,9 +17,6 @@ def about_motion(
     """Return what motion it is, a sentence each.
 
     Args:
-        robot: The robot.
-        reference: The motion.
-        wanted: What was asked for.
         rate: Samples per second [Hz].
     """
     spec, still = wanted, (reference.qd == 0).all(axis=1).mean()

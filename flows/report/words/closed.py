@@ -46,7 +46,6 @@ def pairs(hidden: Sequence[Mapping], verdict: Verdict | None) -> list[Pair]:
     """Return what was hidden beside what was adopted, hidden ones first.
 
     Args:
-        hidden: What the seal held.
         verdict: That of the diagnosis whose model is adopted, None for none.
     """
     said = members(verdict) if verdict else []

@@ -29,12 +29,7 @@ class Missing(NamedTuple):
 
 
 def missing_torque(found: Diagnosis, row: FindingRow) -> list[Missing]:
-    """Return what the model's torque lacks without a finding, the largest share first.
-
-    Args:
-        found: The diagnosis.
-        row: The finding.
-    """
+    """Return what the torque lacks without a finding, the largest share first."""
     effect = registry().get(row.name)
     mine = [c for c in found.clouds if c.name == row.name and len(c.x)]
     if effect is not None and effect.variable is not None and row.joints:

@@ -24,7 +24,6 @@ def detectable_rows(
     Effects on pairs of joints or on the whole arm get rows and a column of their own.
 
     Args:
-        verdict: The verdict.
         short: Call effects by their names and joints J1, for narrow columns.
     """
     sizes: dict[tuple[str, str], dict[int, str]] = {}

@@ -30,7 +30,6 @@ def joint_words(joints: Iterable[int], dof: int | None = None) -> str:
 
     Args:
         joints: Joint numbers from 1.
-        dof: Number of joints of the robot where known.
 
     Returns:
         Words without a preposition; empty without joints.

@@ -98,7 +98,6 @@ def judge(hidden: Sequence[Hidden], verdict: Verdict) -> str:
 
     Args:
         hidden: What was under the seal; one effect, or none.
-        verdict: The verdict.
 
     Returns:
         "right": the first name is it. "class": it is an equivalent of the first name.

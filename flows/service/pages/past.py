@@ -15,11 +15,7 @@ _WAIT = 10.0  # s
 
 
 def past_of(to: Api) -> Past:
-    """Return what tells of the flow runs of a time, and of what they warned of.
-
-    Args:
-        to: The API.
-    """
+    """Return what tells of the flow runs of a time, and of what they warned of."""
 
     def past(begin: datetime, end: datetime) -> History | None:
         span = {"after_": _iso(begin), "before_": _iso(end)}

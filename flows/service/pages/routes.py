@@ -55,8 +55,6 @@ def with_pages(app: ASGIApp, rules: Rules, site: Site, tickets: Tickets) -> ASGI
 
     Args:
         app: What everything else goes to; guarded, as the whole must be.
-        rules: Those of the server, with its key.
-        site: The pages.
         tickets: Those given for pages; none of them opens anything else.
     """
 

@@ -72,8 +72,6 @@ def act(loop: Loop, step: Step, tell: Progress | None = None) -> Came:
     """Do a step.
 
     Args:
-        loop: The loop.
-        step: What is to be done.
         tell: Told the stage and the share done.
 
     Raises:
@@ -176,13 +174,7 @@ def _diagnose(loop: Loop, how: Mapping, tell: Progress | None) -> Came:
 
 
 def summary(id: str, verdict: Verdict, how: Mapping) -> dict:
-    """Return what a loop goes by of a verdict, as JSON can hold it.
-
-    Args:
-        id: Its diagnosis.
-        verdict: The verdict.
-        how: What it was made with (`fit`, `held_out`, `model`).
-    """
+    """Return what a loop goes by of a verdict, as JSON can hold it."""
     plan = verdict.next_experiment
     rivals = [_where(r["name"], r["joints"]) for r in plan["rivals"]] if plan else []
     classes = [_class(finding) for finding in verdict.effects]

@@ -73,10 +73,6 @@ class Arm:
 def make_arm(asked: Close, store: Path) -> Arm:
     """Draw an arm; the same request is the same arm.
 
-    Args:
-        asked: Which loop.
-        store: Where the description of the arm is kept.
-
     Raises:
         InputError: If there is no such robot.
     """
@@ -105,11 +101,6 @@ def loop_id(asked: Close, arm: Arm) -> str:
 
 def open_seal(store: Path, run: str, dof: int) -> list[dict]:
     """Return what an arm hid, once its loop has ended.
-
-    Args:
-        store: The store.
-        run: Id of one of its runs.
-        dof: Number of its joints.
 
     Returns:
         Name, joints as a verdict counts them, and parameters of each effect.

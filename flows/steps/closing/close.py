@@ -56,7 +56,6 @@ def close(
     Started again with the same request it goes on where it stopped.
 
     Args:
-        asked: What is wanted.
         heard: Told every decision of this call once it is in the store.
         tell: Told the stage and the share done.
 
@@ -74,7 +73,6 @@ def decisions(asked: Close, tell: Progress | None = None) -> Iterator[Decision]:
     """Make the decisions that are still to be made, one after the other.
 
     Args:
-        asked: What is wanted.
         tell: Told the stage and the share done.
 
     Raises:
@@ -111,7 +109,6 @@ def decided(loop: Loop, tell: Progress | None = None) -> Decision | None:
     """Do the next step of a loop and write it down; None where it has ended.
 
     Args:
-        loop: The loop.
         tell: Told the stage and the share done.
     """
     asked = loop.asked
@@ -139,7 +136,6 @@ def adopted_verdict(store: Path, given: Mapping | None) -> Verdict | None:
     """Return the verdict of an adopted model, with all that is named in it.
 
     Args:
-        store: The store.
         given: What an adoption left; None for none.
     """
     if given is None:

@@ -52,12 +52,7 @@ class Step:
 
 
 def next_step(history: Sequence[Decision], asked: Asked) -> Step | None:
-    """Return what a loop does next; None where it has ended.
-
-    Args:
-        history: What it has done, the first one first.
-        asked: How it is to go on.
-    """
+    """Return what a loop does next; None where it has ended."""
     known = Known.of(history)
     last = known.last
     if last is None:

@@ -44,9 +44,6 @@ class Adopt:
 def adopt(request: Adopt) -> tuple[str, Judged]:
     """Let a model be the nominal one of its robot in this store from now on.
 
-    Args:
-        request: What is wanted.
-
     Returns:
         The number of the adoption, and what the gate saw.
 
@@ -94,11 +91,7 @@ def roll_back(
 
     Args:
         word: The robot; None where the store has adoptions of one alone.
-        note: A word about it.
         store: Folder of the store, None for the usual one.
-
-    Returns:
-        The number of the new record, and the record.
 
     Raises:
         InputError: If there is nothing to go back from, or it is not clear for whom.

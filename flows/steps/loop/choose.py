@@ -62,10 +62,6 @@ def choose(robot: Robot, wanted: Wanted) -> Choice:
     The store is asked where the logs are runs of it, or where --store names it; what is
     in it has no say about files alone.
 
-    Args:
-        robot: The robot.
-        wanted: What the user said.
-
     Raises:
         InputError: If there is no such model, or it is of another robot or of another
             description of this one.
@@ -102,10 +98,6 @@ def choose_for(word: str, wanted: Wanted) -> Choice:
 def in_force(runs: Sequence[str], store: Path) -> Choice:
     """Return the model that the robot of some runs of a store has.
 
-    Args:
-        runs: Ids of the runs.
-        store: The store.
-
     Raises:
         InputError: If there is no run, or the model is of another description.
     """
@@ -117,12 +109,6 @@ def choose_to_watch(
 ) -> Choice:
     """Return the model to watch by; no choice where a word names it by an id.
 
-    Args:
-        word: A robot, or the id of a diagnosis.
-        store: The store.
-        nominal: Whether the nominal model is wanted.
-        runs: Ids of the runs to watch.
-
     Raises:
         InputError: If there is no such robot, or its model is of another description.
     """
@@ -133,11 +119,6 @@ def choose_to_watch(
 
 def chosen_to_drive(store: Path, run: str, model: str | None) -> Choice:
     """Return the model to drive the arm of a run by: any of the store may drive.
-
-    Args:
-        store: The store.
-        run: Id of the run.
-        model: Value of --model.
 
     Raises:
         InputError: If there is no such run or model.
@@ -153,7 +134,6 @@ def diagnosis_of(store: Path, word: str) -> str:
     """Return the whole id of the diagnosis that a word stands for.
 
     Args:
-        store: The store.
         word: Id of a diagnosis, of the model that it ended with, or of an adoption.
 
     Raises:

@@ -26,8 +26,6 @@ def settled(spec: ExperimentSpec, robot: Robot, store: Path) -> ExperimentSpec:
 
     Args:
         spec: The spec; its model may be "adopted", or the beginning of an id.
-        robot: Its robot.
-        store: The store.
 
     Raises:
         InputError: If there is no such model, or none is adopted.
@@ -47,10 +45,8 @@ def model_of(store: Path, word: str, robot: Robot) -> Whole:
     """Return the model that a controller is to have.
 
     Args:
-        store: The store.
         word: Id of a diagnosis (its augmented model, tables included), of a model, or
             of a calibration (its look-up tables); or a file that holds a model.
-        robot: The robot to drive.
 
     Raises:
         InputError: If there is none, or it is of another robot.
@@ -72,10 +68,7 @@ def torque_of(model: Whole, reference: Reference, kind: str, use: Use) -> Given:
     """Return what drives an arm along a reference by a model: a torque, or a law.
 
     Args:
-        model: Any model.
-        reference: The motion.
         kind: "feed_forward" for a torque along it, "computed_torque" for a law.
-        use: What of the model.
     """
     motion = reference.q, reference.qd, reference.qdd
     make = feed_forward if kind == FEED_FORWARD else computed_torque
@@ -89,9 +82,6 @@ def given_by(
 
     Args:
         table: The controller of the spec, its model named by a whole id.
-        robot: The robot.
-        reference: The motion.
-        store: Where its model is.
 
     Raises:
         InputError: If its model is not there.

@@ -53,7 +53,6 @@ def judge(store: Path, word: str) -> Judged:
     one, else the one that the diagnosis started from.
 
     Args:
-        store: The store.
         word: Id of a diagnosis, of the model that it ended with, or of an adoption.
 
     Raises:

@@ -51,12 +51,7 @@ def proposal_of(store: Path, judged: Judged) -> Proposal:
 
 
 def known_already(store: Path, proposal: Proposal) -> str | None:
-    """Return the id of a proposal of the same findings, answered or not; None for none.
-
-    Args:
-        store: The store.
-        proposal: What would be proposed.
-    """
+    """Return the id of a proposal of the same findings, answered or not, or None."""
     about = proposal.about
     for id in list_folders(store, "reports"):
         if read_record(store, id) == about:
@@ -65,16 +60,7 @@ def known_already(store: Path, proposal: Proposal) -> str | None:
 
 
 def keep_proposal(store: Path, proposal: Proposal, page: bytes) -> Path:
-    """Put the page of a proposal into the store.
-
-    Args:
-        store: The store.
-        proposal: What is proposed.
-        page: Its page.
-
-    Returns:
-        The page's file.
-    """
+    """Put the page of a proposal into the store."""
     files = {"proposal.html": page}
     folder = store_report(store, proposal.about, proposal.judged.diagnosis, files)
     return folder / "proposal.html"

@@ -149,11 +149,7 @@ def track(request: Track, progress: Progress | None = None) -> tuple[str, Tracke
     """Drive the arm of simulated runs by the nominal model and another, and keep it.
 
     Args:
-        request: What is wanted.
         progress: Told the share done.
-
-    Returns:
-        The id of the record, and the drives.
 
     Raises:
         InputError: If there is no run, it has no sealed arm, or the model is of
@@ -187,9 +183,7 @@ def tracked(
     """Drive every motion in every cell.
 
     Args:
-        robot: Description of the arm.
         models: "nominal" and "model".
-        motions: The motions.
         progress: Told the share done.
     """
     tell = progress or (lambda stage, share: None)

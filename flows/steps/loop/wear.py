@@ -66,8 +66,6 @@ def follow(
     """Return what the friction of a robot does from day to day and within the day.
 
     Args:
-        store: The store.
-        word: The robot.
         runs: Ids of runs; all of the robot, the latest 200, where none is given.
         model: Value of --model, None for the adopted model or one of the runs' own.
         progress: Told the share done.

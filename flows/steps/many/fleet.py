@@ -67,12 +67,7 @@ def arms_of(
     Args:
         words: A campaign file, or ids of runs with commas between them, for each arm.
         held_out: Kind of motion of a campaign that is held out, "" for none.
-        store: The store.
-        pool: Processes or a cluster.
         tell: Told what is done and the share of it.
-
-    Returns:
-        The arms, and what failed, in words.
 
     Raises:
         InputError: If a word is neither, or a campaign is not usable.
@@ -99,9 +94,6 @@ def diagnose_arms(
     """Diagnose every arm, each against the model that it has.
 
     Args:
-        arms: The arms.
-        store: The store.
-        pool: Processes or a cluster.
         tell: Told what is done and the share of it.
 
     Returns:

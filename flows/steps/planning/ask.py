@@ -79,7 +79,6 @@ def ask(request: Next, progress: Progress | None = None) -> Asked:
     """Find out what a verdict leaves open, or what a wish asks for.
 
     Args:
-        request: What is wanted.
         progress: Told the stage and the share done.
 
     Raises:

@@ -79,7 +79,6 @@ def design(search: Search, tell: Progress | None = None) -> Design:
     of them; of every other family one motion is drawn.
 
     Args:
-        search: What is looked for.
         tell: Told the stage and the share done.
     """
     tell = tell or (lambda stage, share: None)

@@ -28,10 +28,6 @@ def execute(request: Diagnose, motion: TrajectorySpec) -> str:
 
     Args:
         request: The diagnosis; its logs are ids of runs.
-        motion: The motion.
-
-    Returns:
-        The id of the run.
 
     Raises:
         InputError: If the runs are of no simulated arm, or its seal is not there.
@@ -42,11 +38,6 @@ def execute(request: Diagnose, motion: TrajectorySpec) -> str:
 
 def next_spec(store: Path, request: Diagnose, motion: TrajectorySpec) -> ExperimentSpec:
     """Return the experiment of a motion after some runs.
-
-    Args:
-        store: The store.
-        request: The diagnosis of the runs.
-        motion: The motion.
 
     Raises:
         InputError: As of `execute`.
@@ -68,8 +59,6 @@ def settle(
     """Diagnose the runs of a diagnosis with one more.
 
     Args:
-        request: The diagnosis.
-        run_id: The run of the designed motion.
         progress: Told the stage and the share done.
 
     Returns:

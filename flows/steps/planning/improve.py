@@ -70,14 +70,7 @@ class Form:
 
 
 def improve(search: Search, place: Arena, series: Series, looks: int) -> Series:
-    """Return a motion that promises more, by a local search from one.
-
-    Args:
-        search: What is looked for.
-        place: The arm's limits, for its period.
-        series: Where to start.
-        looks: How many motions to look at.
-    """
+    """Return a motion that promises more, by a local search from one."""
     form = Form(search, place)
     start = form.numbers(series)
     found = minimize(

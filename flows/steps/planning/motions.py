@@ -106,12 +106,7 @@ def series_gram(
 
 
 def drawn(search: Search, count: int) -> list[tuple[Arena, Series]]:
-    """Return random Fourier motions, as large as the limits let them.
-
-    Args:
-        search: What is looked for.
-        count: How many.
-    """
+    """Return random Fourier motions, as large as the limits let them."""
     rng, places = stream(search.seed, "next/fourier"), []
     every = [search.arena(n) for n in search.periods]
     for i in range(count):
@@ -147,10 +142,6 @@ def plan_gram(search: Search, plan: Plan) -> Array:
 
 def seconds_to(search: Search, motion: Motion) -> float | None:
     """Return after how long of a motion every pair is expected to have enough [s].
-
-    Args:
-        search: What is asked.
-        motion: The motion.
 
     Returns:
         None where all of it is not enough.

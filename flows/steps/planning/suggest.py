@@ -10,7 +10,6 @@ def document(made: Design, program: str | None) -> dict:
     """Return a design as `next_experiment` of a verdict has it, plain values.
 
     Args:
-        made: The design.
         program: File with the motion for a controller; None where none is written.
     """
     spec = made.best.spec

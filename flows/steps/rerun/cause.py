@@ -34,8 +34,6 @@ def cause_of(
     """Return the most probable cause of a difference.
 
     Args:
-        then: Provenance of the record (``warehouse.origin.provenance.as_record``).
-        now: Provenance of this process.
         key: Which hash of code counts: code_hash for runs, program_hash for others.
         faults: What is not as it was committed (``warehouse.verify.faults``).
         store: The store, which may have the list of packages of that time.

@@ -41,10 +41,6 @@ from warehouse.verify import list_tables, other_files, read_row
 def again(store: Path, found: Found) -> Iterator[tuple[Path, Found]]:
     """Make a record once more.
 
-    Args:
-        store: The store.
-        found: The record.
-
     Yields:
         A store for the time being, and the new record in it.
 
@@ -85,12 +81,6 @@ def apart(found: Found, made: Found) -> tuple[Channel, ...]:
 
 def keep(own: Path, store: Path, old: Found, made: Found) -> str:
     """Put a record that was made again, and what was made with it, into the store.
-
-    Args:
-        own: The store for the time being.
-        store: The store.
-        old: The first record.
-        made: The new one, in `own`.
 
     Returns:
         The id that the new one has in the store; the first one is its parent.

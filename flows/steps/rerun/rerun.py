@@ -73,11 +73,6 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
 
     Args:
         id: Id of a run, model, diagnosis or validation, or its beginning.
-        store: The store.
-        verify: Whether to store nothing, whatever comes out.
-
-    Returns:
-        What came out.
 
     Raises:
         InputError: If there is no such record or it cannot be made again: a measured

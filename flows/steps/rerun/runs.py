@@ -27,11 +27,6 @@ _OTHER = (
 def again(store: Path, run_id: str, manifest: Mapping) -> Made:
     """Run the experiment of a run once more; nothing is written.
 
-    Args:
-        store: The store.
-        run_id: Whole id of the run.
-        manifest: Its manifest.
-
     Raises:
         InputError: If its sealed half or its robot is not there, or it was made by a
             version of this program that wrote other specs.
@@ -48,10 +43,6 @@ def again(store: Path, run_id: str, manifest: Mapping) -> Made:
 
 def spec_of(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
     """Return the spec of a run, all seeds given.
-
-    Args:
-        manifest: Manifest of the run.
-        hidden: Its sealed half, as its JSON has it.
 
     Raises:
         InputError: If one of the two has another form.

@@ -25,13 +25,7 @@ def keep_run(store: Path, word: str, robot: Robot, samples: Samples) -> str:
     """Put the samples around an alarm into the store as a run.
 
     Args:
-        store: The store.
-        word: What the user calls the robot.
-        robot: The arm.
         samples: The samples, in order.
-
-    Returns:
-        The id of the run.
     """
     recording = Recording(
         "watched", robot.name, samples.t - samples.t[0], samples.q, samples.tau
@@ -57,14 +51,7 @@ def keep_alarm(
     """Put an alarm into the store: a validation with its row in `alarms`.
 
     Args:
-        store: The store.
-        session: The watch.
-        run: Id of the run with its samples.
         begin: Time on the stream's clock at which that run begins [s].
-        alarm: The alarm.
-
-    Returns:
-        The id of the record.
     """
     origin = session.origin
     record = {

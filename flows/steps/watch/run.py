@@ -47,12 +47,7 @@ def watch(session: Session, shell: Shell, once: bool = False) -> Session:
     """Watch until interrupted, or until all that is there was read.
 
     Args:
-        session: Where to go on.
-        shell: What the watch is connected to.
         once: Whether to stop at the end of what is there.
-
-    Returns:
-        The session at the end, which is kept.
 
     Raises:
         KeyboardInterrupt: When interrupted; what was read is kept before.

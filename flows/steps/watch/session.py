@@ -68,11 +68,7 @@ def new_session(
 
 
 def advance(session: Session, samples: Samples) -> tuple[Session, tuple[Change, ...]]:
-    """Look at new samples; keep those that a diagnosis may need.
-
-    Returns:
-        The next session, and the alarms.
-    """
+    """Look at new samples; keep those that a diagnosis may need."""
     state, alarms = step(session.reference, session.state, samples)
     recent = _usable(_joined(session.recent, samples))
     if not session.waiting and not alarms and len(recent.t):
@@ -82,12 +78,7 @@ def advance(session: Session, samples: Samples) -> tuple[Session, tuple[Change, 
 
 
 def due(session: Session, last: bool = False) -> bool:
-    """Return whether the first alarm has all samples that its diagnosis is to have.
-
-    Args:
-        session: The watch.
-        last: Whether no more will come.
-    """
+    """Return whether the first alarm has all samples that its diagnosis is to have."""
     if not session.waiting or not len(session.recent.t):
         return False
     return last or session.recent.t[-1] >= session.waiting[0].time + AFTER
@@ -128,7 +119,6 @@ def write(path: Path, session: Session) -> None:
 
     Args:
         path: The file; its folder must be there.
-        session: The watch.
     """
     about = {
         "form": FORM,

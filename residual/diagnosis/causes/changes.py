@@ -50,12 +50,7 @@ class _Asked:
 
 
 def changes(examined: Examined, fitted: Fit) -> tuple[Change, ...]:
-    """Return every value that the model was given, and what the logs make of it.
-
-    Args:
-        examined: The diagnosis.
-        fitted: Fit with the names that stand.
-    """
+    """Return every value that the model was given, and what the logs make of it."""
     asked = [*_drives(examined, fitted), *_bodies(examined, fitted)]
     every = sum(len(a.names) for a in asked)
     if not every:

@@ -52,12 +52,7 @@ class Rival:
 
 
 def best_set(task: Task, fitted: Fit) -> Fit:
-    """Move to a better set near the one found, as long as there is one.
-
-    Args:
-        task: What is searched.
-        fitted: The fit of the set that a search found.
-    """
+    """Move to a better set near the one found, as long as there is one."""
     if any(g.fellows > 1 for g in fitted.members):
         return fitted
     for _ in range(ROUNDS if fitted.members else 0):
@@ -70,13 +65,7 @@ def best_set(task: Task, fitted: Fit) -> Fit:
 
 
 def rivals(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
-    """Return all sets within 6 nats of the one named, nearest first.
-
-    Args:
-        task: What was searched.
-        fitted: Fit of the set that is named.
-        least: Sizes that would have been found beside it.
-    """
+    """Return all sets within 6 nats of the one named, nearest first."""
     if not fitted.members or any(g.fellows > 1 for g in fitted.members):
         return []
     near, twins = near_sets(task, fitted), _twins(task, fitted, least)
@@ -85,12 +74,7 @@ def rivals(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
 
 
 def near_sets(task: Task, fitted: Fit) -> list[Rival]:
-    """Return the sets of those that another motion may tell from the one named.
-
-    Args:
-        task: What was searched.
-        fitted: Fit of the set that is named.
-    """
+    """Return the sets of those that another motion may tell from the one named."""
     if not fitted.members or any(g.fellows > 1 for g in fitted.members):
         return []
     known, key = task.design.remembered, ("sets", id(task), id(fitted))

@@ -106,8 +106,6 @@ def drop_noise(
     """Drop the names that noise of the angles made.
 
     Args:
-        examined: The diagnosis of the logs.
-        judged: Its names, after the held-out logs had their say.
         recordings: The fit logs, in the diagnosis' order.
 
     Returns:
@@ -157,8 +155,6 @@ def checked(
     """Check a fit by its reference where every log has one, else by redrawn noise.
 
     Args:
-        examined: The diagnosis of the logs.
-        fitted: Fit of the names that stand.
         recordings: The fit logs, in the diagnosis' order.
     """
     if all(r.q_ref is not None for r in recordings):

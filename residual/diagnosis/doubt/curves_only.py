@@ -28,12 +28,6 @@ def only_curves(
 
     Looked at are joints with two or more names that depend on the position alone and
     a wave that repeats among them.
-
-    Args:
-        design: Columns and rows.
-        tracks: Signals of the fit logs.
-        fitted: Fit of all names.
-        tested: The names.
     """
     out = []
     for j in range(design.dof):

@@ -67,13 +67,7 @@ def _stands(examined: Examined, fitted: Fit, one: Tested) -> bool:
 
 
 def without(examined: Examined, judged: Verdicts, gone: Sequence[Tested]) -> Verdicts:
-    """Return the verdicts without some of the names that were kept, the rest refitted.
-
-    Args:
-        examined: The diagnosis.
-        judged: Its names.
-        gone: Those that fall.
-    """
+    """Return the verdicts without some of the kept names, the rest refitted."""
     kept = tuple((t, gain) for t, gain in judged.kept if t not in gone)
     return replace(judged, fit=refit(examined, [t for t, _ in kept]), kept=kept)
 

@@ -24,13 +24,7 @@ LEAST = 0.02  # of the power that the joint moves: friction that may as well be 
 def contradictions(
     examined: Examined, fitted: Fit, errors: dict[str, Errors]
 ) -> tuple[str, ...]:
-    """Return in sentences what of a fit no arm can be; empty where nothing is.
-
-    Args:
-        examined: The diagnosis.
-        fitted: Fit with the names that stand.
-        errors: Errors of each model on the held-out logs.
-    """
+    """Return in sentences what of a fit no arm can be; empty where nothing is."""
     friction, inertia = _driving(examined, fitted), _negative(examined, fitted)
     out = []
     if friction:

@@ -22,11 +22,6 @@ def found_again(task: Task, fitted: Fit, tested: Sequence[Tested]) -> list[Split
 
     Beside the other names it must again carry its threshold's share, help as a name
     must, and have no better rival than what cannot be told from it.
-
-    Args:
-        task: What was searched.
-        fitted: Fit of exactly these names.
-        tested: The names.
     """
     if not tested:
         return []

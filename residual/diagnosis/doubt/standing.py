@@ -99,8 +99,6 @@ def stand(
     """Doubt every name; search again without those that fall, until none does.
 
     Args:
-        examined: What the fit logs say.
-        proof: The held-out logs.
         recordings: The fit logs, in the diagnosis' order.
         tell: Told the stage and the share done.
     """

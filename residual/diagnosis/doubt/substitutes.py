@@ -26,9 +26,6 @@ def substitutes(
     """Return the late names that only say what a fallen one said, or prove nothing.
 
     Args:
-        examined: The diagnosis.
-        judged: Its names that stand so far.
-        held_out: The held-out logs.
         suspects: Those of the names that an earlier search had not found; and what
             fell although it explained much.
     """

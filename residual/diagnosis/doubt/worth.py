@@ -80,11 +80,6 @@ class Worth:
 def worth(model: Model, before: Model, held_out: Sequence[Recording]) -> Worth:
     """Hold a model against the one before it, on logs that neither was fitted to.
 
-    Args:
-        model: The model to be adopted.
-        before: The model that the robot has.
-        held_out: Logs of the robot.
-
     Raises:
         InputError: If there is no log.
     """

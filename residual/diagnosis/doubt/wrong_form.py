@@ -25,14 +25,7 @@ FEWEST = 8  # rows of a bin and log that count
 def wrong_forms(
     design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[Tested]
 ) -> list[Tested]:
-    """Return the names that leave a third of their own curve or more unexplained.
-
-    Args:
-        design: Columns and rows.
-        tracks: Signals of the fit logs.
-        fitted: Fit of all names.
-        tested: The names.
-    """
+    """Return the names that leave a third of their own curve or more unexplained."""
     return [t for t in tested if _is_wrong(design, tracks, fitted, t)]
 
 

@@ -34,11 +34,6 @@ def corrected(
 ) -> Corrected | None:
     """Fit the correction to what a model leaves on the fit logs.
 
-    Args:
-        model: The augmented model.
-        tracks: The fit logs.
-        left: What is known of the joints to correct.
-
     Returns:
         None where no joint moves enough for one log, or block, to check another.
     """
@@ -137,13 +132,7 @@ class Remains:
 
 
 def examine_leftover(examined: Examined, fitted: Fit, augmented: Model) -> Remains:
-    """Look at what the names leave on the fit logs; nothing held out has a part.
-
-    Args:
-        examined: The diagnosis.
-        fitted: Fit of exactly the names that stand.
-        augmented: The model made of it.
-    """
+    """Look at what the names leave on the fit logs; nothing held out has a part."""
     told, tracks = examined.adequacy, examined.logs.sketch
     found = leftovers(examined.task.design, tracks, fitted, told)
     made = corrected(augmented, tracks, found)

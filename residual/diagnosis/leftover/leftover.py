@@ -59,9 +59,6 @@ def leftovers(
     """Look at every joint on which more than noise remains.
 
     Args:
-        design: Columns, rows and folds of the fit logs.
-        tracks: Their signals.
-        fitted: Fit with the names.
         told: What remains; the joints it doubts are looked at.
     """
     memory = np.array([_motion_memory(track) for track in tracks])

@@ -180,7 +180,6 @@ def _drift(line: Line, values: Array, rng: np.random.Generator | None) -> Array:
     """Fall of each log's squared error by the means of neighbouring blocks.
 
     Args:
-        line: The rows.
         values: Leftover, turned with the motion or not. Shape (n,).
         rng: Shuffles the blocks of each log; None to leave them in order.
 

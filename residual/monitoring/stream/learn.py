@@ -50,7 +50,6 @@ def learn(
         recordings: Healthy runs such as will be watched: the same kinds of motion, cold
             and warm. Three at least; minutes of each kind are better.
         per_hour: False alarms wanted at most, all quantities together [1/h].
-        rules: Lengths of windows and the like.
 
     Raises:
         InputError: If there are too few runs, or one does not fit the others.

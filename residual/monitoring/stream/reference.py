@@ -100,7 +100,6 @@ class Reference:
         """Return the columns of rows (``epochs.window.products``). Shape (m, dof, f).
 
         Args:
-            rows: The rows.
             use: Where a joint counts; its columns are 0 elsewhere. Shape (m, dof).
         """
         made = columns_of(self.model, rows)

@@ -138,9 +138,7 @@ def take(tail: Tail, new: Samples, window: Window) -> tuple[Tail, Rows]:
     and where the clock was set back, nothing is filtered: a new piece begins.
 
     Args:
-        tail: What is known of the samples before.
         new: The batch; may be empty, or hold NaN.
-        window: How rows are made.
 
     Returns:
         What is to be known for the next batch, and the rows, none at all maybe.

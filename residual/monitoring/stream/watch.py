@@ -76,7 +76,6 @@ def step(
     """Look at new samples.
 
     Args:
-        reference: What is usual.
         state: What was before; it stays as it is.
         samples: The new ones; none at all, or some without a number, are fine.
 

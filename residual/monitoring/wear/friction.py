@@ -43,9 +43,6 @@ def friction_of_each(
     scatter between the logs, by which a trend is judged.
 
     Args:
-        robot: The robot.
-        recordings: Its logs.
-        model: The model to go by.
         told: Called with the number of logs done.
 
     Raises:

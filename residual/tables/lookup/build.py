@@ -16,9 +16,7 @@ def nominal_lookup(
     """The paper form as its 36 tables per joint.
 
     Args:
-        model: The fitted model.
         components: Leading components to use; all if None.
-        joints: Names of the responses.
 
     Raises:
         InputError: If there are not so many components, or names.

@@ -19,9 +19,6 @@ def export_lookup(lookup: Lookup) -> dict[str, bytes]:
     `model.npz` holds everything, `tables.csv` the same cells to read, `model.json` what
     the tables are, `evaluate.py` evaluates the NPZ with numpy alone.
 
-    Args:
-        lookup: The tables.
-
     Returns:
         File name and content; the same bytes for the same tables.
     """

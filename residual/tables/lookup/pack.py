@@ -55,8 +55,6 @@ def pack(
     """Return the arrays that the compiled evaluation reads.
 
     Args:
-        axes: Axes of the tables.
-        tables: The tables.
         linear: Offset and slope of the linear part. Shapes (j,), (d, j).
         span: Lowest and highest calibrated value of each variable. Shapes (d,).
 

@@ -53,7 +53,6 @@ def choose_levels(
         group: Run of each row, or block where runs are few. Shape (n,).
         torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
         form: The form; its components are the most that are tried.
-        levels: Numbers of levels to try, from few to many.
 
     Raises:
         InputError: On a single group, a constant column, or blocks that do not fit.

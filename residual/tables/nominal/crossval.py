@@ -59,9 +59,7 @@ def nominal_errors(
     Args:
         X: Variables. Shape (n, d).
         Y: Responses [N m]. Shape (n, j).
-        schemes: Folds of each scheme.
         torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
-        form: Levels and components.
 
     Returns:
         Errors of each scheme; choice a has a components.

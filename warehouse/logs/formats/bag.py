@@ -18,9 +18,7 @@ def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLo
     """Open a bag: a .bag or .db3 file, or the folder of a ROS 2 bag.
 
     Args:
-        path: The file or folder.
         joints: Names of the robot's joints in the URDF, joint 1 first.
-        form: What the map says.
 
     Raises:
         InputError: If the extra is not installed or the bag is not usable.

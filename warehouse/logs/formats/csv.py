@@ -236,10 +236,6 @@ _ABOVE = 60
 def find_layout(lines: Sequence[str], form: CsvFormat) -> Layout | None:
     """Find the table in the first lines of a file.
 
-    Args:
-        lines: The first lines, the last one whole or not.
-        form: What the map says.
-
     Returns:
         Where names and samples are, or None for a table without anything above it.
     """

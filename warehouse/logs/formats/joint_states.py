@@ -102,11 +102,6 @@ class JointStateLog(LogFile):
 def choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
     """Return the topic to read.
 
-    Args:
-        topics: Topics with joint states.
-        form: What the map says.
-        name: File name, as messages begin.
-
     Raises:
         InputError: If there is none, or there are several and none is named.
     """

@@ -20,9 +20,7 @@ def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateL
     """Open an MCAP file.
 
     Args:
-        path: The file.
         joints: Names of the robot's joints in the URDF, joint 1 first.
-        form: What the map says.
 
     Raises:
         InputError: If the extra is not installed or the file is not usable.

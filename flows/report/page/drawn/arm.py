@@ -21,11 +21,7 @@ def frames_of(log: Recording) -> np.ndarray:
 
 
 def arm_data(arm: Look) -> dict[str, Any]:
-    """Return what an arm is drawn from: joints, axes and shapes.
-
-    Args:
-        arm: What it looks like.
-    """
+    """Return what an arm is drawn from: joints, axes and shapes."""
     return {
         "size": round(arm.size, 4),
         "joints": [

@@ -17,8 +17,6 @@ def bars_plot(
 
     Args:
         joints: Errors of the joints [%].
-        metric: Which error: filtered, moving or held_out.
-        stages: Models to draw.
         floor: Noise [%]; None where it is not known.
     """
     top = _top([row.values[metric] for row in joints], stages)

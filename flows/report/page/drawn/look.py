@@ -51,9 +51,6 @@ def over_time(t: np.ndarray, y: np.ndarray, most: int) -> Trace:
         t: Time [s]. Shape (n,).
         y: Its values. Shape (n,).
         most: Points: of more the least and the largest of each bin are taken.
-
-    Returns:
-        x and y of a trace.
     """
     steps = np.diff(t)
     usual = np.median(steps) if len(steps) else 0.0
@@ -88,14 +85,7 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
 
 
 def layout(title: str, x: Mapping, y: Mapping, **more: Any) -> dict[str, Any]:
-    """Return the layout that all figures have.
-
-    Args:
-        title: What it shows, at its head.
-        x: Horizontal axis.
-        y: Vertical axis.
-        **more: Of the figure alone.
-    """
+    """Return the layout that all figures have."""
     return {
         "title": {
             "text": escape(title),

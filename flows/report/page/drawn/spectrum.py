@@ -19,9 +19,7 @@ def spectrum_plot(
     """Return the amplitude density of the residual of a joint; None of too little.
 
     Args:
-        proofs: The held-out logs.
         joint: Joint from 1.
-        stages: Models to draw.
     """
     traces, ceiling = [], 0.0
     for stage in stages:
@@ -50,9 +48,7 @@ def density(
     periodogram of overlapping Hann windows, here over all stretches without a gap.
 
     Args:
-        proofs: Logs.
         joint: Joint from 1.
-        stage: The model.
     """
     stretches = [s for p in proofs for s in _stretches(p, joint, stage)]
     if not stretches:

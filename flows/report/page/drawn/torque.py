@@ -15,10 +15,7 @@ def torque_plot(proof: LogProof, joint: int, stages: Sequence[str], most: int):
     """Return measured and predicted torque of a joint, and below what each leaves.
 
     Args:
-        proof: The held-out log.
         joint: Joint from 1.
-        stages: Models to draw.
-        most: Points of a curve.
     """
     column = joint - 1
     t, tau = proof.t, proof.tau[:, column]

@@ -28,12 +28,7 @@ ROUNDS = 3  # of parameters and noise in turn
 
 
 def dense_model(nominal: Model, recordings: Sequence[Recording]) -> Model:
-    """Fit all that the nominal model has, freely.
-
-    Args:
-        nominal: The nominal model.
-        recordings: Logs to fit.
-    """
+    """Fit all that the nominal model has, freely."""
     clock = session_clock(recordings)
     logs = prepare_logs(nominal.robot, recordings, clock, nominal.filters)
     return dense_fit(Design(logs.tracks, nominal))
@@ -77,8 +72,6 @@ def set_back(model: Model, nominal: Model, effect) -> Model | None:
     """Set back what stands for an effect in a dense model.
 
     Args:
-        model: Dense least squares.
-        nominal: The nominal model.
         effect: Anything with a name and joints from 1.
 
     Returns:

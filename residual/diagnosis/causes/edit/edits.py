@@ -101,7 +101,6 @@ def baseline_edits(
         models: "nominal" and "augmented" of a diagnosis with a baseline.
         dense: Dense least squares on the same logs.
         found: Effects that are named, and those that are folded into the background.
-        baseline: Logs of the arm before.
     """
     effects, every = found[0], [*found[0], *found[1]]
     nominal, augmented = models["nominal"], models["augmented"]
@@ -135,11 +134,8 @@ def sealed_edit(
     """Judge one effect on the arm that has everything but it.
 
     Args:
-        effect: The effect.
         models: "augmented", "dense" and "nominal"; "oracle", the true arm without the
             effect, where it is known.
-        logs: What that arm does.
-        kind: Of which samples, as in ``errors_on``.
 
     Raises:
         InputError: If the augmented model does not have the effect.
