@@ -6,17 +6,60 @@ from dataclasses import replace
 import numpy as np
 
 from residual.errors import InputError
+from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.background.torque import logged
+from sim.catalogue import acting
 from sim.draw import draw_hidden
 from sim.plant import tables as at
 from sim.plant.arm import Arm, build_arm
 from sim.plant.controller import ComputedTorque, Law, controller_by
+from sim.plant.signal_faults import hold_frozen
 from sim.plant.stepping import Trace, simulate
-from sim.records import PlantRun, PlantSpec, Rates, Reference
-from sim.sensors import every_nth, log_of
-from sim.streams import motion_label
+from sim.records import Noise, PlantEffect, PlantRun, PlantSpec, Rates, Reference
+from sim.streams import motion_label, stream
+from sim.synthetic.sensors import WHITE_TORQUE, encoder, reported, torque_noise
+from sim.synthetic.sizes import sizes
 from sim.twin import twin_errors, twin_of
+
+
+def log_of(
+    robot: Robot,
+    trace: Trace,
+    reference: Reference,
+    effects: tuple[PlantEffect, ...],
+    noise: tuple[Noise, int, str, float],
+    rates: Rates,
+) -> Recording:
+    """Return the log.
+
+    Args:
+        effects: Effects of the arm; some sit in the reports of the drives.
+        noise: Sizes, seed of the arm, label of the motion, and start of the log on the
+            clock of the session [s].
+
+    Returns:
+        Encoder positions, reported torque and reference at the rate of the log.
+    """
+    sizes_, seed, label, start = noise
+    every = every_nth(rates)
+    t = trace.t[::every]
+    q = trace.rows[::every, at.READING]
+    if sizes_.encoder > 0:
+        q = encoder(q, stream(seed, f"encoder/{label}"), sizes_.encoder)
+    hidden = acting(effects)
+    q = hold_frozen(q, t, hidden)
+    tau = reported(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
+    span = sizes(robot).torque * (sizes_.torque / WHITE_TORQUE)
+    rng = stream(seed, f"torque/{label}")
+    tau = tau + torque_noise(len(t), span, rates.log, rng)
+    return Recording("", robot.name, start + t, q, tau, q_ref=reference.q[::every])
+
+
+def every_nth(rates: Rates) -> int:
+    """Return how many control steps make one sample of the log."""
+    return round(rates.control / rates.log)
+
 
 __all__ = ["draw_hidden", "run_experiment"]
 

@@ -70,7 +70,7 @@ LATE = {
     "warehouse/__init__.py": {"warehouse"},
     "flows/door/table.py": {"polars"},
     # Prefect takes its settings when it is loaded, and they depend on the store.
-    "flows/cli/demo_run.py": {"flows"},
+    "flows/cli/demo.py": {"flows"},
     "flows/cli/calibrate.py": {"flows"},
 }
 MOST_LATE, MOST_FILES = 30, 21

@@ -18,6 +18,7 @@ from residual.robot.robot import Robot, load_robot
 from sim.background.draw import Background
 from sim.background.laws import thinned
 from sim.background.torque import logged
+from sim.experiment import log_of
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
@@ -33,7 +34,6 @@ from sim.records import (
     Reference,
     TrajectorySpec,
 )
-from sim.sensors import log_of
 from sim.streams import motion_label, stream
 from sim.synthetic.motion import make_motion
 from sim.synthetic.plant import (

@@ -4,7 +4,7 @@ from benchmarks.figures import Figures, figure, missing
 from benchmarks.measured_parts.arms import data_folder
 from residual.identification.consistency import consistent
 from residual.identification.identify import identify
-from residual.identification.validation import torque_errors
+from residual.identification.prove import torque_errors
 from residual.robot.robot import load_robot
 from warehouse.logs import read_log
 

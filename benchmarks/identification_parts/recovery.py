@@ -11,7 +11,7 @@ from benchmarks.identification_parts.plant_logs import (
 from residual.identification.consistency import consistent
 from residual.identification.estimate import Options
 from residual.identification.identify import Identification, identify
-from residual.identification.validation import torque_errors
+from residual.identification.prove import torque_errors
 from residual.model.model import Model
 from residual.signals.track import prepare
 

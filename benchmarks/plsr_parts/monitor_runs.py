@@ -7,11 +7,11 @@ import numpy as np
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import load_robot
+from sim.experiment import log_of
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
 from sim.plant.stepping import simulate
 from sim.records import PlantEffect, PlantSpec, Rates, Reference, TrajectorySpec
-from sim.sensors import log_of
 from sim.streams import motion_label, stream
 from sim.synthetic.sizes import sizes
 from sim.trajectories import make_reference

@@ -13,11 +13,11 @@ from flows.errors import RunError
 from flows.project.deployments import deployments, every_of, inbox_of
 from flows.service import api
 from flows.service.key import store_key
-from flows.service.processes import Process, start, stop, worker_name
+from flows.service.processes import Process, flow_processes, start, stop, worker_name
 from flows.service.server import answers
-from flows.service.stale import close_stale, watch_for_stale
 from flows.service.state import Running, one_at_a_time, read_running, write_running
 from flows.service.wanted import (
+    BEAT,
     DATABASE,
     PORT,
     Wanted,
@@ -29,6 +29,60 @@ from flows.service.wanted import (
 )
 from flows.settings import PROJECT, ROOT, prefect_home
 from residual.errors import InputError
+
+GONE = "Its process is gone; closed when modelgap up found it."
+_WATCH = "close flow runs without a sign of life"
+
+
+def close_stale(to: api.Api) -> list[str]:
+    """Close flow runs of our pool that no process of this machine runs.
+
+    Those of workers on other machines are left to `watch_for_stale`, which needs no
+    look at processes.
+    """
+    alive, closed = flow_processes(), []
+    if _elsewhere(to):
+        return closed
+    for run in api.active_runs(to):
+        if run["id"] not in alive:
+            api.end_run(to, run["id"], GONE)
+            closed.append(run["name"])
+    return closed
+
+
+def watch_for_stale(to: api.Api) -> None:
+    """Let the server itself close a flow run that gives no sign of life any more."""
+    wanted = {"automations": {"name": {"any_": [_WATCH]}}}
+    if api.ask(to, "/automations/filter", wanted):
+        return
+    ends = ("Completed", "Failed", "Cancelled", "Crashed")
+    beat = "prefect.flow-run.heartbeat"
+    trigger = {
+        "type": "event",
+        "match": {"prefect.resource.id": "prefect.flow-run.*"},
+        "after": [beat],
+        "expect": [beat, *(f"prefect.flow-run.{end}" for end in ends)],
+        "for_each": ["prefect.resource.id"],
+        "posture": "Proactive",
+        "threshold": 1,
+        # Two signs may get lost, and a busy machine is late.
+        "within": 4 * BEAT,
+    }
+    action = {
+        "type": "change-flow-run-state",
+        "state": "CRASHED",
+        "name": "Crashed",
+        "message": f"No sign of life for {4 * BEAT} s.",
+    }
+    rule = {"name": _WATCH, "enabled": True, "trigger": trigger, "actions": [action]}
+    about = "A killed process cannot say that it has ended."
+    api.ask(to, "/automations/", {**rule, "description": about})
+
+
+def _elsewhere(to: api.Api) -> bool:
+    here = worker_name("")
+    return any(not name.endswith(here) for name in api.workers_online(to))
+
 
 Say = Callable[[str], None]
 _EVERY = "every"  # slug of the schedule of --every
@@ -161,7 +215,7 @@ def _with_server(running: Running, home: Path, wanted: Wanted, say: Say) -> Runn
 def server_command(running: Running) -> list[str]:
     """Return the command line of the server; it has no key and no password."""
     command = [sys.executable, "-P", "-m", "uvicorn", "--factory", "--log-level"]
-    command += ["warning", "--no-proxy-headers", "flows.service.app:app"]
+    command += ["warning", "--no-proxy-headers", "flows.service.serve:app"]
     return [*command, "--host", running.host, "--port", str(running.port)]
 
 

@@ -5,12 +5,12 @@ predicted: on rows of a motion that was seen, and on motions that were not. (Sec
 2.4 to 2.6 of the paper; docs/calibration.md.)
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.calibration.cut import cut_single
+from residual.calibration.cut import cut_single, shorten, thinning
 from residual.calibration.methods import (
     EFFECTS,
     Choices,
@@ -22,6 +22,11 @@ from residual.calibration.methods import (
     levels_of,
     methods,
 )
+from residual.calibration.nominal import (
+    Prepared,
+    identified_without,
+    prepare_runs,
+)
 from residual.calibration.pictures import (
     Plane,
     Unseen,
@@ -29,7 +34,7 @@ from residual.calibration.pictures import (
     plane_of,
     unseen_run,
 )
-from residual.calibration.rows import PAPER, Rows, Run
+from residual.calibration.rows import PAPER, Rows, Run, measured_rows, paper_rows
 from residual.calibration.scores import (
     UNSEEN,
     Scheme,
@@ -38,7 +43,6 @@ from residual.calibration.scores import (
     make_schemes,
     score,
 )
-from residual.calibration.source import Asked, Source
 from residual.calibration.views import (
     SWEEP,
     Components,
@@ -52,6 +56,7 @@ from residual.calibration.views import (
 )
 from residual.model.model import Model
 from residual.model.term import Term
+from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.tables.build import build_lookup
 from residual.tables.choose import PROVEN
@@ -60,6 +65,76 @@ from residual.tables.lookup.build import nominal_lookup
 from residual.tables.lookup.lookup import Lookup
 from residual.tables.nominal.choose import ChosenLevels
 from residual.tables.nominal.pls import NominalForm
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What rows are wanted.
+
+    Attributes:
+        paper: The paper's regressors and twin error, in place of measured motion.
+        declared: Effects that the nominal model has; None for the robot's own list.
+        joints: Joints of X and Y, from 1; None for all, or the paper's.
+    """
+
+    paper: bool = False
+    declared: tuple[str, ...] | None = None
+    joints: tuple[int, ...] | None = None
+
+
+class Source:
+    """Rows, and what nominal models leave on them; each is identified once."""
+
+    def __init__(
+        self, robot: Robot, runs: Sequence[Run], asked: Asked, named: Sequence[Term]
+    ) -> None:
+        self._prepared: Prepared | None = None
+        self._known: dict[tuple, Array] = {}
+        self.nominal: Model | None = None
+        self.declared: tuple[str, ...] = tuple(robot.declared)
+        self.notes: tuple[str, ...] = ()
+        self.named: tuple = ()
+        if asked.paper:
+            runs, self.notes = shorten(runs)
+            self.rows = paper_rows(runs, asked.joints)
+            if asked.declared is not None:
+                self.notes = (
+                    *self.notes,
+                    "--declared says nothing with --paper: the twin has what its "
+                    "robot declares",
+                )
+            return
+        self._prepared = prepare_runs(robot, runs, asked.declared)
+        self.declared = self._prepared.names
+        self.nominal = identified_without(self._prepared)
+        left = self._prepared.residuals(self.nominal)
+        self._thin, self.notes = thinning(runs)
+        self._joints = asked.joints
+        self.rows = self._rows(left)
+        self._known[frozenset(), False] = self.rows.Y
+        self.named = named
+
+    def plain(self, left_out: Collection[int]) -> Array:
+        """What the nominal model leaves. Shape (n, j)."""
+        return self._left(left_out, ())
+
+    def with_effects(self, left_out: Collection[int]) -> Array:
+        """What the model with named effects leaves. Shape (n, j)."""
+        return self._left(left_out, self.named)
+
+    def _left(self, left_out: Collection[int], named: tuple) -> Array:
+        if self._prepared is None:
+            return self.rows.Y
+        key = (frozenset(left_out), bool(named))
+        if key not in self._known:
+            model = identified_without(self._prepared, left_out, named)
+            self._known[key] = self._rows(self._prepared.residuals(model)).Y
+        return self._known[key]
+
+    def _rows(self, left: Sequence[Array]) -> Rows:
+        runs, tracks = self._prepared.runs, self._prepared.tracks
+        return measured_rows(runs, tracks, left, self._joints, self._thin)
+
 
 Progress = Callable[[str, float], None]
 # On random rows the error still falls at 30 components; the paper does not say.

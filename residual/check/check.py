@@ -1,27 +1,307 @@
 """From a robot and its recordings to the faults that they have."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from residual.check.body import body_faults
-from residual.check.clock import time_unit, uneven
-from residual.check.enough import enough
-from residual.check.follow import carried
 from residual.check.late import commanded, filtered, late, long_late
-from residual.check.motion import thin_rows
+from residual.check.motion import Motion, thin_rows
 from residual.check.physics import misread, wrong_robot
 from residual.check.ranges import degrees, out_of_range, zero_explains
 from residual.check.reported import exchanged, frictionless, other_torque
-from residual.check.result import Fault, LogCheck
+from residual.check.result import Fault, LogCheck, Repair
 from residual.check.samples import spikes, with_scale, without_spikes, wraps
 from residual.check.standing import constant, standing
 from residual.check.velocity import velocity_faults
 from residual.check.world import other_world
 from residual.errors import InputError
-from residual.recording import Recording
+from residual.names import listed
+from residual.recording import Array, Recording, usual_speed
+from residual.robot.dynamics import joints_length
 from residual.robot.robot import Robot
 from residual.signals.pieces import sketch_of
+
+_SAME = 0.1  # of the angle's travel, between angle and reference as they are logged
+_VELOCITY = "velocity_mismatch"
+
+
+def carried(
+    faults: Sequence[Fault], speeds: Sequence[Fault], logs: Sequence[Recording]
+) -> list[Fault]:
+    """Carry repairs of angles to velocities and references, and join both checks.
+
+    A velocity that runs against an angle is no fault of the velocity where it is the
+    angle that counts backwards.
+    """
+    with_speed = any(r.qd is not None for r in logs)
+    with_reference = _reference_follows(logs)
+    turned, order = _velocity_turned(speeds), _velocity_order(speeds)
+    explained: set[Fault] = set()
+    out = []
+    for fault in faults:
+        repairs = list(fault.repairs)
+        for repair in fault.repairs:
+            if repair.signal != "q":
+                continue
+            if with_speed:
+                more, settled = _for_velocity(repair, turned, order)
+                repairs += more
+                explained |= {f for f in speeds if settled and _settles(repair, f)}
+            if with_reference:
+                repairs.append(replace(repair, signal="q_ref"))
+        out.append(replace(fault, repairs=tuple(repairs)))
+    return out + [fault for fault in speeds if fault not in explained]
+
+
+def _velocity_turned(speeds: Sequence[Fault]) -> set[int]:
+    return {
+        joint
+        for fault in speeds
+        for repair in fault.repairs
+        if fault.kind == _VELOCITY and repair.sign is not None
+        for joint in repair.joints
+    }
+
+
+def _velocity_order(speeds: Sequence[Fault]) -> tuple[int, ...] | None:
+    orders = [r.order for f in speeds for r in f.repairs if r.order is not None]
+    return orders[0] if orders else None
+
+
+def _for_velocity(
+    repair: Repair, turned: set[int], order: tuple[int, ...] | None
+) -> tuple[list[Repair], bool]:
+    """Repairs of the velocity, and whether they replace those that were found."""
+    if repair.order is not None:
+        found = order or tuple(range(1, len(repair.order) + 1))
+        wanted = tuple(found[i - 1] for i in repair.order)
+        same = wanted == tuple(sorted(wanted))
+        return [] if same else [Repair("qd", order=wanted)], order is not None
+    if repair.sign is not None:
+        joints = tuple(j for j in repair.joints if j not in turned)
+        more = [Repair("qd", joints, sign=(-1,) * len(joints))] if joints else []
+        return more, turned <= set(repair.joints)
+    return [replace(repair, signal="qd")], False
+
+
+def _settles(repair: Repair, fault: Fault) -> bool:
+    """Whether a repair of the angle is of the nature of a velocity's fault."""
+    return fault.kind == _VELOCITY and any(
+        (other.order is None) == (repair.order is None)
+        and (other.sign is None) == (repair.sign is None)
+        for other in fault.repairs
+    )
+
+
+def _reference_follows(logs: Sequence[Recording]) -> bool:
+    """Whether references are logged, channel by channel like the angles."""
+    both = [r for r in logs if r.q_ref is not None]
+    if not both:
+        return False
+    away = np.max([np.median(np.abs(r.q - r.q_ref), axis=0) for r in both], axis=0)
+    travel = np.max([np.ptp(r.q, axis=0) for r in both], axis=0)
+    return bool(np.all(away <= _SAME * travel.max()))
+
+
+_SLOWEST, _FASTEST = 4.0, 20_000.0  # samples per second that logs of arms have
+_USUAL = 300.0
+_UNITS = {
+    1e-3: "milliseconds",
+    1e-6: "microseconds",
+    1e-9: "nanoseconds",
+    1e3: "seconds that were taken for milliseconds",
+    1e6: "seconds that were taken for microseconds",
+}
+_GAP = 5.0  # steps
+_UNEVEN = 0.3  # of a step
+_TOO_FAST = 20.0  # of a joint's speed limit
+_SHARE = 0.95  # of the samples are slower
+
+
+def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
+    """Find a time that no logger keeps, and the unit in which one would."""
+    logs = [r for r in recordings if len(r.t) > 2]
+    if not logs:
+        return None
+    rate = float(np.median([1 / np.median(np.diff(r.t)) for r in logs]))
+    speed = float(max(np.max(_speed(r) / robot.velocity_limit) for r in logs))
+    if _SLOWEST <= rate <= _FASTEST and speed < _TOO_FAST * 5:
+        return None
+    fits = {
+        f: abs(np.log(rate / f / _USUAL))
+        for f in _UNITS
+        if _SLOWEST <= rate / f <= _FASTEST and speed / f < _TOO_FAST
+    }
+    if not fits or (_SLOWEST <= rate <= _FASTEST and max(fits) < 1):
+        return None
+    scale = min(fits, key=fits.__getitem__)
+    words = (
+        f"{rate:.3g} samples per second, the fastest joint at {speed:.2g} of its speed "
+        f"limit: time looks like {_UNITS[scale]}."
+    )
+    return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
+
+
+def uneven(recording: Recording) -> list[Fault]:
+    """Find gaps in time and steps of unequal length."""
+    steps = np.diff(recording.t)
+    if len(steps) < 10:
+        return []
+    usual, words = float(np.median(steps)), []
+    gaps = np.flatnonzero(steps > _GAP * usual)
+    if len(gaps):
+        worst = int(np.argmax(steps))
+        words.append(
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the largest "
+            f"{steps[worst]:.3g} s at t = {recording.t[worst]:.6g} s"
+        )
+    jitter = float(np.quantile(np.abs(steps - usual), 0.9)) / usual
+    if jitter > _UNEVEN:
+        words.append(f"a tenth of the steps are off by more than {100 * jitter:.0f} %")
+    if not words:
+        return []
+    evidence = (
+        f"The steps of time are {1000 * usual:.4g} ms but for {', and '.join(words)}."
+    )
+    return [Fault("clock", (), False, evidence, (), recording.id)]
+
+
+def _speed(recording: Recording) -> Array:
+    """Usual largest speed of each joint, over twenty samples. Shape (dof,)."""
+    stride = max(1, min(20, len(recording.t) // 10))
+    return usual_speed(recording, stride, _SHARE)
+
+
+_HEAVIEST = 1e3  # kg/m^3 of the cube of the reach: arms have 1 to 200
+_LIGHTEST = 1e-2  # kg/m^3: air weighs 1.2
+_LONGEST = 50.0  # m
+_WIDE = 3.0  # radius of gyration in reaches
+_EARTH = (9.6, 10.0)  # m/s^2
+_LARGEST_GRAVITY = 30.0  # m/s^2
+_NEGATIVE = 1e-3  # of the largest moment
+_TRIANGLE = 0.7  # of the largest moment: files round, and vendors simplify
+
+
+def body_faults(robot: Robot) -> list[Fault]:
+    """Check lengths, masses, inertias and gravity of the robot file."""
+    return [fault for part in (_units, _gravity, _inertias) if (fault := part(robot))]
+
+
+def _units(robot: Robot) -> Fault | None:
+    bodies = list(robot.model.inertias)[1:]
+    mass, reach = sum(b.mass for b in bodies), joints_length(robot.model)
+    density = mass / max(reach, 1e-6) ** 3
+    what = f"The arm weighs {mass:.4g} kg and reaches {reach:.4g} m"
+    if reach > _LONGEST:
+        words, repair = "its lengths look like millimetres", 1e-3
+    elif density > _HEAVIEST and reach > 0.05:
+        words, repair = "its masses look like grams", 1e-3
+    elif reach < 0.01 and mass > 1:
+        words, repair = "its lengths look like kilometres", 1e3
+    elif density < _LIGHTEST:
+        words, repair = "its masses look like tonnes", 1e3
+    else:
+        return None
+    return Fault(
+        "robot_file", (), True, f"{what}: {words}.", (Repair("robot", scale=repair),)
+    )
+
+
+def _gravity(robot: Robot) -> Fault | None:
+    size = float(np.linalg.norm(robot.model.gravity.linear))
+    if size == 0 or _EARTH[0] < size < _EARTH[1]:
+        return None
+    certain = size > _LARGEST_GRAVITY
+    words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
+    return Fault("robot_file", (), certain, words)
+
+
+def _inertias(robot: Robot) -> Fault | None:
+    """Bodies whose moments no mass can have; with none at all they are left alone."""
+    reach, impossible, doubtful, words = joints_length(robot.model), [], [], []
+    for joint, body in enumerate(list(robot.model.inertias)[1:], start=1):
+        moments = np.linalg.eigvalsh(body.inertia)
+        largest = float(np.abs(moments).max())
+        radius = np.sqrt(largest / max(body.mass, 1e-9))
+        if body.mass < 0 or moments[0] < -_NEGATIVE * largest:
+            impossible.append(joint)
+            words.append(f"link {joint} has a moment of {moments[0]:.3g} kg m^2")
+        elif body.mass > 1e-3 and radius > _WIDE * max(reach, 0.1):
+            impossible.append(joint)
+            words.append(f"the mass of link {joint} is spread over {radius:.3g} m")
+        elif moments[2] - moments[0] - moments[1] > _TRIANGLE * largest:
+            doubtful.append(joint)
+            words.append(f"link {joint} has moments {listed(moments, '.3g')} kg m^2")
+    if not words:
+        return None
+    joints = tuple(sorted(impossible + doubtful))
+    evidence = f"No body is like that: {'; '.join(words)}."
+    return Fault("robot_file", joints, bool(impossible), evidence)
+
+
+_SHORTEST = 7.5  # s of motion, all logs together
+_ONE_WAY = 0.02  # share of a joint's path that does not count as a way back
+_TRAVEL = 0.05  # rad: below it a joint stands
+_TOGETHER = 0.998  # correlation of two speeds about zero
+
+
+def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault]:
+    """Find logs that are too short, and joints that do not move on their own.
+
+    Args:
+        motion: Their rows, None where nothing is left of them.
+    """
+    seconds = sum(r.duration for r in recordings)
+    out = []
+    if seconds < _SHORTEST:
+        words = (
+            f"The logs last {seconds:.3g} s together; below {_SHORTEST:g} s the motion "
+            "does not tell friction, weight and inertia apart."
+        )
+        out.append(Fault("too_short", (), False, words))
+    out += _one_way(recordings)
+    if motion is not None:
+        out += _lockstep(motion)
+    return out
+
+
+def _one_way(recordings: Sequence[Recording]) -> list[Fault]:
+    """Joints that go one way only, apart from what their noise does."""
+    forth, back = np.zeros((2, recordings[0].dof))
+    for recording in recordings:
+        step = max(1, len(recording.t) // 200)
+        change = np.diff(recording.q[::step], axis=0)
+        forth += np.maximum(change, 0).sum(axis=0)
+        back += np.maximum(-change, 0).sum(axis=0)
+    path = forth + back
+    one_way = (np.minimum(forth, back) < _ONE_WAY * path) & (path > _TRAVEL)
+    joints = tuple(int(j) + 1 for j in np.flatnonzero(one_way))
+    if not joints:
+        return []
+    words = (
+        f"Joints {listed(joints)} never reverse: dry friction and a constant torque "
+        "cannot be told apart there."
+    )
+    return [Fault("no_reversal", joints, False, words)]
+
+
+def _lockstep(motion: Motion) -> list[Fault]:
+    qd = motion.qd[motion.moving.any(axis=1)]
+    moves = np.flatnonzero(np.ptp(motion.q, axis=0) > _TRAVEL)
+    if len(moves) < 2 or len(qd) < 10:
+        return []
+    unit = qd[:, moves] / np.maximum(np.linalg.norm(qd[:, moves], axis=0), 1e-12)
+    related = np.abs(unit.T @ unit) - np.eye(len(moves))
+    tied = (related > _TOGETHER).any(axis=0)
+    if not tied.any():
+        return []
+    joints = tuple(int(j) + 1 for j in moves[tied])
+    words = (
+        f"The speeds of joints {listed(joints)} are proportional (correlation "
+        f"{related.max():.4f}): what belongs to which of them cannot be told."
+    )
+    return [Fault("lockstep", joints, False, words)]
 
 
 def check_logs(

@@ -8,9 +8,7 @@ import numpy as np
 from residual.diagnosis.adequacy import Adequacy, adequacy, carried
 from residual.diagnosis.candidates import Candidates, every_candidate, renewed
 from residual.diagnosis.causes.sets import best_set
-from residual.diagnosis.doubt.curves_only import only_curves
-from residual.diagnosis.doubt.wrong_form import wrong_forms
-from residual.diagnosis.gate import Tested, passed, simplest
+from residual.diagnosis.gate import KIN, Tested, passed, simplest
 from residual.diagnosis.prior_scale import Selection, select
 from residual.diagnosis.search import refined, search
 from residual.diagnosis.task import Rules, Task
@@ -24,6 +22,134 @@ from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
 from residual.model.standstill import with_standstill
 from residual.recording import Array
+from residual.signals.track import Track
+
+BINS = 16
+PART = 0.35  # of the name's own torque on those rows
+LEAST = 0.005  # of the joint's torque: what a model of any arm leaves
+FEWEST = 8  # rows of a bin and log that count
+
+
+def wrong_forms(
+    design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[Tested]
+) -> list[Tested]:
+    """Return the names that leave a third of their own curve or more unexplained."""
+    return [t for t in tested if _is_wrong(design, tracks, fitted, t)]
+
+
+def _is_wrong(
+    design: Design, tracks: Sequence[Track], fitted: Fit, tested: Tested
+) -> bool:
+    group = tested.group
+    if not group.effect.of_one_variable:
+        return False
+    (j,) = group.joints
+    place, have = design.present(j, group.ids)
+    drawn = design.columns(j, place) @ fitted.of(group)[have]
+    left = design.residual(j, fitted.ids, fitted.theta)
+    x, log = _variable(design, tracks, tested, j)
+    curve = _repeated(x, left, log)
+    return curve > max(PART * np.std(drawn), LEAST * design.rms[j])
+
+
+def _variable(
+    design: Design, tracks: Sequence[Track], tested: Tested, j: int
+) -> tuple[Array, Array]:
+    """What the name is drawn against on the rows of a joint, and each row's log."""
+    values, logs = [], []
+    for i, (track, state) in enumerate(zip(tracks, design.states, strict=True)):
+        x, _ = tested.group.effect.variable(state, j)
+        rows = track.moving[:, j]
+        values.append(x[:: track.step][rows])
+        logs.append(np.full(int(rows.sum()), i))
+    return np.concatenate(values), np.concatenate(logs)
+
+
+def _repeated(x: Array, y: Array, log: Array) -> float:
+    """Rms of the curve of y over x that one log has from the others [of y].
+
+    Products of the means of one bin in different logs: noise, which no two logs share,
+    averages out instead of adding up.
+    """
+    edges = np.quantile(x, np.linspace(0, 1, BINS + 1)[1:-1])
+    place = np.searchsorted(edges, x)
+    total, weight = 0.0, 0.0
+    for b in range(BINS):
+        mine = place == b
+        counts = np.bincount(log[mine])
+        sums = np.bincount(log[mine], y[mine], minlength=len(counts))
+        enough = counts >= FEWEST
+        means = sums[enough] / counts[enough]
+        if len(means) > 1:
+            pairs = len(means) * (len(means) - 1)
+            product = (means.sum() ** 2 - (means**2).sum()) / pairs
+            total += mine.sum() * product
+            weight += mine.sum()
+    return float(np.sqrt(max(total / weight, 0.0))) if weight else 0.0
+
+
+STATIC = "static"  # the family of torques that depend on nothing but the position
+
+
+def only_curves(
+    design: Design,
+    tracks: Sequence[Track],
+    fitted: Fit,
+    tested: Sequence[Tested],
+) -> list[Tested]:
+    """Return the names that a free curve of as many numbers could stand for.
+
+    Looked at are joints with two or more names that depend on the position alone and
+    a wave that repeats among them.
+    """
+    out = []
+    for j in range(design.dof):
+        mine = [t for t in tested if t.group.joints == (j,) and _of_position(t)]
+        if len(mine) > 1 and any(t.group.effect.repeats for t in mine):
+            left = design.residual(j, fitted.ids, fitted.theta)
+            drawn = sum(_torque(design, fitted, t, j) for t in mine)
+            numbers = sum(len(t.group.ids) + len(t.group.shape) for t in mine)
+            lines = [x.q[:: x.step, j][x.moving[:, j]] for x in tracks]
+            rest = _without_curve(np.concatenate(lines), left + drawn, numbers)
+            had = ((left + drawn) ** 2).sum()
+            explained = had - (left**2).sum()
+            if had - (rest**2).sum() > KIN * explained:
+                out += _waves(design, fitted, (mine, j), (left + drawn, explained))
+    return out
+
+
+def _waves(design: Design, fitted: Fit, names, target) -> list[Tested]:
+    """Those of the names on a joint that draw the curve: all, or what rides on one.
+
+    Where one name that is no wave explains nearly all of it, it is no drawing: the
+    waves are what its textbook form leaves.
+    """
+    (mine, j), (whole, explained) = names, target
+    for t in mine:
+        left = ((whole - _torque(design, fitted, t, j)) ** 2).sum()
+        alone = (whole**2).sum() - left
+        if not t.group.effect.repeats and alone > KIN * explained:
+            return [other for other in mine if other is not t]
+    return mine
+
+
+def _of_position(tested: Tested) -> bool:
+    effect = tested.group.effect
+    return effect.repeats or effect.family == STATIC
+
+
+def _torque(design: Design, fitted: Fit, tested: Tested, j: int) -> Array:
+    place, have = design.present(j, tested.group.ids)
+    return design.columns(j, place) @ fitted.of(tested.group)[have]
+
+
+def _without_curve(x: Array, y: Array, numbers: int) -> Array:
+    """What straight lines between so many knots, evenly spaced, leave of y."""
+    knots = np.linspace(x.min(), x.max(), max(numbers, 2))
+    width = max(knots[1] - knots[0], 1e-12)
+    hats = np.maximum(1 - abs(x[:, None] - knots) / width, 0)
+    return y - hats @ np.linalg.lstsq(hats, y, rcond=None)[0]
+
 
 Progress = Callable[[str, float], None]
 LOOKS = 4  # at what was named, before the second search

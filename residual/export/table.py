@@ -7,7 +7,7 @@ position.csv; rigid body, loads and all else stay with the controller.
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -25,13 +25,47 @@ from residual.export.exported import (
 )
 from residual.export.motion import exciting, limits
 from residual.export.program import WORD
-from residual.export.support import support_points
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.model.term import Term
 from residual.recording import Array
 from residual.tables.form import NONE
 from residual.tables.lookup.export import export_lookup
+
+DENSE = 4001  # points that the curve is looked at
+ENOUGH = 1e-3  # of the largest value: more points help no controller
+
+
+def support_points(
+    curve: Callable[[Array], Array], start: Array, most: int
+) -> tuple[Array, Array, float]:
+    """Return support points of a curve, and the largest error between them.
+
+    A point is added where the lines miss most, until they miss by next to nothing.
+
+    Args:
+        curve: Values at given places. Shape (n,) -> (n,).
+        start: Places to begin with, increasing; the ends of the range among them.
+        most: How many points at most.
+
+    Returns:
+        Places and values, shapes (k,), and the largest error of linear interpolation.
+    """
+    ends = np.linspace(start[0], start[-1], DENSE)
+    # What happens near zero is narrow.
+    near = np.concatenate([-np.geomspace(1e-5, 1, DENSE), np.geomspace(1e-5, 1, DENSE)])
+    size = max(abs(start[0]), abs(start[-1]))
+    inside = near[(near * size > start[0]) & (near * size < start[-1])] * size
+    x = np.unique(np.concatenate([ends, inside, start]))
+    y = curve(x)
+    points = np.unique(start)
+    while True:
+        gap = np.abs(np.interp(x, points, np.interp(points, x, y)) - y)
+        worst = int(np.argmax(gap))
+        if len(points) >= most or gap[worst] <= ENOUGH * np.abs(y).max():
+            return points, np.interp(points, x, y), float(gap.max())
+        points = np.sort(np.append(points, x[worst]))
+
 
 SPEED, POSITION = "friction.csv", "position.csv"
 _OF = {SPEED: {"qd", "sign"}, POSITION: {"q"}}

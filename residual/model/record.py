@@ -2,13 +2,87 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import astuple, replace
 from pathlib import Path
+
+import numpy as np
 
 from residual.errors import InputError
 from residual.model.corrected import Corrected
 from residual.model.model import Model
-from residual.model.whole import check_whole
+from residual.model.term import Term
 from residual.names import check_nesting
+from residual.recording import Array
+from residual.signals.direction import CHOICES
+
+SLOWEST = 1e-3  # Hz: a period of a quarter of an hour is no filter of a motion
+FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it
+
+
+def check_whole(model: Model) -> None:
+    """Refuse a model whose parts have other sizes or kinds than they must.
+
+    Raises:
+        InputError: If torques could not be computed with it.
+    """
+    wrong = _wrong(model)
+    if wrong:
+        raise InputError(f"The record of a model is damaged: {wrong}.")
+
+
+def _wrong(model: Model) -> str | None:
+    dof, floor, filters = model.robot.dof, model.speed_floor, astuple(model.filters)
+    kinds = {shape.kind for shape in CHOICES}
+    shapes = [s for s in model.standstill if s.kind not in kinds or not _numbers(s)]
+    if not _is(model.inertial, (10 * dof,)):
+        return f"inertial is no list of {10 * dof} numbers"
+    if floor is not None and not (_is(floor, (dof,)) and (floor > 0).all()):
+        return f"speed_floor is no list of {dof} positive numbers"
+    if shapes or len(model.standstill) not in (0, dof):
+        return f"standstill has no usable entry for each of {dof} joints"
+    if model.clock is not None and not _is(np.array(model.clock), ()):
+        return "clock is no number"
+    if not all(_is(np.array(f), ()) and 0 <= f < FASTEST for f in filters):
+        return "filters has a value that no signal path has"
+    own = model.filters
+    if not all(f > SLOWEST for f in (own.kinematics, own.torque, own.rate)):
+        return "filters has a cut-off or rate of 0"
+    terms = (word for term in model.terms if (word := _wrong_term(term, model)))
+    return next(terms, None)
+
+
+def _wrong_term(term: Term, model: Model) -> str | None:
+    dof, name = model.robot.dof, term.effect.name
+    known = set(range(dof))
+    if not all(type(j) is int for j in term.joints) or not known.issuperset(
+        term.joints
+    ):
+        return f"{name} sits on a joint that the robot does not have"
+    numbers = _is(term.theta, (len(term.theta),)) if term.theta.ndim else False
+    if not numbers or not _is(np.array(term.shape), (len(term.shape),)):
+        return f"{name} has a coefficient that is no number"
+    try:
+        term.parameters(model.robot)
+        if not (term.effect.remembers or term.effect.needs_clock):
+            replace(model, terms=(term,)).torque(*np.zeros((3, 1, dof)))
+    except (IndexError, TypeError, ValueError):
+        return f"{name} has another number of coefficients or joints than it takes"
+    return None if term.nominal is None else _wrong_term(term.nominal, model)
+
+
+def _numbers(shape) -> bool:
+    values = np.array([shape.size, shape.hold, shape.reach])
+    return _is(values, (3,)) and bool((values >= 0).all())
+
+
+def _is(values: Array, shape: tuple[int, ...]) -> bool:
+    """Whether these are finite numbers in that shape; truth values are none."""
+    return (
+        values.dtype.kind in "if"
+        and values.shape == shape
+        and bool(np.isfinite(values).all())
+    )
+
 
 # What lists and tables of other sizes and kinds make Python say.
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)

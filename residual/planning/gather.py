@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.diagnosis.causes.sets import near_sets
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
 from residual.diagnosis.gate import CLASS, alternatives
@@ -22,8 +23,49 @@ from residual.planning.question import (
     Rival,
     Signals,
 )
-from residual.planning.swaps import Swap, swaps
 from residual.recording import Array
+
+Groups = tuple[Group, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Swap:
+    """Some of the named effects, and what could stand in their place.
+
+    Attributes:
+        gone: The named ones.
+        instead: What stands in their place; an empty one for nothing.
+    """
+
+    gone: Groups
+    instead: tuple[Groups, ...]
+
+
+def swaps(
+    task: Task, fitted: Fit, told: Sequence[tuple[Group, Sequence[Group], int]]
+) -> list[Swap]:
+    """Return what other sets within 6 nats differ by, each difference once.
+
+    Args:
+        told: Named effects with their equivalents, which are no news here.
+    """
+    known = {(group.key, other.key) for group, near, _ in told for other in near}
+    found: dict[tuple, tuple[Groups, list[Groups]]] = {}
+    for one in near_sets(task, fitted):
+        gone = _without(fitted.members, one.members)
+        instead = _without(one.members, fitted.members)
+        pair = tuple(g.key for g in (*gone, *instead))
+        if not gone or (len(gone) == len(instead) == 1 and pair in known):
+            continue
+        key = tuple(g.key for g in gone)
+        found.setdefault(key, (gone, []))[1].append(instead)
+    return [Swap(gone, tuple(instead)) for gone, instead in found.values()]
+
+
+def _without(members: Sequence[Group], others: Sequence[Group]) -> Groups:
+    keys = {g.key for g in others}
+    return tuple(g for g in members if g.key not in keys)
+
 
 CANDIDATES = 3  # of a joint that keeps more than noise: how many are looked at
 PAUSE = 10.0  # s between the logs so far and the next

@@ -13,8 +13,8 @@ from benchmarks.peers_parts import bars, sparse, squares
 from benchmarks.peers_parts.linear import Arm
 from benchmarks.peers_parts.opened import Answer, Case, Log
 from flows.blind.export import score
-from flows.blind.export.arms import describe
 from flows.blind.export.case import write_csv
+from flows.blind.export.write import describe
 from residual.robot.robot import load_robot
 
 NAMES = {"fit": ["fit_1", "fit_2", "fit_3"], "held_out": ["h_1"], "after": ["a_1"]}

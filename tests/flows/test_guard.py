@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from flows.service.guard import Guard
 from flows.service.rules import refusal, rules_for
+from flows.service.serve import Guard
 from tests.flows.asgi import (
     BODY,
     HOST,

@@ -9,8 +9,8 @@ import pytest
 
 from flows.service import entry
 from flows.service.entry import LIFE, Tickets, with_entry
-from flows.service.guard import Guard
 from flows.service.key import KEY, store_key
+from flows.service.serve import Guard
 from flows.settings import prefect_home
 from residual.errors import InputError
 from tests.flows.asgi import (

@@ -12,8 +12,7 @@ import pytest
 from flows.cli import main
 from flows.model_requests import View
 from flows.report.page import script
-from flows.report.page.drawn.arm import frames_of
-from flows.report.page.view import render
+from flows.report.page.view import frames_of, render
 from flows.steps.view import Viewed, view
 from residual.errors import InputError
 from residual.recording import Recording

@@ -13,13 +13,13 @@ from residual.tables.form import (
     NAMED,
     NONE,
     PAIRS,
+    WIDTHS,
     EffectForm,
     fit_base,
     fit_linear,
 )
 from residual.tables.importance import split_pair, table_importance
 from residual.tables.levels import quantile_levels
-from residual.tables.load_tables import WIDTHS
 from residual.tables.lookup.pack import Table
 from residual.tables.main_tables import (
     ROWS,

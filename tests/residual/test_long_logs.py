@@ -13,7 +13,7 @@ from residual.evidence.columns import ColumnCache
 from residual.evidence.design import Design
 from residual.evidence.folds import fold_labels
 from residual.identification.identify import identify
-from residual.identification.validation import acceleration_error
+from residual.identification.prove import acceleration_error
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring import scores as monitoring

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from residual.diagnosis import gate
-from residual.diagnosis.doubt.curves_only import only_curves
+from residual.diagnosis.examine import only_curves
 from residual.effects import registry
 from residual.evidence.design import Design
 from residual.evidence.fit import fit

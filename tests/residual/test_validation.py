@@ -7,7 +7,7 @@ import pytest
 
 from residual.errors import InputError
 from residual.identification.identify import identify
-from residual.identification.validation import acceleration_error, torque_errors
+from residual.identification.prove import acceleration_error, torque_errors
 from tests.residual.identified import logs, truth
 
 

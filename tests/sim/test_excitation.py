@@ -8,7 +8,7 @@ from residual.robot.robot import load_robot
 from sim.trajectories.excitation import cost, excitation
 from sim.trajectories.fourier import arena, draw, room_left, shrunk
 from sim.trajectories.problem import problem
-from sim.trajectories.search import _stirred
+from sim.trajectories.reference import _stirred
 from tests.sim.arms import TWO, arm
 
 ROBOT = load_robot("irb140")

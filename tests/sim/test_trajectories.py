@@ -10,7 +10,8 @@ from residual.robot.robot import load_robot
 from sim.engine.clearance import MARGIN, body, clearances
 from sim.records import TrajectorySpec
 from sim.synthetic.series import peaks
-from sim.trajectories import KINDS, make_reference, search
+from sim.trajectories import KINDS, make_reference
+from sim.trajectories import reference as search
 from sim.trajectories.fourier import arena, draw, draw_any, sampled
 from sim.trajectories.limits import plan_limits
 from sim.trajectories.reference import make_plan, sample

@@ -9,7 +9,7 @@ from tests.warehouse import store_samples as made
 from warehouse.exchange.bundle import write_bundle
 from warehouse.exchange.unbundle import read_bundle
 from warehouse.layout import find, find_run
-from warehouse.query.watched import Watched
+from warehouse.query.store import Watched
 from warehouse.runs import quarantine, read_run
 from warehouse.seal import open_seal
 from warehouse.sums import BLOCK, SUMS, sums_of, write_sums

@@ -1,10 +1,11 @@
 """One log: opened by what is in it, read into a checked recording."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 import pyarrow as pa
@@ -13,16 +14,99 @@ from residual.errors import InputError, RecordingError
 from residual.lazy import Lazy
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from warehouse.logs.broken import finite_rows, whole_rows
-from warehouse.logs.check import Doubt, check_samples, odd
+from warehouse.logs.check import Doubt, check_samples, check_time, odd
 from warehouse.logs.columns import ColumnMap
 from warehouse.logs.convert import Understood, channels_of, describe, to_link_side
 from warehouse.logs.file import LogFile
 from warehouse.logs.formats.csv import HEAD, CsvLog, find_layout
 from warehouse.logs.moment import from_seconds, later
-from warehouse.logs.put_away import put_away
 from warehouse.logs.select import Selection, check_units, select
 from warehouse.logs.window import Window, split_spec
+
+Array = np.ndarray
+
+LARGEST = 1e30  # in any SI unit: no sensor measures more, and sums of squares overflow
+
+
+def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
+    """Return the rows whose time is a number and later than all before.
+
+    Args:
+        t: Times [s]. Shape (n,).
+
+    Returns:
+        Which rows to keep, shape (n,); and what is wrong with the others.
+    """
+    t = np.where(np.abs(t) < LARGEST, t, np.nan)
+    try:
+        check_time(t, where)
+    except RecordingError as error:
+        if len(t) < 2:
+            raise
+        latest = np.maximum.accumulate(np.where(np.isfinite(t), t, -np.inf))
+        keep = np.isfinite(t) & (t > np.r_[-np.inf, latest[:-1]])
+        words = f"{error} {_share(keep)}"
+        return keep, (Doubt("clock", (), words),)
+    return np.ones(len(t), bool), ()
+
+
+def finite_rows(
+    signals: Mapping[str, Array], where: str
+) -> tuple[Array, tuple[Doubt, ...]]:
+    """Return the rows in which every signal is a number that can be measured.
+
+    Args:
+        signals: Values by name. Shapes (n, dof).
+
+    Returns:
+        Which rows to keep, shape (n,); and what is wrong with the others.
+    """
+    # Not a number compares as false.
+    bad = {k: ~((x > -LARGEST) & (x < LARGEST)) for k, x in signals.items()}
+    keep = ~np.any([mask.any(axis=1) for mask in bad.values()], axis=0)
+    doubts = []
+    for name, mask in bad.items():
+        joints = tuple(int(j) + 1 for j in np.flatnonzero(mask.any(axis=0)))
+        if joints:
+            row = int(np.argmax(mask.any(axis=1)))
+            first = signals[name][row][mask[row]][0]
+            what = f"{first:.3g}" if np.isfinite(first) else "NaN or infinite"
+            words = (
+                f"{where}: {name} is {what} at sample {row}. Cut the log "
+                f"there with a window (FILE@start:end) or repair it. {_share(keep)}"
+            )
+            doubts.append(Doubt("spike", joints, words))
+    return keep, tuple(doubts)
+
+
+def _share(keep: Array) -> str:
+    return f"{int(np.sum(~keep))} of {len(keep)} samples are such."
+
+
+LARGE = 1 << 26  # bytes of one signal: some twenty minutes at 1 kHz
+
+
+def put_away(values: Array) -> Array:
+    """Return the same values where they need no memory, if they are many.
+
+    They lie where the system keeps files that nobody has named (TMPDIR), and are gone
+    with the last use of them.
+
+    Args:
+        values: Samples. Shape (n, ...).
+
+    Returns:
+        The same, not to be written to.
+    """
+    values = np.ascontiguousarray(values, dtype=float)
+    if values.nbytes >= LARGE:
+        with TemporaryFile(prefix="modelgap-") as file:
+            file.write(values)
+            file.flush()
+            values = np.memmap(file, float, "r", shape=values.shape)
+    values.setflags(write=False)
+    return values
+
 
 bag = Lazy("warehouse.logs.formats.bag")
 mcap = Lazy("warehouse.logs.formats.mcap")
@@ -68,9 +152,6 @@ def _head(path: Path) -> bytes:
     if not head.strip():
         raise InputError(f"{path.name} is empty, expected a log with samples.")
     return head
-
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, slots=True)

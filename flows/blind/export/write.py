@@ -7,15 +7,107 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from flows.blind.draw import Asked, Draft, drafts
-from flows.blind.export.arms import describe, drawn_arm
 from flows.blind.export.case import OPEN, SEALED, Job, write_case
-from flows.blind.export.classes import classes, words
 from flows.blind.run import null_sizes, report_failure, run_jobs
 from flows.errors import RunError
 from flows.inputs.robots import load
 from flows.progress import Progress
+from flows.specs.experiment import derived_seed
 from flows.workers.pool import Here, Pool
+from residual.effects import registry
+from residual.effects.base import Effect
 from residual.errors import InputError
+from residual.robot.robot import Robot
+from sim.drawn_arm import light_arm
+
+URDF, DECLARED, TOML = "{}.urdf", "declared.json", "robot.toml"
+
+
+def drawn_arm(folder: Path, seed: int, number: int) -> Path:
+    """Write the description of an arm that no other study has.
+
+    Args:
+        folder: Where; a folder of its own is made there.
+    """
+    robot = light_arm(derived_seed(seed, f"arm/{number}"))
+    name = f"drawn_{robot.content_hash[:8]}"
+    place = folder / name
+    place.mkdir(parents=True, exist_ok=True)
+    (place / URDF.format(name)).write_text(robot.urdf, encoding="utf-8")
+    content = {"robot": {"name": name}, **json.loads(robot.toml)}
+    (place / TOML).write_text(_toml(content), encoding="utf-8")
+    return place
+
+
+def describe(robot: Robot, folder: Path) -> None:
+    """Write what anybody may know of an arm: its URDF, and what is declared of it.
+
+    Args:
+        folder: Where; a folder of its name is made there.
+    """
+    place = folder / robot.name
+    place.mkdir(parents=True, exist_ok=True)
+    (place / URDF.format(robot.name)).write_text(robot.urdf, encoding="utf-8")
+    content = json.loads(robot.toml)
+    own = content.setdefault("robot", {})
+    own["name"] = robot.name
+    own["gravity"] = [float(x) for x in robot.model.gravity.linear]
+    text = json.dumps(content, indent=1, sort_keys=True)
+    (place / DECLARED).write_text(text + "\n", encoding="utf-8")
+
+
+def _toml(content: Mapping, name: str = "") -> str:
+    """Return tables of numbers, texts and lists as TOML."""
+    lines = [f"[{name}]"] if name else []
+    lines += [
+        f"{key} = {json.dumps(value)}"
+        for key, value in content.items()
+        if not isinstance(value, Mapping)
+    ]
+    tables = [
+        _toml(value, f"{name}.{key}" if name else key)
+        for key, value in content.items()
+        if isinstance(value, Mapping)
+    ]
+    return "\n".join([*lines, *tables]) + "\n"
+
+
+BODY, JOINT, OTHER = "body", "joint", "other"
+_PLACES = {
+    "local": "one joint",
+    "link": "the joint that carries the link",
+    "pair": "two joints",
+    "flange": "the last joint",
+    "global": "none",
+}
+
+
+def class_of(effect: Effect) -> str:
+    """Return "body", "joint" (friction and rotor) or "other"."""
+    if effect.carries == BODY or effect.of_link:
+        return BODY
+    # Two joints that share a gear share its friction.
+    drive = effect.brakes or effect.carries == "acceleration" or effect.scope == "pair"
+    return JOINT if drive else OTHER
+
+
+def classes() -> dict[str, str]:
+    """Return the class of every effect that has a name."""
+    return {name: class_of(effect) for name, effect in sorted(registry().items())}
+
+
+def words() -> dict[str, dict]:
+    """Return every effect with its class, its joints, what it is, and its units."""
+    return {
+        name: {
+            "class": class_of(effect),
+            "joints": _PLACES[effect.scope],
+            "is": effect.sentence,
+            "parameters": dict(effect.parameters),
+        }
+        for name, effect in sorted(registry().items())
+    }
+
 
 FORMAT = 1  # of the folder; raised when it changes
 _HERE = Path(__file__).parent

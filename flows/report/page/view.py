@@ -8,12 +8,54 @@ from flows.report.page import script
 from flows.report.page.base import environment
 from flows.report.page.chart import Chart
 from flows.report.page.drawn import look
-from flows.report.page.drawn.arm import arm_data, frames_of
 from flows.report.words.phrases import phrase
 from flows.report.words.verdict import sentences
 from flows.steps.view import Viewed
 from residual.quantity import percent
-from residual.recording import Array
+from residual.recording import Array, Recording
+from residual.robot.shapes import Body, Look
+
+_RATE = 40.0  # poses per second that an eye tells apart
+_MOST_POSES = 6000
+
+
+def frames_of(log: Recording) -> np.ndarray:
+    """Return the samples that are shown as poses, evenly over time. Shape (k,)."""
+    span = float(log.t[-1] - log.t[0])
+    count = int(min(_MOST_POSES, len(log.t), max(2, _RATE * span)))
+    at = np.linspace(log.t[0], log.t[-1], count)
+    return np.unique(np.searchsorted(log.t, at))
+
+
+def arm_data(arm: Look) -> dict[str, Any]:
+    """Return what an arm is drawn from: joints, axes and shapes."""
+    return {
+        "size": round(arm.size, 4),
+        "joints": [
+            {"place": _columns(place), "axis": [round(float(a), 9) for a in axis]}
+            for place, axis in zip(arm.places, arm.axes, strict=True)
+        ],
+        "bodies": [_body(body) for body in arm.bodies],
+    }
+
+
+def _body(body: Body) -> dict[str, Any]:
+    told: dict[str, Any] = {
+        "joint": body.joint,
+        "kind": body.kind,
+        "place": _columns(body.place),
+        "size": [round(x, 6) for x in body.size],
+    }
+    if body.kind == "mesh":
+        told["points"] = look.packed(body.points.ravel())
+        told["faces"] = look.whole(body.faces.ravel())
+    return told
+
+
+def _columns(place: np.ndarray) -> list[float]:
+    """A pose as the library takes it: sixteen numbers, column by column."""
+    return [round(float(x), 9) for x in place.T.ravel()]
+
 
 _HEIGHT, _POINTS, _MOST_POINTS = 520, 60_000, 2400
 _COLOURS = ("#009e73", "#cc79a7", "#b07700", "#3b86b0", "#7a5195")

@@ -8,6 +8,8 @@ has to win its place anew.
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from residual.diagnosis.doubt.angle_noise import Checked, drop_noise
 from residual.diagnosis.doubt.held_out import (
     Verdicts,
@@ -16,10 +18,10 @@ from residual.diagnosis.doubt.held_out import (
     without,
 )
 from residual.diagnosis.doubt.splits import found_again
-from residual.diagnosis.doubt.substitutes import substitutes
 from residual.diagnosis.examine import (
     Examined,
     Progress,
+    refit,
     search_again,
     without_refuted,
 )
@@ -30,6 +32,60 @@ from residual.diagnosis.search import least
 from residual.evidence.design import Group
 from residual.model.compare import HeldOutLog
 from residual.recording import Recording
+
+SURE = 3.0  # standard errors, over the seconds of the held-out logs
+
+
+def substitutes(
+    examined: Examined,
+    judged: Verdicts,
+    held_out: Sequence[HeldOutLog],
+    suspects: tuple[Sequence[Tested], Sequence[Group]],
+) -> list[tuple[Tested, str]]:
+    """Return the late names that only say what a fallen one said, or prove nothing.
+
+    Args:
+        suspects: Those of the names that an earlier search had not found; and what
+            fell although it explained much.
+    """
+    late, fallen = suspects
+    out = []
+    for one in late:
+        if not _is_more(examined, judged, one, fallen):
+            out.append((one, "withdrawn: it only says what a withdrawn name said"))
+        elif not _is_proven(examined, judged, held_out, one):
+            why = "it came up in place of another, and held-out motion is not clear"
+            out.append((one, f"withdrawn: {why}"))
+    return out
+
+
+def _is_more(
+    examined: Examined, judged: Verdicts, one: Tested, fallen: Sequence[Group]
+) -> bool:
+    """Whether a name would carry its weight with the fallen ones beside it, too."""
+    task = examined.task
+    names = [t.group for t, _ in judged.kept if t is not one]
+    without = task.settle(task.fit((*names, *fallen), judged.fit))
+    with_it = task.settle(task.fit((*names, *fallen, one.group), judged.fit))
+    return task.net_gain(with_it, without, one.group) >= task.rules.threshold
+
+
+def _is_proven(
+    examined: Examined,
+    judged: Verdicts,
+    held_out: Sequence[HeldOutLog],
+    one: Tested,
+) -> bool:
+    """Whether a name lowers the held-out error beyond chance where it acts."""
+    rest = refit(examined, [t for t, _ in judged.kept if t is not one])
+    after = examined.error(judged.fit, held_out)
+    before = examined.error(rest, held_out)
+    rms = examined.task.design.rms
+    joints = sorted({*one.group.effect.rows(one.group.joints, len(rms)), one.seen})
+    fall = ((before - after) / rms**2)[:, joints].sum(axis=1)
+    scatter = np.sqrt(((fall - fall.mean()) ** 2).sum())
+    return bool(fall.sum() >= SURE * scatter)
+
 
 ROUNDS = 6  # searches at most; after the last, names fall and none takes their place
 HALF = 0.5  # probability under which a name is not the likeliest

@@ -11,7 +11,7 @@ from flows.blind import draw as blind_draw
 from flows.blind.draw import Asked, Draft, Excitation, Wish
 from flows.blind.export import write
 from flows.blind.export.case import moves
-from flows.blind.export.classes import classes, words
+from flows.blind.export.write import classes, words
 from flows.cli.blind import blind
 from flows.errors import RunError
 from flows.workers.pool import Here

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.steps.planning.design import RANDOM, design
-from flows.steps.planning.improve import improve
+from flows.steps.planning.design import RANDOM, design, improve
 from flows.steps.planning.motions import (
     FOURIER,
     Search,

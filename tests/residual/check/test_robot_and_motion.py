@@ -6,9 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.check.body import body_faults
-from residual.check.check import check_logs
-from residual.check.enough import enough
+from residual.check.check import body_faults, check_logs, enough
 from residual.check.ranges import out_of_range
 from residual.check.result import Repair
 from residual.robot.robot import load_robot

@@ -167,7 +167,7 @@ def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch
             if g.effect.name in ("offset", "coulomb_asymmetry") and g.joints == (5,)
         ][:2]
         sets = [Rival((*members[1:], *others), -1.0), Rival(tuple(members[1:]), -2.0)]
-        monkeypatch.setattr("residual.planning.swaps.near_sets", lambda *_: sets)
+        monkeypatch.setattr("residual.planning.gather.near_sets", lambda *_: sets)
         question = open_question(examined, fitted, named)
         seen.append((question, members[0], others))
 

@@ -4,7 +4,7 @@ import itertools
 
 from warehouse.objects import mirror
 from warehouse.objects.bucket import Bucket
-from warehouse.objects.identity import identity_of
+from warehouse.objects.mirror import identity_of
 
 
 class KilledError(BaseException):

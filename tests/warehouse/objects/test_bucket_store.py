@@ -16,7 +16,7 @@ from warehouse.exchange.bundle import write_bundle
 from warehouse.exchange.unbundle import read_bundle
 from warehouse.layout import find, list_folders
 from warehouse.objects import mirror
-from warehouse.objects.identity import IDENTITY
+from warehouse.objects.mirror import IDENTITY
 from warehouse.query import catalogue
 from warehouse.runs import quarantine, quarantined, read_run, tombstone
 from warehouse.seal import has_seal, open_seal
