@@ -2,7 +2,10 @@
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Any, TypeGuard
+
+import numpy as np
 
 MISSING = "–"
 _SUPERSCRIPT = {"2": "²", "3": "³"}
@@ -84,3 +87,18 @@ def _with_std(value: float, std: float) -> str:
     shown = max(places, 0)
     rounded = round(value, places), round(std, places)
     return f"{rounded[0]:.{shown}f} ± {rounded[1]:.{shown}f}"
+
+
+def plain(value: object) -> object:
+    """Return plain Python values; what is not a finite number becomes None."""
+    if isinstance(value, Mapping):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

@@ -48,12 +48,8 @@ ONLY = {
 # Strings that are an effect's name by chance: (file, string) and what they are there.
 HOMONYMS = {
     ("residual/check/result.py", "delay"): "a fault of a log, of the same nature",
-    ("residual/tables/lookup/evaluate.py", "offset"): "the constant of a look-up model",
-    (
-        "residual/tables/lookup/export.py",
-        "offset",
-    ): "the same in the files that it makes",
-    ("residual/tables/lookup/lookup.py", "offset"): "the same in its record",
+    ("residual/tables/evaluate.py", "offset"): "the constant of a look-up model",
+    ("residual/tables/lookup.py", "offset"): "the same in its record and its files",
 }
 NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
 # What may be imported inside a function: optional extras, doors, and what must not be

@@ -6,8 +6,8 @@ from benchmarks.export_parts.models import ARMS, model_with, robot_of, term
 from benchmarks.figures import Figures, figure
 from flows.proofs.mjcf import CREEP, inverse, loaded
 from flows.proofs.proof import extra, text_of
-from residual.export.mjcf import STEP, to_mjcf
-from residual.export.motion import Motion, exciting
+from residual.export.exported import Motion, exciting
+from residual.export.simulators import STEP, to_mjcf
 from residual.model.model import Model
 from residual.robot.dynamics import (
     inertial_parameters,

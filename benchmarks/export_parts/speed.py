@@ -9,13 +9,12 @@ from benchmarks.figures import Figures, figure, missing
 from flows.proofs.c import compiled, compiler
 from flows.proofs.numpy_file import loaded
 from residual.export.c99 import to_c99
-from residual.export.motion import exciting
+from residual.export.exported import exciting
 from residual.export.numpy_file import to_numpy
 from residual.model.corrected import NEAREST, Corrected, Tables
 from residual.model.model import Model
 from residual.tables.form import MAIN
-from residual.tables.lookup.lookup import Lookup
-from residual.tables.lookup.pack import Axis, Table
+from residual.tables.lookup import Axis, Lookup, Table
 
 NUMPY_BAR, C_BAR = 5.0, 2.0  # microseconds a row
 LEVELS, ROWS, TIMES = 22, 10_000, 7

@@ -10,10 +10,9 @@ from sklearn.linear_model import HuberRegressor
 from benchmarks.figures import Figures, figure
 from benchmarks.identification_parts.normal_equations import normal_equations
 from benchmarks.identification_parts.plant_logs import ROBOT, plant_logs
-from residual.identification import solve
-from residual.identification.estimate import Options, estimated
+from residual.identification import estimate
+from residual.identification.estimate import Options, Start, estimated
 from residual.identification.identify import identify
-from residual.identification.solve import Start
 from residual.identification.structure import rows_of
 from residual.robot.base_parameters import base_columns
 from residual.robot.dynamics import inverse_dynamics
@@ -52,7 +51,7 @@ def _robust(rounds: int) -> Figures:
     found = identify(ROBOT, fit, options=Options("irls"))
     whole = process_time() - whole
     rows = rows_of(found.nominal, found.logs.tracks, found.base)
-    blocks = solve.compress(rows)
+    blocks = estimate.compress(rows)
     start = Start(found.nominal_theta, np.ones(len(found.base)), found.preflight.free)
     # The peer knows one noise for all rows: it is given rows in units of it.
     weight = 1 / found.estimate.noise

@@ -13,7 +13,7 @@ from benchmarks.plsr_parts.rows import (
     random_rows,
     seconds,
 )
-from residual.tables.nominal.pls import NominalForm, NominalPls, fit_nominal_pls
+from residual.tables.nominal_pls import NominalForm, NominalPls, fit_nominal_pls
 
 _IKPLS, _SKLEARN, _EQUAL = 40.0, 500.0, 1e-9
 _SECONDS, _GIGABYTES, _EXPONENT = 1.5, 1.0, 1.1

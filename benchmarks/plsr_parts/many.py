@@ -6,7 +6,7 @@ from pathlib import Path
 
 from benchmarks.plsr_parts.fit import warm
 from benchmarks.plsr_parts.rows import random_rows, seconds
-from residual.tables.nominal.pls import NominalForm, fit_nominal_pls
+from residual.tables.nominal_pls import NominalForm, fit_nominal_pls
 
 
 def main() -> None:

@@ -4,7 +4,7 @@ from time import process_time
 
 import numpy as np
 
-from residual.tables.nominal.pls import NominalPls
+from residual.tables.nominal_pls import NominalPls
 
 RATE = 250.0  # Hz
 

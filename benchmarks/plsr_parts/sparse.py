@@ -26,10 +26,9 @@ from residual.calibration.rows import Rows, paper_rows
 from residual.calibration.scores import relative_error
 from residual.recording import Array
 from residual.tables.form import PAIR_FORM, EffectForm
-from residual.tables.lookup.lookup import Lookup
-from residual.tables.nominal.choose import SWEEP, choose_levels
-from residual.tables.nominal.coarser import fill_unvisited
-from residual.tables.nominal.pls import NominalForm, fit_nominal_pls
+from residual.tables.lookup import Lookup
+from residual.tables.nominal_choice import SWEEP, choose_levels
+from residual.tables.nominal_pls import NominalForm, fill_unvisited, fit_nominal_pls
 
 _WORSE, _SHARE, _NEAR, _BEATS = 1.02, 0.1, 1.01, 0.8
 _FRESH = (101, 102, 103)

@@ -5,8 +5,8 @@ import numpy as np
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.plsr_parts.rows import repeated_rows, seconds
 from residual.tables.crossval import leave_one_out, random_blocks, systematic
-from residual.tables.nominal.crossval import nominal_errors
-from residual.tables.nominal.pls import NominalForm
+from residual.tables.nominal_choice import nominal_errors
+from residual.tables.nominal_pls import NominalForm
 
 _SECONDS = 60.0
 _LEVELS = range(2, 41)

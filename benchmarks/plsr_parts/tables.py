@@ -8,9 +8,13 @@ from scipy.sparse import csr_matrix
 
 from benchmarks.figures import Figures, figure
 from benchmarks.plsr_parts.rows import motion_rows, seconds
-from residual.tables.lookup.build import nominal_lookup
-from residual.tables.lookup.kernels import evaluate_levels, evaluate_row, evaluate_rows
-from residual.tables.nominal.pls import NominalForm, NominalPls, fit_nominal_pls
+from residual.tables.kernels import evaluate_levels, evaluate_row, evaluate_rows
+from residual.tables.nominal_pls import (
+    NominalForm,
+    NominalPls,
+    fit_nominal_pls,
+    nominal_lookup,
+)
 
 _TIMES, _ROWS, _MICROSECONDS = 3.0, 3e6, 5.0
 _COUNT = 200_000

@@ -30,7 +30,7 @@ from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable
 from residual.diagnosis.verdict import to_json
 from residual.effects import registry, reported_joints
-from residual.plain import plain
+from residual.quantity import plain
 from residual.threads import one_blas_thread
 from sim.records import PlantEffect
 from sim.streams import stream

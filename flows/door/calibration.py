@@ -10,7 +10,7 @@ from flows.outputs import write_all
 from flows.report.page.calibration import render
 from flows.steps.check import checked
 from residual.calibration import calibrate as core
-from residual.calibration.corrected import corrected_model
+from residual.calibration.calibrate import corrected_model
 from residual.calibration.methods import DEFAULT, NONE
 from residual.calibration.rows import Run
 from residual.calibration.scores import RUN, find

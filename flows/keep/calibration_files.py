@@ -1,11 +1,10 @@
 """The files of a calibration: tables, the model that they correct, and both as one."""
 
-from residual.calibration.calibrate import Calibration
-from residual.calibration.corrected import corrected_model
+from residual.calibration.calibrate import Calibration, corrected_model
 from residual.export.c99 import to_c99
+from residual.export.exported import to_json
 from residual.export.numpy_file import to_numpy
-from residual.export.record import to_json
-from residual.tables.lookup.export import export_lookup
+from residual.tables.lookup import export_lookup
 
 CORRECTED = "corrected.json"
 

@@ -15,8 +15,7 @@ import numpy as np
 from flows.errors import RunError
 from flows.proofs.proof import Proof, compared
 from residual.export.c99 import prefix_of
-from residual.export.exported import Exported, body_of
-from residual.export.motion import Motion, exciting
+from residual.export.exported import Exported, Motion, body_of, exciting
 from residual.recording import Array
 
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC")

@@ -7,9 +7,8 @@ import numpy as np
 
 from flows.proofs.c import build, compiler
 from flows.proofs.proof import Proof, compared, extra
-from residual.export.exported import Exported, Whole, body_of
+from residual.export.exported import Exported, Motion, Whole, body_of, exciting
 from residual.export.fmu import SOURCE, fmu_parts, to_fmu
-from residual.export.motion import Motion, exciting
 from residual.recording import Array
 
 SIGNALS = ("q", "qd", "qdd")

@@ -3,9 +3,8 @@
 import numpy as np
 
 from flows.proofs.proof import Proof, compared, extra, text_of
-from residual.export.exported import Exported, body_of
-from residual.export.motion import Motion, random_states
-from residual.export.passive import saturated_speed
+from residual.export.exported import Exported, Motion, body_of, random_states
+from residual.export.simulators import saturated_speed
 from residual.recording import Array
 
 STATES = 1000

@@ -8,8 +8,7 @@ from pathlib import Path
 from time import perf_counter
 
 from flows.proofs.proof import Proof, compared
-from residual.export.exported import Exported, body_of
-from residual.export.motion import exciting
+from residual.export.exported import Exported, body_of, exciting
 
 
 def prove_numpy(made: Exported) -> Proof:

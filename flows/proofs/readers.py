@@ -5,9 +5,8 @@ import json
 import numpy as np
 
 from flows.proofs.proof import Proof, compared, text_of
-from residual.export.exported import Exported, body_of
-from residual.export.motion import exciting, random_states
-from residual.export.passive import saturated_speed
+from residual.export.exported import Exported, body_of, exciting, random_states
+from residual.export.simulators import saturated_speed
 from residual.export.table import POSITION, SPEED, curve_at
 from residual.model.record import from_record
 from residual.robot.dynamics import inverse_dynamics

@@ -9,8 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from flows.proofs.proof import Proof, extra
-from residual.export.exported import Exported, Whole, body_of, file_stem, split
-from residual.export.motion import exciting
+from residual.export.exported import (
+    Exported,
+    Whole,
+    body_of,
+    exciting,
+    file_stem,
+    split,
+)
 from residual.recording import Array, Recording
 from residual.robot.chain import chain_of
 from residual.signals.track import Track, prepare

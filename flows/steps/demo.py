@@ -23,7 +23,7 @@ from flows.workers.pool import Here, Pool
 from residual.effects import reported_joints
 from residual.errors import InputError
 from residual.names import check_name
-from residual.plain import plain
+from residual.quantity import plain
 from sim.catalogue import kinds
 from sim.records import BACKGROUNDS, PlantEffect, TrajectorySpec
 from sim.streams import HIDDEN, stream

@@ -17,12 +17,10 @@ from flows.requests import Export
 from flows.settings import store_folder
 from residual.errors import InputError
 from residual.export.c99 import to_c99
-from residual.export.exported import Exported, Whole, body_of
-from residual.export.mjcf import to_mjcf
+from residual.export.exported import Exported, Whole, body_of, to_json
 from residual.export.numpy_file import to_numpy
-from residual.export.record import to_json
+from residual.export.simulators import to_mjcf, to_urdf
 from residual.export.table import to_table
-from residual.export.urdf import to_urdf
 from residual.names import check_name
 from residual.recording import Recording
 

@@ -20,7 +20,7 @@ from residual.errors import InputError
 from residual.export.exported import Whole, body_of
 from residual.model.prediction import EDITED, WHOLE, Edits, Prediction
 from residual.model.prediction import predict as core_predict
-from residual.plain import plain
+from residual.quantity import plain
 from residual.threads import one_blas_thread
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}

@@ -5,12 +5,12 @@ predicted: on rows of a motion that was seen, and on motions that were not. (Sec
 2.4 to 2.6 of the paper; docs/calibration.md.)
 """
 
+import re
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.calibration.cut import cut_single, shorten, thinning
 from residual.calibration.methods import (
     EFFECTS,
     Choices,
@@ -27,14 +27,16 @@ from residual.calibration.nominal import (
     identified_without,
     prepare_runs,
 )
-from residual.calibration.pictures import (
-    Plane,
-    Unseen,
-    find_runs,
-    plane_of,
-    unseen_run,
+from residual.calibration.rows import (
+    PAPER,
+    Rows,
+    Run,
+    cut_single,
+    measured_rows,
+    paper_rows,
+    shorten,
+    thinning,
 )
-from residual.calibration.rows import PAPER, Rows, Run, measured_rows, paper_rows
 from residual.calibration.scores import (
     UNSEEN,
     Scheme,
@@ -47,24 +49,28 @@ from residual.calibration.views import (
     SWEEP,
     Components,
     Oddities,
+    Plane,
     Sweep,
     Terms,
+    Unseen,
     components_of,
+    find_runs,
     oddities_of,
+    plane_of,
     sweep_levels,
     terms_of,
+    unseen_run,
 )
+from residual.model.corrected import NEAREST, Column, Corrected, Tables
 from residual.model.model import Model
 from residual.model.term import Term
 from residual.recording import Array
 from residual.robot.robot import Robot
-from residual.tables.build import build_lookup
-from residual.tables.choose import PROVEN
-from residual.tables.form import EffectForm, Option
-from residual.tables.lookup.build import nominal_lookup
-from residual.tables.lookup.lookup import Lookup
-from residual.tables.nominal.choose import ChosenLevels
-from residual.tables.nominal.pls import NominalForm
+from residual.tables.choose import PROVEN, build_lookup
+from residual.tables.form import MAIN, NONE, EffectForm, Option
+from residual.tables.lookup import Axis, Lookup, Table
+from residual.tables.nominal_choice import ChosenLevels
+from residual.tables.nominal_pls import NominalForm, nominal_lookup
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,3 +358,61 @@ def _with_views(
     parts = (components, sweep, terms, oddities)
     names = ("components", "sweep", "terms", "oddities")
     return replace(made, **dict(zip(names, parts, strict=True)))
+
+
+def corrected_model(made: Calibration) -> Corrected | None:
+    """Return model and tables as one model, which predicts a torque.
+
+    Args:
+        made: A calibration.
+
+    Returns:
+        The model that was identified from all logs with the tables on top; None where
+        they correct a simulated twin, or torque as a sensor reports it.
+    """
+    model, lookup = made.nominal, made.lookup
+    if made.rows.mode == PAPER or model is None:
+        return None
+    if any(term.effect.of_report for term in model.terms):
+        return None
+    columns = tuple(map(_column, lookup.names))
+    tables = (
+        Tables(joint - 1, columns, own, _kind(own), NEAREST)
+        for m, joint in enumerate(made.rows.joints)
+        if (own := _of_joint(lookup, m))
+    )
+    return Corrected(model, tuple(tables))
+
+
+def _kind(lookup: Lookup) -> str:
+    empty = not (lookup.tables or lookup.offset.any() or lookup.slope.any())
+    return NONE if empty else MAIN
+
+
+def _column(name: str) -> Column:
+    """A variable of the tables as a column of the state: q1, qd1, qdd1, or tau1."""
+    on, number, _ = re.split(r"(\d+)", name)
+    return ("tau_model" if on == "tau" else on), (int(number) - 1,), ""
+
+
+def _of_joint(lookup: Lookup, m: int) -> Lookup:
+    """The same for one response alone; tables that are zero for it are left out."""
+    tables = [
+        Table(t.axes, t.values[..., [m]])
+        for t in lookup.tables
+        if t.values[..., m].any()
+    ]
+    used = sorted({axis for t in tables for axis in t.axes})
+    place = {axis: k for k, axis in enumerate(used)}
+    axes: list[Axis] = [lookup.axes[axis] for axis in used]
+    moved = [Table(tuple(place[a] for a in t.axes), t.values) for t in tables]
+    return Lookup(
+        lookup.names,
+        (lookup.joints[m],),
+        tuple(axes),
+        tuple(moved),
+        np.array(lookup.offset[[m]]),
+        np.array(lookup.slope[:, [m]]),
+        lookup.low,
+        lookup.high,
+    )

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.recording import Array
-from residual.tables.build import build_lookup
-from residual.tables.choose import PROVEN, EffectModel, fit_effect_tables
+from residual.tables.choose import PROVEN, EffectModel, build_lookup, fit_effect_tables
+from residual.tables.components import fit_pls
 from residual.tables.form import (
     LEAST_SQUARES,
     NAMED,
@@ -21,17 +21,16 @@ from residual.tables.form import (
 )
 from residual.tables.form import NONE as NOTHING
 from residual.tables.levels import merge_rows
-from residual.tables.lookup.lookup import Lookup
-from residual.tables.nominal.choose import ChosenLevels, choose_levels
-from residual.tables.nominal.coarser import fill_unvisited
-from residual.tables.nominal.pls import (
+from residual.tables.lookup import Lookup
+from residual.tables.main_tables import pair_levels
+from residual.tables.nominal_choice import ChosenLevels, choose_levels
+from residual.tables.nominal_pls import (
     NominalForm,
     NominalPls,
     component_bound,
+    fill_unvisited,
     fit_cells,
 )
-from residual.tables.pair_tables import pair_levels
-from residual.tables.pls import fit_pls
 
 NONE, LS, PLSR, PAPER_FORM, DEFAULT = "none", "ls", "plsr", "paper", "default"
 CHOSEN = "chosen"

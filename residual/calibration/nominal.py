@@ -9,14 +9,16 @@ diagnosis named can be added, and all are fitted together.
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from residual.calibration.parts import (
+from residual.calibration.rows import (
     Part,
+    Run,
+    chosen_rows,
     cut_parts,
     folds_without,
     label_rows,
+    torque_at,
     tracks_without,
 )
-from residual.calibration.rows import Run, chosen_rows, torque_at
 from residual.evidence.design import Design
 from residual.evidence.fit import fit, start
 from residual.evidence.priors import priors

@@ -6,18 +6,142 @@ is the measured motion of all joints, Y the residual of a nominal model that was
 identified without the held-out runs.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
-from residual.calibration.parts import Part, cut_parts, part_of_rows
 from residual.errors import InputError
 from residual.recording import Array, Recording
 from residual.signals.track import Filters, Track, sample_rate
 from residual.tables.blocks import frozen
+from residual.tables.components import state_block, state_names
 from residual.tables.levels import shift_ahead
-from residual.tables.pca import state_block, state_names
+
+BLOCKS = 4  # of a run
+FEW = 4  # runs under which leaving one out leaves fewer than three
+GUARD = 0.25  # s, beside a block that is left out: filters and friction remember
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A block of a run.
+
+    Attributes:
+        run: Number of the run.
+        begin, end: From when on, and until when, on the log's own clock [s].
+    """
+
+    run: int
+    begin: float
+    end: float
+
+    def rows(self, t: Array, guard: float = 0.0) -> Array:
+        """Whether times of its run are in it, or so close to it. Shape (n,), bool."""
+        return (t >= self.begin - guard) & (t < self.end + guard)
+
+
+def cut_parts(times: Sequence[Array]) -> tuple[Part, ...]:
+    """Cut every run into blocks of equally many rows.
+
+    Args:
+        times: Times of the rows of each run [s]. Shapes (n,).
+    """
+    out = []
+    for run, t in enumerate(times):
+        inner = t[np.arange(1, BLOCKS) * len(t) // BLOCKS]
+        ends = (-np.inf, *map(float, inner), np.inf)
+        out += [Part(run, a, b) for a, b in pairwise(ends)]
+    return tuple(out)
+
+
+def part_of_rows(parts: Sequence[Part], times: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the part of every row, and the other part that it is close to.
+
+    Args:
+        times: Times of the rows of each run [s]. Shapes (n,).
+
+    Returns:
+        Numbers of parts; -1 where no other part is close. Shapes (n,), all runs.
+    """
+    own, near = [], []
+    for run, t in enumerate(times):
+        inside, beside = np.zeros(len(t), int), np.full(len(t), -1)
+        for number, part in enumerate(parts):
+            if part.run != run:
+                continue
+            within = part.rows(t)
+            inside[within] = number
+            beside[part.rows(t, GUARD) & ~within] = number
+        own.append(inside)
+        near.append(beside)
+    return np.concatenate(own), np.concatenate(near)
+
+
+def label_rows(tracks: Sequence[Track], parts: Sequence[Part]) -> list[Array]:
+    """Number the rows by part: three for each, its inside and both of its edges.
+
+    Returns:
+        3 times the part's number, and 0, 1 or 2 for rows close to the part before, to
+        none and to the part after. Shapes (m,).
+    """
+    out = []
+    for run, track in enumerate(tracks):
+        t, labels = _times(track), np.zeros(len(track.tau), dtype=int)
+        for number, part in enumerate(parts):
+            if part.run == run:
+                place = 1 - (t < part.begin + GUARD) + (t >= part.end - GUARD)
+                labels = np.where(part.rows(t), 3 * number + place, labels)
+        out.append(labels)
+    return out
+
+
+def folds_without(parts: Sequence[Part], left_out: Collection[int]) -> Array:
+    """Return the labels of the rows that are neither left out nor close to that."""
+
+    def near(number: int, other: int) -> bool:
+        same = 0 <= other < len(parts) and parts[other].run == parts[number].run
+        return same and other in left_out
+
+    kept = []
+    for number in (n for n in range(len(parts)) if n not in left_out):
+        kept += [] if near(number, number - 1) else [3 * number]
+        kept += [3 * number + 1]
+        kept += [] if near(number, number + 1) else [3 * number + 2]
+    return np.array(kept, dtype=int)
+
+
+def tracks_without(
+    tracks: Sequence[Track], parts: Sequence[Part], left_out: Collection[int]
+) -> tuple[Track, ...]:
+    """Return what is left of each track.
+
+    Args:
+        left_out: Numbers of the parts that must not be seen.
+    """
+    out = []
+    for run, track in enumerate(tracks):
+        own = [n for n, part in enumerate(parts) if part.run == run]
+        gone = [n for n in own if n in left_out]
+        if len(gone) == len(own):
+            continue
+        out.append(_masked(track, [parts[n] for n in gone]))
+    return tuple(out)
+
+
+def _masked(track: Track, parts: Sequence[Part]) -> Track:
+    if not parts:
+        return track
+    t = _times(track)
+    kept = ~np.any([part.rows(t, GUARD) for part in parts], axis=0)
+    return replace(track, inner=track.inner & kept, moving=track.moving & kept[:, None])
+
+
+def _times(track: Track) -> Array:
+    """Times of a track's rows on the log's own clock [s]. Shape (m,)."""
+    return track.t[:: track.step][: len(track.tau)]
+
 
 PAPER, MEASURED = "paper", "measured"
 PAPER_JOINTS = 3  # section 2.4 of the paper
@@ -246,3 +370,70 @@ def _stacked(mode: str, joints: tuple[int, ...], made: tuple) -> Rows:
         frozen(part),
         frozen(near),
     )
+
+
+PARTS = 5  # of a single log
+MOST = 900.0  # s of logs in all
+
+
+def cut_single(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Cut a single log into parts, so that there is something to leave out."""
+    if len(runs) != 1:
+        return tuple(runs)
+    (run,) = runs
+    count = len(run.log.t)
+    ends = np.linspace(0, count, PARTS + 1).astype(int)
+    return tuple(
+        _part(run, slice(a, b), f" part {i}")
+        for i, (a, b) in enumerate(pairwise(ends), 1)
+    )
+
+
+def thinning(runs: Sequence[Run]) -> tuple[int, tuple[str, ...]]:
+    """Return every how manieth row tables take of all logs, and that, a line.
+
+    The model is identified from all of them, piece by piece.
+    """
+    total = sum(run.log.duration for run in runs)
+    thin = max(1, int(np.ceil(total / MOST)))
+    if thin == 1:
+        return 1, ()
+    return thin, (
+        f"{total / 60:.3g} min of logs: the model is identified from all of them, "
+        f"tables are fitted to one row in {thin}",
+    )
+
+
+def shorten(runs: Sequence[Run]) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """Keep the middle of every run where all of them are longer than tables can use.
+
+    Of the paper's rows each needs the next one. Those of more than a quarter of an hour
+    would take gigabytes and hours, and say what these say.
+
+    Returns:
+        The logs, each cut to the same share of its length, and what was done, a line.
+    """
+    total = sum(run.log.duration for run in runs)
+    if total <= MOST:
+        return tuple(runs), ()
+    out = []
+    for run in runs:
+        count = len(run.log.t)
+        kept = max(int(count * MOST / total), 2)
+        first = (count - kept) // 2
+        out.append(_part(run, slice(first, first + kept)))
+    return tuple(out), (
+        f"{total / 60:.3g} min of logs are more than tables are fitted to: of each of "
+        f"{len(runs)} runs or parts the middle {100 * MOST / total:.2g} % was taken, "
+        f"{MOST / 60:g} min in all. For others give windows, such as A.csv@0:600",
+    )
+
+
+def _part(run: Run, rows: slice, label: str = "") -> Run:
+    log = run.log
+    cut = {"t": log.t[rows], "q": log.q[rows], "tau": log.tau[rows]}
+    for name in ("qd", "qdd", "q_ref"):
+        if getattr(log, name) is not None:
+            cut[name] = getattr(log, name)[rows]
+    twin = {name: values[rows] for name, values in run.twin.items()}
+    return replace(run, log=replace(log, id=f"{log.id}{label}", **cut), twin=twin)

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.calibration.methods import PAPER_FORM, PLSR, Method, Training
-from residual.calibration.parts import FEW
-from residual.calibration.rows import Rows
+from residual.calibration.rows import FEW, Rows
 from residual.errors import InputError
 from residual.recording import Array
 from residual.tables.crossval import (

@@ -7,20 +7,35 @@ from time import process_time
 
 import numpy as np
 
-from residual.calibration.methods import Training, fit_paper, fixed_lookup
+from residual.calibration.methods import (
+    CHOSEN,
+    DEFAULT,
+    LS,
+    PAPER_FORM,
+    Choices,
+    Forms,
+    Training,
+    fit_paper,
+    fixed_lookup,
+    methods,
+)
 from residual.calibration.rows import Rows, Run
-from residual.calibration.scores import RANDOM, RUN, Scheme
+from residual.calibration.scores import RANDOM, RUN, Response, Scheme
 from residual.recording import Array
 from residual.tables.blocks import check_count
+from residual.tables.components import (
+    fit_pca,
+    fit_pls,
+    real_components,
+    state_block,
+    state_names,
+)
 from residual.tables.crossval import BLOCKS, HeldOut
 from residual.tables.form import PAIRS, EffectForm, Option
 from residual.tables.importance import Jackknife, jackknife, table_importance
-from residual.tables.nominal.choose import SWEEP
-from residual.tables.nominal.crossval import nominal_errors
-from residual.tables.nominal.pls import NominalForm
+from residual.tables.nominal_choice import SWEEP, nominal_errors
+from residual.tables.nominal_pls import NominalForm
 from residual.tables.outliers import CLASSES, nominal_distances, speed_classes
-from residual.tables.pca import fit_pca, state_block, state_names
-from residual.tables.surrogates import real_components
 
 INPUT, TWIN, WHITE = "input", "twin error", "white noise"
 LEFT = "residual"
@@ -264,3 +279,112 @@ def _components(about: tuple[str, str], values, names, chance: tuple) -> Compone
 def _best(errors: HeldOut) -> Array:
     curve = errors.pooled()[1:]
     return curve[np.nansum(curve**2, axis=1).argmin()]
+
+
+_SHOWN = (LS, PAPER_FORM, CHOSEN, DEFAULT)
+_MOST = 600  # rows of a picture
+_STRONG = 0.5  # correlation from which a variable is said to make a component
+_PLANE = 2
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Unseen:
+    """A run that no model has seen, over time (paper, figure 9).
+
+    Attributes:
+        label: The run.
+        t: Time from its first row [s]. Shape (n,).
+        left: What the nominal model leaves: the measured residual [N m]. Shape (n, j).
+        corrections: Torque of each model's correction [N m]. Shapes (n, j).
+    """
+
+    label: str
+    t: Array
+    left: Array
+    corrections: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Plane:
+    """Scores and loadings of the first two components of PLSR.
+
+    Loadings are correlations with the scores: on the circle a variable is all in the
+    plane, at its middle it has no part in it.
+
+    Attributes:
+        names: Variables, then residuals of the joints.
+        loadings: Correlations. Shape (variables + j, 2).
+        explained: Share of the residuals' variance per component [%]. Shape (2,).
+        scores: Some of the rows. Shape (n, 2).
+        run: Run of each. Shape (n,).
+    """
+
+    names: tuple[str, ...]
+    loadings: Array
+    explained: Array
+    scores: Array
+    run: Array
+
+    def strong(self, component: int) -> tuple[tuple[str, float], ...]:
+        """Variables and residuals that make a component, the strongest first."""
+        column = self.loadings[:, component]
+        order = np.argsort(-np.abs(column), kind="stable")
+        kept = [i for i in order if abs(column[i]) >= _STRONG]
+        return tuple((self.names[i], float(column[i])) for i in kept)
+
+
+def unseen_run(
+    rows: Training,
+    about: tuple[Rows, Scheme],
+    forms: Forms,
+    chosen: Choices,
+    response: Response,
+) -> Unseen:
+    """Correct the run of the middle error by models that were fitted without it.
+
+    Args:
+        about: The rows with their labels, and the scheme that leaves runs out.
+        forms: What models may be chosen from.
+        chosen: What was chosen on all rows: the choice, unlike the fit, has seen it.
+        response: What a nominal model leaves that was identified without some parts.
+    """
+    whole, scheme = about
+    runs = range(len(whole.labels))
+    size = [float((rows.Y[rows.run == run] ** 2).mean()) for run in runs]
+    number = int(np.argsort(size)[len(size) // 2])
+    held = scheme.folds.of_row == number
+    Y = response(scheme.left_out[number])
+    told = Training(rows.X, Y, rows.run, rows.tau, rows.part)
+    fitted, new = told.rows(~held), told.rows(held)
+    step = max(1, int(held.sum()) // _MOST)
+    models = methods(forms, chosen)
+    corrections = {}
+    for name in (n for n in _SHOWN if n in models):
+        # All components that there are; of models without a number there is one.
+        corrections[name] = models[name](fitted)(new)[-1][::step]
+    t = np.arange(int(held.sum())) / whole.rates[number]
+    return Unseen(whole.labels[number], t[::step], Y[held][::step], corrections)
+
+
+def plane_of(rows: Training, names: tuple[str, ...], joints: tuple[int, ...]) -> Plane:
+    """Scores and loadings of PLSR on all rows (paper, section 5)."""
+    model = fit_pls(rows.X, rows.Y, names=names)
+    T = model.T[:, :_PLANE]
+    if T.shape[1] < _PLANE:
+        T = np.column_stack([T, np.zeros(len(T))])
+    both = np.column_stack([rows.X, rows.Y])
+    both = both - both.mean(axis=0)
+    length = np.linalg.norm(both, axis=0)[:, None] * np.linalg.norm(T, axis=0)
+    loadings = both.T @ T / np.maximum(length, 1e-300)
+    Y = rows.Y - rows.Y.mean(axis=0)
+    fitted = ((Y.T @ T) ** 2).sum(axis=0) / np.maximum((T**2).sum(axis=0), 1e-300)
+    explained = 100 * fitted / max(float((Y**2).sum()), 1e-300)
+    step = max(1, len(T) // _MOST)
+    residuals = tuple(f"residual{j}" for j in joints)
+    parts = T[::step], rows.run[::step]
+    return Plane((*names, *residuals), loadings, explained, *parts)
+
+
+def find_runs(schemes: tuple[Scheme, ...]) -> Scheme | None:
+    """The scheme that leaves one run out, None where there is none."""
+    return next((scheme for scheme in schemes if scheme.name == RUN), None)

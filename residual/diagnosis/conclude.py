@@ -31,7 +31,7 @@ from residual.diagnosis.uncertainty import doubtful
 from residual.effects import registry
 from residual.evidence.priors import Space, inertial_precision
 from residual.model.compare import Errors
-from residual.plain import plain
+from residual.quantity import plain
 from residual.robot.dynamics import inertial_parameters
 
 SURE_OF_LINK = 4.0  # deviations, as of a name (`doubt.standing`)

@@ -27,7 +27,7 @@ from residual.diagnosis.result import (
 )
 from residual.errors import InputError
 from residual.names import shown
-from residual.plain import plain
+from residual.quantity import plain
 
 SCHEMA = 1
 _PER_JOINT = ("held_out", "filtered", "moving")

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from residual.effects._portable import formula
-from residual.effects.base import Effect, against_position, local
+from residual.effects.base import Effect, against_position, formula, local
 
 MOST = 3.0  # times the joint's torque
 

@@ -7,14 +7,58 @@ registry is the folder listing.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from residual.effects._portable import NOWHERE, Portable
 from residual.recording import Array
 from residual.robot.regressor import LazyRegressor
 from residual.robot.robot import Robot
+
+Property = Literal[
+    "damping", "quadratic_damping", "friction", "armature", "stiffness", "constant"
+]
+BRISTLE, EARLIER = 3, 258  # numbers that each of the two has to keep in its memory
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Portable:
+    """What of an effect other programs can be told; nothing where all is empty.
+
+    Attributes:
+        formula: Torque [N m], one expression per joint that the effect acts on; a
+            single one stands for all.
+        shift: By how much the angle of the joint is another than the encoder says
+            [rad], and the first and second derivative of that.
+        memory: How many numbers the formula keeps from sample to sample.
+        joint: What each coefficient is as a property of a simulated joint: torque per
+            "damping" qd, "quadratic_damping" qd |qd|, "friction" sign(qd), "armature"
+            qdd, "stiffness" q, or "constant".
+        bodies: (theta, joints, robot) -> inertial parameters that it adds (10 dof,).
+        gravity: (theta, robot) -> acceleration that it adds to gravity [m/s^2] (3,).
+        force: (theta,) -> force on the flange, in the base frame [N] (3,).
+        possible: (theta, shape) -> whether the formula holds for these numbers.
+        why_not: Why no formula can say it; empty where there is one.
+    """
+
+    formula: tuple[str, ...] = ()
+    shift: tuple[str, str, str] | None = None
+    memory: int = 0
+    joint: tuple[Property, ...] = ()
+    bodies: Callable[[Array, tuple[int, ...], Any], Array] | None = None
+    gravity: Callable[[Array, Any], Array] | None = None
+    force: Callable[[Array], Array] | None = None
+    possible: Callable[[Array, tuple[float, ...]], bool] = lambda theta, shape: True
+    why_not: str = ""
+
+
+def formula(*rows: str, joint: tuple[Property, ...] = (), memory: int = 0) -> Portable:
+    """An effect that its torque says, and what its coefficients are to a joint."""
+    return Portable(formula=rows, joint=joint, memory=memory)
+
+
+NOWHERE = Portable(why_not="its file does not say it")
+
 
 Joints = tuple[int, ...]
 Shape = tuple[float, ...]
@@ -283,3 +327,32 @@ def local(feature: Callable[[State, int, Shape], Sequence[Array]]) -> Columns:
 def against_position(state: State, joint: int) -> tuple[Array, str]:
     """Draw over the joint's position."""
     return state.q[:, joint], f"q{joint + 1} [rad]"
+
+
+SLACK = 0.1  # of what the model has: by so much a change may overshoot it
+
+
+def within_torque(theta: Array, shape: Shape, limits: Limits) -> bool:
+    """Of either sign, and no larger than the torque of the joint."""
+    return bool(np.linalg.norm(theta) <= limits.torque)
+
+
+def stays_positive(theta: Array, shape: Shape, limits: Limits) -> bool:
+    """With what the model has of it, not negative: an inertia, or a friction.
+
+    A change may overshoot what the model has by a little, since both have an error.
+    """
+    had = limits.had if len(limits.had) == len(theta) else np.zeros(len(theta))
+    total = had + theta
+    return bool(np.all(np.where(had > 0, total > -SLACK * had, total > 0)))
+
+
+def dissipates(theta: Array, shape: Shape, limits: Limits) -> bool:
+    """Friction takes power; and no joint moves against more than its torque."""
+    return stays_positive(theta, shape, limits) and within_torque(theta, shape, limits)
+
+
+def dissipates_with_speed(theta: Array, shape: Shape, limits: Limits) -> bool:
+    """The same of friction per speed, at the speed that the joint was seen at."""
+    positive = stays_positive(theta, shape, limits)
+    return positive and within_torque(theta * limits.speed, shape, limits)

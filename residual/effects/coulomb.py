@@ -1,8 +1,6 @@
 """Coulomb friction: torque of constant size against the direction of motion."""
 
-from residual.effects._limits import dissipates
-from residual.effects._portable import formula
-from residual.effects.base import Effect, local
+from residual.effects.base import Effect, dissipates, formula, local
 
 
 def _feature(state, j, shape):

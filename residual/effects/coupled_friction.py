@@ -6,8 +6,7 @@ qd_i - qd_j; its friction and its inertia load both joints.
 
 import numpy as np
 
-from residual.effects._portable import formula
-from residual.effects.base import Effect
+from residual.effects.base import Effect, formula
 
 
 def _columns(state, joints, shape):

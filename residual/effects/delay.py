@@ -6,8 +6,7 @@ bends it as a delay of that size does.
 
 import numpy as np
 
-from residual.effects._portable import EARLIER, Portable
-from residual.effects.base import Effect, Refinement
+from residual.effects.base import EARLIER, Effect, Portable, Refinement
 
 LARGEST = 0.05  # s: beyond it the two channels have lost each other
 LEAST = 1e-4  # s: below it the difference is a derivative

@@ -5,9 +5,8 @@ The encoder sits on the motor, so the link is at the reading less load over stif
 
 import numpy as np
 
-from residual.effects._portable import Portable
 from residual.effects._sensitivity import moved, rates, slow
-from residual.effects.base import Effect
+from residual.effects.base import Effect, Portable
 
 FUTURE = "its filter looks ahead in time"
 SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from residual.effects._portable import Portable
 from residual.effects._sensitivity import turned
-from residual.effects.base import Effect
+from residual.effects.base import Effect, Portable
 
 MOST = 0.2  # rad
 SHIFT = (

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from residual.effects._portable import Portable
 from residual.effects._sensitivity import sensitivity
-from residual.effects.base import Effect
+from residual.effects.base import Effect, Portable
 
 MOST = 0.5  # rad: nobody would overlook more
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from residual.effects._portable import Portable
-from residual.effects.base import Effect
+from residual.effects.base import Effect, Portable
 from residual.robot.dynamics import inertial_parameters
 
 MOST = 10.0  # times the body that the model has

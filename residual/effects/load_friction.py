@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from residual.effects._portable import formula
-from residual.effects.base import Effect, local
+from residual.effects.base import Effect, formula, local
 
 
 def _over_load(state, j):

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from residual.effects._limits import within_torque
-from residual.effects._portable import formula
-from residual.effects.base import Effect, local
+from residual.effects.base import Effect, formula, local, within_torque
 
 
 def _feature(state, j, shape):

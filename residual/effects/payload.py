@@ -3,8 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from residual.effects._portable import Portable
-from residual.effects.base import Effect
+from residual.effects.base import Effect, Portable
 from residual.robot.dynamics import flange_placement
 
 LEAST = 0.01  # of the arm's mass: a load whose centre is not known from its mass

@@ -2,9 +2,13 @@
 
 import numpy as np
 
-from residual.effects._limits import within_torque
-from residual.effects._portable import formula
-from residual.effects.base import Effect, against_position, local
+from residual.effects.base import (
+    Effect,
+    against_position,
+    formula,
+    local,
+    within_torque,
+)
 
 
 def _feature(state, j, shape):

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from residual.effects._limits import dissipates
-from residual.effects._portable import formula
-from residual.effects.base import Effect, Refinement, local
+from residual.effects.base import Effect, Refinement, dissipates, formula, local
 
 
 def _feature(state, j, shape):

@@ -6,9 +6,14 @@ Coulomb friction of the model it makes friction that takes some way to turn roun
 
 import numpy as np
 
-from residual.effects._limits import dissipates
-from residual.effects._portable import BRISTLE, formula
-from residual.effects.base import Effect, Refinement, local
+from residual.effects.base import (
+    BRISTLE,
+    Effect,
+    Refinement,
+    dissipates,
+    formula,
+    local,
+)
 from residual.signals.direction import bristle
 
 

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from residual.effects._limits import dissipates_with_speed
-from residual.effects._portable import formula
-from residual.effects.base import Effect, local
+from residual.effects.base import Effect, dissipates_with_speed, formula, local
 
 
 def _feature(state, j, shape):

@@ -2,9 +2,14 @@
 
 import numpy as np
 
-from residual.effects._limits import within_torque
-from residual.effects._portable import formula
-from residual.effects.base import Effect, Refinement, against_position, local
+from residual.effects.base import (
+    Effect,
+    Refinement,
+    against_position,
+    formula,
+    local,
+    within_torque,
+)
 
 
 def _feature(state, j, shape):

@@ -1,8 +1,6 @@
 """Inertia of motor rotor and gear, reflected to the joint."""
 
-from residual.effects._limits import stays_positive
-from residual.effects._portable import formula
-from residual.effects.base import Effect, local
+from residual.effects.base import Effect, formula, local, stays_positive
 
 
 def _over_acceleration(state, j):

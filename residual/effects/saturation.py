@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from residual.effects._portable import formula
-from residual.effects.base import Effect, Refinement, local
+from residual.effects.base import Effect, Refinement, formula, local
 
 # The coefficient is one where the clip is right; a model that is not yet may need more.
 LEAST, MOST = 0.5, 2.0

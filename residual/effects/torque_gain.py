@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from residual.effects._portable import formula
-from residual.effects.base import Effect, local
+from residual.effects.base import Effect, formula, local
 
 MOST = 10.0  # beyond it the unit is another one
 

@@ -1,8 +1,6 @@
 """Viscous friction: torque proportional to speed."""
 
-from residual.effects._limits import dissipates_with_speed
-from residual.effects._portable import formula
-from residual.effects.base import Effect, local
+from residual.effects.base import Effect, dissipates_with_speed, formula, local
 
 
 def _feature(state, j, shape):

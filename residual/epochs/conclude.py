@@ -26,7 +26,7 @@ from residual.epochs.search import Change, Found
 from residual.epochs.unnamed import Rest, follows
 from residual.epochs.unrest import Warmth
 from residual.model.compare import Cloud, Errors
-from residual.plain import plain
+from residual.quantity import plain
 from residual.recording import Array
 from residual.robot.robot import Robot
 

@@ -20,7 +20,7 @@ from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal, begin
 from residual.model.standstill import with_standstill
 from residual.model.term import Term, with_slots
-from residual.plain import plain
+from residual.quantity import plain
 from residual.recording import Array
 
 SURE = 3.0  # deviations beyond which a value has changed

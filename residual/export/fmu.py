@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from residual.export.c99 import to_c99
 from residual.export.exported import Exported, Whole, body_of
-from residual.export.numbers import filled, template
+from residual.export.program import filled, template
 
 PLATFORM = "linux64"
 SOURCE = "fmu.c"

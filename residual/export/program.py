@@ -1,12 +1,13 @@
 """A model as a list of things to compute, for writers of programs in any language."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 
 import numpy as np
 
-from residual.effects._portable import BRISTLE, Portable
+from residual.effects.base import BRISTLE, Portable
 from residual.export.exported import Split, Whole, body_of, file_stem, split
 from residual.model.corrected import Corrected, Tables
 from residual.model.model import LEAST_SPEED, Model
@@ -205,3 +206,44 @@ def _sum(model: Model, what: str) -> Array | None:
             given = (term.theta,) if what == "force" else (term.theta, model.robot)
             parts.append(add(*given))
     return sum(parts) if parts else None
+
+
+def arrays_of(program: Program) -> dict[str, Array]:
+    """Return the numbers by name.
+
+    The rotation of a joint is R(q) = still + cos(q) along + sin(q) across.
+    """
+    chain = program.chain
+    onto = np.einsum("ij,ik->ijk", chain.axis, chain.axis)
+    skew = np.cross(np.eye(3)[None], chain.axis[:, None, :])
+    arrays: dict[str, Array | None] = {
+        "place": chain.place,
+        "axis": chain.axis,
+        "still": chain.rotation @ onto,
+        "along": chain.rotation @ (np.eye(3) - onto),
+        "across": chain.rotation @ skew,
+        "flange": chain.flange,
+        "gravity": program.gravity,
+        "rigid": program.rigid,
+        "added": program.added,
+        "tilt": program.tilt,
+        "force": program.force,
+    }
+    if program.shifts or program.tilt is not None:
+        arrays["loaded"] = program.loaded
+    if program.shifts:
+        arrays["drive"] = program.drive
+    return {name: values for name, values in arrays.items() if values is not None}
+
+
+def filled(text: str, words: Mapping[str, str]) -> str:
+    """Return a text with @NAME@ replaced by what it stands for."""
+    for name, word in words.items():
+        text = text.replace(f"@{name}@", word)
+    return text
+
+
+def template(name: str) -> str:
+    """Return a text of the folder `templates`."""
+    folder = resources.files("residual") / "export" / "templates"
+    return folder.joinpath(name).read_text(encoding="utf-8")

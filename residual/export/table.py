@@ -20,17 +20,18 @@ from residual.export.exported import (
     Split,
     Whole,
     body_of,
+    exciting,
+    limits,
     size_of,
     split,
 )
-from residual.export.motion import exciting, limits
 from residual.export.program import WORD
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.model.term import Term
 from residual.recording import Array
 from residual.tables.form import NONE
-from residual.tables.lookup.export import export_lookup
+from residual.tables.lookup import export_lookup
 
 DENSE = 4001  # points that the curve is looked at
 ENOUGH = 1e-3  # of the largest value: more points help no controller

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from residual.errors import InputError
-from residual.identification import solve
+from residual.identification import estimate as solve
 from residual.identification.identify import Identification
 from residual.model.model import Model
 from residual.recording import Array

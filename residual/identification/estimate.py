@@ -18,12 +18,140 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.identification import estimate as robust
-from residual.identification import solve
-from residual.identification.solve import Start
 from residual.identification.structure import Rows
 from residual.names import check_name
 from residual.recording import Array
+
+LAGS = 80
+_CUT = 1e-10  # singular values below this share tell nothing: nominal stays
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Start:
+    """Where a fit starts, and what it may move.
+
+    Attributes:
+        value: theta_0: what stays if the rows tell nothing. Shape (b,).
+        size: What counts as a large change of each. Shape (b,).
+        free: Which may move. Shape (k,).
+        precision: L over all parameters, None for a free fit. Shape (b, b).
+    """
+
+    value: Array
+    size: Array
+    free: Array
+    precision: Array | None = None
+
+    @property
+    def root(self) -> Array:
+        """Rows that stand for the prior, in units of size. Shape (k or 0, k)."""
+        if self.precision is None:
+            return np.zeros((0, len(self.free)))
+        size = self.size[self.free]
+        own = self.precision[np.ix_(self.free, self.free)] * np.outer(size, size)
+        return np.linalg.cholesky(own).T
+
+
+def compress(rows: Rows, weights: tuple[Array, ...] | None = None) -> tuple[Array, ...]:
+    """Return R_j of every joint. Shapes (at most b + 1, b + 1).
+
+    Args:
+        weights: A weight of each row, or None. Shapes (m_j,).
+    """
+    out = []
+    for j, (x, y) in enumerate(zip(rows.x, rows.y, strict=True)):
+        both = np.column_stack([x, y])
+        if weights is not None:
+            both = both * np.sqrt(weights[j])[:, None]
+        out.append(np.linalg.qr(both, mode="r"))
+    return tuple(out)
+
+
+def solve(blocks: tuple[Array, ...], weight: Array, start: Start) -> Array:
+    """Return the parameters that minimise the weighted squares.
+
+    Directions that no row speaks of stay where they start.
+
+    Args:
+        weight: w_j. Shape (dof,).
+
+    Returns:
+        Parameters. Shape (b,).
+    """
+    size, root = start.size[start.free], start.root
+    stacked = np.concatenate(
+        [np.sqrt(w) * r for w, r in zip(weight, blocks, strict=True)]
+    )
+    left = stacked[:, start.free] * size
+    right = stacked[:, -1] - stacked[:, :-1] @ start.value
+    left = np.concatenate([left, root])
+    right = np.concatenate([right, np.zeros(len(root))])
+    theta = start.value.copy()
+    theta[start.free] += size * np.linalg.lstsq(left, right, rcond=_CUT)[0]
+    return theta
+
+
+def squares(blocks: tuple[Array, ...], theta: Array) -> Array:
+    """Return |x_j theta - y_j|^2 of each joint [N^2 m^2]. Shape (dof,)."""
+    both = np.append(theta, -1.0)
+    return np.array([np.sum((r @ both) ** 2) for r in blocks])
+
+
+def gram(blocks: tuple[Array, ...], weight: Array) -> Array:
+    """Return sum_j w_j x_j' x_j. Shape (b, b)."""
+    size = blocks[0].shape[1] - 1
+    out = np.zeros((size, size))
+    for w, r in zip(weight, blocks, strict=True):
+        out += w * r[:, :-1].T @ r[:, :-1]
+    return out
+
+
+def condition(blocks: tuple[Array, ...], weight: Array, free: Array) -> float:
+    """Return the condition number of the weighted, column-normalised rows."""
+    pairs = zip(weight, blocks, strict=True)
+    stacked = np.concatenate([np.sqrt(w) * r[:, free] for w, r in pairs])
+    size = np.linalg.norm(stacked, axis=0)
+    if len(free) == 0 or size.min() == 0:
+        return float("inf")
+    return float(np.linalg.cond(stacked / size))
+
+
+def residuals(rows: Rows, theta: Array) -> tuple[Array, ...]:
+    """Return y_j - x_j theta [N m]. Shapes (m_j,)."""
+    return tuple(y - x @ theta for x, y in zip(rows.x, rows.y, strict=True))
+
+
+def autocorrelation(rows: Rows, left: tuple[Array, ...]) -> Array:
+    """Return how many rows tell as much as one independent row would, per joint.
+
+    The integrated autocorrelation time of the residual, by initial positive pairs
+    (Geyer 1992), over the time lines of the logs.
+
+    Args:
+        left: Their residuals. Shapes (m_j,).
+
+    Returns:
+        At least 1. Shape (dof,).
+    """
+    out = np.ones(len(left))
+    for j, (values, series) in enumerate(zip(left, rows.series, strict=True)):
+        acov = np.zeros(LAGS)
+        for log in np.unique(series[:, 0]):
+            own = series[:, 0] == log
+            place = series[own, 1] - series[own, 1].min()
+            line = np.zeros(place.max() + 1)
+            line[place] = values[own]
+            spectrum = np.fft.rfft(line, 2 * len(line))
+            lags = np.fft.irfft(spectrum * spectrum.conj())[: min(LAGS, len(line))]
+            acov[: len(lags)] += lags
+        if acov[0] <= 0:
+            continue
+        rho = acov / acov[0]
+        pairs = rho[1:-1:2] + rho[2::2]
+        stop = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
+        out[j] = max(1.0, 1 + 2 * pairs[:stop].sum())
+    return out
+
 
 METHODS = ("ols", "wls", "irls")
 _FLOOR = 1e-7  # of torque rms: noise of logs that have none
@@ -49,7 +177,7 @@ class Options:
 
     def __post_init__(self) -> None:
         check_name(self.method, METHODS, "method")
-        check_name(self.loss, robust.LOSSES, "loss")
+        check_name(self.loss, LOSSES, "loss")
         if self.prior is not None and not 0 < self.prior < np.inf:
             raise InputError(
                 f"Prior scale {self.prior:g}: expected a positive number such as 0.03, "
@@ -109,16 +237,16 @@ def estimated(
         blocks: The same, compressed.
     """
     free = replace(start, precision=None)
-    theta = solve.solve(blocks, np.ones(len(rows.y)), free)
+    theta = solve(blocks, np.ones(len(rows.y)), free)
     for _ in range(_ROUNDS):
         before = theta
         weight, noise, memory = weights_of(rows, theta, options.method, len(start.free))
-        theta = solve.solve(blocks, weight, free)
+        theta = solve(blocks, weight, free)
         if np.all(np.abs(theta - before) <= 1e-9 * start.size):
             break
     # Noise is that of the free fit: a prior that binds would make its own misfit look
     # like noise, and bind the more.
-    theta = solve.solve(blocks, weight, start)
+    theta = solve(blocks, weight, start)
     if options.method == "irls":
         return _robust(rows, blocks, (start, options), (theta, noise, memory))
     shape, counts = np.ones((2, len(weight))), rows.counts
@@ -139,8 +267,8 @@ def weights_of(
     Returns:
         w_j, s_j [N m], t_j. Shape (dof,) each.
     """
-    left = solve.residuals(rows, theta)
-    memory = solve.autocorrelation(rows, left)
+    left = residuals(rows, theta)
+    memory = autocorrelation(rows, left)
     sse = np.array([np.sum(r**2) for r in left])
     spent = max(1 - parameters / max(rows.counts.sum(), 1), 0.1)
     floor = _FLOOR * max(rows.rms.max(), 1e-9)
@@ -157,10 +285,8 @@ def _robust(
 ) -> Estimate:
     start, options = how
     theta, noise, memory = known
-    theta, noise, weights = robust.reweighted(
-        rows, start, (theta, memory), options.loss
-    )
-    shape = robust.shape(rows, theta, noise, options.loss)
+    theta, noise, weights = reweighted(rows, start, (theta, memory), options.loss)
+    shape = shape_means(rows, theta, noise, options.loss)
     outliers = np.array([np.mean(w < 0.5) if len(w) else 0.0 for w in weights])
     weight = 1 / (noise**2 * memory)
     parts = (weight, noise, memory, shape, outliers, rows.counts)
@@ -177,8 +303,8 @@ def _estimate(
     unit = np.outer(size, size)
     pick = np.ix_(free, free)
     prior = 0.0 if start.precision is None else start.precision[pick] * unit
-    bread = solve.gram(blocks, weight * shape[0])[pick] * unit + prior
-    meat = solve.gram(blocks, weight**2 * noise**2 * memory * shape[1])[pick]
+    bread = gram(blocks, weight * shape[0])[pick] * unit + prior
+    meat = gram(blocks, weight**2 * noise**2 * memory * shape[1])[pick]
     inverse = np.linalg.pinv(bread, rcond=1e-14, hermitian=True)
     own = inverse @ (meat * unit + prior) @ inverse * unit
     covariance = np.zeros((len(theta), len(theta)))
@@ -189,7 +315,7 @@ def _estimate(
         noise,
         counts / memory,
         weight,
-        solve.condition(blocks, weight, free),
+        condition(blocks, weight, free),
         outliers,
         counts,
     )
@@ -217,24 +343,24 @@ def reweighted(
     if loss == "bisquare":
         theta, _, _ = reweighted(rows, start, known, "huber")
     for _ in range(_REWEIGHTINGS):
-        left = solve.residuals(rows, theta)
+        left = residuals(rows, theta)
         noise = _noise(left, rows)
         weights = tuple(_weight(r / s, loss) for r, s in zip(left, noise, strict=True))
-        blocks = solve.compress(rows, weights)
+        blocks = compress(rows, weights)
         before = theta
-        theta = solve.solve(blocks, 1 / (noise**2 * memory), start)
+        theta = solve(blocks, 1 / (noise**2 * memory), start)
         if np.all(np.abs(theta - before) <= 1e-7 * start.size):
             break
     return theta, noise, weights
 
 
-def shape(rows: Rows, theta: Array, noise: Array, loss: str) -> Array:
+def shape_means(rows: Rows, theta: Array, noise: Array, loss: str) -> Array:
     """Mean psi' and mean psi^2 of each joint's standardised residuals. (2, dof).
 
     They turn the covariance of least squares into that of the robust fit.
     """
     out = np.ones((2, len(noise)))
-    for j, (r, s) in enumerate(zip(solve.residuals(rows, theta), noise, strict=True)):
+    for j, (r, s) in enumerate(zip(residuals(rows, theta), noise, strict=True)):
         if len(r) == 0:
             continue
         u = r / s

@@ -12,21 +12,22 @@ import numpy as np
 from scipy.special import fdtri
 
 from residual.errors import InputError
-from residual.identification import solve
+from residual.identification import estimate as solve
 from residual.identification.estimate import (
     METHODS,
     Estimate,
     Options,
+    Start,
     estimated,
     weights_of,
 )
-from residual.identification.preflight import Preflight, preflight
-from residual.identification.solve import Start
 from residual.identification.structure import (
+    Preflight,
     Rows,
     columns_of,
     doubt,
     load,
+    preflight,
     rows_of,
     state_at,
     structure,

@@ -12,7 +12,7 @@ from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.track import Track, at_samples, prepare
 from residual.tables.form import NONE
-from residual.tables.lookup.lookup import Lookup
+from residual.tables.lookup import Lookup
 
 NOTHING, NEAREST = "nothing", "nearest"  # what a table says beyond its range
 DIFFERENCE = "difference"  # of two positions, where their sum is not meant

@@ -15,29 +15,27 @@ from residual.recording import Array
 from residual.tables.blocks import as_block, as_pair, frozen
 from residual.tables.levels import Levels, merge_rows, quantile_levels
 from residual.tables.main_tables import (
+    MOST,
     PYRAMID,
     RIDGES,
     MainEffects,
+    NamedPair,
     Normal,
     Pyramid,
+    add_pairs,
     main_effects,
     make_pyramid,
     normal_equations,
+    pair_levels,
+    read_pairs,
     root_of,
     unite,
 )
-from residual.tables.nominal.pls import (
+from residual.tables.nominal_pls import (
     NominalForm,
     NominalPls,
     component_bound,
     fit_cells,
-)
-from residual.tables.pair_tables import (
-    MOST,
-    NamedPair,
-    add_pairs,
-    pair_levels,
-    read_pairs,
 )
 
 WIDTHS = (6, 12)  # levels of either; speeds part at standstill

@@ -15,8 +15,7 @@ from scipy import stats
 
 from residual.recording import Array
 from residual.tables.blocks import as_block, check_count, frozen
-from residual.tables.lookup.lookup import Lookup
-from residual.tables.lookup.pack import Table
+from residual.tables.lookup import Lookup, Table
 
 
 @dataclass(frozen=True, eq=False, slots=True)

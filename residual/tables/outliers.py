@@ -11,8 +11,8 @@ from scipy import stats
 
 from residual.recording import Array
 from residual.tables.blocks import as_pair, check_count, frozen
-from residual.tables.nominal.kernels import gather_pairs
-from residual.tables.nominal.pls import NominalPls
+from residual.tables.kernels import gather_pairs
+from residual.tables.nominal_pls import NominalPls
 
 ALPHA = 0.01  # share of good rows that a limit calls outliers
 STANDING, SLOW = 0.02, 0.3  # of the 95 % quantile of a joint's speed

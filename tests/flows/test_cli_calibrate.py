@@ -18,7 +18,7 @@ from residual.calibration import calibrate as core
 from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
 from residual.calibration.scores import RANDOM, RUN, Score
 from residual.tables.form import EffectForm
-from residual.tables.nominal.pls import NominalForm
+from residual.tables.nominal_pls import NominalForm
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from warehouse.query.store import open_store

@@ -16,7 +16,7 @@ from flows.proofs.c import compiler
 from flows.proofs.mjcf import CREEP, inverse
 from flows.steps.export import TARGETS, export_model
 from residual.errors import InputError, UnknownNameError
-from residual.export.motion import Motion
+from residual.export.exported import Motion
 from residual.model.corrected import Corrected, Tables
 from residual.model.record import to_record
 from residual.signals.direction import CHOICES

@@ -8,9 +8,8 @@ import pytest
 
 from flows.report.words.calibration import sentences
 from residual.calibration import calibrate as core
-from residual.calibration import cut
+from residual.calibration import rows as cut
 from residual.calibration.calibrate import Settings, calibrate
-from residual.calibration.cut import cut_single, shorten
 from residual.calibration.methods import (
     CHOSEN,
     DEFAULT,
@@ -25,8 +24,14 @@ from residual.calibration.methods import (
     fixed_lookup,
 )
 from residual.calibration.nominal import identified_without, prepare_runs
-from residual.calibration.parts import GUARD
-from residual.calibration.rows import Run, paper_rows, repeat_period
+from residual.calibration.rows import (
+    GUARD,
+    Run,
+    cut_single,
+    paper_rows,
+    repeat_period,
+    shorten,
+)
 from residual.calibration.scores import (
     BLOCK,
     FAMILY,
@@ -43,7 +48,7 @@ from residual.errors import InputError
 from residual.model.term import Term
 from residual.tables.choose import fit_effect_tables
 from residual.tables.form import MAIN, NAMED, PAIRS, EffectForm, Option
-from residual.tables.nominal.pls import NominalForm
+from residual.tables.nominal_pls import NominalForm
 from tests.residual.identified import logs, truth
 
 SMALL = NominalForm(8, 6)

@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 from benchmarks.export_parts.models import model_with, robot_of
-from residual.calibration.corrected import corrected_model
+from residual.calibration.calibrate import corrected_model
 from residual.calibration.rows import MEASURED, PAPER
-from residual.export.motion import exciting
+from residual.export.exported import exciting
 from residual.export.numpy_file import to_numpy
 from residual.model.corrected import NEAREST
 from residual.model.record import from_record, to_record
+from residual.tables.components import state_names
 from residual.tables.form import NONE
-from residual.tables.lookup.lookup import Lookup
-from residual.tables.lookup.pack import Axis, Table
-from residual.tables.pca import state_names
+from residual.tables.lookup import Axis, Lookup, Table
 
 JOINTS = (1, 2, 3, 4, 5, 6)
 

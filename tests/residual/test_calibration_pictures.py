@@ -5,7 +5,7 @@ import pytest
 
 from flows.report.words.calibration import plane_words
 from residual.calibration.methods import Training
-from residual.calibration.pictures import plane_of
+from residual.calibration.views import plane_of
 from tests.residual.test_calibrate import lean, made  # noqa: F401  a fixture
 
 NAMES = ("q1", "q2", "qd1", "qd2", "qdd1", "qdd2")

@@ -20,15 +20,17 @@ from residual.tables.form import (
 )
 from residual.tables.importance import split_pair, table_importance
 from residual.tables.levels import quantile_levels
-from residual.tables.lookup.pack import Table
+from residual.tables.lookup import Table
 from residual.tables.main_tables import (
     ROWS,
+    add_pairs,
     main_effects,
     make_pyramid,
     normal_equations,
+    pair_levels,
+    read_pairs,
 )
-from residual.tables.nominal.pls import NominalForm, fit_nominal_pls
-from residual.tables.pair_tables import add_pairs, pair_levels, read_pairs
+from residual.tables.nominal_pls import NominalForm, fit_nominal_pls
 from tests.residual.motion_blocks import NAMES, motion
 from tests.residual.refit import held_out, nested_errors
 

@@ -16,16 +16,18 @@ from benchmarks.export_parts.models import (
     term,
 )
 from residual.effects import registry
-from residual.effects._portable import Portable
+from residual.effects.base import Portable
 from residual.errors import InputError
 from residual.export.c99 import prefix_of, to_c99
-from residual.export.exported import body_of, with_bodies
-from residual.export.mjcf import to_mjcf
-from residual.export.motion import exciting, random_states
+from residual.export.exported import (
+    body_of,
+    exciting,
+    random_states,
+    to_json,
+    with_bodies,
+)
 from residual.export.numpy_file import to_numpy
-from residual.export.passive import saturated_speed
-from residual.export.record import to_json
-from residual.export.urdf import to_urdf
+from residual.export.simulators import saturated_speed, to_mjcf, to_urdf
 from residual.model.corrected import Corrected, Tables
 from residual.model.model import Model
 from residual.model.record import from_record

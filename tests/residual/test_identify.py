@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.identification import solve
-from residual.identification.estimate import Options
+from residual.identification import estimate
+from residual.identification.estimate import Options, Start
 from residual.identification.identify import identify
-from residual.identification.solve import Start
 from residual.identification.structure import Rows, rows_of
 from residual.recording import Recording
 from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
@@ -148,7 +147,7 @@ def test_compressed_rows_are_the_same_least_squares_with_a_prior(rng):
     rows, weight = random_rows(rng), np.array([2.0, 0.5])
     mix = rng.normal(size=(5, 5))
     start = Start(rng.normal(size=5), np.full(5, 3.0), np.arange(5), mix @ mix.T)
-    made = solve.solve(solve.compress(rows), weight, start)
+    made = estimate.solve(estimate.compress(rows), weight, start)
     gram = sum(w * x.T @ x for w, x in zip(weight, rows.x, strict=True))
     pull = sum(w * x.T @ y for w, x, y in zip(weight, rows.x, rows.y, strict=True))
     wanted = np.linalg.solve(
@@ -163,7 +162,7 @@ def test_autocorrelation_of_ar1_noise_is_that_of_its_formula(rng):
         values[i] = a * values[i - 1] + np.sqrt(1 - a**2) * values[i]
     place = np.column_stack([np.zeros(len(values), int), np.arange(len(values))])
     rows = Rows((values[:, None],), (values,), (place,))
-    made = solve.autocorrelation(rows, (values,))
+    made = estimate.autocorrelation(rows, (values,))
     assert made[0] == pytest.approx((1 + a) / (1 - a), rel=0.1)
 
 

@@ -8,10 +8,8 @@ import pytest
 from residual.errors import InputError
 from residual.tables.crossval import leave_one_out
 from residual.tables.levels import equal_levels, quantile_levels
-from residual.tables.nominal.choose import choose_levels
-from residual.tables.nominal.coarser import fill_unvisited
-from residual.tables.nominal.crossval import nominal_errors
-from residual.tables.nominal.pls import NominalForm, fit_nominal_pls
+from residual.tables.nominal_choice import choose_levels, nominal_errors
+from residual.tables.nominal_pls import NominalForm, fill_unvisited, fit_nominal_pls
 from tests.residual.refit import held_out
 
 

@@ -11,11 +11,15 @@ import pytest
 from residual.errors import InputError
 from residual.tables.choose import fit_effect_tables
 from residual.tables.form import EffectForm
-from residual.tables.lookup.build import nominal_lookup
-from residual.tables.lookup.export import export_lookup
-from residual.tables.lookup.lookup import Lookup, no_slope
-from residual.tables.lookup.pack import Axis, Table, find_triples
-from residual.tables.nominal.pls import NominalForm, fit_nominal_pls
+from residual.tables.lookup import (
+    Axis,
+    Lookup,
+    Table,
+    export_lookup,
+    find_triples,
+    no_slope,
+)
+from residual.tables.nominal_pls import NominalForm, fit_nominal_pls, nominal_lookup
 from tests.residual.motion_blocks import NAMES, motion
 
 EXACT = {"rtol": 0, "atol": 1e-12}

@@ -20,8 +20,7 @@ from residual.robot.robot import Robot, load_robot
 from residual.signals.direction import CHOICES
 from residual.signals.track import Filters, prepare
 from residual.tables.form import MAIN, NONE
-from residual.tables.lookup.lookup import Lookup
-from residual.tables.lookup.pack import Axis, Table
+from residual.tables.lookup import Axis, Lookup, Table
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion, urdf_text
 
 NAMES = sorted(registry())

@@ -5,8 +5,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from residual.errors import InputError
-from residual.tables.pca import fit_pca, state_block, state_names
-from residual.tables.surrogates import randomise_phases, real_components
+from residual.tables.components import (
+    fit_pca,
+    randomise_phases,
+    real_components,
+    state_block,
+    state_names,
+)
 
 BLOCKS = arrays(float, (12, 4), elements=st.floats(-10, 10, width=32))
 

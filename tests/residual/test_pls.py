@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual.errors import InputError
-from residual.tables.pls import fit_pls
+from residual.tables.components import fit_pls
 
 
 def blocks(rng, n=60, k=6, j=3):

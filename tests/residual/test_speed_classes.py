@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.tables.nominal.pls import NominalForm, fit_nominal_pls
+from residual.tables.nominal_pls import NominalForm, fit_nominal_pls
 from residual.tables.outliers import nominal_distances, robust_sizes, speed_classes
 
 

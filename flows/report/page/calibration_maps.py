@@ -7,10 +7,9 @@ import numpy as np
 from flows.report.page.calibration_plots import COLOURS, JOINTS
 from flows.report.page.plots import INK, SOFT, as_uri, blank, figure_style, rule
 from residual.calibration.methods import NONE, WORDS
-from residual.calibration.pictures import Plane, Unseen
 from residual.calibration.scores import WORDS as SCHEMES
 from residual.calibration.scores import Score
-from residual.calibration.views import INPUT, WHITE, Components
+from residual.calibration.views import INPUT, WHITE, Components, Plane, Unseen
 
 _BLOCKS = {INPUT: "#0072b2", WHITE: "#b3b3b3"}
 _CLIP = 1.5  # times no compensation, above which bars are cut

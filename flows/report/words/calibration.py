@@ -6,7 +6,6 @@ import numpy as np
 
 from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import DEFAULT, EFFECTS, LS, NONE, PAPER_FORM, WORDS
-from residual.calibration.pictures import Plane
 from residual.calibration.scores import (
     BLOCK,
     FAMILY,
@@ -18,6 +17,7 @@ from residual.calibration.scores import (
     find,
     ratio_interval,
 )
+from residual.calibration.views import Plane
 
 HIDDEN = 1.25  # ratio from which random rows are said to hide something
 WORSE = 1.03  # ... from which one error is said to be above another

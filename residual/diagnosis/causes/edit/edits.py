@@ -16,7 +16,7 @@ from residual.diagnosis.causes.edit.dense import set_back
 from residual.diagnosis.leftover.remainder import Number
 from residual.model.compare import compare, prepare_held_out
 from residual.model.model import Model
-from residual.plain import plain
+from residual.quantity import plain
 from residual.recording import Recording
 
 FILTERED, MOVING = "filtered", "moving"

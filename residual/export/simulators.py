@@ -1,23 +1,110 @@
-"""A model as MJCF, for MuJoCo 4 and what reads its files.
-
-Written as text with all digits of a double; MuJoCo's own writer keeps six. Dry friction
-is a soft constraint there, and under its usual settings it reaches a per cent of its
-value or less at 1e-3 rad/s; under those written here it reaches all of it.
-"""
+"""What the terms of a model are as properties of a simulated joint."""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Collection
 
 import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError
-from residual.export.exported import Exported, Whole, body_of, file_stem, with_bodies
-from residual.export.passive import properties, split_passive
-from residual.model.model import Model
+from residual.export.exported import (
+    Exported,
+    Split,
+    Whole,
+    body_of,
+    file_stem,
+    split,
+    with_bodies,
+)
+from residual.model.model import LEAST_SPEED, Model
+from residual.model.term import Term
 from residual.recording import Array
 from residual.robot.chain import chain_of
+from residual.robot.urdf_write import with_inertials
+from residual.signals.direction import SMOOTH
 
-CAN = ("damping", "quadratic_damping", "friction", "armature", "stiffness", "constant")
+FULL = 20.0  # tanh of it is one, to the last bit
+NOT_NEGATIVE = ("damping", "quadratic_damping", "friction", "armature", "stiffness")
+
+
+def split_passive(
+    whole: Whole, target: str, can: Collection[str], gravity: bool = False
+) -> Split:
+    """Part what the joints and bodies of a target can have from the rest."""
+    total = properties(body_of(whole))
+
+    def refuse(term: Term) -> str:
+        said = term.effect.portable
+        if said.bodies or (gravity and said.gravity):
+            return ""
+        if not said.joint or not set(said.joint) <= set(can):
+            return f"{target} has no place for it"
+        (joint,) = term.joints
+        for name in said.joint:
+            if name in NOT_NEGATIVE and total[name][joint] < 0:
+                return f"{target} takes no negative {name}"
+        # A constant torque is a spring that is at rest elsewhere.
+        lone = "constant" in said.joint and not total["stiffness"][joint] > 0
+        return f"{target} has no constant torque on a joint" if lone else ""
+
+    return split(whole, refuse, f"{target} has no tables")
+
+
+def properties(model: Model) -> dict[str, Array]:
+    """Return the properties of the joints, those of all terms added. (dof,) each."""
+    names = (*NOT_NEGATIVE, "constant")
+    out = {name: np.zeros(model.robot.dof) for name in names}
+    for term in model.terms:
+        for name, value in zip(term.effect.portable.joint, term.theta, strict=False):
+            out[name][list(term.joints)] += value
+    return out
+
+
+def saturated_speed(model: Model) -> Array:
+    """Return the speeds above which its dry friction has its full value. (dof,)."""
+    known = model.speed_floor
+    floor = np.full(model.robot.dof, LEAST_SPEED) if known is None else known
+    shapes = model.standstill or (SMOOTH,) * model.robot.dof
+    times = [max(s.reach, FULL * s.size if s.kind == "smooth" else 0) for s in shapes]
+    return floor * np.array(times)
+
+
+URDF_CAN = ("damping", "friction")
+
+
+def to_urdf(whole: Whole) -> Exported:
+    """Return a model as the text of a URDF.
+
+    Returns:
+        One file; gravity and what the drives add is not for a URDF to say.
+
+    Raises:
+        InputError: If a link has no positive mass.
+    """
+    parts = split_passive(whole, "URDF", URDF_CAN)
+    model = body_of(parts.carried)
+    root = ET.fromstring(with_inertials(model.robot, with_bodies(model)))
+    joints = {j.get("name"): j for j in root.findall("joint")}
+    values = properties(model)
+    for number, name in enumerate(list(model.robot.model.names)[1:]):
+        joint = joints[name]
+        for old in joint.findall("dynamics"):
+            joint.remove(old)
+        own = {key: repr(float(values[key][number])) for key in URDF_CAN}
+        ET.SubElement(joint, "dynamics", own)
+    ET.indent(root)
+    text = ET.tostring(root, encoding="unicode") + "\n"
+    return parts.exported({f"{file_stem(whole)}.urdf": text.encode()})
+
+
+MJCF_CAN = (
+    "damping",
+    "quadratic_damping",
+    "friction",
+    "armature",
+    "stiffness",
+    "constant",
+)
 STEP = 0.001  # s
 # Twice the time step is the fastest that MuJoCo lets a constraint be.
 FRICTION = {
@@ -36,7 +123,7 @@ def to_mjcf(whole: Whole) -> Exported:
     Raises:
         InputError: If a link is none that MuJoCo takes.
     """
-    parts = split_passive(whole, "MJCF", CAN, gravity=True)
+    parts = split_passive(whole, "MJCF", MJCF_CAN, gravity=True)
     model = body_of(parts.carried)
     root = ET.Element("mujoco", {"model": model.robot.name})
     ET.SubElement(root, "compiler", {"angle": "radian", "inertiafromgeom": "false"})

@@ -2,11 +2,12 @@
 
 Each variable becomes a column per level, each two columns of different variables their
 product: 36 tables for 9 variables, 17 424 columns at 22 levels. No column is formed:
-see `residual/tables/nominal/kernels.py`. Kernel PLS: Dayal and MacGregor (1997),
+see `residual/tables/kernels.py`. Kernel PLS: Dayal and MacGregor (1997),
 algorithm 1.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from residual.errors import InputError
 from residual.lazy import Lazy
 from residual.recording import Array
-from residual.tables.blocks import EXHAUSTED, as_pair, check_count, frozen
+from residual.tables.blocks import EXHAUSTED, as_names, as_pair, check_count, frozen
 from residual.tables.levels import (
     Cells,
     Levels,
@@ -22,8 +23,9 @@ from residual.tables.levels import (
     merge_rows,
     quantile_levels,
 )
+from residual.tables.lookup import Axis, Lookup, Table, no_slope
 
-kernels = Lazy("residual.tables.nominal.kernels")
+kernels = Lazy("residual.tables.kernels")
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,3 +269,65 @@ def _components(
 def _compiled(codes) -> tuple[Array, Array]:
     """Levels and sizes in the types that the kernels are compiled for."""
     return codes.values.astype(np.uint16), np.array(codes.sizes, dtype=np.int64)
+
+
+def fill_unvisited(model: NominalPls) -> NominalPls:
+    """Return the model with weights in cells that no calibration row visited.
+
+    Predictions of calibration rows stay as they are, and so do offsets: their share of
+    such cells is zero.
+    """
+    sizes, start = model.levels.sizes, 0
+    V = model.V.copy()
+    for first, second in model.pairs:
+        shape = (sizes[first], sizes[second])
+        cells = slice(start, start + shape[0] * shape[1])
+        start = cells.stop
+        V[:, cells] = _filled(V[:, cells], model.x_mean[cells], shape)
+    return replace(model, V=frozen(V))
+
+
+def _filled(weights: Array, share: Array, shape: tuple[int, int]) -> Array:
+    """Weights of one table, all cells. Shapes (A, k), (k,)."""
+    out, empty = weights.copy(), share <= 0
+    rows, columns = np.divmod(np.arange(len(share)), shape[1])
+    width = 2
+    while empty.any():
+        across = -(-shape[1] // width)
+        parent = rows // width * across + columns // width
+        mass = np.bincount(parent, share)
+        known = empty & (mass[parent] > 0)
+        for a, own in enumerate(weights):
+            sums = np.bincount(parent, own * share)
+            out[a, known] = sums[parent[known]] / mass[parent[known]]
+        empty &= ~known
+        width *= 2
+    return out
+
+
+def nominal_lookup(
+    model: NominalPls,
+    components: int | None = None,
+    joints: Sequence[str] | None = None,
+) -> Lookup:
+    """The paper form as its 36 tables per joint.
+
+    Args:
+        components: Leading components to use; all if None.
+
+    Raises:
+        InputError: If there are not so many components, or names.
+    """
+    levels, offset = model.levels, model.offset(components)
+    axes = tuple(Axis(i, edges) for i, edges in enumerate(levels.edges))
+    pairs = zip(model.pairs, model.tables(components), strict=True)
+    return Lookup(
+        levels.names,
+        as_names(joints, len(offset), "joint "),
+        axes,
+        tuple(Table(pair, values) for pair, values in pairs),
+        offset,
+        no_slope(len(levels.names), len(offset)),
+        levels.low,
+        levels.high,
+    )

@@ -1,0 +1,325 @@
+"""Partial least squares regression under the names of the paper (eq. 14 to 27).
+
+scikit-learn fits; here are the scaling of the paper, its names, and the rule for when
+nothing is left to explain.
+"""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from sklearn.cross_decomposition import PLSRegression
+from sklearn.decomposition import PCA
+
+from residual.errors import InputError
+from residual.recording import Array
+from residual.tables.blocks import (
+    EXHAUSTED,
+    as_block,
+    as_names,
+    as_pair,
+    check_count,
+    check_varying,
+    frozen,
+)
+
+# The weights are an eigenvector found by iteration: to the last digits, not to 1e-3.
+_TO_THE_END = {"tol": 1e-24, "max_iter": 20_000}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pls:
+    """A fitted model; everything holds for scaled X, `coefficients` for X as given.
+
+    Columns are components; any number of leading ones is a model of its own.
+
+    Attributes:
+        names: Variables of X.
+        x_mean, x_scale: Mean and standard deviation of X (paper, eq. 18). Shape (k,).
+        y_mean, y_scale: The same of Y; the scale is 1 unless asked for. Shape (j,).
+        T: Orthogonal scores (eq. 14). Shape (n, A).
+        W: Orthonormal loading weights (eq. 19). Shape (k, A).
+        V: Weights that give scores from X itself, V = W (P'W)^-1 (eq. 19). (k, A).
+        P, Q: Loadings of X and Y (eq. 16). Shapes (k, A), (j, A).
+    """
+
+    names: tuple[str, ...]
+    x_mean: Array
+    x_scale: Array
+    y_mean: Array
+    y_scale: Array
+    T: Array
+    W: Array
+    V: Array
+    P: Array
+    Q: Array
+
+    @property
+    def components(self) -> int:
+        """Number of components A."""
+        return self.T.shape[1]
+
+    def coefficients(self, components: int | None = None) -> Array:
+        """B = V Q' (eq. 25), in units of Y per unit of X. Shape (k, j).
+
+        Raises:
+            InputError: If there are not so many components.
+        """
+        a = self._count(components)
+        return (self.V[:, :a] / self.x_scale[:, None]) @ (
+            self.Q[:, :a].T * self.y_scale
+        )
+
+    def offset(self, components: int | None = None) -> Array:
+        """b0 = ybar - xbar B (eq. 26), in units of Y. Shape (j,)."""
+        return self.y_mean - self.x_mean @ self.coefficients(components)
+
+    def transform(self, X: Array, components: int | None = None) -> Array:
+        """Scores of new rows, t = (x - xbar) V (eq. 21). Shape (m, a)."""
+        X = as_block(X, "X")
+        if X.shape[1] != len(self.names):
+            raise InputError(
+                f"X has {X.shape[1]} columns, the model was fitted to "
+                f"{len(self.names)}: {', '.join(self.names)}. Give these, in order."
+            )
+        return (X - self.x_mean) / self.x_scale @ self.V[:, : self._count(components)]
+
+    def predict(self, X: Array, components: int | None = None) -> Array:
+        """Return b0 + x B (eq. 24), in units of Y. Shape (m, j)."""
+        X = as_block(X, "X")
+        return self.offset(components) + X @ self.coefficients(components)
+
+    def _count(self, components: int | None) -> int:
+        if components is None:
+            return self.components
+        remedy = "Ask for fewer, or fit again with more."
+        return check_count(components, 0, self.components, "components", remedy)
+
+
+def fit_pls(
+    X: Array,
+    Y: Array,
+    components: int | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    scale_y: bool = False,
+) -> Pls:
+    """Fit a partial least squares regression (paper, eq. 14 to 27).
+
+    Columns of X are scaled to unit variance: rad, rad/s and rad/s^2 do not compare.
+    Fewer components than asked for come back where nothing of Y is left to explain.
+
+    Args:
+        X: Regressors. Shape (n, k).
+        Y: Responses. Shape (n, j).
+        components: Number A; as many as the rank of X if None.
+        scale_y: Also scale Y, so that no response dominates by its size.
+
+    Raises:
+        InputError: On a constant column, more components than the rank of X, blocks
+            of different length, or a value that is not finite.
+    """
+    X, Y = as_pair(X, Y)
+    names = as_names(names, X.shape[1], "x")
+    check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
+    check_varying(X, names)
+    x_mean, y_mean = X.mean(axis=0), Y.mean(axis=0)
+    x_scale = X.std(axis=0, ddof=1)
+    # A constant response stays as it is: nothing of it is left after centring.
+    y_scale = Y.std(axis=0, ddof=1) if scale_y else np.ones(Y.shape[1])
+    y_scale = np.where(y_scale > 0, y_scale, 1.0)
+    Z = (X - x_mean) / x_scale
+    rank = int(np.linalg.matrix_rank(Z))
+    remedy = f"The bound is the rank of X ({len(X)} rows, {X.shape[1]} columns)."
+    count = check_count(
+        rank if components is None else components, 1, rank, "components", remedy
+    )
+    parts = _components(Z, (Y - y_mean) / y_scale, count)
+    return Pls(names, *map(frozen, (x_mean, x_scale, y_mean, y_scale, *parts)))
+
+
+def _components(Z: Array, F: Array, count: int) -> tuple[Array, ...]:
+    """T, W, V, P and Q of scaled blocks, without components that are rounding."""
+    with warnings.catch_warnings():
+        # Of a response that is explained, or of weights that rounding keeps moving.
+        warnings.simplefilter("ignore")
+        fit = PLSRegression(count, scale=False, **_TO_THE_END).fit(Z, F)
+    T, Q = fit.x_scores_, fit.y_loadings_
+    # |w'E'F| of each component, by Q = F't / t't
+    covariance = (T**2).sum(axis=0) * np.linalg.norm(Q, axis=0)
+    rounding = covariance <= EXHAUSTED * covariance[0]
+    used = int(np.argmax(rounding)) if rounding.any() else count
+    parts = T, fit.x_weights_, fit.x_rotations_, fit.x_loadings_, Q
+    return tuple(np.ascontiguousarray(part[:, :used]) for part in parts)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pca:
+    """Principal components of centred, scaled columns.
+
+    X = xbar + (T P' + E) s    (paper, eq. 12; s the standard deviations)
+
+    Attributes:
+        names: The variables, as columns of X.
+        mean, scale: Mean and standard deviation of each column, in the units of X.
+            Shapes (k,).
+        loadings: Orthonormal loadings P. Shape (k, a).
+        scores: Scores T, dimensionless. Shape (n, a).
+        eigenvalues: Variance of each component; they add up to k. Shape (a,).
+    """
+
+    names: tuple[str, ...]
+    mean: Array
+    scale: Array
+    loadings: Array
+    scores: Array
+    eigenvalues: Array
+
+    @property
+    def explained(self) -> Array:
+        """Share of the whole variance per component, adding up to 1. Shape (a,)."""
+        return self.eigenvalues / len(self.names)
+
+    def strongest(
+        self, component: int, count: int = 3
+    ) -> tuple[tuple[str, float], ...]:
+        """Variables with the largest loadings of a component (from 0), with sign."""
+        column = self.loadings[:, component]
+        order = np.argsort(-np.abs(column), kind="stable")[:count]
+        return tuple((self.names[i], float(column[i])) for i in order)
+
+
+def fit_pca(X: Array, names: Sequence[str] | None = None) -> Pca:
+    """Return the principal components of a block, all of them.
+
+    The columns are centred and scaled to unit variance first (paper, below eq. 12):
+    angles, speeds and accelerations have different units. A sign is chosen so that
+    the largest loading of each component is positive.
+
+    Args:
+        X: Signals as columns, any units. Shape (n, k).
+        names: One name per column; made up if None.
+
+    Raises:
+        InputError: On a value that is not finite, a constant column, or one row.
+    """
+    X = as_block(X, "X")
+    check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
+    names = as_names(names, X.shape[1], "x")
+    check_varying(X, names)
+    mean, scale = X.mean(axis=0), X.std(axis=0, ddof=1)
+    Z = (X - mean) / scale
+    fit = PCA(svd_solver="full").fit(Z)
+    # The sign is scikit-learn's: of a component's loadings the largest is positive.
+    P = np.ascontiguousarray(fit.components_.T)
+    parts = mean, scale, P, Z @ P, fit.explained_variance_
+    return Pca(names, *map(frozen, parts))
+
+
+def state_block(q: Array, qd: Array, qdd: Array) -> Array:
+    """Return [q, qd, qdd] side by side (paper, eq. 13 and 28). Shape (n, 3 joints)."""
+    return np.hstack([as_block(part, "a part of the state") for part in (q, qd, qdd)])
+
+
+def state_names(joints: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns of `state_block` for joints counted from 1."""
+    return tuple(f"{kind}{j}" for kind in ("q", "qd", "qdd") for j in joints)
+
+
+LEAST_DRAWS = 20  # a 95 % limit from fewer is their maximum
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RealComponents:
+    """Numbers of components that stand out of chance.
+
+    Attributes:
+        count: Against phase-randomised surrogates: the number to use.
+        permuted: Against permuted rows, which forget that rows are autocorrelated.
+        phase_limit: Quantile of the surrogates' eigenvalues. Shape (k,).
+    """
+
+    count: int
+    permuted: int
+    phase_limit: Array
+
+
+def real_components(
+    X: Array,
+    rng: np.random.Generator,
+    *,
+    run: Array | None = None,
+    draws: int = 100,
+    quantile: float = 0.95,
+) -> RealComponents:
+    """Count the leading components with more variance than chance gives.
+
+    A component counts if its eigenvalue, and those of all before it, exceed the
+    quantile of the same eigenvalue over the surrogates.
+
+    Args:
+        X: Signals as columns. Shape (n, k).
+        run: Run of each row: surrogates are drawn within runs. Shape (n,); one if None.
+        quantile: Share of the surrogates that chance may not exceed.
+
+    Raises:
+        InputError: On a constant column, a value that is not finite, too few draws,
+            or a run of fewer than 4 rows.
+    """
+    X = as_block(X, "X")
+    check_varying(X, as_names(None, X.shape[1], "x"))
+    check_count(draws, LEAST_DRAWS, 10**6, "draws", "100 are usual.")
+    parts = _parts(len(X), run)
+    own = _eigenvalues(X)
+    spectra = [np.fft.rfft(X[rows] - X[rows].mean(0), axis=0) for rows in parts]
+    means = np.concatenate([np.repeat(X[r].mean(0)[None], len(r), 0) for r in parts])
+    order = np.concatenate(parts)
+    phase, permuted = np.empty((2, draws, X.shape[1]))
+    for i in range(draws):
+        pairs = zip(spectra, parts, strict=True)
+        new = [randomise_phases(s, len(rows), rng) for s, rows in pairs]
+        phase[i] = _eigenvalues(np.concatenate(new) + means)
+        permuted[i] = _eigenvalues(rng.permuted(X[order], axis=0))
+    limits = [np.quantile(p, quantile, axis=0) for p in (phase, permuted)]
+    counts = [_leading(own, limit) for limit in limits]
+    return RealComponents(*counts, frozen(limits[0]))
+
+
+def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:
+    """Return signals of the same amplitude spectra with independent random phases.
+
+    Args:
+        spectrum: One-sided transform of each column (`numpy.fft.rfft`).
+            Shape (rows // 2 + 1, k).
+
+    Returns:
+        Signals; mean and amplitude at every frequency are kept. Shape (rows, k).
+    """
+    turn = np.exp(2j * np.pi * rng.random(spectrum.shape))
+    # Mean and, for an even length, the highest frequency must stay real.
+    turn[0] = 1
+    if rows % 2 == 0:
+        turn[-1] = np.sign(turn[-1].real)
+    return np.fft.irfft(spectrum * turn, n=rows, axis=0)
+
+
+def _parts(rows: int, run: Array | None) -> list[Array]:
+    run = np.zeros(rows, int) if run is None else np.asarray(run)
+    if run.shape != (rows,):
+        raise InputError(f"run has shape {run.shape}, expected ({rows},).")
+    parts = [np.flatnonzero(run == label) for label in np.unique(run)]
+    shortest = min(map(len, parts))
+    check_count(shortest, 4, rows, "rows of a run", "Leave short runs out.")
+    return parts
+
+
+def _eigenvalues(X: Array) -> Array:
+    return np.linalg.eigvalsh(np.corrcoef(X.T).reshape(X.shape[1], -1))[::-1]
+
+
+def _leading(values: Array, limit: Array) -> int:
+    # In a correlation matrix a first component too large makes the others small, so
+    # only an unbroken start is a count.
+    beyond = values > limit
+    return int(len(beyond) if beyond.all() else np.argmin(beyond))

@@ -1,0 +1,398 @@
+"""Axes and tables of a look-up, laid out for fast reading.
+
+Three pair tables over the same three axes are one table of three axes: their sum. Nine
+variables have 36 pairs, and twelve triples hold each of them once (a Steiner system):
+a row takes 12 reads and not 36.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from math import prod
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.lazy import Lazy
+from residual.recording import Array
+from residual.tables.blocks import as_block, frozen
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Axis:
+    """Levels of one variable.
+
+    Attributes:
+        variable: Column of X, from 0.
+        edges: Inner edges, increasing; a value at one belongs above. Shape (k - 1,).
+    """
+
+    variable: int
+    edges: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Table:
+    """Corrections by the levels of one axis or two.
+
+    Attributes:
+        axes: Numbers of its axes.
+        values: Shape (k, j) or (k1, k2, j), in units of the responses.
+    """
+
+    axes: tuple[int, ...]
+    values: Array
+
+
+GRID = 1024  # steps per axis that lead to a level without a search
+CUBE = 32_768  # cells that a table of three axes may have: 1 MB for four joints
+TRIES = 2_000  # steps of the search for triples: plenty for 9 axes
+
+Pieces = tuple[Array, Array]
+Pair = tuple[int, int]
+Tables = dict[tuple[int, ...], Array]
+
+
+def pack(
+    axes: Sequence[Axis], tables: Sequence[Table], linear: Pieces, span: Pieces
+) -> tuple[Array, ...]:
+    """Return the arrays that the compiled evaluation reads.
+
+    Args:
+        linear: Offset and slope of the linear part. Shapes (j,), (d, j).
+        span: Lowest and highest calibrated value of each variable. Shapes (d,).
+
+    Returns:
+        axes (a, 2): variable and place of the first edge; grid (a, 2): lowest value
+        and steps per unit; starts (a, GRID): least level in each step; edges, each axis
+        closed by infinity; places (t, 6): first cell, three axes, cells per level of
+        the first and second; linear (1 + d, w): offset and slope; cells (c, w), with w
+        the joints filled up with zeros to a multiple of 4.
+    """
+    sizes, joints = [len(axis.edges) + 1 for axis in axes], len(linear[0])
+    joined = _joined(tables)
+    for triple in find_triples([t for t in joined if len(t) == 2], sizes):
+        joined[triple] = _cube(joined, triple)
+    missing = (0, 0), (0, -joints % 4)
+    places, cells = _places(joined, joints)
+    return (
+        *_grids(axes, *span),
+        places,
+        np.pad(np.vstack(linear), missing),
+        np.pad(cells, missing),
+    )
+
+
+def find_triples(pairs: Sequence[Pair], sizes: Sequence[int]) -> list[tuple]:
+    """Choose triples of axes whose three pairs are all given, no pair used twice.
+
+    Args:
+        pairs: Pairs of axes, the smaller number first.
+        sizes: Levels of each axis: a triple must not have more than CUBE cells.
+
+    Returns:
+        The triples; as many as a search of bounded length finds.
+    """
+    best: list[tuple] = []
+    tries = 0
+
+    def search(left: frozenset, chosen: list[tuple]) -> None:
+        nonlocal best, tries
+        tries += 1
+        if len(chosen) > len(best):
+            best = chosen
+        if tries > TRIES or len(chosen) + len(left) // 3 <= len(best):
+            return
+        a, b = min(left)
+        for c in range(b + 1, len(sizes)):
+            sides = {(a, b), (a, c), (b, c)}
+            if sides <= left and prod(sizes[i] for i in (a, b, c)) <= CUBE:
+                search(left - sides, [*chosen, (a, b, c)])
+        search(left - {(a, b)}, chosen)
+
+    search(frozenset(p for p in pairs if p[0] < p[1]), [])
+    return best
+
+
+def _joined(tables: Sequence[Table]) -> Tables:
+    """Tables by their axes; those of the same axes are added."""
+    out: Tables = {}
+    for table in tables:
+        out[table.axes] = (
+            out[table.axes] + table.values if table.axes in out else (table.values)
+        )
+    return out
+
+
+def _cube(tables: Tables, triple: tuple[int, int, int]) -> Array:
+    a, b, c = triple
+    cube = tables.pop((a, b))[:, :, None] + tables.pop((a, c))[:, None]
+    return cube + tables.pop((b, c))[None]
+
+
+def _places(tables: Mapping[tuple[int, ...], Array], joints: int) -> tuple:
+    places, cells, start = [], [np.zeros((1, joints))], 1
+    for axes, values in tables.items():
+        # Fewer axes: the first is repeated, with no cells per level.
+        a, b, c = (axes[0],) * (3 - len(axes)) + axes
+        shape = (1, 1, *values.shape[:-1])
+        first = shape[-1] * shape[-2] if len(axes) == 3 else 0
+        places.append((start, a, b, c, first, shape[-1] if len(axes) > 1 else 0))
+        cells.append(values.reshape(-1, joints))
+        start += len(cells[-1])
+    return np.array(places, np.uint64).reshape(-1, 6), np.concatenate(cells)
+
+
+def _grids(axes: Sequence[Axis], low: Array, high: Array) -> tuple[Array, ...]:
+    first, starts, grid, edges = [], [], [], []
+    for axis in axes:
+        lowest = low[axis.variable]
+        rate = GRID / max(high[axis.variable] - lowest, 1e-300)
+        steps = lowest + np.arange(GRID) / rate
+        starts.append(np.searchsorted(axis.edges, steps, side="right"))
+        grid.append((lowest, rate))
+        first.append((axis.variable, sum(map(len, edges))))
+        edges.append(np.append(axis.edges, np.inf))
+    return (
+        np.array(first, np.int64).reshape(-1, 2),
+        np.array(grid, float).reshape(-1, 2),
+        np.array(starts, np.int64).reshape(-1, GRID),
+        np.concatenate([*edges, [np.inf]]),
+    )
+
+
+kernels = Lazy("residual.tables.kernels")
+
+_ARRAYS = ("offset", "slope", "low", "high")
+
+
+# No slots: the packed form is made once and kept in the instance.
+@dataclass(frozen=True, eq=False, repr=False)
+class Lookup:
+    """y = offset + x slope + the sum of all tables at the levels of x.
+
+    Attributes:
+        names: Variables, in the order of X's columns.
+        joints: Names of the responses.
+        axes, tables: Levels, and corrections on them.
+        offset: Shape (j,).
+        slope: Shape (d, j); zero where nothing is linear.
+        low, high: Calibrated range. Shape (d,).
+    """
+
+    names: tuple[str, ...]
+    joints: tuple[str, ...]
+    axes: tuple[Axis, ...]
+    tables: tuple[Table, ...]
+    offset: Array
+    slope: Array
+    low: Array
+    high: Array
+
+    def __repr__(self) -> str:
+        return (
+            f"Lookup({', '.join(self.names)} -> {', '.join(self.joints)}: "
+            f"{len(self.tables)} tables)"
+        )
+
+    def predict(self, X: Array) -> Array:
+        """Return the correction of rows, in units of the responses. Shape (m, j).
+
+        Raises:
+            InputError: On another number of columns or a value that is not finite.
+        """
+        X = np.ascontiguousarray(self._checked(X))
+        out = np.empty((len(X), len(self.joints)))
+        kernels.evaluate_rows(X, self.packed, out)
+        return out
+
+    def predict_row(self, x: Array, out: Array) -> None:
+        """Write the correction of one row into `out`, unchecked: for control loops.
+
+        Args:
+            x: Variables; float64. Shape (d,).
+            out: Where the correction goes; float64. Shape (j,).
+        """
+        kernels.evaluate_row(x, self.packed, out)
+
+    def outside(self, X: Array) -> Array:
+        """Values outside the calibrated range, which take the nearest level. (m, d)."""
+        X = self._checked(X)
+        return np.less(X, self.low) | np.greater(X, self.high)
+
+    def predict_levels(self, levels: Array) -> Array:
+        """Return offset and tables at levels that are known; the slope needs values.
+
+        Args:
+            levels: Level of each row on each axis, from 0; unsigned, 1 or 2 bytes.
+                Shape (m, axes).
+        """
+        out = np.empty((len(levels), len(self.joints)))
+        kernels.evaluate_levels(np.ascontiguousarray(levels), self.packed, out)
+        return out
+
+    @cached_property
+    def packed(self) -> tuple[Array, ...]:
+        """The arrays that the compiled evaluation reads (see `pack`)."""
+        linear, span = (self.offset, self.slope), (self.low, self.high)
+        return pack(self.axes, self.tables, linear, span)
+
+    def to_record(self) -> dict:
+        """The tables as plain values."""
+        arrays = {name: getattr(self, name).tolist() for name in _ARRAYS}
+        return {
+            "names": list(self.names),
+            "joints": list(self.joints),
+            "axes": [
+                {"variable": a.variable, "edges": a.edges.tolist()} for a in self.axes
+            ],
+            "tables": [
+                {"axes": list(t.axes), "values": t.values.tolist()} for t in self.tables
+            ],
+            **arrays,
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping) -> "Lookup":
+        """The way back."""
+        axes = [Axis(a["variable"], np.array(a["edges"])) for a in record["axes"]]
+        tables = [
+            Table(tuple(t["axes"]), np.array(t["values"])) for t in record["tables"]
+        ]
+        return cls(
+            names=tuple(record["names"]),
+            joints=tuple(record["joints"]),
+            axes=tuple(axes),
+            tables=tuple(tables),
+            **{name: np.array(record[name]) for name in _ARRAYS},
+        )
+
+    def _checked(self, X: Array) -> Array:
+        X = as_block(X, "X")
+        if X.shape[1] != len(self.names):
+            raise InputError(
+                f"X has {X.shape[1]} columns, the tables are of {len(self.names)}: "
+                f"{', '.join(self.names)}. Give these, in order."
+            )
+        return X
+
+
+def no_slope(variables: int, joints: int) -> Array:
+    """A linear part of zeros. Shape (d, j)."""
+    return frozen(np.zeros((variables, joints)))
+
+
+def live_tables(tables: Sequence[Table]) -> tuple[Table, ...]:
+    """Leave out tables that are zero everywhere."""
+    return tuple(t for t in tables if t.values.any())
+
+
+FORM = 1  # of the exported files; raised when they change
+
+
+def export_lookup(lookup: Lookup) -> dict[str, bytes]:
+    """Return the files of an export by name; whoever calls writes them.
+
+    `model.npz` holds everything, `tables.csv` the same cells to read, `model.json` what
+    the tables are, `evaluate.py` evaluates the NPZ with numpy alone.
+
+    Returns:
+        File name and content; the same bytes for the same tables.
+    """
+    evaluator = resources.files(__package__).joinpath("evaluate.py")
+    return {
+        "model.npz": _npz(lookup),
+        "tables.csv": _csv(lookup),
+        "model.json": _json(lookup),
+        "evaluate.py": evaluator.read_bytes(),
+    }
+
+
+def _npz(lookup: Lookup) -> bytes:
+    arrays = {
+        "names": np.array(lookup.names),
+        "joints": np.array(lookup.joints),
+        "offset": lookup.offset,
+        "slope": lookup.slope,
+        "low": lookup.low,
+        "high": lookup.high,
+        "axis_variable": np.array([a.variable for a in lookup.axes], np.int64),
+        "table_axes": np.array(
+            [(*t.axes, -1)[:2] for t in lookup.tables], np.int64
+        ).reshape(-1, 2),
+    }
+    arrays |= {f"edges_{i}": a.edges for i, a in enumerate(lookup.axes)}
+    arrays |= {f"values_{i}": t.values for i, t in enumerate(lookup.tables)}
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _csv(lookup: Lookup) -> bytes:
+    """One line per cell: its intervals [from, to) and its value for each joint."""
+    text = io.StringIO()
+    out = csv.writer(text, lineterminator="\n")
+    sides = [f"{side}_{n}" for n in (1, 2) for side in ("variable", "from", "to")]
+    out.writerow(["table", *sides, *lookup.joints])
+    out.writerow(["offset", *[""] * 6, *map(repr, lookup.offset.tolist())])
+    for name, slope in zip(lookup.names, lookup.slope.tolist(), strict=True):
+        if any(slope):
+            out.writerow(["slope", name, *[""] * 5, *map(repr, slope)])
+    for number, table in enumerate(lookup.tables):
+        bounds = [_intervals(lookup, axis) for axis in table.axes]
+        flat = table.values.reshape(-1, len(lookup.joints)).tolist()
+        for place, values in zip(
+            np.ndindex(table.values.shape[:-1]), flat, strict=True
+        ):
+            told = [w for b, k in zip(bounds, place, strict=True) for w in b[k]]
+            told += [""] * (6 - len(told))
+            out.writerow([number, *told, *map(repr, values)])
+    return text.getvalue().encode()
+
+
+def _intervals(lookup: Lookup, axis: int) -> list[tuple[str, str, str]]:
+    chosen = lookup.axes[axis]
+    name, edges = lookup.names[chosen.variable], list(map(repr, chosen.edges.tolist()))
+    return [
+        (name, *pair) for pair in zip(["-inf", *edges], [*edges, "inf"], strict=True)
+    ]
+
+
+def _json(lookup: Lookup) -> bytes:
+    told = {
+        "form": FORM,
+        "meaning": "correction [N m] = offset + x slope + sum of tables; x in rad, "
+        "rad/s, rad/s^2, of tau in N m (torque of the model); a value at an edge "
+        "belongs above it",
+        "variables": [
+            {"name": n, "low": float(a), "high": float(b)}
+            for n, a, b in zip(lookup.names, lookup.low, lookup.high, strict=True)
+        ],
+        "joints": list(lookup.joints),
+        "offset": lookup.offset.tolist(),
+        "slope": lookup.slope.tolist(),
+        "axes": [
+            {"variable": lookup.names[a.variable], "edges": a.edges.tolist()}
+            for a in lookup.axes
+        ],
+        "tables": [_table(lookup, i) for i in range(len(lookup.tables))],
+    }
+    return (json.dumps(told, indent=1) + "\n").encode()
+
+
+def _table(lookup: Lookup, number: int) -> dict:
+    table = lookup.tables[number]
+    names = [lookup.names[lookup.axes[a].variable] for a in table.axes]
+    sizes: Array = np.array(table.values.shape[:-1])
+    largest = np.abs(table.values).reshape(-1, len(lookup.joints)).max(axis=0)
+    return {
+        "table": number,
+        "axes": list(table.axes),
+        "variables": names,
+        "levels": sizes.tolist(),
+        "largest": largest.tolist(),
+    }

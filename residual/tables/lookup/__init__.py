@@ -1,1 +1,0 @@
-"""A fitted correction as small tables: built, evaluated, exported."""

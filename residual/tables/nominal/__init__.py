@@ -1,1 +1,0 @@
-"""Nominal-level PLSR: the paper's modified PLSR, compiled."""
