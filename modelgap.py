@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # for editors
     from flows.door.store import Store, open_store
     from flows.door.table import Table
     from flows.inputs.robots import load as load_robot
-    from flows.keep.null import read_null as load_null
+    from flows.storage.null import read_null as load_null
     from residual.check.report import CheckReport as LogCheck
     from residual.diagnosis.result import (
         ErrorTables,
@@ -81,7 +81,7 @@ _PLACES = {
     "flows.door.store": ("Store", "open_store"),
     "flows.door.table": ("Table",),
     "flows.inputs.robots": ("load_robot",),
-    "flows.keep.null": ("load_null",),
+    "flows.storage.null": ("load_null",),
     "residual.check.report": ("LogCheck",),
     "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),
     "residual.errors": ("InputError",),

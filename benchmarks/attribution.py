@@ -25,7 +25,7 @@ from benchmarks.attribution_parts import bars, cases
 from benchmarks.diagnosis_parts.kept import Kept
 from benchmarks.figures import ROOT, Figures, code_hash, finish, one_blas_thread
 from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
-from flows.keep.method import method_hash
+from flows.storage.null import method_hash
 from flows.workers.pool import Pool
 
 _SEEDS, _QUICK_SEEDS = "9501:9513", "1:1"

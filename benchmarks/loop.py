@@ -25,7 +25,7 @@ from benchmarks.diagnosis_parts.kept import Kept
 from benchmarks.figures import ROOT, Figures, code_hash, missing
 from benchmarks.groups import run_groups
 from benchmarks.seeded import seed_range
-from flows.keep.method import method_hash
+from flows.storage.null import method_hash
 from flows.workers.pool import Pool
 
 # Each a module of benchmarks/loop_parts with a function `figures_of`.

@@ -27,7 +27,7 @@ from benchmarks.peers_parts import bars, cases
 from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
 from flows.blind.draw import Asked
 from flows.blind.export.write import export_study
-from flows.keep.method import method_hash
+from flows.storage.null import method_hash
 from flows.workers.pool import Pool
 from sim.records import BACKGROUNDS, CLEAN
 

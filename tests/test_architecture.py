@@ -58,7 +58,7 @@ LATE = {
     "residual/identification/consistency.py": {"clarabel", "cvxpy"},
     "warehouse/logs/formats/bag.py": {"rosbags"},
     "warehouse/logs/formats/mcap.py": {"mcap", "mcap_ros2"},
-    "flows/workers/cluster.py": {"distributed"},
+    "flows/workers/runner.py": {"distributed"},
     "warehouse/objects/bucket.py": {"obstore"},
     "warehouse/objects/access.py": {"botocore"},
     # Its library is a slow import, and of no use to a store in a folder.

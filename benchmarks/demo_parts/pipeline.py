@@ -7,10 +7,10 @@ from time import perf_counter
 from benchmarks.demo_parts.judge import judge, told
 from benchmarks.figures import ROOT, Figures, figure
 from flows.blind.sums import wilson
-from flows.keep.diagnosis import read_outcome
 from flows.requests import Demo
 from flows.steps import demo
 from flows.steps.diagnose import diagnose_runs, request_of
+from flows.storage.diagnosis import read_outcome
 from flows.workers.pool import Here
 
 RIGHT_OF_20, WRONG_OF_20 = 16, 1

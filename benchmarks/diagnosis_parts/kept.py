@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.figures import ROOT, code_hash
 from flows.blind import draw as blind_draw
-from flows.keep.method import method_hash
+from flows.storage.null import method_hash
 
 _HERE = Path(__file__).parent
 _PLAN = tuple(_HERE / name for name in ("arms.py", "cases.py", "measured.py"))

@@ -4,8 +4,7 @@ import numpy as np
 
 from benchmarks.export_parts.models import ARMS, model_with, robot_of, term
 from benchmarks.figures import Figures, figure
-from flows.proofs.mjcf import CREEP, inverse, loaded
-from flows.proofs.proof import extra, text_of
+from flows.proofs.proof import CREEP, extra, inverse, mujoco_model, text_of
 from residual.export.exported import Motion, exciting
 from residual.export.simulators import STEP, to_mjcf
 from residual.model.model import Model
@@ -74,7 +73,7 @@ def _drive(motion: Motion, k: int, q, qd, scale):
 
 
 def _in_mujoco(text: str, motion: Motion, forward, scale) -> np.ndarray:
-    mujoco, model = extra("mujoco"), loaded(text)
+    mujoco, model = extra("mujoco"), mujoco_model(text)
     model.actuator_ctrllimited[:] = 0
     data, out = mujoco.MjData(model), np.empty_like(motion.q)
     data.qpos[:], data.qvel[:] = motion.q[0], motion.qd[0]

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.export_parts.models import model_with, robot_of, term
 from benchmarks.figures import Figures, figure, missing
 from flows.proofs.c import compiled, compiler
-from flows.proofs.numpy_file import loaded
+from flows.proofs.proof import loaded
 from residual.export.c99 import to_c99
 from residual.export.exported import exciting
 from residual.export.numpy_file import to_numpy

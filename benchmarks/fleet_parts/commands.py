@@ -9,8 +9,7 @@ from pathlib import Path
 from time import monotonic, sleep
 
 from benchmarks.figures import ROOT
-from flows.service.processes import flow_processes
-from flows.service.state import read_running
+from flows.service.state import flow_processes, read_running
 from flows.settings import PREFECT
 
 _START = "import sys; from flows.cli import main; sys.exit(main())"

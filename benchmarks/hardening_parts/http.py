@@ -4,8 +4,7 @@ import asyncio
 from base64 import b64encode
 from collections.abc import Iterator
 
-from flows.service.rules import rules_for
-from flows.service.serve import Guard
+from flows.service.guard import Guard, rules_for
 
 KEY = "modelgap:a-key-of-thirty-two-letters-or-more"
 _RULES = rules_for("127.0.0.1", 4200, KEY)

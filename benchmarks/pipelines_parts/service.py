@@ -17,9 +17,7 @@ _PATIENCE = 170.0  # s
 def service_figures(folder: Path, quick: bool) -> Figures:
     """Start a service as a user does, wait for its schedule, then time a campaign."""
     from flows.service.api import Api
-    from flows.service.key import store_key
-    from flows.service.processes import flow_processes, stop
-    from flows.service.state import read_running
+    from flows.service.state import flow_processes, read_running, stop, store_key
 
     store = folder / "store"
     with socket.socket() as probe:

@@ -13,9 +13,9 @@ from flows.blind import steps
 from flows.blind.draw import Asked, Excitation, drafts
 from flows.blind.sums import summary
 from flows.errors import RunError
-from flows.keep.diagnosis import read_verdict
 from flows.progress import Progress
 from flows.settings import cores
+from flows.storage.diagnosis import read_verdict
 from flows.workers.pool import Here, Pool
 from residual.diagnosis.result import Detectable
 from residual.errors import InputError, ModelgapError

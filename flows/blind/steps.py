@@ -20,12 +20,12 @@ from flows.blind.score import UNKNOWN
 from flows.blind.size import Hidden, draw_sized, measured
 from flows.errors import RunError
 from flows.inputs.robots import load
-from flows.keep.diagnosis import read_outcome
-from flows.keep.method import method_hash
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.edit import sealed_edits
+from flows.storage.diagnosis import read_outcome
+from flows.storage.null import method_hash
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable
 from residual.diagnosis.verdict import to_json

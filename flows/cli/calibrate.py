@@ -11,8 +11,6 @@ from flows.cli.options import (
     parse_declared,
     parse_numbers,
 )
-from flows.keep.calibration_files import calibration_files
-from flows.keep.calibration_json import document
 from flows.outputs import (
     check_new_folder,
     check_writable,
@@ -28,6 +26,7 @@ from flows.requests import Calibrate
 from flows.say import say
 from flows.steps import calibrate as steps
 from flows.steps.loop.choose import Wanted, choose_for
+from flows.storage.calibration_json import calibration_files, document
 from residual.calibration.rows import Run
 from residual.robot.robot import Robot
 

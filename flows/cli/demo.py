@@ -7,7 +7,6 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.cli.options import SEEDS, Flag, check_between
-from flows.keep.diagnosis import read_outcome
 from flows.progress import Progress, progress_bar
 from flows.report.stored import as_hidden, demo_page
 from flows.report.terminal.diagnosis import print_diagnosis, print_truth
@@ -15,13 +14,14 @@ from flows.report.words.staged import Staged
 from flows.requests import Demo
 from flows.say import say
 from flows.scheduled.surroundings import Surroundings, surrounded
-from flows.service.key import CLIENT, store_key
-from flows.service.server import answers, start_server
-from flows.service.state import read_running
+from flows.service.api import answers
+from flows.service.server import start_server
+from flows.service.state import CLIENT, read_running, store_key
 from flows.settings import API, cores, prefect_home, prepare_prefect, store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.experiment import load_engine
+from flows.storage.diagnosis import read_outcome
 from flows.workers.pool import Pool
 from sim.records import CLEAN, BackgroundWord
 from warehouse.objects.mirror import shown

@@ -7,7 +7,6 @@ from rich.console import Console
 
 from flows.cli.options import Flag, check_between
 from flows.errors import RunError
-from flows.keep.diagnosis import read_verdict
 from flows.progress import progress_bar
 from flows.report.terminal import tracking, validation
 from flows.report.words.verdict import headline
@@ -23,6 +22,7 @@ from flows.steps.loop.choose import chosen_to_drive
 from flows.steps.loop.track import Track, track
 from flows.steps.many import fleet as fleets
 from flows.steps.rehearsal import refusal_of
+from flows.storage.diagnosis import read_verdict
 from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError
 from warehouse.objects.mirror import shown

@@ -11,7 +11,6 @@ from flows.cli.options import (
     named_files,
     parse_declared,
 )
-from flows.keep.identification_json import document
 from flows.outputs import (
     check_new_folder,
     check_writable,
@@ -25,6 +24,7 @@ from flows.requests import Identify
 from flows.say import say
 from flows.steps import identify as steps
 from flows.steps.loop.choose import Wanted, choose_for
+from flows.storage.identification import document
 from residual.model.export import robot_files
 
 

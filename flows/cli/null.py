@@ -10,7 +10,6 @@ from flows.cli.options import (
     named_files,
     parse_declared,
 )
-from flows.keep.null import null_json
 from flows.outputs import check_writable, read_files, write_all
 from flows.progress import progress_bar
 from flows.report.terminal.null import null_lines
@@ -18,6 +17,7 @@ from flows.requests import Null
 from flows.say import say
 from flows.settings import store_folder
 from flows.steps import null as steps
+from flows.storage.null import null_json
 from residual.errors import InputError
 
 

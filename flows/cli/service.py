@@ -17,8 +17,8 @@ from flows.project.read import project_here
 from flows.say import say
 from flows.service.api import opening_address
 from flows.service.down import down as stop
-from flows.service.foreground import stay
-from flows.service.key import store_key
+from flows.service.down import stay
+from flows.service.state import store_key
 from flows.service.status import Status
 from flows.service.status import status as state_of
 from flows.service.up import up as bring_up

@@ -5,10 +5,10 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from flows.inputs.logs import LogSets
-from flows.keep.method import of_this_version
 from flows.outputs import write_all
 from flows.report.page.diagnosis import render, summary
 from flows.steps.check import checked
+from flows.storage.null import of_this_version
 from residual.close import close_the_loop
 from residual.diagnosis import result
 from residual.diagnosis.null_record import Null

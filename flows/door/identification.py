@@ -8,9 +8,9 @@ import pyarrow as pa
 
 from flows.door.table import Table
 from flows.inputs.logs import LogSets
-from flows.keep.identification_json import document, parameters
 from flows.outputs import write_all
 from flows.steps.check import checked
+from flows.storage.identification import document, parameters
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified, identify_and_prove
 from residual.model.export import robot_files

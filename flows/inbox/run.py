@@ -6,10 +6,19 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from flows.inbox.ready import State, alone, at_rest, look
-from flows.inbox.take import REFUSED, WAITING, Job, Taken, put_away, take
-from flows.project.file import InboxTable
-from flows.project.read import Project
+from flows.inbox.take import (
+    REFUSED,
+    WAITING,
+    Job,
+    State,
+    Taken,
+    alone,
+    at_rest,
+    look,
+    put_away,
+    take,
+)
+from flows.project.read import InboxTable, Project
 from flows.requests import Import
 from flows.settings import cores
 from flows.workers.pool import Done, Here, Pool

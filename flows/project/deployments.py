@@ -5,8 +5,7 @@ from typing import Any
 
 import yaml
 
-from flows.project.file import RobotTable
-from flows.project.read import Project
+from flows.project.read import Project, RobotTable
 from flows.settings import ROOT
 from residual.errors import InputError
 

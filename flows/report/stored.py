@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from flows.inputs.robots import load
-from flows.keep.diagnosis import read_outcome, store_report
 from flows.outputs import json_text
 from flows.report.made import made_of
 from flows.report.page.diagnosis import render
@@ -13,6 +12,7 @@ from flows.report.page.next import motion_chart
 from flows.report.page.origin import of_record
 from flows.report.words.staged import Hidden, Staged
 from flows.report.words.verdict import sentences
+from flows.storage.diagnosis import read_outcome, store_report
 from residual.diagnosis.causes.edit.edits import Edit
 from residual.diagnosis.verdict import to_json
 from sim.engine.render import gif_of

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from prefect import get_run_logger
 
-from flows.keep.diagnosis import read_verdict
 from flows.report.made import made_of
 from flows.report.page.proposal import markdown, render
 from flows.report.terminal.adoptions import adoption_lines
@@ -15,6 +14,7 @@ from flows.steps.loop.adopt import adopt as give
 from flows.steps.loop.choose import in_force
 from flows.steps.loop.judge import judge
 from flows.steps.loop.propose import keep_proposal, known_already, proposal_of
+from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 from prefect.client.orchestration import get_client
 from prefect.runtime import flow_run
 
-from flows.keep.diagnosis import read_verdict
 from flows.report.night.look import title_of
 from flows.report.words.brief import brief
+from flows.storage.diagnosis import read_verdict
 
 _LONGEST = 200  # characters; what is longer no list shows
 

@@ -12,7 +12,6 @@ from flows.inbox.new import Diagnosed, new_runs
 from flows.inbox.new import diagnose_new as diagnose_runs
 from flows.inbox.run import inboxes, look_twice, take_all
 from flows.inbox.take import KNOWN, REFUSED, STORED, WAITING
-from flows.keep.diagnosis import read_verdict
 from flows.project import notify
 from flows.project.notify import Notice
 from flows.project.read import Project, read_project
@@ -20,6 +19,7 @@ from flows.report.words.verdict import headline
 from flows.scheduled import artifacts, events, names, tasks
 from flows.scheduled.surroundings import surroundings
 from flows.scheduled.tasks import task
+from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 from warehouse.layout import find
 

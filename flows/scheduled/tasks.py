@@ -36,7 +36,7 @@ from flows.steps import verify as verification
 from flows.steps.loop.choose import in_force
 from flows.steps.monitor_model import source_of
 from flows.steps.rerun import rerun as reruns
-from flows.workers.cluster import ClusterLostError
+from flows.workers.runner import ClusterLostError
 from residual.monitoring.monitor import LEAST_RUNS
 from sim.records import CLEAN, BackgroundWord
 

@@ -4,13 +4,14 @@ import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from time import sleep
 from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
 from flows.errors import RunError
+from flows.report.night.history import FlowRun, History, Past
 
 POOL = "modelgap"
 _TRIES = 8
@@ -71,6 +72,17 @@ def ask(
             words = f"The server at {api.url} does not answer: {error}"
             raise RunError(words) from error
     return None
+
+
+def answers(url: str | None) -> bool:
+    """Return whether a Prefect server answers at the address of its API."""
+    if not url:
+        return False
+    try:
+        with urlopen(f"{url.rstrip('/')}/health", timeout=10) as reply:
+            return reply.status == 200
+    except (OSError, ValueError):
+        return False
 
 
 def opening_address(ui: str, key: str) -> str:
@@ -226,3 +238,83 @@ def start_flow(api: Api, deployment: str, parameters: Mapping) -> str:
     known = ask(api, f"/deployments/name/{deployment}")
     place = f"/deployments/{known['id']}/create_flow_run"
     return ask(api, place, {"parameters": dict(parameters)})["name"]
+
+
+_AT_ONCE = 200  # that the server gives at once
+# Levels of logs that are warnings; what is worse has failed, and says so there.
+_WARNINGS = {"ge_": 30, "le_": 39}
+_LONGEST_LINE = 300  # characters of one
+_PAGE_WAIT = 10.0  # s
+
+
+def past_of(to: Api) -> Past:
+    """Return what tells of the flow runs of a time, and of what they warned of."""
+
+    def past(begin: datetime, end: datetime) -> History | None:
+        span = {"after_": _iso(begin), "before_": _iso(end)}
+        logs = {
+            "logs": {"level": _WARNINGS, "timestamp": span},
+            "sort": "TIMESTAMP_ASC",
+            "limit": _AT_ONCE,
+        }
+        try:
+            found = _runs_between(to, span)
+            told = ask(to, "/logs/filter", logs, wait=_PAGE_WAIT)
+        except RunError:
+            return None
+        names = {run["id"]: run["name"] for run in found}
+        lines = [
+            (
+                names[line["flow_run_id"]],
+                " ".join(line["message"].split())[:_LONGEST_LINE],
+            )
+            for line in told
+            if line["flow_run_id"] in names
+        ]
+        return History(tuple(map(_flow_run, found)), tuple(dict.fromkeys(lines)))
+
+    return past
+
+
+def _runs_between(to: Api, span: Mapping) -> list[Mapping]:
+    """Return the flow runs of a time, latest first.
+
+    Of those of inboxes only what failed, and what refused a log.
+    """
+    begun = _state("not_any_", "SCHEDULED", "CANCELLED")
+    wanted: tuple[Mapping, ...] = (
+        {**flows_but_inbox(to), "flow_runs": begun},
+        {"flow_runs": _state("any_", "FAILED", "CRASHED")},
+        {"flow_runs": {"name": {"like_": "refused"}}},
+    )
+    found: dict[str, Mapping] = {}
+    for filters in wanted:
+        about = {**filters["flow_runs"], "expected_start_time": span}
+        body = {**filters, "flow_runs": about, "sort": "START_TIME_DESC"}
+        rows = ask(to, "/flow_runs/filter", body | {"limit": _AT_ONCE}, wait=_PAGE_WAIT)
+        found |= {row["id"]: row for row in rows}
+    return sorted(found.values(), key=_begun, reverse=True)
+
+
+def _state(how: str, *types: str) -> dict:
+    return {"state": {"type": {how: list(types)}}}
+
+
+def _begun(told: Mapping) -> datetime:
+    when = datetime.fromisoformat(told["start_time"] or told["expected_start_time"])
+    return when.astimezone(UTC).replace(tzinfo=None)
+
+
+def _flow_run(told: Mapping) -> FlowRun:
+    return FlowRun(
+        id=told["id"],
+        name=told["name"],
+        state=told["state_type"],
+        begun=_begun(told),
+        seconds=told["total_run_time"],
+        message=(told["state"] or {}).get("message") or "",
+    )
+
+
+def _iso(when: datetime) -> str:
+    return when.replace(tzinfo=UTC).isoformat()

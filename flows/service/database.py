@@ -1,4 +1,8 @@
-"""The history of flow runs in SQLite, without "database is locked"."""
+"""The history of flow runs in SQLite, without "database is locked".
+
+It is also Prefect's broker of events, in memory: Prefect loads it by the name in
+PREFECT_MESSAGING_BROKER, and asks of it for a consumer and what stands below.
+"""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -7,10 +11,13 @@ from contextvars import ContextVar
 from prefect.server.database.configurations import AioSqliteConfiguration
 from prefect.server.database.dependencies import MODELS_DEPENDENCIES
 from prefect.server.utilities.database import get_dialect
+from prefect.server.utilities.messaging import MessageHandler, memory
 from prefect.settings import PREFECT_API_DATABASE_CONNECTION_URL
 from sqlalchemy.ext.asyncio import AsyncSession, AsyncSessionTransaction
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+Publisher, break_topic = memory.Publisher, memory.break_topic
+ephemeral_subscription = memory.ephemeral_subscription
 _WAITS: ContextVar[bool] = ContextVar("waits", default=False)
 
 
@@ -52,3 +59,12 @@ def patient(app: ASGIApp) -> ASGIApp:
         await app(scope, receive, send)
 
     return marked
+
+
+class Consumer(memory.Consumer):
+    """Hands events to one service of the server, two at a time."""
+
+    async def run(self, handler: MessageHandler) -> None:
+        """Hand events to ``handler`` until it says to stop."""
+        wait_to_write()
+        await super().run(handler)

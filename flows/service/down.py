@@ -1,21 +1,26 @@
 """Stop what runs for a store, and lose nothing of it."""
 
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 from time import monotonic, sleep
 
 from flows.errors import RunError
 from flows.service import api
-from flows.service.key import store_key
-from flows.service.processes import Process, flow_processes, stop
-from flows.service.server import answers
+from flows.service.api import answers
 from flows.service.state import (
+    Process,
     Running,
+    flow_processes,
     one_at_a_time,
     read_running,
+    stop,
+    store_key,
     write_running,
 )
+from flows.settings import prefect_home
 
 ENDED = "Ended by modelgap down. What it had stored is kept; the next run goes on."
 Say = Callable[[str], None]
@@ -72,3 +77,28 @@ def _active(to: api.Api) -> dict[str, list[Process]]:
     except RunError:
         return {}
     return {id: ps for id, ps in flow_processes().items() if id in ids}
+
+
+_WAIT = 60.0  # s that flow runs may go on after the request to stop
+
+
+def stay(store: Path, say: Callable[[str], None]) -> None:
+    """Return after Ctrl-C or SIGTERM, with everything stopped.
+
+    Args:
+        say: Told each step.
+
+    Raises:
+        RunError: If server or worker have ended; who manages us starts us again.
+    """
+    home, asked = prefect_home(store), Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: asked.set())
+    while not asked.wait(1.0):
+        running = read_running(home)
+        if running is None or not running.processes:  # modelgap down, from elsewhere
+            return
+        if len(running.alive) < len(running.processes):
+            down(home, 0.0, say)
+            raise RunError(f"Server or worker ended; see the logs in {home}.")
+    down(home, _WAIT, say)

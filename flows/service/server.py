@@ -13,9 +13,9 @@ import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic, sleep
-from urllib.request import urlopen
 
-from flows.service.key import CLIENT, SERVER, store_key
+from flows.service.api import answers
+from flows.service.state import CLIENT, SERVER, store_key
 from flows.service.wanted import code_path
 from flows.settings import API
 
@@ -90,17 +90,6 @@ def start_server(home: Path) -> Server:
     server = Server(f"http://127.0.0.1:{port}/api", key, process, log)
     atexit.register(server.stop)
     return server
-
-
-def answers(url: str | None) -> bool:
-    """Return whether a Prefect server answers at the address of its API."""
-    if not url:
-        return False
-    try:
-        with urlopen(f"{url.rstrip('/')}/health", timeout=10) as reply:
-            return reply.status == 200
-    except (OSError, ValueError):
-        return False
 
 
 def _free_port() -> int:

@@ -1,15 +1,17 @@
-"""What runs for a store, and whether it is well."""
+"""What runs for a store, whether it is well, and a diagnosis given to it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from flows.errors import RunError
+from flows.requests import Diagnose
 from flows.service import api
-from flows.service.key import store_key
-from flows.service.processes import worker_name
-from flows.service.server import answers
-from flows.service.state import Running, read_running
+from flows.service.api import answers
+from flows.service.state import Running, read_running, store_key, worker_name
+from flows.settings import PREFECT
+
+_DEPLOYMENT = "diagnose/diagnose"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,3 +93,29 @@ def status(home: Path, most: int = 10) -> Status:
         for p in processes
     }
     return Status(running, True, workers, deployments, runs)
+
+
+def start_diagnosis(request: Diagnose, store: Path) -> str | None:
+    """Let the service of a store make a diagnosis of runs.
+
+    Returns:
+        The name of the flow run; None where nobody would run it, so that it is left to
+        the caller.
+
+    Raises:
+        RunError: If the server refuses.
+    """
+    home = store / PREFECT
+    running = read_running(home)
+    if running is None or running.server is None or not answers(running.url):
+        return None
+    to = api.Api(running.url, store_key(home))
+    if not api.workers_online(to):
+        return None
+    parameters = {
+        "runs": list(request.logs),
+        "good": list(request.baseline),
+        "model": request.model,
+        "store": str(store),
+    }
+    return api.start_flow(to, _DEPLOYMENT, parameters)

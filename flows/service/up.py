@@ -12,10 +12,19 @@ from time import monotonic, sleep
 from flows.errors import RunError
 from flows.project.deployments import deployments, every_of, inbox_of
 from flows.service import api
-from flows.service.key import store_key
-from flows.service.processes import Process, flow_processes, start, stop, worker_name
-from flows.service.server import answers
-from flows.service.state import Running, one_at_a_time, read_running, write_running
+from flows.service.api import answers
+from flows.service.state import (
+    Process,
+    Running,
+    flow_processes,
+    one_at_a_time,
+    read_running,
+    start,
+    stop,
+    store_key,
+    worker_name,
+    write_running,
+)
 from flows.service.wanted import (
     BEAT,
     DATABASE,

@@ -9,8 +9,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from flows.project.read import Project
-from flows.service.key import CLIENT, SERVER, store_key
-from flows.service.state import Running
+from flows.service.state import CLIENT, SERVER, Running, store_key
 from flows.settings import API, PAGES, ROOT, STORE, is_loopback, quiet_prefect
 from residual.errors import InputError
 
@@ -151,7 +150,7 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
         "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (
             "prefect.server.concurrency.lease_storage.filesystem"
         ),
-        "PREFECT_MESSAGING_BROKER": "flows.service.messages",
+        "PREFECT_MESSAGING_BROKER": "flows.service.database",
         "PREFECT_API_BLOCKS_REGISTER_ON_START": "false",
         # At its usual 60 s a new schedule is first thought of a minute later.
         "PREFECT_SERVER_SERVICES_SCHEDULER_LOOP_SECONDS": "10",

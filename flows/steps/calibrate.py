@@ -6,16 +6,16 @@ from pathlib import Path
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of
-from flows.keep.calibration import (
+from flows.progress import Progress
+from flows.requests import Calibrate
+from flows.settings import store_folder
+from flows.steps.check import checked
+from flows.storage.calibration import (
     Found,
     effects_of,
     found_effects,
     store_calibration,
 )
-from flows.progress import Progress
-from flows.requests import Calibrate
-from flows.settings import store_folder
-from flows.steps.check import checked
 from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run

@@ -17,9 +17,8 @@ from flows.specs.campaign import load_campaign
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
 from flows.steps.experiment import Planned, plan
-from flows.workers.cluster import Cluster
 from flows.workers.pool import Here, Pool
-from flows.workers.runner import chosen_runner, workers_of
+from flows.workers.runner import Cluster, chosen_runner, workers_of
 from residual.errors import InputError, ModelgapError
 from warehouse.objects.mirror import shown
 

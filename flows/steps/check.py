@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from flows.inputs.follow import with_followers
 from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.repair import gravity_line, place_of, repair_lines
+from flows.inputs.repair import gravity_line, place_of, repair_lines, with_followers
 from flows.inputs.robots import check_declared, load_of
 from flows.requests import Check
 from residual.check.check import check_logs

@@ -19,9 +19,9 @@ check = Lazy("flows.steps.check")
 method = Lazy("residual.close")
 result = Lazy("residual.diagnosis.result")
 trust = Lazy("residual.trust")
-versions = Lazy("flows.keep.method")
-kept = Lazy("flows.keep.diagnosis")
-null = Lazy("flows.keep.null")
+versions = Lazy("flows.storage.null")
+kept = Lazy("flows.storage.diagnosis")
+null = Lazy("flows.storage.null")
 stored = Lazy("warehouse.runs")
 
 _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}

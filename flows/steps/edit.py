@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from flows.inputs.robots import load
-from flows.keep.diagnosis import read_models, read_verdict
 from flows.steps.experiment import reference_of
+from flows.storage.diagnosis import read_models, read_verdict
 from residual.diagnosis.causes.edit.dense import dense_model
 from residual.diagnosis.causes.edit.edits import Edit, sealed_edit
 from residual.diagnosis.result import Place, Verdict

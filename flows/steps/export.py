@@ -5,16 +5,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.logs import read_sets
-from flows.keep.export import read_model
-from flows.proofs.c import prove_c99
-from flows.proofs.fmu import make_fmu, prove_fmu
-from flows.proofs.mjcf import prove_mjcf
-from flows.proofs.numpy_file import prove_numpy
-from flows.proofs.proof import Proof, Prove
-from flows.proofs.readers import prove_json, prove_table, prove_urdf
+from flows.proofs.c import make_fmu, prove_c99, prove_fmu
+from flows.proofs.proof import (
+    Proof,
+    Prove,
+    prove_json,
+    prove_mjcf,
+    prove_numpy,
+    prove_table,
+    prove_urdf,
+)
 from flows.proofs.rrd import make_rrd, prove_rrd
 from flows.requests import Export
 from flows.settings import store_folder
+from flows.storage.export import read_model
 from residual.errors import InputError
 from residual.export.c99 import to_c99
 from residual.export.exported import Exported, Whole, body_of, to_json

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of
-from flows.keep.diagnosis import read_known
-from flows.keep.identification import store_identification
 from flows.requests import Identify
 from flows.settings import store_folder
 from flows.steps.check import checked
+from flows.storage.diagnosis import read_known
+from flows.storage.identification import store_identification
 from residual.identification.consistency import solver
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified, identify_and_prove

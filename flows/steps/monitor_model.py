@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.robots import load_of
-from flows.keep.diagnosis import read_models, read_runs
+from flows.storage.diagnosis import read_models, read_runs
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal

@@ -11,11 +11,10 @@ from functools import lru_cache
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load, load_of
-from flows.keep.method import method_hash
-from flows.keep.null import KIND, null_records
 from flows.progress import Progress
 from flows.requests import Null as Request
 from flows.settings import cores, store_folder
+from flows.storage.null import KIND, method_hash, null_records
 from flows.workers.pool import Here, Pool
 from residual.diagnosis.null_record import Null, from_record
 from residual.errors import InputError, ModelgapError

@@ -11,9 +11,9 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.keep.export import read_model
 from flows.model_requests import Predict
 from flows.settings import store_folder
+from flows.storage.export import read_model
 from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.result import ErrorTables
 from residual.errors import InputError

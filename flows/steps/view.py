@@ -6,10 +6,10 @@ from pathlib import Path
 
 from flows.inputs.logs import is_run, read_sets
 from flows.inputs.robots import load_of, robot_of
-from flows.keep.diagnosis import read_models, read_verdict
 from flows.model_requests import View
 from flows.settings import store_folder
 from flows.steps.loop.track import nominal_of
+from flows.storage.diagnosis import read_models, read_verdict
 from residual.diagnosis.result import Finding, Verdict
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of

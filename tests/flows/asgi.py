@@ -3,7 +3,7 @@
 import asyncio
 from base64 import b64encode
 
-from flows.service.rules import rules_for
+from flows.service.guard import rules_for
 
 SECRET = "modelgap:a-key-of-thirty-two-letters-or-more"
 OURS = rules_for("127.0.0.1", 4200, SECRET)

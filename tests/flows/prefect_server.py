@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.service.key import CLIENT
+from flows.service.state import CLIENT
 from flows.settings import API, quiet_prefect
 
 ROOT = Path(__file__).parents[2]

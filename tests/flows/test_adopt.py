@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.keep import diagnosis as keep
-from flows.keep.calibration import effects_of
-from flows.keep.diagnosis import read_known, read_models, read_verdict
 from flows.steps.loop.adopt import Adopt, adopt, list_adoptions, roll_back
 from flows.steps.loop.choose import Wanted, choose_for, choose_to_watch
 from flows.steps.rerun import rerun as reruns
+from flows.storage import diagnosis as keep
+from flows.storage.calibration import effects_of
+from flows.storage.diagnosis import read_known, read_models, read_verdict
 from residual.diagnosis.doubt.worth import worth
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, diagnosed, night

@@ -10,11 +10,11 @@ import pytest
 
 from benchmarks.export_parts.models import ARMS, NAMES, model_with, robot_of
 from flows.cli import main
-from flows.keep.export import read_model
 from flows.proofs import proof as proofs
 from flows.proofs.c import compiler
-from flows.proofs.mjcf import CREEP, inverse
+from flows.proofs.proof import CREEP, inverse
 from flows.steps.export import TARGETS, export_model
+from flows.storage.export import read_model
 from residual.errors import InputError, UnknownNameError
 from residual.export.exported import Motion
 from residual.model.corrected import Corrected, Tables
@@ -181,7 +181,7 @@ def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch)
     id = commit_record(
         tmp_path, "diagnoses", {"robot": "irb140", "verdict": "none", "model_id": None}
     )
-    monkeypatch.setattr("flows.keep.export.read_models", lambda store, id: both)
+    monkeypatch.setattr("flows.storage.export.read_models", lambda store, id: both)
     assert read_model(tmp_path, id) is both["augmented"]
     assert read_model(tmp_path, id, "nominal") is both["nominal"]
     with pytest.raises(UnknownNameError, match="'augmented'"):

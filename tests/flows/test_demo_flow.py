@@ -219,7 +219,7 @@ def test_only_what_lies_outside_is_tried_again(server):
     from prefect.states import Failed
 
     from flows.scheduled import tasks
-    from flows.workers.cluster import ClusterLostError
+    from flows.workers.runner import ClusterLostError
     from residual.errors import InputError
 
     again = {

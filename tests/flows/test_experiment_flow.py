@@ -170,7 +170,7 @@ def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
 
 
 def test_curves_come_back_from_the_store_as_they_were():
-    from flows.keep.diagnosis_tables import from_record, to_record
+    from flows.storage.diagnosis import from_record, to_record
     from residual.diagnosis.result import Diagnosis
     from residual.model.compare import Cloud, LogProof
 
@@ -211,7 +211,7 @@ def test_curves_come_back_from_the_store_as_they_were():
 
 
 def test_an_outcome_without_findings_or_held_out_logs_comes_back_too():
-    from flows.keep.diagnosis_tables import from_record, to_record
+    from flows.storage.diagnosis import from_record, to_record
     from residual.diagnosis.result import Diagnosis
 
     empty = Diagnosis(typed({}))

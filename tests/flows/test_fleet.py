@@ -15,9 +15,9 @@ from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
 from flows.steps.many import fleet
 from flows.steps.many.fleet import Arm, arms_of, diagnose_arms
-from flows.workers import cluster as module
-from flows.workers.cluster import Cluster
+from flows.workers import runner as module
 from flows.workers.pool import Here
+from flows.workers.runner import Cluster
 from residual.errors import InputError
 from tests import s3
 from tests.waiting import PATIENCE

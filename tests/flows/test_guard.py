@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from flows.service.rules import refusal, rules_for
-from flows.service.serve import Guard
+from flows.service.guard import Guard, refusal, rules_for
 from tests.flows.asgi import (
     BODY,
     HOST,

@@ -7,10 +7,10 @@ from threading import Thread
 
 import pytest
 
-from flows.service import entry
-from flows.service.entry import LIFE, Tickets, with_entry
-from flows.service.key import KEY, store_key
-from flows.service.serve import Guard
+from flows.service import pages
+from flows.service.guard import Guard
+from flows.service.pages import LIFE, Tickets, with_entry
+from flows.service.state import KEY, store_key
 from flows.settings import prefect_home
 from residual.errors import InputError
 from tests.flows.asgi import (
@@ -54,7 +54,7 @@ def test_a_ticket_is_not_good_for_ever_and_they_are_not_kept_without_end():
     late, first = tickets.give(), tickets.give()
     now[0] = LIFE + 1
     assert not tickets.take(late)
-    kept = [tickets.give() for _ in range(entry._MOST)]
+    kept = [tickets.give() for _ in range(pages._MOST)]
     assert not tickets.take(first)
     assert all(tickets.take(ticket) for ticket in kept)
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.keep.diagnosis import store_outcome
 from flows.report.terminal.monitor import meaning
 from flows.requests import Monitor
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment, monitor
+from flows.storage.diagnosis import store_outcome
 from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
 from residual.errors import InputError

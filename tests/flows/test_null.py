@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from flows.inputs.robots import load
-from flows.keep import method as keep
-from flows.keep.null import null_json, nulls_in, read_null
 from flows.requests import Null
 from flows.steps import null as steps
+from flows.storage import null as keep
+from flows.storage.null import null_json, nulls_in, read_null
 from flows.workers.pool import Here
 from residual.errors import InputError
 from tests.residual.arms import arm, short_case, urdf_text

@@ -5,8 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from flows.inputs.follow import with_followers
-from flows.inputs.repair import gravity_line, repair_lines
+from flows.inputs.repair import gravity_line, repair_lines, with_followers
 from residual.check.result import Repair
 from residual.recording import Recording
 from residual.robot.robot import load_robot

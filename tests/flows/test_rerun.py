@@ -276,7 +276,7 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
         return Diagnosis(typed(made, 2))
 
     monkeypatch.setattr("residual.close.close_the_loop", close_the_loop)
-    monkeypatch.setattr("flows.keep.diagnosis.errors_by_run", lambda found: [])
+    monkeypatch.setattr("flows.storage.diagnosis.errors_by_run", lambda found: [])
     runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
     asked = Diagnose(tuple(runs[:2]), "irb140", (runs[2],), store=tmp_path)
     ids = diagnose_runs(asked)

@@ -12,8 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from flows.workers.cluster import Cluster, ClusterLostError
-from flows.workers.runner import RUNNER, Runner, chosen_runner, workers_of
+from flows.workers.runner import (
+    RUNNER,
+    Cluster,
+    ClusterLostError,
+    Runner,
+    chosen_runner,
+    workers_of,
+)
 from residual.errors import InputError
 from tests.waiting import PATIENCE
 
@@ -55,9 +61,9 @@ def _free_port() -> int:
 
 
 def test_a_cluster_that_is_not_there_says_how_to_start_one(monkeypatch):
-    from flows.workers import cluster
+    from flows.workers import runner
 
-    monkeypatch.setattr(cluster, "_PATIENCE", 1)
+    monkeypatch.setattr(runner, "_PATIENCE", 1)
     with pytest.raises(ClusterLostError, match="dask worker with --nthreads 1"):
         Cluster(f"tcp://127.0.0.1:{_free_port()}")
 
@@ -87,7 +93,7 @@ def cluster(tmp_path_factory):
 def test_a_cluster_answers_like_a_pool_and_a_lost_worker_costs_no_job(
     cluster, monkeypatch
 ):
-    from flows.workers import cluster as module
+    from flows.workers import runner as module
 
     monkeypatch.setattr(module, "_PATIENCE", PATIENCE)
     address, workers = cluster

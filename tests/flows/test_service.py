@@ -12,9 +12,20 @@ import pytest
 from flows.cli import main
 from flows.errors import RunError
 from flows.service import api, up
-from flows.service.key import CLIENT, SERVER, store_key
-from flows.service.processes import Process, flow_processes, start, started_at, stop
-from flows.service.state import Running, one_at_a_time, read_running, write_running
+from flows.service.state import (
+    CLIENT,
+    SERVER,
+    Process,
+    Running,
+    flow_processes,
+    one_at_a_time,
+    read_running,
+    start,
+    started_at,
+    stop,
+    store_key,
+    write_running,
+)
 from flows.service.wanted import (
     DATABASE,
     Wanted,

@@ -16,10 +16,8 @@ from websockets.sync.client import connect
 
 from flows.errors import RunError
 from flows.service import api
-from flows.service.key import store_key
-from flows.service.processes import start, stop
-from flows.service.server import answers
-from flows.service.state import Running
+from flows.service.api import answers
+from flows.service.state import Running, start, stop, store_key
 from flows.service.up import server_command
 from flows.service.wanted import server_environment
 from flows.settings import prefect_home

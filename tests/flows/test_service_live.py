@@ -13,8 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from flows.service import api
-from flows.service.key import store_key
-from flows.service.state import read_running
+from flows.service.state import read_running, store_key
 from flows.service.up import start_every
 from tests.waiting import PATIENCE, until
 

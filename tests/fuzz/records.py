@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from flows.keep.diagnosis import checked_verdict
-from flows.keep.null import null_json, read_null
+from flows.storage.diagnosis import checked_verdict
+from flows.storage.null import null_json, read_null
 from residual.diagnosis.null_key import Key
 from residual.diagnosis.null_record import Null
 from residual.diagnosis.verdict import from_json, to_json

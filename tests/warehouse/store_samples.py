@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flows.keep.diagnosis_tables import effect_rows, error_rows
+from flows.storage.diagnosis import effect_rows, error_rows
 from residual.diagnosis.verdict import from_json
 from residual.recording import Recording
 from tests.verdict_documents import whole

@@ -19,7 +19,6 @@ from flows.cli.options import (
     named_files,
 )
 from flows.inputs.logs import is_run
-from flows.keep.diagnosis import read_verdict
 from flows.outputs import check_writable, json_text, read_files, write_all
 from flows.progress import Progress, progress_bar
 from flows.report.page.next import Sheet, render_sheet
@@ -34,6 +33,7 @@ from flows.steps.planning.motions import Search, with_twins
 from flows.steps.planning.request import Next
 from flows.steps.planning.suggest import document
 from flows.steps.trajectory import as_csv
+from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.planning.outlook import HOPELESS

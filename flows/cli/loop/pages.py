@@ -5,11 +5,8 @@ from pathlib import Path
 from flows.outputs import check_new_folder, check_outside, write_all
 from flows.report.night.history import unknown
 from flows.report.night.site import Site
-from flows.service.api import Api
-from flows.service.key import store_key
-from flows.service.pages.past import past_of
-from flows.service.server import answers
-from flows.service.state import read_running
+from flows.service.api import Api, answers, past_of
+from flows.service.state import read_running, store_key
 from flows.settings import PREFECT, store_folder
 
 

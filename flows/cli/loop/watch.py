@@ -11,11 +11,10 @@ from flows.inputs.stream.file import GrowingFile
 from flows.inputs.stream.folder import FillingFolder
 from flows.inputs.stream.socket import LocalPort
 from flows.inputs.stream.source import Meaning, Source
-from flows.keep.diagnosis import read_verdict
 from flows.report.terminal.watch import alarm_line, end_line
 from flows.report.words.verdict import headline
 from flows.say import say
-from flows.service.diagnosing import start_diagnosis
+from flows.service.status import start_diagnosis
 from flows.settings import store_folder
 from flows.steps import diagnose as diagnosis
 from flows.steps.watch.alarm import (
@@ -28,6 +27,7 @@ from flows.steps.watch.run import Shell
 from flows.steps.watch.run import watch as run
 from flows.steps.watch.session import Session
 from flows.steps.watch.start import Begun, Watch, start
+from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError, ModelgapError
 from residual.monitoring.stream.learn import PER_HOUR
 from residual.monitoring.stream.rows import Samples

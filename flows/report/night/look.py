@@ -6,9 +6,9 @@ from datetime import date, datetime, time, timedelta
 from functools import lru_cache
 from pathlib import Path
 
-from flows.keep.diagnosis import read_verdict
 from flows.report.night import questions
 from flows.report.words import brief
+from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 from warehouse.query.store import Store, open_store
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from flows.keep.diagnosis import read_verdict
 from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.specs.experiment import ExperimentSpec, TrajectoryTable, derived_seed
@@ -20,6 +19,7 @@ from flows.steps.planning.ask import ask
 from flows.steps.planning.design import Design, design
 from flows.steps.planning.motions import FOURIER, Search, with_twins
 from flows.steps.planning.request import Next
+from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.causes.alternative import Alternative
 from residual.diagnosis.result import Finding, Place, Verdict
 from residual.names import joints_listed

@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.keep.diagnosis import read_verdict
 from flows.progress import Progress
 from flows.settings import store_folder
 from flows.steps.closing.act import Came, Loop, act
 from flows.steps.closing.arm import MOST, Arm, Close, loop_id, make_arm, open_seal
 from flows.steps.closing.known import RUN, Known
 from flows.steps.closing.rule import Asked, Step, next_step
+from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.result import Verdict
 from residual.errors import InputError
 from warehouse.decisions import Decision, commit_decision, read_decisions

@@ -11,7 +11,7 @@ from residual.errors import InputError
 from residual.lazy import Lazy
 from residual.robot.robot import Robot
 
-keep = Lazy("flows.keep.diagnosis")
+keep = Lazy("flows.storage.diagnosis")
 adoptions = Lazy("warehouse.adoptions")
 commit = Lazy("warehouse.commit")
 sql = Lazy("warehouse.query.store")

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.keep.diagnosis import read_known
-from flows.keep.export import read_model
 from flows.specs.experiment import NOMINAL, ControllerTable, ExperimentSpec
 from flows.steps.loop.choose import Wanted, choose
+from flows.storage.diagnosis import read_known
+from flows.storage.export import read_model
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
 from residual.model.control import Use, computed_torque, feed_forward

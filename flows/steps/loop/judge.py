@@ -3,8 +3,8 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from flows.keep.diagnosis import read_known, read_models, read_verdict
 from flows.steps.loop.choose import diagnosis_of
+from flows.storage.diagnosis import read_known, read_models, read_verdict
 from residual.diagnosis.doubt.worth import Worth, worth
 from residual.diagnosis.result import Verdict
 from residual.model.model import Model

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.keep.diagnosis import read_verdict, store_report
 from flows.steps.loop.judge import Judged
+from flows.storage.diagnosis import read_verdict, store_report
 from residual.diagnosis.result import Verdict
 from warehouse.commit import read_record
 from warehouse.layout import list_folders

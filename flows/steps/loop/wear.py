@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from flows.inputs.robots import load_of
-from flows.keep.diagnosis import read_known
 from flows.progress import Progress
 from flows.steps.loop.choose import Wanted, choose
+from flows.storage.diagnosis import read_known
 from residual.errors import InputError
 from residual.identification.identify import identify
 from residual.model.model import Model

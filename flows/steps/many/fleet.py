@@ -16,8 +16,8 @@ from flows.settings import store_folder
 from flows.steps.campaign import Runs, by_role, planned, run_all
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.loop.choose import in_force
-from flows.workers.cluster import Cluster
 from flows.workers.pool import Here, Pool
+from flows.workers.runner import Cluster
 from residual.errors import InputError, ModelgapError
 from warehouse.layout import find_run
 from warehouse.objects.mirror import shown

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.logs import LogSets, is_run
-from flows.keep.diagnosis import checked_verdict, read_verdict
 from flows.progress import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.diagnose import diagnose, read_logs, runs_of
 from flows.steps.planning.request import Next
+from flows.storage.diagnosis import checked_verdict, read_verdict
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named
 from residual.diagnosis.result import Diagnosis, Verdict

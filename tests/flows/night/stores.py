@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from flows.keep.diagnosis import store_report
 from flows.steps.monitor import _schema as alarm_schema
+from flows.storage.diagnosis import store_report
 from tests.warehouse import store_samples as made
 from warehouse.adoptions import ADOPTED, Adoption, commit_adoption
 from warehouse.commit import commit_record, read_record

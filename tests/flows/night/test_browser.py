@@ -7,10 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from flows.service import api
-from flows.service.key import store_key
-from flows.service.processes import start, stop
-from flows.service.server import answers
-from flows.service.state import Running
+from flows.service.api import answers
+from flows.service.state import Running, start, stop, store_key
 from flows.service.up import server_command
 from flows.service.wanted import server_environment
 from flows.settings import prefect_home

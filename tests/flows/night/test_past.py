@@ -6,7 +6,6 @@ import pytest
 
 from flows.errors import RunError
 from flows.service import api
-from flows.service.pages import past
 from flows.service.state import Process, Running
 from flows.service.status import Status
 
@@ -61,9 +60,9 @@ def test_the_past_has_what_failed_and_what_was_warned_of(monkeypatch):
     ]
     runs = [run("a", "FAILED", "why", "2026-11-22T03:00:00+01:00"), run("b", "PAUSED")]
     server = Server([*runs, run("c", "CANCELLED"), run("d", "SCHEDULED")], logs)
-    monkeypatch.setattr(past, "ask", server)
     monkeypatch.setattr(api, "ask", server)
-    told = past.past_of(TO)(BEGIN, END)
+    monkeypatch.setattr(api, "ask", server)
+    told = api.past_of(TO)(BEGIN, END)
     assert [r.id for r in told.runs] == ["a", "b"]
     assert [r.failed for r in told.runs] == [True, False]
     assert told.runs[0].begun == datetime(2026, 11, 22, 2)
@@ -77,18 +76,18 @@ def test_the_past_has_what_failed_and_what_was_warned_of(monkeypatch):
 
 def test_a_log_that_an_inbox_refused_is_seen(monkeypatch):
     refused = run("i", "COMPLETED") | {"name": "inbox: 3 stored, 1 refused"}
-    monkeypatch.setattr(past, "ask", Server([refused]))
     monkeypatch.setattr(api, "ask", Server([refused]))
-    assert [r.name for r in past.past_of(TO)(BEGIN, END).runs] == [refused["name"]]
+    monkeypatch.setattr(api, "ask", Server([refused]))
+    assert [r.name for r in api.past_of(TO)(BEGIN, END).runs] == [refused["name"]]
 
 
 def test_of_a_server_that_does_not_answer_there_is_no_past(monkeypatch):
     def ask(*_, **__):
         raise RunError("it does not answer")
 
-    monkeypatch.setattr(past, "ask", ask)
     monkeypatch.setattr(api, "ask", ask)
-    assert past.past_of(TO)(BEGIN, END) is None
+    monkeypatch.setattr(api, "ask", ask)
+    assert api.past_of(TO)(BEGIN, END) is None
 
 
 @pytest.mark.parametrize(("results", "shown"), [(3, 7), (9, 1), (12, 0)])

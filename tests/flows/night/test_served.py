@@ -6,10 +6,8 @@ from html.parser import HTMLParser
 import pytest
 
 from flows.report.night.site import Answer, Site
-from flows.service.entry import LIFE, Tickets
-from flows.service.pages.policies import DOOR, MADE, STORED
-from flows.service.pages.routes import with_pages
-from flows.service.serve import Guard
+from flows.service.guard import Guard
+from flows.service.pages import DOOR, LIFE, MADE, STORED, Tickets, with_pages
 from tests.flows.asgi import (
     BODY,
     JSON,

@@ -12,9 +12,18 @@ import pytest
 import warehouse
 from flows.cli import main
 from flows.inbox.new import new_runs, spread
-from flows.inbox.ready import alone, at_rest, being_written, look
 from flows.inbox.run import inboxes, take_all
-from flows.inbox.take import KNOWN, STORED, WAITING, Job, take
+from flows.inbox.take import (
+    KNOWN,
+    STORED,
+    WAITING,
+    Job,
+    alone,
+    at_rest,
+    being_written,
+    look,
+    take,
+)
 from flows.project.read import read_project
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from flows.cli import main
-from flows.project import file as tables
+from flows.project import read as tables
 from flows.project.notify import Notice, tell
 from flows.project.read import read_project
 from flows.project.start import _TEMPLATE, Start, start

@@ -7,8 +7,8 @@ from pathlib import Path
 import pyarrow as pa
 
 import warehouse
-from flows.keep.calibration_files import calibration_files
-from flows.keep.diagnosis import read_known, read_models, read_verdict
+from flows.storage.calibration_json import calibration_files
+from flows.storage.diagnosis import read_known, read_models, read_verdict
 from residual.calibration.calibrate import Calibration
 from residual.calibration.scores import RUN, Score
 from residual.diagnosis.result import Finding

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from flows.keep.calibration_files import CORRECTED
-from flows.keep.diagnosis import read_models, read_models_record
+from flows.storage.calibration_json import CORRECTED
+from flows.storage.diagnosis import read_models, read_models_record
 from residual.errors import InputError
 from residual.export.exported import Whole
 from residual.model.record import from_record, load_model

@@ -1,0 +1,211 @@
+"""The pages that a store's server adds to Prefect's, and how a browser gets in.
+
+`modelgap up` asks for a ticket and prints an address that ends with it. A browser
+keeps what follows the # to itself; the page there gives it back once, gets the key, and
+puts it where Prefect's pages look for it. That belongs to one origin, port included: no
+other page and no other server of this machine gets to see it, as they would a cookie.
+
+A browser that follows a link to a page over the store sends no key. So what it gets
+first is a page with nothing in it, whose script takes the key from that place, asks for
+a ticket, and goes to the same address with it: the page, once. A program sends its key
+and gets the page at once.
+"""
+
+import json
+import secrets
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import (
+    HTMLResponse,
+    JSONResponse,
+    RedirectResponse,
+    Response,
+)
+from starlette.routing import Match, Route
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from flows.report.night.site import Answer, Site
+from flows.service.guard import DOOR, MADE, STORED, Rules
+
+OPEN, PAGES = "/open", "/pages"
+LIFE = 600.0  # s that a ticket is good for
+_MOST = 100  # tickets at a time; the oldest are dropped
+_FRESH = {"Cache-Control": "no-store"}
+_ENTRY = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>modelgap</title>
+<p id="said">Opening the page of the store needs JavaScript.</p>
+<script src="/open.js"></script></html>
+"""
+_ENTRY_SCRIPT = """const said = document.getElementById("said");
+const ticket = location.hash.slice(1);
+history.replaceState(null, "", location.pathname);
+said.textContent = "Opening ...";
+fetch("/open", {
+  method: "POST",
+  headers: {"Content-Type": "application/json"},
+  body: JSON.stringify({ticket}),
+}).then(async (answer) => {
+  if (!answer.ok) throw new Error((await answer.json()).detail);
+  localStorage.setItem("prefect-password", btoa((await answer.json()).key));
+  location.replace("/");
+}).catch((error) => { said.textContent = error.message; });
+"""
+_DOOR = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>modelgap</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<p id="said">Opening the pages of the store needs JavaScript.</p>
+<script src="/pages.js"></script></html>
+"""
+_DOOR_SCRIPT = """const said = document.getElementById("said");
+const key = localStorage.getItem("prefect-password");
+const none = "This browser does not have the key of the store. Open the address " +
+  "that modelgap up prints, then this one again.";
+if (key === null) {
+  said.textContent = none;
+} else {
+  said.textContent = "Opening ...";
+  fetch("/pages/ticket", {
+    method: "POST",
+    headers: {"Content-Type": "application/json", "Authorization": `Basic ${key}`},
+    body: "{}",
+  }).then(async (answer) => {
+    if (!answer.ok) throw new Error(none);
+    const ticket = (await answer.json()).ticket;
+    location.replace(`${location.pathname}?ticket=${ticket}`);
+  }).catch((error) => { said.textContent = error.message; });
+}
+"""
+_NOTHING = "There is no such page of this store. All that there are: /pages/index.html"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tickets:
+    """Tickets that were given and not yet used.
+
+    Attributes:
+        clock: Tells the time [s].
+    """
+
+    clock: Callable[[], float] = monotonic
+    _ends: dict[str, float] = field(default_factory=dict, repr=False)
+
+    def give(self) -> str:
+        """Return a new one."""
+        while len(self._ends) >= _MOST:
+            del self._ends[next(iter(self._ends))]
+        ticket = secrets.token_urlsafe(32)
+        self._ends[ticket] = self.clock() + LIFE
+        return ticket
+
+    def take(self, ticket: object) -> bool:
+        """Return whether a ticket is good; from now on it is not."""
+        ends = self._ends.pop(ticket, None) if isinstance(ticket, str) else None
+        return ends is not None and self.clock() < ends
+
+
+def with_entry(app: ASGIApp, rules: Rules, tickets: Tickets) -> ASGIApp:
+    """Return an application with the page that opens all others before it.
+
+    Args:
+        app: What everything else goes to; guarded, as the whole must be.
+    """
+
+    async def page(_: Request) -> Response:
+        return HTMLResponse(_ENTRY)
+
+    async def take(request: Request) -> Response:
+        if tickets.take(await _ticket(request)):
+            return JSONResponse({"key": rules.key}, headers=_FRESH)
+        told = "This address has been used, or is too old. Another: modelgap up."
+        return JSONResponse({"detail": told}, 403)
+
+    routes = [
+        Route(OPEN, page, methods=["GET"]),
+        Route(OPEN, take, methods=["POST"]),
+        *_shared(OPEN, _ENTRY_SCRIPT, rules, tickets),
+    ]
+    return _before(app, routes)
+
+
+def with_pages(app: ASGIApp, rules: Rules, site: Site, tickets: Tickets) -> ASGIApp:
+    """Return an application that also serves the pages over a store.
+
+    Args:
+        app: What everything else goes to; guarded, as the whole must be.
+        tickets: Those given for pages; none of them opens anything else.
+    """
+
+    async def page(request: Request) -> Response:
+        shown = request.query_params.get("ticket")
+        if not rules.has_key(request.headers) and not tickets.take(shown):
+            return _html(_DOOR.encode(), DOOR)
+        address = request.url.path.removeprefix(f"{PAGES}/")
+        return _answered(await run_in_threadpool(site.answer, address))
+
+    async def first(_: Request) -> Response:
+        return RedirectResponse(f"{PAGES}/index.html", 307)
+
+    routes = [
+        *_shared(PAGES, _DOOR_SCRIPT, rules, tickets),
+        Route(PAGES, first, methods=["GET"]),
+        Route(f"{PAGES}/", first, methods=["GET"]),
+        Route(f"{PAGES}/{{address:path}}", page, methods=["GET"]),
+    ]
+    return _before(app, routes)
+
+
+def _shared(place: str, code: str, rules: Rules, tickets: Tickets) -> list[Route]:
+    """Return what both ways in have: a script, and tickets for who has the key."""
+
+    async def script(_: Request) -> Response:
+        return Response(code, media_type="text/javascript")
+
+    async def give(request: Request) -> Response:
+        if not rules.has_key(request.headers):
+            return JSONResponse({"detail": "Expected the key of the store."}, 401)
+        return JSONResponse({"ticket": tickets.give()}, headers=_FRESH)
+
+    return [
+        Route(f"{place}.js", script, methods=["GET"]),
+        Route(f"{place}/ticket", give, methods=["POST"]),
+    ]
+
+
+def _before(app: ASGIApp, routes: Sequence[Route]) -> ASGIApp:
+    own = Starlette(routes=list(routes))
+
+    async def chosen(scope: Scope, receive: Receive, send: Send) -> None:
+        ours = scope["type"] == "http" and any(
+            route.matches(scope)[0] is not Match.NONE for route in routes
+        )
+        await (own if ours else app)(scope, receive, send)
+
+    return chosen
+
+
+async def _ticket(request: Request) -> object:
+    try:
+        told = json.loads(await request.body())
+    except (ValueError, RecursionError):
+        return None
+    return told.get("ticket") if isinstance(told, dict) else None
+
+
+def _answered(found: Answer | None) -> Response:
+    if found is None:
+        return _html(_NOTHING.encode(), MADE, 404, "text/plain; charset=utf-8")
+    policy = STORED if found.stored and found.type.startswith("text/html") else MADE
+    return _html(found.body, policy, 200, found.type)
+
+
+def _html(
+    body: bytes, policy: str, status: int = 200, kind: str = "text/html; charset=utf-8"
+) -> Response:
+    headers = {"Content-Security-Policy": policy, **_FRESH}
+    return Response(body, status, headers, media_type=kind)

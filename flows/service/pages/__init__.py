@@ -1,1 +1,0 @@
-"""The pages over a store as its server serves them."""
