@@ -13,9 +13,9 @@ from flows.inbox.take import (
     State,
     Taken,
     alone,
+    archive,
     at_rest,
     look,
-    put_away,
     take,
 )
 from flows.project.read import InboxTable, Project
@@ -112,7 +112,7 @@ def take_all(inbox: Inbox, resting: Mapping[str, State], told: Told) -> Iterator
             if runs:
                 told(runs)
             for taken in chunk:
-                put_away(taken)
+                archive(taken)
                 yield taken
 
 

@@ -174,7 +174,7 @@ def take(job: Job) -> Taken:
     return Taken(job.path, KNOWN if log.stored else STORED, run)
 
 
-def put_away(taken: Taken) -> Path | None:
+def archive(taken: Taken) -> Path | None:
     """Move a log out of the way: into done/, or into rejected/ with the reason beside.
 
     Returns:

@@ -148,12 +148,12 @@ def test_a_kill_between_any_two_steps_loses_and_doubles_nothing(place, csv, when
     killed = f"""
 import os, signal
 from flows.inbox import run
-from flows.inbox.ready import look
+from flows.inbox.take import look
 from flows.project.read import read_project
 def die(*_): os.kill(os.getpid(), signal.SIGKILL)
 if {when!r} == "moved":
-    put, count = run.put_away, []
-    run.put_away = lambda taken: die() if count else count.append(put(taken))
+    put, count = run.archive, []
+    run.archive = lambda taken: die() if count else count.append(put(taken))
 (inbox,) = run.inboxes(read_project("."))
 for _ in run.take_all(inbox, look(inbox.folder), die if {when!r} == "told" else id):
     pass
