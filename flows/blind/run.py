@@ -13,7 +13,7 @@ from flows.blind import steps
 from flows.blind.draw import Asked, Excitation, drafts
 from flows.blind.sums import summary
 from flows.errors import RunError
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.settings import cores
 from flows.storage.diagnosis import read_verdict
 from flows.workers.pool import Here, Pool

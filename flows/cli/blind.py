@@ -11,10 +11,8 @@ from flows.blind.export.write import check_target, export_study
 from flows.blind.run import run_study
 from flows.cli.options import LONGEST, SEEDS, check_between, named_files
 from flows.errors import RunError
-from flows.outputs import check_writable, write_all
-from flows.progress import progress_bar
+from flows.outputs import check_writable, progress_bar, say, write_all
 from flows.report.study import store_page, tell_study
-from flows.say import say
 from flows.settings import cores, store_folder
 from flows.workers.pool import Pool
 from residual.errors import InputError

@@ -16,14 +16,14 @@ from flows.outputs import (
     check_writable,
     in_folder,
     json_text,
+    progress_bar,
     read_files,
+    say,
     write_all,
 )
-from flows.progress import progress_bar
 from flows.report.terminal.calibration import print_outcome
 from flows.report.words.calibration import sentences
 from flows.requests import Calibrate
-from flows.say import say
 from flows.steps import calibrate as steps
 from flows.steps.loop.choose import Wanted, choose_for
 from flows.storage.calibration_json import calibration_files, document

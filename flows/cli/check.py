@@ -1,10 +1,9 @@
 """modelgap check: whether logs are what they say they are."""
 
 from flows.cli.options import STDOUT, Log, console_beside, named_files, parse_declared
-from flows.outputs import check_writable, json_text, read_files, write_all
+from flows.outputs import check_writable, json_text, read_files, say, write_all
 from flows.report.terminal.check import lines
 from flows.requests import Check
-from flows.say import say
 from flows.steps import check as steps
 
 

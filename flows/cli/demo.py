@@ -7,12 +7,11 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.cli.options import SEEDS, Flag, check_between
-from flows.progress import Progress, progress_bar
+from flows.outputs import Progress, progress_bar, say
 from flows.report.stored import as_hidden, demo_page
 from flows.report.terminal.diagnosis import print_diagnosis, print_truth
 from flows.report.words.staged import Staged
 from flows.requests import Demo
-from flows.say import say
 from flows.scheduled.surroundings import Surroundings, surrounded
 from flows.service.api import answers
 from flows.service.server import start_server

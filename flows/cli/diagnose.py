@@ -11,16 +11,21 @@ from flows.cli.options import (
     named_files,
     parse_declared,
 )
-from flows.outputs import check_writable, json_text, read_files, write_all
-from flows.progress import progress_bar
+from flows.outputs import (
+    check_writable,
+    json_text,
+    progress_bar,
+    read_files,
+    say,
+    write_all,
+)
 from flows.requests import Diagnose
-from flows.say import say
 from flows.steps import diagnose as steps
 from flows.steps.loop.choose import Wanted, choose_for
 from residual.lazy import Lazy
 
 page = Lazy("flows.report.page.next")
-origin = Lazy("flows.report.page.origin")
+origin = Lazy("flows.report.made")
 terminal = Lazy("flows.report.terminal.diagnosis")
 result = Lazy("residual.diagnosis.result")
 verdict = Lazy("residual.diagnosis.verdict")

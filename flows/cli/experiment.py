@@ -7,11 +7,10 @@ from rich.console import Console
 
 from flows.cli.options import Flag, check_between
 from flows.errors import RunError
-from flows.progress import progress_bar
+from flows.outputs import progress_bar, say
 from flows.report.terminal import tracking, validation
 from flows.report.words.verdict import headline
 from flows.requests import Validate
-from flows.say import say
 from flows.settings import cores, store_folder
 from flows.specs.campaign import load_campaign
 from flows.specs.experiment import load_spec

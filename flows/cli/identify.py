@@ -17,11 +17,11 @@ from flows.outputs import (
     in_folder,
     json_text,
     read_files,
+    say,
     write_all,
 )
 from flows.report.terminal.identification import print_outcome
 from flows.requests import Identify
-from flows.say import say
 from flows.steps import identify as steps
 from flows.steps.loop.choose import Wanted, choose_for
 from flows.storage.identification import document

@@ -3,9 +3,9 @@
 from rich.console import Console
 
 from flows.cli.options import Flag, Log, Tags
+from flows.outputs import say
 from flows.report.terminal.imports import lines, table
 from flows.requests import Import
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps import imports as steps
 from warehouse.objects.mirror import shown

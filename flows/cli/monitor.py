@@ -6,11 +6,10 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.options import Flag, Words, named_files
-from flows.outputs import check_writable, write_all
-from flows.report.page.monitor_plot import plot as draw
+from flows.outputs import check_writable, say, write_all
+from flows.report.figures.pictures import plot as draw
 from flows.report.terminal.monitor import alarm_table, meaning
 from flows.requests import Monitor
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps import monitor as steps
 from flows.steps.loop.choose import choose_to_watch

@@ -10,11 +10,9 @@ from flows.cli.options import (
     named_files,
     parse_declared,
 )
-from flows.outputs import check_writable, read_files, write_all
-from flows.progress import progress_bar
+from flows.outputs import check_writable, progress_bar, read_files, say, write_all
 from flows.report.terminal.null import null_lines
 from flows.requests import Null
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps import null as steps
 from flows.storage.null import null_json

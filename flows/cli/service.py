@@ -12,9 +12,8 @@ from rich.table import Table
 
 from flows.cli.options import Flag
 from flows.errors import RunError
-from flows.outputs import json_text
+from flows.outputs import json_text, say
 from flows.project.read import project_here
-from flows.say import say
 from flows.service.api import opening_address
 from flows.service.down import down as stop
 from flows.service.down import stay

@@ -16,10 +16,12 @@ from flows.outputs import check_outside, check_writable, write_all
 from flows.report.terminal.answers import (
     as_bytes,
     check_shown,
+    named_table,
     print_table,
+    schema_table,
     tell_damage,
+    values_of,
 )
-from flows.report.terminal.schema import named_table, schema_table, values_of
 from flows.settings import store_folder
 from residual.errors import InputError
 from residual.names import check_name

@@ -13,10 +13,9 @@ from flows.cli.options import (
     named_files,
 )
 from flows.inputs.robots import load
-from flows.outputs import check_writable, write_all
-from flows.report.page.motion import motion_png
+from flows.outputs import check_writable, say, write_all
+from flows.report.figures.pictures import motion_png
 from flows.report.terminal.trajectory import about_motion, excitation, usage_table
-from flows.say import say
 from flows.steps.trajectory import as_csv
 from sim.engine.render import animate
 from sim.records import TrajectorySpec

@@ -8,9 +8,9 @@ from rich.table import Table
 
 from flows.blind.draw import Asked
 from flows.blind.run import Study
+from flows.outputs import say
 from flows.report.made import made_of
 from flows.report.page.study import headline, lines, render
-from flows.say import say
 from warehouse.commit import commit_record
 from warehouse.layout import record_folder
 

@@ -15,7 +15,7 @@ from prefect.artifacts import (
     update_progress_artifact,
 )
 
-from flows.report.page.monitor_plot import plot as draw
+from flows.report.figures.pictures import plot as draw
 from flows.report.terminal.monitor import meaning
 from flows.report.words.calibration import sentences
 from flows.settings import PAGES, page_link

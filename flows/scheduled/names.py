@@ -6,7 +6,7 @@ from prefect.client.orchestration import get_client
 from prefect.runtime import flow_run
 
 from flows.report.night.look import title_of
-from flows.report.words.brief import brief
+from flows.report.words.verdict import brief
 from flows.storage.diagnosis import read_verdict
 
 _LONGEST = 200  # characters; what is longer no list shows

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.workers.pool import Pool
 
 

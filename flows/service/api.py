@@ -11,7 +11,7 @@ from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
 from flows.errors import RunError
-from flows.report.night.history import FlowRun, History, Past
+from flows.report.night.look import FlowRun, History, Past
 
 POOL = "modelgap"
 _TRIES = 8

@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 
 from flows.errors import RunError
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.requests import Campaign
 from flows.settings import cores, store_folder
 from flows.specs.campaign import load_campaign

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from flows.errors import RunError
 from flows.inputs.robots import load
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.requests import Demo
 from flows.settings import store_folder
 from flows.specs.experiment import ExperimentSpec, derived_seed

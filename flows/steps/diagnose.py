@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
 from flows.inputs.robots import check_declared, load_of, robot_of, serial_of
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from residual.errors import InputError

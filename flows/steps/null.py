@@ -11,7 +11,7 @@ from functools import lru_cache
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
 from flows.inputs.robots import check_declared, load, load_of
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.requests import Null as Request
 from flows.settings import cores, store_folder
 from flows.storage.null import KIND, method_hash, null_records

@@ -1,7 +1,6 @@
 """The generated pages of the site, as Markdown: effects, their list, the glossary."""
 
-from flows.report.words.explain import effect_page
-from flows.report.words.glossary import TERMS, VERDICTS
+from flows.report.words.explain import TERMS, VERDICTS, effect_page
 from residual.effects import registry
 from scripts.docs_site import alike, commands, curve, found
 

@@ -17,7 +17,7 @@ from cyclopts import Argument
 
 import modelgap as mg
 from flows.cli.app import app
-from flows.report.terminal.schema import values_of
+from flows.report.terminal.answers import values_of
 from flows.steps.export import TARGETS
 from residual.check.report import CheckReport, FaultReport
 from residual.diagnosis.result import Verdict

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.words.check import CLEAN, MEANING, summary, title
+from flows.report.words.verdict import CLEAN, MEANING, summary, title
 from flows.steps import check as steps
 from residual.check.report import CheckReport, FaultReport, from_json
 from residual.check.result import KINDS, Fault, LogCheck, Repair

@@ -13,10 +13,9 @@ import pytest
 
 from flows.cli import main
 from flows.inputs.robots import load
-from flows.progress import progress_bar
+from flows.outputs import progress_bar
 from flows.report.terminal.diagnosis import print_truth
-from flows.report.words.edit import baseline_sentences
-from flows.report.words.staged import Hidden, Staged, judge
+from flows.report.words.staged import Hidden, Staged, baseline_sentences, judge
 from flows.requests import Demo
 from flows.steps import demo as steps
 from residual.diagnosis.causes.edit.edits import Edit

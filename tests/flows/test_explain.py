@@ -5,8 +5,7 @@ import re
 import pytest
 
 from flows.cli import main
-from flows.report.words.explain import explain, overview
-from flows.report.words.glossary import TERMS, VERDICTS
+from flows.report.words.explain import TERMS, VERDICTS, explain, overview
 from residual.effects import registry
 from residual.errors import UnknownNameError
 

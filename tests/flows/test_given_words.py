@@ -2,8 +2,7 @@
 
 import pytest
 
-from flows.report.words.given import hidden_rows, off_rows, off_words
-from flows.report.words.sets import other_sets
+from flows.report.words.outlook import hidden_rows, off_rows, off_words, other_sets
 from residual.diagnosis.result import Verdict
 from tests.flows.report_outcomes import effect, parameter
 from tests.verdict_documents import typed

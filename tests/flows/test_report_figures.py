@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from plotly import graph_objects
 
-from flows.report.page import charts, script
+from flows.report.page import base, charts
 from flows.report.page.diagnosis import render
-from flows.report.words.means import means
+from flows.report.words.rows import means
 from residual.effects import registry as vocabulary
 from residual.model.compare import Cloud
 from tests.flows import report_outcomes as made
@@ -27,12 +27,12 @@ def test_page_fetches_nothing_and_runs_only_its_own_two_scripts(
     several_page: str,
 ) -> None:
     page = Page(several_page)
-    assert page.scripts == [script.library(), script.own()]
+    assert page.scripts == [base.library(), base.own()]
     policy = page.all("meta")[2]["content"]
     assert policy.startswith("default-src 'none'; ")
     allowed = policy.split("script-src ")[1].split()
-    assert allowed == [script.hash_of(text) for text in page.scripts]
-    written = several_page.replace(script.library(), "")
+    assert allowed == [base.hash_of(text) for text in page.scripts]
+    written = several_page.replace(base.library(), "")
     written = re.sub(r'"bdata":"[^"]*"', "", written)
     assert not re.search(r"https?:|//[a-z]|url\(|@import", written)
     assert {"iframe", "object"}.isdisjoint(t for t, _ in page.tags)
@@ -72,7 +72,7 @@ def test_contents_name_every_section(several_page: str) -> None:
 def test_page_is_small_and_the_same_every_time(several_page: str) -> None:
     size = len(several_page.encode())
     assert size < 7 * MEGABYTE
-    assert size - len(script.library().encode()) < 2 * MEGABYTE
+    assert size - len(base.library().encode()) < 2 * MEGABYTE
     assert render(made.several(), "kr300") == several_page
 
 
@@ -80,7 +80,7 @@ def test_many_long_logs_do_not_make_a_large_page() -> None:
     rng = np.random.default_rng(9)
     proofs = tuple(made.proof(rng, f"L{i}", 30_000) for i in range(9))
     page = render(replace(made.several(), proofs=proofs), "kr300")
-    assert len(page.encode()) - len(script.library().encode()) < 2 * MEGABYTE
+    assert len(page.encode()) - len(base.library().encode()) < 2 * MEGABYTE
     text = Page(page).text
     assert "The 6 held-out logs with the largest error are drawn" in text
     assert "not drawn" not in text

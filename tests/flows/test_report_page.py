@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from flows.report.page import charts, script
+from flows.report.page import base, charts
 from flows.report.page.base import environment
 from flows.report.page.diagnosis import render
 from flows.report.terminal.diagnosis import print_diagnosis
@@ -33,9 +33,8 @@ def several_page() -> str:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the drawing, for tests of what stands around the figures."""
-    drawn = {"cloud": "cloud_plot", "torque": "torque_plot", "bars": "bars_plot"}
-    for module, name in drawn.items():
-        monkeypatch.setattr(getattr(charts, module), name, lambda *_: {"data": []})
+    for name in ("cloud_plot", "torque_plot", "bars_plot"):
+        monkeypatch.setattr(charts.plots, name, lambda *_: {"data": []})
     monkeypatch.setattr(charts, "spectrum_charts", lambda _: ([], []))
     monkeypatch.setitem(environment().globals, "library", lambda: "")
 
@@ -104,7 +103,7 @@ def test_names_from_files_are_escaped_in_page_and_figures() -> None:
     )
     html = render(nasty, NASTY)
     page = Page(html)
-    assert page.scripts == [script.library(), script.own()]
+    assert page.scripts == [base.library(), base.own()]
     assert page.text.count("<script>alert(1)</script>") >= 8
     assert any("&lt;script&gt;" in str(plot) for plot in page.plots)
     assert not any("<script" in str(plot) for plot in page.plots)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.report.page.drawn import thin
+from flows.report.figures import look
 
 
 @pytest.mark.parametrize("count", [1, 2, 899, 900, 901, 4000, 12345])
@@ -12,7 +12,7 @@ def test_envelope_keeps_ends_and_every_single_peak(count: int) -> None:
     for spike in {0, count // 3, count - 1}:
         y = np.zeros(count)
         y[spike] = 5.0
-        ts, ys = thin.envelope(t, y)
+        ts, ys = look.envelope(t, y)
         assert ys.max() == 5.0
         assert (ts[0], ts[-1]) == (t[0], t[-1])
         assert np.all(np.diff(ts) > 0)
@@ -22,44 +22,44 @@ def test_envelope_keeps_ends_and_every_single_peak(count: int) -> None:
 def test_spans_cover_exactly_the_flagged_time() -> None:
     t = np.arange(6.0)
     flags = np.array([True, False, True, True, False, True])
-    assert thin.spans(t, flags) == [(0.0, 1.0), (2.0, 2.0), (5.0, 0.0)]
-    assert thin.spans(t, np.zeros(6, bool)) == []
+    assert look.spans(t, flags) == [(0.0, 1.0), (2.0, 2.0), (5.0, 0.0)]
+    assert look.spans(t, np.zeros(6, bool)) == []
 
 
 def test_draw_is_repeatable_and_sorted() -> None:
-    rows = thin.draw(10_000, 500)
+    rows = look.draw(10_000, 500)
     assert len(rows) == 500
     assert np.all(np.diff(rows) > 0)
-    assert np.array_equal(rows, thin.draw(10_000, 500))
-    assert np.array_equal(thin.draw(3, 500), [0, 1, 2])
+    assert np.array_equal(rows, look.draw(10_000, 500))
+    assert np.array_equal(look.draw(3, 500), [0, 1, 2])
 
 
 def test_bins_part_a_friction_step_at_zero() -> None:
     x = np.linspace(-0.7, 1.1, 2000)
     y = np.sign(x)
-    at = thin.edges(x, y)
+    at = look.edges(x, y)
     assert 0.0 in at
     assert np.all(np.diff(at) > 0)
-    median = thin.medians(x, y, at).median
+    median = look.medians(x, y, at).median
     assert set(np.unique(median[np.isfinite(median)])) == {-1.0, 1.0}
 
 
 def test_bins_are_fine_enough_for_a_ripple() -> None:
     x = np.linspace(-1.5, 1.5, 6000)
     y = np.cos(27 * x)
-    bins = thin.medians(x, y, thin.edges(x, y))
+    bins = look.medians(x, y, look.edges(x, y))
     assert np.nanmax(np.abs(bins.median - np.cos(27 * bins.x))) < 0.1
 
 
 def test_bins_survive_a_variable_that_never_moves() -> None:
     x, y = np.full(50, 2.0), np.arange(50.0)
-    bins = thin.medians(x, y, thin.edges(x, y))
+    bins = look.medians(x, y, look.edges(x, y))
     assert np.nanmedian(bins.median) == 24.5
 
 
 def test_thin_bins_are_left_out() -> None:
     x = np.array([0.0] * 20 + [1.0] * 3)
-    bins = thin.medians(x, x, np.array([-0.5, 0.5, 1.5]))
+    bins = look.medians(x, x, np.array([-0.5, 0.5, 1.5]))
     assert bins.median[0] == 0.0
     assert np.isnan(bins.median[1])
 
@@ -67,5 +67,5 @@ def test_thin_bins_are_left_out() -> None:
 def test_an_effect_of_two_variables_is_not_joined_by_a_line() -> None:
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, 500)
-    assert thin.is_curve(x, np.tanh(x / 0.1))
-    assert not thin.is_curve(x, np.sign(x) * rng.uniform(1, 9, 500))
+    assert look.is_curve(x, np.tanh(x / 0.1))
+    assert not look.is_curve(x, np.sign(x) * rng.uniform(1, 9, 500))

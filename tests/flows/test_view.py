@@ -11,7 +11,7 @@ import pytest
 
 from flows.cli import main
 from flows.model_requests import View
-from flows.report.page import script
+from flows.report.page import base
 from flows.report.page.view import frames_of, render
 from flows.steps.view import Viewed, view
 from residual.errors import InputError
@@ -125,7 +125,7 @@ def test_the_page_has_the_motion_and_runs_only_known_scripts():
     page = Page(html)
     assert len(page.scripts) == 4
     policy = page.all("meta")[2]["content"]
-    assert [script.hash_of(text) for text in page.scripts] == policy.split()[-4:]
+    assert [base.hash_of(text) for text in page.scripts] == policy.split()[-4:]
     scene = page.plots[-1]
     rows = frames_of(found.log)
     assert np.allclose(numbers(scene["motion"]["t"]), found.log.t[rows], atol=1e-5)
@@ -134,7 +134,7 @@ def test_the_page_has_the_motion_and_runs_only_known_scripts():
     assert len(scene["arm"]["joints"]) == 6
     assert len(page.plots) == 1 + 6
     assert "50.0 %" in page.text
-    library = len(script.library()) + len(script.scene_library())
+    library = len(base.library()) + len(base.scene_library())
     assert len(html.encode()) - library < 2_000_000
 
 
@@ -148,10 +148,10 @@ def test_what_is_missing_is_said(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="does not say which robot"):
         view(View("A.csv"))
-    monkeypatch.setattr(script, "find_spec", lambda name: None)
-    script.scene_library.cache_clear()
+    monkeypatch.setattr(base, "find_spec", lambda name: None)
+    base.scene_library.cache_clear()
     with pytest.raises(InputError, match=r'pip install "modelgap\[view\]"'):
-        script.scene_library()
+        base.scene_library()
 
 
 def test_a_file_is_shown_with_the_model_as_described(tmp_path, monkeypatch, capsys):

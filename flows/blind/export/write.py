@@ -11,7 +11,7 @@ from flows.blind.export.case import OPEN, SEALED, Job, write_case
 from flows.blind.run import null_sizes, report_failure, run_jobs
 from flows.errors import RunError
 from flows.inputs.robots import load
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.specs.experiment import derived_seed
 from flows.workers.pool import Here, Pool
 from residual.effects import registry

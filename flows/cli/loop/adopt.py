@@ -3,8 +3,8 @@
 from rich.console import Console
 
 from flows.cli.options import Flag
+from flows.outputs import say
 from flows.report.terminal.adoptions import adoption_lines, table_of
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps.loop.adopt import Adopt, list_adoptions, roll_back
 from flows.steps.loop.adopt import adopt as give

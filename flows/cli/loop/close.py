@@ -6,11 +6,16 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.cli.options import STDOUT, check_between, console_beside, named_files
-from flows.outputs import check_outside, check_writable, json_text, write_all
-from flows.progress import progress_bar
+from flows.outputs import (
+    check_outside,
+    check_writable,
+    json_text,
+    progress_bar,
+    say,
+    write_all,
+)
 from flows.report.page.close import keep_page, render
 from flows.report.words.closed import ended, headline, pairs
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps.closing.arm import MOST, Close
 from flows.steps.closing.close import (

@@ -19,12 +19,18 @@ from flows.cli.options import (
     named_files,
 )
 from flows.inputs.logs import is_run
-from flows.outputs import check_writable, json_text, read_files, write_all
-from flows.progress import Progress, progress_bar
+from flows.outputs import (
+    Progress,
+    check_writable,
+    json_text,
+    progress_bar,
+    read_files,
+    say,
+    write_all,
+)
 from flows.report.page.next import Sheet, render_sheet
 from flows.report.terminal.next import comparison, nothing_open, told
 from flows.report.words.verdict import sentences
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps.planning.ask import Asked, ask
 from flows.steps.planning.design import Design, design

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from flows.outputs import check_new_folder, check_outside, write_all
-from flows.report.night.history import unknown
+from flows.report.night.look import unknown
 from flows.report.night.site import Site
 from flows.service.api import Api, answers, past_of
 from flows.service.state import read_running, store_key

@@ -3,10 +3,8 @@
 from rich.console import Console
 
 from flows.cli.options import STDOUT, named_files
-from flows.outputs import check_writable, json_text, write_all
-from flows.progress import progress_bar
+from flows.outputs import check_writable, json_text, progress_bar, say, write_all
 from flows.report.terminal.wear import sentence, table_of
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps.loop.wear import Wear, follow
 

@@ -9,10 +9,10 @@ from flows.outputs import (
     check_writable,
     json_text,
     read_files,
+    say,
     write_all,
 )
 from flows.requests import Export
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps import export as steps
 

@@ -9,10 +9,10 @@ from flows.outputs import (
     check_writable,
     json_text,
     read_files,
+    say,
     write_all,
 )
 from flows.report.terminal.prediction import print_errors
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps import predict as steps
 from residual.model.prediction import WHOLE

@@ -5,9 +5,8 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.model_requests import View
-from flows.outputs import check_outside, check_writable, read_files, write_all
+from flows.outputs import check_outside, check_writable, read_files, say, write_all
 from flows.report.page.view import render
-from flows.say import say
 from flows.settings import store_folder
 from flows.steps import view as steps
 

@@ -7,7 +7,7 @@ from flows.cli.options import Flag
 from flows.inbox.new import diagnose_new, watch_new
 from flows.inbox.run import Inbox, inboxes, look_twice, take_all
 from flows.inbox.take import KNOWN, REFUSED, STORED, WAITING, Taken
-from flows.progress import progress_bar
+from flows.outputs import progress_bar
 from flows.project.notify import Notice, tell
 from flows.project.read import Project, read_project
 from flows.report.words.verdict import headline

@@ -4,9 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 
-from flows.report.night.history import History
-from flows.report.night.look import Diagnosed, Look, night_of, span_of
-from flows.report.night.place import Place
+from flows.report.night.look import Diagnosed, History, Look, Place, night_of, span_of
 from flows.report.page.base import Tile
 from flows.report.words.phrases import listing
 

@@ -11,10 +11,19 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from threading import Lock
 
-from flows.report.night import index, night, record, robot
-from flows.report.night.history import Past, unknown
-from flows.report.night.look import Look, look, span_of
-from flows.report.night.place import ALL, KINDS, LATEST, Place, slug
+from flows.report.night import index, night, robot
+from flows.report.night.look import (
+    ALL,
+    KINDS,
+    LATEST,
+    Look,
+    Past,
+    Place,
+    look,
+    slug,
+    span_of,
+    unknown,
+)
 from flows.report.page.base import environment
 from residual.errors import InputError
 from warehouse.ids import ID_DIGITS
@@ -126,7 +135,7 @@ class Site:
     def _page(self, address: str, seen: Look | None) -> Answer | None:
         place = Place("../" * address.count("/"), self.prefect, self._has_report)
         if match := _RECORD.fullmatch(address):
-            context = record.context(self._open(), match[1], place)
+            context = index.record_context(self._open(), match[1], place)
             return self._filled("record.html", context, place, seen)
         for pattern, make in (
             (_FIRST, self._first),

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from flows.report.page import calibration_maps as maps
-from flows.report.page import calibration_plots as plots
+from flows.report.figures import paper as plots
 from flows.report.page.base import Tile, environment
 from flows.report.page.chart import Chart
 from flows.report.terminal.calibration import about_rows, chosen_words
@@ -100,7 +99,7 @@ def _schemes(made: Calibration) -> Chart:
     told = "; ".join(
         f"{SCHEMES[o.scheme]}, {MODELS[o.model]} {o.overall:.3g} %" for o in made.scores
     )
-    return Chart(maps.schemes_figure(made.scores), f"{told}.", "")
+    return Chart(plots.schemes_figure(made.scores), f"{told}.", "")
 
 
 def _over_time(made: Calibration) -> list[Chart]:
@@ -108,7 +107,7 @@ def _over_time(made: Calibration) -> list[Chart]:
         return []
     out = []
     for column, joint in enumerate(made.rows.joints):
-        uri = maps.over_time_figure(made.unseen, joint, column)
+        uri = plots.over_time_figure(made.unseen, joint, column)
         alt = f"Joint {joint}: residual of {made.unseen.label} and corrections over t."
         out.append(Chart(uri, alt, ""))
     return out
@@ -118,7 +117,7 @@ def _plane(made: Calibration) -> dict[str, Any] | None:
     if made.plane is None:
         return None
     words = plane_words(made.plane)
-    chart = Chart(maps.plane_figure(made.plane, made.rows.labels), " ".join(words), "")
+    chart = Chart(plots.plane_figure(made.plane, made.rows.labels), " ".join(words), "")
     return {"chart": chart, "words": words}
 
 
@@ -153,7 +152,7 @@ def _components(made: Calibration) -> list[Chart]:
         f"{o.family}, {o.block}: {o.explained[0]:.0f} % in the first"
         for o in made.components
     )
-    return [Chart(maps.components_figure(made.components), f"{told}.", "")]
+    return [Chart(plots.components_figure(made.components), f"{told}.", "")]
 
 
 def _sweep(made: Calibration) -> Chart | None:

@@ -5,79 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flows.report.figures import look, plots
 from flows.report.page.chart import Chart
-from flows.report.page.drawn import bars, cloud, look, spectrum, thin
-from flows.report.words.means import explained_share
 from flows.report.words.phrases import effect_named, listing, noun
 from flows.report.words.rows import (
     METRICS,
     ErrorRow,
     FindingRow,
     error_rows,
+    explained_share,
     findings,
     has,
 )
 from residual.diagnosis.result import STAGES, Diagnosis
 from residual.model.compare import Cloud, LogProof
 from residual.quantity import bare_percent, fraction, known, percent
-
-HEIGHT = 400
-_MOST_BANDS = 80
-
-
-def torque_plot(proof: LogProof, joint: int, stages: Sequence[str], most: int):
-    """Return measured and predicted torque of a joint, and below what each leaves.
-
-    Args:
-        joint: Joint from 1.
-    """
-    column = joint - 1
-    t, tau = proof.t, proof.tau[:, column]
-    style = look.line("measured", look.MEASURED, 2.6)
-    traces = [style | look.over_time(t, tau, most)]
-    for stage in _nominal_last(stages):
-        hat = proof.tau_hat[stage][:, column]
-        traces.append(_style(stage) | look.over_time(t, hat, most))
-        if stage != "nominal":
-            below = {"yaxis": "y2", "showlegend": False}
-            left = look.over_time(t, tau - hat, most)
-            traces.append(_style(stage) | below | left)
-    return {"data": traces, "layout": _layout(proof, joint)}
-
-
-def _nominal_last(stages: Sequence[str]) -> list[str]:
-    """The nominal model on top and dotted: it often lies under the refitted one."""
-    return sorted(stages, key=lambda stage: stage == "nominal")
-
-
-def _style(stage: str) -> look.Trace:
-    colour, label = look.STAGES[stage], look.LABELS[stage]
-    if stage == "nominal":
-        return look.line(label, colour, 1.6, line={"dash": "dot"})
-    return look.line(label, colour, 1.4)
-
-
-def _layout(proof: LogProof, joint: int) -> dict:
-    span = [float(proof.t[0]), float(proof.t[-1])]
-    time = look.axis("time (s)", range=span, anchor="y2")
-    upper = look.axis("torque (N m)", domain=[0.42, 1])
-    lower = look.axis("residual (N m)", domain=[0, 0.34], zeroline=True)
-    lower["zerolinecolor"] = look.SOFT
-    standing = _bands(proof.t, ~proof.moving[:, joint - 1])
-    more = {"yaxis2": lower, "shapes": standing, "hovermode": "x"}
-    return look.layout(f"Joint {joint}", time, upper, **more)
-
-
-def _bands(t: np.ndarray, where: np.ndarray) -> list[dict]:
-    """Shade the time where the joint stands: its torque there is set by history."""
-    stretches = sorted(thin.spans(t, where), key=lambda band: -band[1])
-    same = {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "layer": "below"}
-    same |= {"fillcolor": look.STANDING, "line": {"width": 0}}
-    return [
-        same | {"x0": round(start, 3), "x1": round(start + length, 3)}
-        for start, length in stretches[:_MOST_BANDS]
-    ]
-
 
 # A point of a curve is eleven bytes of the page; so it stays within two megabytes.
 _POINTS = 80_000
@@ -113,9 +55,9 @@ def error_charts(found: Diagnosis) -> list[Chart]:
     charts = []
     for metric in metrics:
         stages = [s for s in _stages(found) if has(joints, metric, s)]
-        plot = bars.bars_plot(joints, metric, stages, floor)
+        plot = plots.bars_plot(joints, metric, stages, floor)
         alt = _bars_alt(joints, metric, stages)
-        charts.append(Chart("", alt, "", plot=plot, height=bars.HEIGHT))
+        charts.append(Chart("", alt, "", plot=plot, height=plots.BARS_HEIGHT))
     return charts
 
 
@@ -246,8 +188,8 @@ def _cloud_chart(shown: Cloud, many: int) -> Chart:
         f"{noun(shown.name)} explains. The residual spans {_span(shown.residual)}, "
         f"what is explained {_span(shown.fitted)}. {said}"
     )
-    plot = cloud.cloud_plot(shown, many)
-    return Chart("", alt, said, shown.joint, shown.name, plot, cloud.HEIGHT)
+    plot = plots.cloud_plot(shown, many)
+    return Chart("", alt, said, shown.joint, shown.name, plot, plots.CLOUD_HEIGHT)
 
 
 def _left_chart(shown: Cloud, many: int) -> Chart:
@@ -255,8 +197,8 @@ def _left_chart(shown: Cloud, many: int) -> Chart:
         f"What stays unexplained of the torque of joint {shown.joint} over "
         f"{shown.variable}, with medians in bins. It spans {_span(shown.residual)}."
     )
-    plot = cloud.cloud_plot(shown, many)
-    return Chart("", alt, "", shown.joint, None, plot, cloud.HEIGHT)
+    plot = plots.cloud_plot(shown, many)
+    return Chart("", alt, "", shown.joint, None, plot, plots.CLOUD_HEIGHT)
 
 
 def _span(values: np.ndarray) -> str:
@@ -275,8 +217,8 @@ def _curve_chart(
         f"{proof.t[-1] - proof.t[0]:.1f} s with the predictions of "
         f"{len(stages)} models; below, what each leaves. Error: {said}."
     )
-    plot = torque_plot(proof, joint, stages, most)
-    return Chart("", alt, caption, joint, None, plot, HEIGHT)
+    plot = plots.torque_plot(proof, joint, stages, most)
+    return Chart("", alt, caption, joint, None, plot, plots.TORQUE_HEIGHT)
 
 
 def _errors(proof: LogProof, joint: int, stages: Sequence[str]) -> dict[str, str]:
@@ -294,16 +236,16 @@ def _spectrum_chart(
     proofs: Sequence[LogProof], joint: int, stages: Sequence[str]
 ) -> Chart | None:
     stages = [s for s in stages if all(s in p.tau_hat for p in proofs)]
-    plot = spectrum.spectrum_plot(proofs, joint, stages)
+    plot = plots.spectrum_plot(proofs, joint, stages)
     if plot is None:
         return None
     peaks = [_peak(proofs, joint, stage) for stage in stages]
     said = f"Spectrum of the residual of joint {joint}: {listing(peaks)}."
-    return Chart("", said, "", joint, None, plot, spectrum.HEIGHT)
+    return Chart("", said, "", joint, None, plot, plots.SPECTRUM_HEIGHT)
 
 
 def _peak(proofs: Sequence[LogProof], joint: int, stage: str) -> str:
-    f, amplitude = spectrum.density(proofs, joint, stage)
+    f, amplitude = plots.density(proofs, joint, stage)
     top = 1 + int(amplitude[1:].argmax())
     label = look.LABELS[stage].split(" (")[0]
     return f"{label} largest at {f[top]:.2g} Hz with {amplitude[top]:.3g} N m/√Hz"

@@ -2,19 +2,16 @@
 
 from typing import Any
 
+from flows.report.made import Origin
 from flows.report.page import charts
 from flows.report.page.base import Tile, environment
 from flows.report.page.chart import Chart
-from flows.report.page.origin import Origin
-from flows.report.words import given, outlook, rows
-from flows.report.words import next as following
+from flows.report.words import outlook, rows
 from flows.report.words import verdict as words
-from flows.report.words.edit import baseline_sentences
-from flows.report.words.means import means, missing_torque, size_of, sure
+from flows.report.words.outlook import other_sets
 from flows.report.words.phrases import joint_words, sentence_case
-from flows.report.words.rows import FindingRow
-from flows.report.words.sets import other_sets
-from flows.report.words.staged import Staged
+from flows.report.words.rows import FindingRow, means, missing_torque, size_of, sure
+from flows.report.words.staged import Staged, baseline_sentences
 from flows.report.words.verdict import sentences
 from residual import quantity
 from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
@@ -133,9 +130,9 @@ def _context(found: Diagnosis, robot_name: str) -> dict[str, Any]:
         "has_p": any(f.p_value != quantity.MISSING for f in findings),
         "has_splits": any(f.splits for f in findings),
         "has_clouds": any(shown for _, shown in named),
-        "given": given.off_rows(verdict),
-        "given_more": given.hidden_rows(verdict),
-        "changes": given.all_rows(verdict),
+        "given": outlook.off_rows(verdict),
+        "given_more": outlook.hidden_rows(verdict),
+        "changes": outlook.all_rows(verdict),
         "edits": baseline_sentences(verdict),
         "warnings": verdict.warnings,
         "notes": found.notes,
@@ -165,7 +162,7 @@ def _open(found: Diagnosis) -> dict[str, Any]:
     heads, sizes = outlook.detectable_rows(verdict)
     return {
         "other_sets": other_sets(verdict),
-        "plan": following.next_words(verdict),
+        "plan": outlook.next_words(verdict),
         "unexplained": outlook.unexplained_words(verdict),
         "left_charts": charts.left_charts(found),
         "size_heads": heads,

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flows.report.figures import look
+from flows.report.made import Origin
 from flows.report.page import diagnosis
 from flows.report.page.base import Tile, environment
 from flows.report.page.chart import Chart
-from flows.report.page.drawn import look
-from flows.report.page.origin import Origin
-from flows.report.words.next import case_words, from_one_another, same_words
+from flows.report.words.outlook import case_words, from_one_another, same_words
 from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design
 from flows.steps.planning.suggest import apart_by_no_motion

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 from flows.blind.score import NOTHING, UNKNOWN
-from flows.report.page.plots import (
+from flows.report.figures.paper import (
     COLOURS,
     INK,
     SOFT,

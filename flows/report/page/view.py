@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from flows.report.page import script
+from flows.report.figures import look
+from flows.report.page import base
 from flows.report.page.base import environment
 from flows.report.page.chart import Chart
-from flows.report.page.drawn import look
 from flows.report.words.phrases import phrase
 from flows.report.words.verdict import sentences
 from flows.steps.view import Viewed
@@ -82,7 +82,7 @@ def render(found: Viewed) -> str:
             "motion": _motion(found, after),
             "first": _most_changed(found),
         },
-        scripts=[script.scene_library(), script.of_template("view.js")],
+        scripts=[base.scene_library(), base.of_template("view.js")],
     )
 
 

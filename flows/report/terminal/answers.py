@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import redirect_stdout
 from datetime import datetime
 from decimal import Decimal
@@ -17,7 +18,9 @@ from rich.console import Console
 from rich.table import Table
 
 from residual.errors import InputError
+from warehouse.query.named import NAMED, TAKES
 from warehouse.query.store import Store
+from warehouse.schema import all_views
 
 # More rows than anybody reads; the other formats have all of them.
 MOST = 1000
@@ -179,3 +182,37 @@ def _not_finite(value: float) -> str:
     if math.isnan(value):
         return "NaN"
     return "Infinity" if value > 0 else "-Infinity"
+
+
+def schema_table() -> pa.Table:
+    """Return every view and column with type, unit and meaning."""
+    rows = [
+        {
+            "view": view,
+            "column": column.name,
+            "type": str(column.type),
+            "unit": column.unit or "none",
+            "about": column.about,
+        }
+        for view, columns in all_views().items()
+        for column in columns
+    ]
+    return pa.Table.from_pylist(rows)
+
+
+def named_table() -> pa.Table:
+    """Return the named queries with a sentence each, and what they need."""
+    rows = [
+        {
+            "--named": name,
+            "answers": about,
+            "--with": ", ".join(f"{k}=... ({v})" for k, v in values_of(name).items()),
+        }
+        for name, (about, _) in NAMED.items()
+    ]
+    return pa.Table.from_pylist(rows)
+
+
+def values_of(name: str) -> Mapping[str, str]:
+    """Return what a named query takes: what each value is, by its name."""
+    return TAKES.get(name, {})

@@ -5,8 +5,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from flows.outputs import say
 from flows.report.words.calibration import sentences
-from flows.say import say
 from flows.steps.calibrate import Calibrated
 from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import WORDS as MODELS

@@ -1,8 +1,8 @@
 """What a check found, for the terminal."""
 
 from flows.inputs.repair import place_of
-from flows.report.words.check import summary, title
 from flows.report.words.phrases import sentence_case
+from flows.report.words.verdict import summary, title
 from residual.check.report import CheckReport, FaultReport
 
 

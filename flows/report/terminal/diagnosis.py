@@ -7,13 +7,11 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
-from flows.report.words import given, outlook
-from flows.report.words import next as following
+from flows.report.words import outlook
 from flows.report.words import rows as tables
-from flows.report.words.edit import baseline_sentences
+from flows.report.words.outlook import other_sets
 from flows.report.words.rows import METRICS, ErrorRow, FindingRow
-from flows.report.words.sets import other_sets
-from flows.report.words.staged import Staged
+from flows.report.words.staged import Staged, baseline_sentences
 from flows.report.words.verdict import headline, rising
 from residual.diagnosis.result import PLAIN, STAGES, Diagnosis
 from residual.quantity import bare_percent, known, probability
@@ -78,7 +76,7 @@ def _findings(found: Diagnosis, console: Console) -> None:
 
 
 def _given(found: Diagnosis, console: Console) -> None:
-    rows = given.off_rows(found.verdict)
+    rows = outlook.off_rows(found.verdict)
     if not rows:
         return
     heads = ("value", "as given", "as the logs have it", "")
@@ -86,7 +84,7 @@ def _given(found: Diagnosis, console: Console) -> None:
     for row in rows:
         _row(console, table, map(Text, row))
     _print(console, table)
-    if more := given.hidden_rows(found.verdict):
+    if more := outlook.hidden_rows(found.verdict):
         _line(console, f"and {more} more: 'changes' in the JSON has all of them.")
 
 
@@ -212,7 +210,7 @@ def _warnings(found: Diagnosis, console: Console) -> None:
 
 
 def _next(found: Diagnosis, console: Console) -> None:
-    lines = following.next_words(found.verdict)
+    lines = outlook.next_words(found.verdict)
     if lines:
         _line(console, "\nNext experiment:", "bold")
     for line in lines:

@@ -1,4 +1,6 @@
-"""Two records side by side, and trees of relatives, on a terminal."""
+"""Records side by side, one record, trees of relatives, on a terminal."""
+
+from collections.abc import Mapping
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -6,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.tree import Tree
 
-from flows.say import say
+from flows.outputs import say
 
 _SHOWN = 40  # lines of one table
 
@@ -104,3 +106,41 @@ def _more(console: Console, count: int) -> None:
 def _word(value: object) -> str:
     text = "–" if value is None else str(value)
     return text if len(text) <= 64 else f"{text[:61]}..."
+
+
+_LONG = 200  # characters of a text from which a line shows its beginning only
+
+
+def record_lines(value: Mapping | list, indent: str = "") -> list[str]:
+    """Return a nested record as lines: key, then value or what is below it."""
+    lines = []
+    for key, item in _items(value):
+        if _short(item):
+            lines.append(f"{indent}{key}: {_value(item)}")
+        else:
+            lines += [f"{indent}{key}:", *record_lines(item, indent + "  ")]
+    return lines
+
+
+def _items(value: Mapping | list) -> list[tuple]:
+    if isinstance(value, Mapping):
+        return list(value.items())
+    return [("-", item) for item in value]
+
+
+def _short(item: object) -> bool:
+    """Whether a value fits on the line of its key."""
+    if isinstance(item, Mapping):
+        return not item
+    if isinstance(item, list):
+        return not any(isinstance(part, Mapping | list) and part for part in item)
+    return True
+
+
+def _value(item: object) -> str:
+    if isinstance(item, list):
+        return ", ".join(_value(part) for part in item) or "–"
+    text = "–" if item is None or item == {} else str(item)
+    if len(text) <= _LONG:
+        return text
+    return f"{' '.join(text[:60].split())} … ({len(text)} characters, --format json)"

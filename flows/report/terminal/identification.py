@@ -7,7 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from flows.say import say
+from flows.outputs import say
 from residual.identification.prove import Identified
 
 _KINDS = (("raw", "as logged"), ("filtered", "filtered"), ("moving", "moving"))

@@ -3,7 +3,7 @@
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from flows.report.words.next import (
+from flows.report.words.outlook import (
     case_words,
     from_one_another,
     in_words,

@@ -1,21 +1,97 @@
-"""Plain sentences for a verdict: what is missing, how sure, and what it cures."""
+"""Plain sentences for a verdict and for a check: what is missing, how sure."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from flows.report.words.check import enough, title
-from flows.report.words.given import off_words
+from flows.report.words.outlook import off_words
 from flows.report.words.phrases import (
+    At,
     alternatives,
     count,
     effect_named,
     joint_words,
     listing,
     phrase,
+    place,
     sentence_case,
 )
+from residual.check.report import CheckReport, FaultReport
 from residual.diagnosis.result import ErrorTables, Finding, Number, Verdict
-from residual.quantity import known, percent
+from residual.quantity import bare_percent, known, percent
+
+CLEAN = "The logs are what they say they are: no fault was found."
+
+# What each kind of fault means; docs/check.md has more.
+MEANING = dict(
+    torque_sign="torque counts the other way round",
+    angle_sign="angles count the other way round",
+    joint_order="joints are in another order",
+    torque_unit="torque is in another unit",
+    angle_unit="angles are in another unit",
+    time_unit="time is in another unit",
+    gear_ratio="a gear ratio is missing or wrong",
+    torque_scale="torque is too large or too small",
+    gravity_removed="the arm's weight was taken out of the torque",
+    friction_removed="friction was taken out of the torque",
+    commanded="torque is a command, not a measurement",
+    clock="the clock cannot be right",
+    spike="single samples cannot be right",
+    frozen="a signal stands still",
+    constant="an angle never changes",
+    quantised="a signal comes in coarse steps",
+    saturated="torque stays at a limit",
+    delay="torque and angles are not of the same time",
+    filtered="torque was smoothed before it was logged",
+    velocity_mismatch="velocity is not the derivative of the angle",
+    out_of_range="the arm cannot be there, or go so fast",
+    lockstep="joints move only together",
+    too_short="the log is too short",
+    no_reversal="a joint never turns back",
+    robot_file="the robot file cannot be right",
+    wrong_robot="the log is of another robot",
+)
+
+# The motion that would help, most wanted first.
+_MORE = {
+    "too_short": "Record 20 s or more in which every joint moves to and fro.",
+    "lockstep": "Move the joints apart from each other: modelgap trajectory fourier.",
+    "no_reversal": "Let each joint move to and fro, several times.",
+}
+
+
+def summary(report: CheckReport) -> str:
+    """Return the answer in one sentence."""
+    certain, rest = len(report.certain), len(report.faults) - len(report.certain)
+    if not report.faults:
+        return CLEAN
+    counted = [f"{certain} certain"] if certain else []
+    counted += [f"{rest} suspected"] if rest else []
+    many = "s" if len(report.faults) > 1 else ""
+    ends = "unusable as they are" if certain else "usable, with care"
+    return f"The logs are {ends}: {' and '.join(counted)} fault{many}."
+
+
+def enough(report: CheckReport | None) -> list[str]:
+    """Return what the motion is too poor for, and the motion that would help."""
+    if report is None:
+        return []
+    out = []
+    for kind, help in _MORE.items():
+        found = [fault for fault in report.faults if fault.kind == kind]
+        joints = sorted({joint for fault in found for joint in fault.joints})
+        if found:
+            where = f" ({joint_words(joints)})" if joints else ""
+            meaning = MEANING[kind]
+            out.append(f"These logs can show little: {meaning}{where}. {help}")
+    return out[:1]
+
+
+def title(fault: FaultReport) -> str:
+    """Return what is wrong and where: 'torque counts the other way round, joint 2'."""
+    joints = joint_words(fault.joints)
+    meaning = MEANING.get(fault.kind, fault.kind.replace("_", " "))
+    return f"{meaning} ({joints})" if joints else meaning
+
 
 _NAMED_AT_MOST = 3
 _SURE = 0.9
@@ -259,3 +335,57 @@ def _pair(stages: Mapping[str, Number]) -> tuple[float, float] | None:
     if known(before) and known(after):
         return before, after
     return None
+
+
+_BRIEFLY = 2
+
+
+def brief(verdict: Verdict) -> str:
+    """Return a verdict with its errors: "load friction on joint 2, 9.6 → 7.1 %".
+
+    The errors are those of the headline of the report: held out, refit, then with
+    what was found.
+    """
+    return ", ".join(part for part in (finding(verdict), errors(verdict)) if part)
+
+
+def finding(verdict: Verdict) -> str:
+    """Return what a verdict names, and what else it may be, without its errors."""
+    if not verdict.trusted:
+        faults = [title(fault) for fault in verdict.log_check.certain]
+        return f"logs not to be trusted: {' and '.join(faults)}"
+    if verdict.verdict == "effects":
+        shown = [_named(e, verdict) for e in verdict.effects[:_BRIEFLY]]
+        rest = len(verdict.effects) - len(shown)
+        return ", ".join([*shown, *([f"{rest} more"] if rest else [])])
+    if verdict.verdict == "unknown":
+        where = joint_words(verdict.unexplained.joints, verdict.dof)
+        return f"unknown{f' on {where}' if where else ''}"
+    return "nothing missing"
+
+
+def errors(verdict: Verdict) -> str:
+    """Return the held-out error before and after, or the one there is; "" for none."""
+    found = change(verdict) if verdict.verdict == "effects" else None
+    if found:
+        return f"{bare_percent(found.before)} → {percent(found.after)}"
+    found, _ = level(verdict.error)
+    return percent(found) if known(found) else ""
+
+
+def _named(effect: Finding, verdict: Verdict) -> str:
+    others = [
+        _name(other) if other.joints == effect.joints else _at(other, verdict)
+        for other in effect.equivalent
+    ]
+    words = _at(effect, verdict)
+    words += f" (or {' or '.join(dict.fromkeys(others))})" if others else ""
+    return f"wrong {words}" if is_wrong_value(effect, verdict) else words
+
+
+def _name(effect: At) -> str:
+    return effect.name.replace("_", " ")
+
+
+def _at(effect: At, verdict: Verdict) -> str:
+    return f"{_name(effect)} {place(effect, verdict.dof)}".strip()

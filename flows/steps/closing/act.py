@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.specs.experiment import ExperimentSpec, TrajectoryTable, derived_seed
 from flows.steps import experiment

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.settings import store_folder
 from flows.steps.closing.act import Came, Loop, act
 from flows.steps.closing.arm import MOST, Arm, Close, loop_id, make_arm, open_seal

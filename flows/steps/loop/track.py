@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.requests import Request
 from flows.settings import store_folder
 from flows.specs.experiment import derived_seed

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from flows.inputs.robots import load_of
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.steps.loop.choose import Wanted, choose
 from flows.storage.diagnosis import read_known
 from residual.errors import InputError

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from flows.errors import RunError
 from flows.inputs.robots import instead, robot_of
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.requests import Campaign
 from flows.settings import store_folder
 from flows.steps.campaign import Runs, by_role, planned, run_all

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.logs import LogSets, is_run
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.diagnose import diagnose, read_logs, runs_of

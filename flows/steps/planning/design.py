@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.steps.planning.motions import (
     COARSER,
     FOURIER,

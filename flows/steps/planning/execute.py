@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from flows.progress import Progress
+from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.specs.experiment import ExperimentSpec, TrajectoryTable

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.report.words.brief import brief
+from flows.report.words.verdict import brief
 from tests.verdict_documents import typed
 
 LEFT = {"nominal": 15.0, "identified": 9.6, "augmented": 7.1}

@@ -7,9 +7,15 @@ from urllib.parse import urljoin
 import pytest
 
 from flows.cli import main
-from flows.report.night.history import FlowRun, History
-from flows.report.night.look import look, night_of, span_of, title_of
-from flows.report.night.place import slug
+from flows.report.night.look import (
+    FlowRun,
+    History,
+    look,
+    night_of,
+    slug,
+    span_of,
+    title_of,
+)
 from flows.report.night.site import Site
 from tests.flows.night.stores import EVIL, STORED, adopt, fill
 from warehouse.query.store import open_store

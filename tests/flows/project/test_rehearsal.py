@@ -1,7 +1,7 @@
 """A dry run knows what will fail; progress off a terminal is plain lines."""
 
 from flows.cli import main
-from flows.progress import PAUSE, plain_lines
+from flows.outputs import PAUSE, plain_lines
 
 CAMPAIGN = """schema = 1
 robot = "irb140"

@@ -6,11 +6,108 @@ A figure is a plain mapping with ``data`` and ``layout`` as plotly's schema has 
 
 import base64
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from flows.report.page.drawn import thin
+Array = np.ndarray
+
+_BIN_COUNTS = (24, 48, 96, 192)
+_LEAST_IN_BIN = 8
+
+
+class Bins(NamedTuple):
+    """Medians of a cloud over bins of its variable; NaN where a bin is thin."""
+
+    x: Array
+    median: Array
+    low: Array
+    high: Array
+
+
+def envelope(t: Array, y: Array, buckets: int = 450) -> tuple[Array, Array]:
+    """Return a curve thinned to the two extremes of each bucket, so no peak is lost."""
+    if len(t) <= 2 * buckets:
+        return t, y
+    size = -(-len(t) // buckets)
+    # The last bucket is filled up with the last sample.
+    blocks = np.pad(y, (0, -len(y) % size), mode="edge").reshape(-1, size)
+    starts = np.arange(len(blocks)) * size
+    picks = [starts + blocks.argmin(1), starts + blocks.argmax(1), [0, len(t) - 1]]
+    rows = np.unique(np.minimum(np.concatenate(picks), len(t) - 1))
+    return t[rows], y[rows]
+
+
+def spans(t: Array, where: Array) -> list[tuple[float, float]]:
+    """Return (start, length) of each stretch of time where the flag is set."""
+    padded = np.concatenate([[False], where, [False]])
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    last = len(t) - 1
+    return [
+        (float(t[a]), float(t[min(b, last)] - t[a]))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
+
+
+def draw(count: int, most: int) -> Array:
+    """Return at most so many row numbers, drawn without a pattern, always the same.
+
+    Every k-th row would beat with periodic motion and show shapes that are not there.
+    """
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
+
+
+def is_curve(x: Array, fitted: Array) -> bool:
+    """Return whether the fitted effect is one value per x, so a line may join it."""
+    order = np.argsort(x, kind="stable")
+    steps = np.abs(np.diff(fitted[order]))
+    return bool(len(steps)) and np.quantile(steps, 0.9) <= 0.03 * np.ptp(fitted)
+
+
+def edges(x: Array, fitted: Array) -> Array:
+    """Return bin edges fine enough for the fitted effect, with one at zero.
+
+    A ripple of many periods needs narrow bins and a trend wide ones: the first count
+    in whose bins the effect is nearly flat is taken. The edge at zero keeps the two
+    sides of a friction step apart.
+    """
+    low, high = float(x.min()), float(x.max())
+    if high <= low:
+        return np.array([low - 0.5, low + 0.5])
+    for count in _BIN_COUNTS:
+        found = np.linspace(low, high, count + 1)
+        if low < 0 < high:
+            found[np.argmin(np.abs(found[1:-1])) + 1] = 0.0
+        if len(x) < _LEAST_IN_BIN * count or _within(x, fitted, found) < 0.1:
+            break
+    return found
+
+
+def medians(x: Array, y: Array, at: Array) -> Bins:
+    """Return median and quartiles of y in each bin of x."""
+    place = np.clip(np.searchsorted(at, x, side="right") - 1, 0, len(at) - 2)
+    order = np.argsort(place, kind="stable")
+    groups = np.split(order, np.searchsorted(place[order], np.arange(1, len(at) - 1)))
+    rows = np.full((4, len(groups)), np.nan)
+    for i, group in enumerate(groups):
+        if len(group) >= _LEAST_IN_BIN:
+            low, mid, high = np.quantile(y[group], (0.25, 0.5, 0.75))
+            rows[:, i] = np.median(x[group]), mid, low, high
+    return Bins(*rows)
+
+
+def _within(x: Array, fitted: Array, at: Array) -> float:
+    """Return the part of the fitted effect's variance that lies inside bins."""
+    total = fitted.var()
+    if total <= 0:
+        return 0.0
+    place = np.clip(np.searchsorted(at, x, side="right") - 1, 0, len(at) - 2)
+    counts = np.maximum(np.bincount(place, minlength=len(at) - 1), 1)
+    means = np.bincount(place, fitted, len(at) - 1) / counts
+    return float(np.mean((fitted - means[place]) ** 2) / total)
+
 
 # Okabe and Ito's palette (https://jfly.uni-koeln.de/color/): told apart with every
 # common colour blindness; of it those that stand out on white.
@@ -58,7 +155,7 @@ def over_time(t: np.ndarray, y: np.ndarray, most: int) -> Trace:
     parts, xs, ys = np.split(np.arange(len(t)), cuts), [], []
     for rows in parts:
         buckets = max(8, most * len(rows) // (2 * len(t)))
-        x, values = thin.envelope(t[rows], y[rows], buckets)
+        x, values = envelope(t[rows], y[rows], buckets)
         xs += [x, [x[-1]]]
         ys += [values, [np.nan]]
     return {"x": packed(np.concatenate(xs)), "y": packed(np.concatenate(ys))}
