@@ -18,6 +18,7 @@ from scipy.special import log_ndtr
 
 from residual.check.columns import Columns, columns
 from residual.check.motion import Motion
+from residual.check.rules import CHECK
 from residual.lazy import Lazy
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -28,10 +29,6 @@ optimize = Lazy("scipy.optimize")
 # Noise and all that the model lacks, as a share of the channel's rms.
 # A rough model is not said to be nearer than 5 %: what is left is no witness.
 _SIGMAS = np.geomspace(0.05, 1.3, 8)
-# Of the strongest channel's rms: what wrists feel of the other joints' load.
-_COUPLED = 0.01
-_ROUGH = 0.08  # what a rough model may leave of a torque
-_EXACT = 1e-6  # of the nominal torque's mean square: no model is nearer than this
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -72,7 +69,7 @@ class Scores:
         """Return how far the robot file must bend to that torque, and still misses it.
 
         Half the square of its coefficients in deviations of their prior, and what is
-        lost by a remainder of more than `_ROUGH` of the torque [nats].
+        lost by a remainder of more than `CHECK.rough` of the torque [nats].
         """
         n, power = self.rows[joint], self.power[joint, channel]
         given = np.array([factor])
@@ -80,7 +77,7 @@ class Scores:
         sigma, var = _SIGMAS[best], self._variance(joint, channel, given)[best, 0]
         c = factor * self.channel[joint][:, channel] - self.model[joint]
         bent = 0.5 * float(np.sum((c / (self.values[joint] + var)) ** 2))
-        return bent + n * max(0.0, float(np.log(sigma / _ROUGH))) if power else 0.0
+        return bent + n * max(0.0, float(np.log(sigma / CHECK.rough))) if power else 0.0
 
     def evidence(self, joint: int, channel: int, factor: Array) -> Array:
         """Return log evidence that factor * channel is the torque of that joint.
@@ -99,8 +96,8 @@ class Scores:
         """Square of noise and of all that the model lacks. Shape (sigmas, k)."""
         n = max(self.rows[joint], 1)
         var = (_SIGMAS[:, None] * factor) ** 2 * self.power[joint, channel] / n
-        var += (_COUPLED * factor) ** 2 * self.strongest
-        return var + _EXACT * self.own[joint] / n + 1e-300
+        var += (CHECK.coupled * factor) ** 2 * self.strongest
+        return var + CHECK.exact * self.own[joint] / n + 1e-300
 
     def _table(self, joint: int, channel: int, factor: Array) -> Array:
         """Evidence for each size of what the model lacks. Shape (sigmas, k)."""

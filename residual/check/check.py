@@ -11,6 +11,7 @@ from residual.check.physics import misread, wrong_robot
 from residual.check.ranges import degrees, out_of_range, zero_explains
 from residual.check.reported import exchanged, frictionless, other_torque
 from residual.check.result import Fault, LogCheck, Repair
+from residual.check.rules import CHECK
 from residual.check.samples import spikes, with_scale, without_spikes, wraps
 from residual.check.standing import constant, standing
 from residual.check.velocity import velocity_faults
@@ -22,7 +23,6 @@ from residual.robot.dynamics import joints_length
 from residual.robot.robot import Robot
 from residual.signals.pieces import sketch_of
 
-_SAME = 0.1  # of the angle's travel, between angle and reference as they are logged
 _VELOCITY = "velocity_mismatch"
 
 
@@ -101,11 +101,9 @@ def _reference_follows(logs: Sequence[Recording]) -> bool:
         return False
     away = np.max([np.median(np.abs(r.q - r.q_ref), axis=0) for r in both], axis=0)
     travel = np.max([np.ptp(r.q, axis=0) for r in both], axis=0)
-    return bool(np.all(away <= _SAME * travel.max()))
+    return bool(np.all(away <= CHECK.reference_same * travel.max()))
 
 
-_SLOWEST, _FASTEST = 4.0, 20_000.0  # samples per second that logs of arms have
-_USUAL = 300.0
 _UNITS = {
     1e-3: "milliseconds",
     1e-6: "microseconds",
@@ -113,10 +111,6 @@ _UNITS = {
     1e3: "seconds that were taken for milliseconds",
     1e6: "seconds that were taken for microseconds",
 }
-_GAP = 5.0  # steps
-_UNEVEN = 0.3  # of a step
-_TOO_FAST = 20.0  # of a joint's speed limit
-_SHARE = 0.95  # of the samples are slower
 
 
 def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
@@ -126,14 +120,18 @@ def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
         return None
     rate = float(np.median([1 / np.median(np.diff(r.t)) for r in logs]))
     speed = float(max(np.max(_speed(r) / robot.velocity_limit) for r in logs))
-    if _SLOWEST <= rate <= _FASTEST and speed < _TOO_FAST * 5:
+    if (
+        CHECK.slowest_rate <= rate <= CHECK.fastest_rate
+        and speed < CHECK.clock_speed * 5
+    ):
         return None
     fits = {
-        f: abs(np.log(rate / f / _USUAL))
+        f: abs(np.log(rate / f / CHECK.usual_rate))
         for f in _UNITS
-        if _SLOWEST <= rate / f <= _FASTEST and speed / f < _TOO_FAST
+        if CHECK.slowest_rate <= rate / f <= CHECK.fastest_rate
+        and speed / f < CHECK.clock_speed
     }
-    if not fits or (_SLOWEST <= rate <= _FASTEST and max(fits) < 1):
+    if not fits or (CHECK.slowest_rate <= rate <= CHECK.fastest_rate and max(fits) < 1):
         return None
     scale = min(fits, key=fits.__getitem__)
     words = (
@@ -149,7 +147,7 @@ def uneven(recording: Recording) -> list[Fault]:
     if len(steps) < 10:
         return []
     usual, words = float(np.median(steps)), []
-    gaps = np.flatnonzero(steps > _GAP * usual)
+    gaps = np.flatnonzero(steps > CHECK.gap * usual)
     if len(gaps):
         worst = int(np.argmax(steps))
         words.append(
@@ -157,7 +155,7 @@ def uneven(recording: Recording) -> list[Fault]:
             f"{steps[worst]:.3g} s at t = {recording.t[worst]:.6g} s"
         )
     jitter = float(np.quantile(np.abs(steps - usual), 0.9)) / usual
-    if jitter > _UNEVEN:
+    if jitter > CHECK.uneven:
         words.append(f"a tenth of the steps are off by more than {100 * jitter:.0f} %")
     if not words:
         return []
@@ -170,17 +168,7 @@ def uneven(recording: Recording) -> list[Fault]:
 def _speed(recording: Recording) -> Array:
     """Usual largest speed of each joint, over twenty samples. Shape (dof,)."""
     stride = max(1, min(20, len(recording.t) // 10))
-    return usual_speed(recording, stride, _SHARE)
-
-
-_HEAVIEST = 1e3  # kg/m^3 of the cube of the reach: arms have 1 to 200
-_LIGHTEST = 1e-2  # kg/m^3: air weighs 1.2
-_LONGEST = 50.0  # m
-_WIDE = 3.0  # radius of gyration in reaches
-_EARTH = (9.6, 10.0)  # m/s^2
-_LARGEST_GRAVITY = 30.0  # m/s^2
-_NEGATIVE = 1e-3  # of the largest moment
-_TRIANGLE = 0.7  # of the largest moment: files round, and vendors simplify
+    return usual_speed(recording, stride, CHECK.clock_share)
 
 
 def body_faults(robot: Robot) -> list[Fault]:
@@ -193,13 +181,13 @@ def _units(robot: Robot) -> Fault | None:
     mass, reach = sum(b.mass for b in bodies), joints_length(robot.model)
     density = mass / max(reach, 1e-6) ** 3
     what = f"The arm weighs {mass:.4g} kg and reaches {reach:.4g} m"
-    if reach > _LONGEST:
+    if reach > CHECK.longest:
         words, repair = "its lengths look like millimetres", 1e-3
-    elif density > _HEAVIEST and reach > 0.05:
+    elif density > CHECK.densest and reach > 0.05:
         words, repair = "its masses look like grams", 1e-3
     elif reach < 0.01 and mass > 1:
         words, repair = "its lengths look like kilometres", 1e3
-    elif density < _LIGHTEST:
+    elif density < CHECK.thinnest:
         words, repair = "its masses look like tonnes", 1e3
     else:
         return None
@@ -210,9 +198,9 @@ def _units(robot: Robot) -> Fault | None:
 
 def _gravity(robot: Robot) -> Fault | None:
     size = float(np.linalg.norm(robot.model.gravity.linear))
-    if size == 0 or _EARTH[0] < size < _EARTH[1]:
+    if size == 0 or CHECK.earth[0] < size < CHECK.earth[1]:
         return None
-    certain = size > _LARGEST_GRAVITY
+    certain = size > CHECK.largest_gravity
     words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
     return Fault("robot_file", (), certain, words)
 
@@ -224,13 +212,13 @@ def _inertias(robot: Robot) -> Fault | None:
         moments = np.linalg.eigvalsh(body.inertia)
         largest = float(np.abs(moments).max())
         radius = np.sqrt(largest / max(body.mass, 1e-9))
-        if body.mass < 0 or moments[0] < -_NEGATIVE * largest:
+        if body.mass < 0 or moments[0] < -CHECK.negative * largest:
             impossible.append(joint)
             words.append(f"link {joint} has a moment of {moments[0]:.3g} kg m^2")
-        elif body.mass > 1e-3 and radius > _WIDE * max(reach, 0.1):
+        elif body.mass > 1e-3 and radius > CHECK.widest * max(reach, 0.1):
             impossible.append(joint)
             words.append(f"the mass of link {joint} is spread over {radius:.3g} m")
-        elif moments[2] - moments[0] - moments[1] > _TRIANGLE * largest:
+        elif moments[2] - moments[0] - moments[1] > CHECK.triangle * largest:
             doubtful.append(joint)
             words.append(f"link {joint} has moments {listed(moments, '.3g')} kg m^2")
     if not words:
@@ -238,12 +226,6 @@ def _inertias(robot: Robot) -> Fault | None:
     joints = tuple(sorted(impossible + doubtful))
     evidence = f"No body is like that: {'; '.join(words)}."
     return Fault("robot_file", joints, bool(impossible), evidence)
-
-
-_SHORTEST = 7.5  # s of motion, all logs together
-_ONE_WAY = 0.02  # share of a joint's path that does not count as a way back
-_TRAVEL = 0.05  # rad: below it a joint stands
-_TOGETHER = 0.998  # correlation of two speeds about zero
 
 
 def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault]:
@@ -254,10 +236,10 @@ def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault
     """
     seconds = sum(r.duration for r in recordings)
     out = []
-    if seconds < _SHORTEST:
+    if seconds < CHECK.shortest:
         words = (
-            f"The logs last {seconds:.3g} s together; below {_SHORTEST:g} s the motion "
-            "does not tell friction, weight and inertia apart."
+            f"The logs last {seconds:.3g} s together; below {CHECK.shortest:g} s the "
+            "motion does not tell friction, weight and inertia apart."
         )
         out.append(Fault("too_short", (), False, words))
     out += _one_way(recordings)
@@ -275,7 +257,7 @@ def _one_way(recordings: Sequence[Recording]) -> list[Fault]:
         forth += np.maximum(change, 0).sum(axis=0)
         back += np.maximum(-change, 0).sum(axis=0)
     path = forth + back
-    one_way = (np.minimum(forth, back) < _ONE_WAY * path) & (path > _TRAVEL)
+    one_way = (np.minimum(forth, back) < CHECK.one_way * path) & (path > CHECK.travel)
     joints = tuple(int(j) + 1 for j in np.flatnonzero(one_way))
     if not joints:
         return []
@@ -288,12 +270,12 @@ def _one_way(recordings: Sequence[Recording]) -> list[Fault]:
 
 def _lockstep(motion: Motion) -> list[Fault]:
     qd = motion.qd[motion.moving.any(axis=1)]
-    moves = np.flatnonzero(np.ptp(motion.q, axis=0) > _TRAVEL)
+    moves = np.flatnonzero(np.ptp(motion.q, axis=0) > CHECK.travel)
     if len(moves) < 2 or len(qd) < 10:
         return []
     unit = qd[:, moves] / np.maximum(np.linalg.norm(qd[:, moves], axis=0), 1e-12)
     related = np.abs(unit.T @ unit) - np.eye(len(moves))
-    tied = (related > _TOGETHER).any(axis=0)
+    tied = (related > CHECK.together).any(axis=0)
     if not tied.any():
         return []
     joints = tuple(int(j) + 1 for j in moves[tied])

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import cholesky
 
 from residual.check.motion import Motion
+from residual.check.rules import CHECK
 from residual.evidence.priors import inertial_precision
 from residual.recording import Array
 from residual.robot.dynamics import (
@@ -24,12 +25,6 @@ from residual.robot.dynamics import (
 )
 from residual.robot.robot import Robot
 
-_SCALE = 0.3  # relative sd of the inertial parameters
-_LOAD, _LEVER = 0.05, 0.15  # of the arm's mass, of its reach
-_STRANGE = 0.005  # of the arm's mass: parts that no file has
-_TILT = 0.1  # rad
-_FORCE = 0.05  # of the arm's weight, at the flange
-_LEAST_SIZE = 0.05  # of the strongest joint's torque
 _NOTHING = 1e-9
 OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
 _FRICTION = (1, 2, 7, 8)  # of the columns beside the body
@@ -57,7 +52,7 @@ def columns(robot: Robot, motion: Motion) -> list[Columns]:
     y = regressor(robot.model, motion.q, motion.qd, motion.qdd)
     nominal = y @ inertial_parameters(robot.model)
     size = np.sqrt(np.mean(nominal**2, axis=0))
-    size = np.maximum(size, _LEAST_SIZE * max(size.max(), _NOTHING))
+    size = np.maximum(size, CHECK.least_size * max(size.max(), _NOTHING))
     root = _inertial_root(robot)
     outer = _outer(robot, motion)
     out = []
@@ -81,11 +76,11 @@ def _inertial_root(robot: Robot) -> Array:
 
     The lower root of the covariance of its parameters; motions and readings share it.
     """
-    out = _SCALE**2 * np.linalg.inv(inertial_precision(robot))
-    lever = _LEVER * joints_length(robot.model)
+    out = CHECK.body**2 * np.linalg.inv(inertial_precision(robot))
+    lever = CHECK.lever * joints_length(robot.model)
     sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
-    out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))
-    out[-PER_LINK:, -PER_LINK:] += np.diag((_LOAD * sizes) ** 2)
+    out += np.diag(np.tile((CHECK.strange * sizes) ** 2, robot.dof))
+    out[-PER_LINK:, -PER_LINK:] += np.diag((CHECK.load * sizes) ** 2)
     return cholesky(out, lower=True)
 
 
@@ -99,9 +94,10 @@ def _outer(robot: Robot, motion: Motion) -> Array:
     gravity = np.linalg.norm(down)
     across = np.delete(np.eye(3), np.argmax(np.abs(down)), axis=0)
     tilts = [
-        gravity_torque(robot.model, motion.q, _TILT * gravity * axis) for axis in across
+        gravity_torque(robot.model, motion.q, CHECK.tilt * gravity * axis)
+        for axis in across
     ]
-    force = _FORCE * _mass(robot) * max(gravity, 1.0)
+    force = CHECK.pull * _mass(robot) * max(gravity, 1.0)
     pulls = force * flange_jacobian(robot.model, motion.q)[:, :3]
     return np.concatenate([np.stack(tilts, axis=2), pulls.transpose(0, 2, 1)], axis=2)
 

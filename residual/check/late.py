@@ -13,9 +13,10 @@ import numpy as np
 
 from residual.check.columns import Columns, columns
 from residual.check.motion import Motion, later_torques
-from residual.check.physics import BENT, bent
+from residual.check.physics import bent
 from residual.check.reading import as_given, judge
 from residual.check.result import DELAY, Fault
+from residual.check.rules import CHECK
 from residual.names import joints_listed, listed
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, regressor
@@ -23,36 +24,14 @@ from residual.robot.robot import Robot
 from residual.signals.spectrum import power_density
 from residual.signals.track import Filters, motion_of
 
-_SEGMENT = 128  # samples: short enough that most segments hold no reversal
-# Shares of the sampling rate: noise of a sensor is as strong in both.
-_NEAR, _HIGH = (0.12, 0.2), (0.35, 0.47)
-_FALL = 20.0  # dB from one to the other: a filter of second order at least
-_SILENT = 1e-4  # of the rms: below it no sensor's noise is
 _NOTHING = 1e-16
-_SHIFTS = (-0.08, -0.04, 0.0, 0.04, 0.08)  # s by which the torque is moved
-_DELAYS = np.linspace(-0.08, 0.08, 41)  # s that are tried
-_FAR = np.linspace(-1.0, 1.0, 51).round(2)  # s, where it looks like another arm's
-_LEAST = 0.006  # s
-_CLEAR, _AGREES = 4.0, 2.0  # deviations of all joints; nats of each that counts
-_NEAREST, _COUPLED = (
-    0.01,
-    0.003,
-)  # of the torque, of the strongest: models are no nearer
-_ROUGH = 0.05  # of the torque, to begin with
 # Derivatives of a reference have no noise: far above what an arm does.
 _PLAN_FILTERS = Filters(kinematics=25.0)
-_ROWS, _PER_COLUMN = 900, 4  # rows that are looked at; at least, for each column
-_EDGE = 0.5  # s
-_SLOW = 0.1  # of the largest speed: nearer to a reversal forms of friction differ
-_FOLLOWS = 0.01  # of its size: sensors have more noise, and no arm's model is so near
-_MOVES = 0.02  # rad
-_AWAY = 3.0  # times what is left, that a torque of the motion itself would be off
-_SAME, _VARIED = 0.3, 50  # share of the rows of a log; rows that differ at least
 
 
 def filtered(recordings: Sequence[Recording]) -> list[Fault]:
     """Find torques without the noise that every sensor has."""
-    spectra = [_spectrum(r) for r in recordings if len(r.t) >= 4 * _SEGMENT]
+    spectra = [_spectrum(r) for r in recordings if len(r.t) >= 4 * CHECK.segment]
     if not spectra:
         return []
     fall, noise = (
@@ -60,7 +39,7 @@ def filtered(recordings: Sequence[Recording]) -> list[Fault]:
         np.max([s[1] for s in spectra], axis=0),
     )
     joints = tuple(
-        int(j) + 1 for j in np.flatnonzero((fall > _FALL) | (noise < _SILENT))
+        int(j) + 1 for j in np.flatnonzero((fall > CHECK.fall) | (noise < CHECK.silent))
     )
     if not joints:
         return []
@@ -75,10 +54,10 @@ def filtered(recordings: Sequence[Recording]) -> list[Fault]:
 def _spectrum(recording: Recording) -> tuple[Array, Array]:
     """Fall of the torque's spectrum in dB, its noise as a share of its rms. (dof,)."""
     tau = recording.tau
-    share, power = power_density(tau, _SEGMENT, robust=True)
+    share, power = power_density(tau, CHECK.segment, robust=True)
     near, high = (
         power[(share >= low) & (share < top)].mean(axis=0)
-        for low, top in (_NEAR, _HIGH)
+        for low, top in (CHECK.near_band, CHECK.high_band)
     )
     size = np.maximum(np.var(tau, axis=0), 1e-200)
     fall = 10 * np.log10((near + _NOTHING * size) / (high + _NOTHING * size))
@@ -95,17 +74,24 @@ def late(robot: Robot, motion: Motion, recordings: Sequence[Recording]) -> list[
     joints together, it belongs. No slope of a noisy torque is taken.
     """
     # In between the filtered torque is smooth enough for a polynomial.
-    powers = (np.vander(x, len(_SHIFTS)) for x in (_SHIFTS, _DELAYS))
+    powers = (
+        np.vander(x, len(CHECK.delay_shifts))
+        for x in (CHECK.delay_shifts, CHECK.delays)
+    )
     at_shifts, at_delays = powers
     between = at_delays @ np.linalg.inv(at_shifts)
-    moved = later_torques(recordings, _SHIFTS)
+    moved = later_torques(recordings, CHECK.delay_shifts)
     torques = np.einsum("ks,snj->jkn", between, moved)
     joints = columns(robot, motion)
     nats = np.array([_nats(motion, torques[j], j, own) for j, own in enumerate(joints)])
     delay, sd = _peak(nats.sum(axis=0))
-    there = int(np.argmin(np.abs(_DELAYS - delay)))
-    agree = int(np.sum(nats[:, there] - nats[:, len(_DELAYS) // 2] > _AGREES))
-    if abs(delay) < max(_LEAST, _CLEAR * sd) or agree < min(2, robot.dof):
+    there = int(np.argmin(np.abs(CHECK.delays - delay)))
+    agree = int(
+        np.sum(nats[:, there] - nats[:, len(CHECK.delays) // 2] > CHECK.delay_agrees)
+    )
+    if abs(delay) < max(CHECK.least_delay, CHECK.delay_clear * sd) or agree < min(
+        2, robot.dof
+    ):
         return []
     words = (
         f"The torque comes {abs(1000 * delay):.0f} ms (+- {1000 * sd:.1f} ms) "
@@ -120,11 +106,13 @@ def long_late(
 ) -> list[Fault]:
     """Find torque so late that the log looks like that of another arm."""
     strain = {}
-    for shift, tau in zip(_FAR, later_torques(recordings, _FAR), strict=True):
+    for shift, tau in zip(
+        CHECK.far_delays, later_torques(recordings, CHECK.far_delays), strict=True
+    ):
         rows = replace(motion, tau=tau)
         strain[shift] = bent(judge(robot, rows, as_given(robot.dof)))
     best = min(strain, key=strain.__getitem__, default=0.0)
-    if best == 0 or strain[best] >= BENT:
+    if best == 0 or strain[best] >= CHECK.bent:
         return []
     when = "later" if best > 0 else "earlier"
     words = (
@@ -139,8 +127,10 @@ def _nats(motion: Motion, torques: Array, joint: int, own: Columns) -> Array:
     left, size = torques[:, own.rows] - own.nominal, _rms(motion.tau)
     if not left.size:
         return np.zeros(len(left))
-    floor = max(_NEAREST * size[joint], _COUPLED * size.max(), 1e-12)
-    sigma = max(_ROUGH * size[joint], floor)
+    floor = max(
+        CHECK.delay_nearest * size[joint], CHECK.delay_coupled * size.max(), 1e-12
+    )
+    sigma = max(CHECK.rough_start * size[joint], floor)
     for _ in range(4):
         a = own.values * (np.sqrt(motion.spread) / sigma)
         y = left.T * (np.sqrt(motion.spread) / sigma)
@@ -154,10 +144,12 @@ def _nats(motion: Motion, torques: Array, joint: int, own: Columns) -> Array:
 def _peak(nats: Array) -> tuple[float, float]:
     """The best delay and its deviation, by a parabola through the top [s]."""
     i = int(np.clip(np.argmax(nats), 1, len(nats) - 2))
-    step = _DELAYS[1] - _DELAYS[0]
+    step = CHECK.delays[1] - CHECK.delays[0]
     bend = max(float(2 * nats[i] - nats[i - 1] - nats[i + 1]), 1e-12)
     move = 0.5 * float(nats[i + 1] - nats[i - 1]) / bend
-    return float(_DELAYS[i] + np.clip(move, -1, 1) * step), float(step / np.sqrt(bend))
+    return float(CHECK.delays[i] + np.clip(move, -1, 1) * step), float(
+        step / np.sqrt(bend)
+    )
 
 
 def _rms(x: Array) -> Array:
@@ -176,7 +168,7 @@ def _repeated(recordings: Sequence[Recording]) -> list[Fault]:
         zip(recordings, rows, strict=True), 2
     ):
         tau, q = (len(a & b) / len(a) for a, b in zip(own, others, strict=True))
-        if len(own[0]) < _VARIED or tau < _SAME or q > tau / 2:
+        if len(own[0]) < CHECK.repeats_least or tau < CHECK.repeats or q > tau / 2:
             continue
         words = (
             f"Expected torque with the noise of a sensor, got {100 * tau:.0f} % of the "
@@ -195,17 +187,19 @@ def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         return []
     wanted, torque = _rows(logs, "q_ref")
     done, _ = _rows(logs, "q")
-    moves = np.max([np.ptp(r.q_ref, axis=0) for r in logs], axis=0) > _MOVES
+    moves = np.max([np.ptp(r.q_ref, axis=0) for r in logs], axis=0) > CHECK.moves
     worst, nearest = 0.0, np.inf
     for j in np.flatnonzero(moves):
         left, off = _misfit(robot, int(j), wanted, done, torque)
-        if not left < _FOLLOWS:
+        if not left < CHECK.follows:
             return []
         worst, nearest = max(worst, left), min(nearest, off)
     if not worst:
         return []
     # Where the arm does what it is told to, a quiet measurement looks the same.
-    certain = bool(nearest > _AWAY * max(worst, _FOLLOWS / _AWAY))
+    certain = bool(
+        nearest > CHECK.follows_away * max(worst, CHECK.follows / CHECK.follows_away)
+    )
     joints = tuple(int(j) + 1 for j in np.flatnonzero(moves))
     words = (
         f"Expected torque with noise and with what no model has, got one that follows "
@@ -224,10 +218,12 @@ def _rows(logs: Sequence[Recording], signal: str) -> tuple[Array, Array]:
     """
     parts, torques = [], []
     total = sum(len(r.t) for r in logs)
-    every = max(1, total // _ROWS)
+    every = max(1, total // CHECK.plan_rows)
     for log in logs:
         t, _, motion = motion_of(replace(log, q=getattr(log, signal)), _PLAN_FILTERS)
-        use = np.flatnonzero((t > t[0] + _EDGE) & (t < t[-1] - _EDGE))[::every]
+        use = np.flatnonzero(
+            (t > t[0] + CHECK.plan_edge) & (t < t[-1] - CHECK.plan_edge)
+        )[::every]
         parts.append(np.stack(motion)[:, use])
         columns = [np.interp(t[use], log.t, column) for column in log.tau.T]
         torques.append(np.column_stack(columns))
@@ -243,9 +239,9 @@ def _misfit(
         That; and how far the same model of the motion itself is off.
     """
     speed = np.abs(wanted[1, :, j])
-    use = speed > _SLOW * speed.max()
+    use = speed > CHECK.plan_slow * speed.max()
     columns = _columns(robot, j, wanted[:, use])
-    if len(columns) < _PER_COLUMN * columns.shape[1]:
+    if len(columns) < CHECK.plan_per_column * columns.shape[1]:
         return np.inf, np.inf
     tau = torque[use, j]
     size = float(np.std(tau)) + 1e-12

@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.check.rules import CHECK
 from residual.recording import Array, Recording
 from residual.signals.track import Filters, Track, prepare, torque_later
 
 _FILTERS = Filters(kinematics=5.0, torque=5.0, rate=60.0)
-_MOST_ROWS = 360
-_APART = 0.3  # s: rows nearer to each other count as one where evidence is added up
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -76,7 +75,7 @@ def thin_rows(recordings: Sequence[Recording]) -> Motion | None:
         seconds += track.inner.sum() * track.step / track.rate
     rows = {key: np.concatenate(value) for key, value in parts.items()}
     count = len(rows["log"])
-    return Motion(**rows, spread=min(1.0, seconds / _APART / count))
+    return Motion(**rows, spread=min(1.0, seconds / CHECK.apart / count))
 
 
 def later_torques(recordings: Sequence[Recording], ahead: Sequence[float]) -> Array:
@@ -105,7 +104,7 @@ def _chosen(
     total = sum(int(track.inner.sum()) for track in tracks)
     if total < 10:
         return []
-    every = max(1, int(np.ceil(total / _MOST_ROWS)))
+    every = max(1, int(np.ceil(total / CHECK.most_rows)))
     return [
         (r, track, np.flatnonzero(track.inner)[::every])
         for r, track in zip(long, tracks, strict=True)

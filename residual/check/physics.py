@@ -5,28 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from residual.check.motion import Motion
-from residual.check.reading import GEAR, Judged, Reading, as_given, best_reading, judge
+from residual.check.reading import Judged, Reading, as_given, best_reading, judge
 from residual.check.result import Fault, Repair
+from residual.check.rules import CHECK
 from residual.names import joints_listed, listed
 from residual.robot.robot import Robot
 
 Joints = tuple[int, ...]
 
-CERTAIN = 50.0  # nats that the reading given loses against the repair
-# Other angles are many readings; one of them may suit an odd but healthy arm.
-_CERTAIN_ANGLES = 80.0
 _ANGLES = ("joint_order", "angle_sign")
-_SUFFERS = 5.0  # share of the gain that one channel may lose
-_WORTH = 30.0  # nats below which nothing is said
-_GAIN = 20.0  # the same of all repairs together, the odds against them taken off
-# Nats by which a robot file must bend, its worst joint left out: with rough files and
-# hidden effects it is below 30, with the file of another arm it is above.
-BENT, _BROKEN = 28.0, 150.0
-PARTS = 4  # in time
-SHARE = 0.25  # of the strain of the worst part: below it another one fits
-_PER_KIND = 15.0  # the same, for each further kind of mistake in one map
-_BENT_AS_GIVEN = 70.0
-_ONE = 40.0  # nats that one joint counts for at most: two may hide an effect
 
 
 def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
@@ -35,18 +22,18 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
     if best.reading == given:
         return [], given
     was = judge(robot, motion, given)
-    if best.value - was.value < _GAIN:
+    if best.value - was.value < CHECK.gain:
         return [], given
     court = _Court(robot, motion, best)
     parts = (_gear, _torque_unit, _angle_unit, _order, _angle_sign, _torque_sign)
     faults = [fault for part in parts if (fault := part(court))]
-    if best.value - was.value < CERTAIN:
+    if best.value - was.value < CHECK.certain:
         faults = [replace(fault, certain=False) for fault in faults]
     if not faults:
         return [], given
     # Motors whose gears are not known are no other arm.
     unknown = robot.gear_ratio is None and {f.kind for f in faults} == {"gear_ratio"}
-    fits = bent(was) < BENT
+    fits = bent(was) < CHECK.bent
     wrong = [] if unknown or fits else _wrong_robot(best, faults)
     wrong = _in_every_part(robot, motion, best.reading, wrong)
     return wrong or faults, best.reading
@@ -69,13 +56,13 @@ def _in_every_part(
     """
     if not found:
         return found
-    strains = [bent(judge(robot, part, reading)) for part in motion.split(PARTS)]
-    fits = [s < min(BENT, SHARE * max(strains)) for s in strains]
+    strains = [bent(judge(robot, part, reading)) for part in motion.split(CHECK.parts)]
+    fits = [s < min(CHECK.bent, CHECK.part_fits * max(strains)) for s in strains]
     if not any(fits):
         return found
     words = (
-        f"{found[0].evidence} Yet {sum(fits)} of {PARTS} parts of the logs fit: were "
-        "samples of one signal lost on the way?"
+        f"{found[0].evidence} Yet {sum(fits)} of {CHECK.parts} parts of the logs fit: "
+        "were samples of one signal lost on the way?"
     )
     return [replace(found[0], certain=False, evidence=words)]
 
@@ -87,7 +74,9 @@ def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:
     """
     nats = bent(best)
     kinds = len({fault.kind for fault in faults})
-    if nats + _PER_KIND * max(kinds - 1, 0) < (BENT if kinds else _BENT_AS_GIVEN):
+    if nats + CHECK.per_kind * max(kinds - 1, 0) < (
+        CHECK.bent if kinds else CHECK.bent_as_given
+    ):
         return []
     tried = f" (the best: {', '.join(sorted({f.kind for f in faults}))})"
     words = (
@@ -95,13 +84,13 @@ def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:
         f"{tried if kinds else ''}: masses and inertias of several joints would have "
         f"to be far from the robot file, {nats:.0f} nats beside the worst of them."
     )
-    certain = nats > _BROKEN or any(fault.certain for fault in faults)
+    certain = nats > CHECK.broken or any(fault.certain for fault in faults)
     return [Fault("wrong_robot", (), certain, words)]
 
 
 def bent(judged: Judged) -> float:
     """By how much a robot file must bend, its worst joint left out [nats]."""
-    strains = np.minimum(judged.strains(), _ONE)
+    strains = np.minimum(judged.strains(), CHECK.one_joint)
     return float(strains.sum() - strains.max())
 
 
@@ -124,17 +113,19 @@ class _Court:
             other.fit(j - 1) - self._best.fit(j - 1) for j in joints or self.joints
         )
         # What is said of all joints must be true of each.
-        most = nats / _SUFFERS if joints else min(nats / _SUFFERS, _WORTH)
-        if nats < _WORTH or suffers > most:
+        most = (
+            nats / CHECK.suffers if joints else min(nats / CHECK.suffers, CHECK.worth)
+        )
+        if nats < CHECK.worth or suffers > most:
             return None
         evidence = f"{words} better by {nats:.0f} nats."
-        enough = _CERTAIN_ANGLES if kind in _ANGLES else CERTAIN
+        enough = CHECK.certain_angles if kind in _ANGLES else CHECK.certain
         return Fault(kind, joints, nats > enough, evidence, tuple(repairs))
 
 
 def _torque_unit(court: _Court) -> Fault | None:
     unit = court.reading.torque_unit
-    if unit in (1.0, GEAR):
+    if unit in (1.0, CHECK.gear):
         return None
     words = (
         f"The torques are about {1 / unit:g} times what this arm takes for this "
@@ -148,13 +139,13 @@ def _gear(court: _Court) -> Fault | None:
     """Signals of the motors: mended where the gears are known."""
     undone, repairs, words, gears = {}, [], [], court.gears
     known = () if gears is None else tuple(float(abs(g)) for g in gears)
-    if court.reading.torque_unit == GEAR:
+    if court.reading.torque_unit == CHECK.gear:
         undone["torque_unit"] = 1.0
         words.append(
             "The torques are tens to hundreds of times smaller than this arm's"
         )
         repairs += [Repair("tau", court.joints, scale=known)] if known else []
-    if court.reading.angle_unit == 1 / GEAR:
+    if court.reading.angle_unit == 1 / CHECK.gear:
         undone["angle_unit"] = 1.0
         words.append("The angles are tens to hundreds of times larger than this arm's")
         scale = tuple(1 / gear for gear in known)
@@ -169,7 +160,7 @@ def _gear(court: _Court) -> Fault | None:
 
 def _angle_unit(court: _Court) -> Fault | None:
     unit = court.reading.angle_unit
-    if unit in (1.0, 1 / GEAR):
+    if unit in (1.0, 1 / CHECK.gear):
         return None
     what = "degrees" if unit < 1 else "radians that were taken for degrees"
     words = f"The angles look like {what}; times {unit:.6g} they fit"

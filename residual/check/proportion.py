@@ -13,17 +13,12 @@ from scipy.linalg import cho_factor, cho_solve
 from residual.check.columns import OUTER, Columns, columns
 from residual.check.motion import Motion
 from residual.check.result import Fault
+from residual.check.rules import CHECK
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
 from residual.robot.robot import Robot
 
 _SCALES = np.geomspace(1 / 30, 30, 35)
-_WORTH = 12.0  # nats: the odds against what is not as given, times the joints
-_CLEARER = 6.0  # nats more than a factor on any other joint
-# What the fit leaves says how rough a model is; none is nearer than this to the torque,
-# or to the strongest joint's.
-_NOISE, _COUPLED = 0.01, 0.001
-_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -56,7 +51,10 @@ def out_of_proportion(robot: Robot, motion: Motion) -> tuple[float, Fault | None
     # At an end of the scales it is a torque that says nothing, not a factor.
     gain[(best == 0) | (best == len(_SCALES) - 1)] = 0.0
     j = int(np.argmax(gain))
-    if gain[j] < _WORTH or (np.delete(gain, j) > gain[j] - _CLEARER).any():
+    if (
+        gain[j] < CHECK.scale_worth
+        or (np.delete(gain, j) > gain[j] - CHECK.scale_clearer).any()
+    ):
         return 0.0, None
     words = (
         f"The torque of joint {j + 1} is out of proportion to the others: times about "
@@ -81,7 +79,7 @@ def _parts(motion: Motion, joints: list[Columns]) -> list[_Part]:
         weight, rows = motion.spread, motion.spread * len(tau)
         squares = tuple(weight * float(a @ b) for a, b in pairs)
         size = np.sqrt(squares[0] / max(rows, 1e-9))
-        floor = max(_NOISE * size, _COUPLED * strongest, 1e-12)
+        floor = max(CHECK.scale_noise * size, CHECK.scale_coupled * strongest, 1e-12)
         sums = (weight * values.T @ x for x in (values, model, tau))
         own_columns = slice(int(starts[j]), int(starts[j + 1]))
         out.append(_Part(*sums, squares, rows, floor, own_columns))
@@ -91,7 +89,7 @@ def _parts(motion: Motion, joints: list[Columns]) -> list[_Part]:
 def _sigma(parts: list[_Part]) -> Array:
     """What the common body leaves of each torque, by turns with its fit. (dof,)."""
     sigma = np.array([part.floor for part in parts])
-    for _ in range(_ROUNDS):
+    for _ in range(CHECK.rounds):
         _, at, _ = _fit(parts, sigma, np.ones(len(parts)))
         for j, part in enumerate(parts):
             power, cross, model = part.squares

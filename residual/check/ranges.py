@@ -11,41 +11,37 @@ import numpy as np
 from residual.check.motion import Motion
 from residual.check.reading import Reading, as_given, judge
 from residual.check.result import Fault, Repair
+from residual.check.rules import CHECK
 from residual.names import listed
 from residual.recording import Array, Recording, usual_speed
 from residual.robot.robot import Robot
-
-_ANGLE = 0.2  # rad beyond the range
-_SPEED, _TORQUE = 1.5, 1.5  # of the limit: files are often a little too strict
-_TOO_FAST, _TOO_FAR = 10.0, 3.0  # of the limit: no arm does
-_SHARE = 0.99  # of the samples, so that single ones do not count
-_STRIDE = 0.1  # s over which a speed is taken
-_ZERO_STEP = 0.3  # rad between the zeros that are tried
-_MOST_ZEROS = 16
-_ZERO_WORTH = 30.0  # nats that it must gain where the columns are as they should be
 
 
 def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     """Find joints that are beyond the limits of the robot file."""
     beyond: dict[int, list[str]] = {}
-    low = np.min([np.quantile(r.q, 1 - _SHARE, axis=0) for r in recordings], axis=0)
-    high = np.max([np.quantile(r.q, _SHARE, axis=0) for r in recordings], axis=0)
+    low = np.min(
+        [np.quantile(r.q, 1 - CHECK.range_share, axis=0) for r in recordings], axis=0
+    )
+    high = np.max(
+        [np.quantile(r.q, CHECK.range_share, axis=0) for r in recordings], axis=0
+    )
     speed = np.max([_speeds(r) for r in recordings], axis=0)
-    sizes = [np.quantile(np.abs(r.tau), _SHARE, axis=0) for r in recordings]
+    sizes = [np.quantile(np.abs(r.tau), CHECK.range_share, axis=0) for r in recordings]
     torque = np.max(sizes, axis=0)
     for j in range(robot.dof):
         said = beyond.setdefault(j + 1, [])
-        if max(robot.lower[j] - low[j], high[j] - robot.upper[j]) > _ANGLE:
+        if max(robot.lower[j] - low[j], high[j] - robot.upper[j]) > CHECK.range_angle:
             said.append(
                 f"q{j + 1} runs from {low[j]:.3g} to {high[j]:.3g} rad, its range is "
                 f"{robot.lower[j]:.3g} to {robot.upper[j]:.3g} rad"
             )
-        if speed[j] > _SPEED * robot.velocity_limit[j]:
+        if speed[j] > CHECK.range_limit * robot.velocity_limit[j]:
             said.append(
                 f"joint {j + 1} moves at {speed[j]:.3g} rad/s, its limit is "
                 f"{robot.velocity_limit[j]:.3g} rad/s"
             )
-        if torque[j] > _TORQUE * robot.torque_limit[j]:
+        if torque[j] > CHECK.range_limit * robot.torque_limit[j]:
             said.append(
                 f"tau{j + 1} reaches {torque[j]:.3g} N m, its limit is "
                 f"{robot.torque_limit[j]:.3g} N m"
@@ -62,14 +58,16 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     speed = np.max([_speeds(r) for r in recordings], axis=0) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
     limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
-    beyond = (speed > _TOO_FAST) | (reach > _TOO_FAR * limit)
+    beyond = (speed > CHECK.range_fast) | (reach > CHECK.range_far * limit)
     turned = float(np.deg2rad(1.0))
-    inside = (speed * turned < _SPEED) & (reach * turned < limit + _ANGLE)
+    inside = (speed * turned < CHECK.range_limit) & (
+        reach * turned < limit + CHECK.range_angle
+    )
     joints = tuple(int(j) + 1 for j in np.flatnonzero(beyond & inside))
     # Where most are far out, or the others are too, it is one thing for all, and
     # physics tells which.
     others = np.delete(speed, [j - 1 for j in joints])
-    if not joints or 2 * len(joints) > robot.dof or np.any(others > _SPEED):
+    if not joints or 2 * len(joints) > robot.dof or np.any(others > CHECK.range_limit):
         return []
     words = (
         f"The angles of joints {listed(joints)} reach "
@@ -83,15 +81,15 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
 
 def _speeds(recording: Recording) -> Array:
     step = float(np.median(np.diff(recording.t)))
-    stride = max(1, min(round(_STRIDE / step), len(recording.t) // 4))
-    return usual_speed(recording, stride, _SHARE)
+    stride = max(1, min(round(CHECK.range_stride / step), len(recording.t) // 4))
+    return usual_speed(recording, stride, CHECK.range_share)
 
 
 def beyond(robot: Robot, recordings: Sequence[Recording]) -> tuple[int, ...]:
     """Return joints (from 1) whose angles fit into their range, but lie beyond it."""
     low, high = _ends(recordings)
-    off = np.maximum(robot.lower - low, high - robot.upper) > _ANGLE
-    fits = high - low < robot.upper - robot.lower + _ANGLE
+    off = np.maximum(robot.lower - low, high - robot.upper) > CHECK.range_angle
+    fits = high - low < robot.upper - robot.lower + CHECK.range_angle
     return tuple(int(j) + 1 for j in np.flatnonzero(off & fits))
 
 
@@ -105,9 +103,9 @@ def zero_explains(
     j = joints[0] - 1
     low, high = (ends[j] for ends in _ends(recordings))
     first, last = robot.lower[j] - low, robot.upper[j] - high
-    count = min(_MOST_ZEROS, 2 + int(abs(last - first) / _ZERO_STEP))
+    count = min(CHECK.most_zeros, 2 + int(abs(last - first) / CHECK.zero_step))
     given, other = as_given(robot.dof), judge(robot, motion, best).value
-    other += _ZERO_WORTH if best == given else 0.0
+    other += CHECK.zero_worth if best == given else 0.0
     for shift in np.linspace(first, last, count):
         q = motion.q.copy()
         q[:, j] += shift

@@ -13,17 +13,13 @@ import numpy as np
 
 from residual.check.assignment import Scores, best_order, torque_scores
 from residual.check.motion import Motion
+from residual.check.rules import CHECK
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-# A usual gear: torques of motors are so much smaller, their angles so much larger.
-GEAR = 100.0
 # N m, N mm, kN m, N cm, and torques of the motors.
-TORQUE_UNITS = (1.0, 1e-3, 1e3, 1e-2, GEAR)
+TORQUE_UNITS = (1.0, 1e-3, 1e3, 1e-2, CHECK.gear)
 ANGLE_UNITS = (np.pi / 180, 180 / np.pi)
-# Log odds against each thing that is not as the column map says.
-_ODDS = 10.0
-_ROUNDS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +29,7 @@ class Reading:
     Attributes:
         angle_order: Channel of each joint's angle, from 0.
         angle_sign: Sign of each joint's angle.
-        angle_unit: Factor on all angles; 1 / GEAR for each joint's own gear.
+        angle_unit: Factor on all angles; 1 / CHECK.gear for each joint's own gear.
         torque_order: Channel of each joint's torque, from 0.
         torque_sign: Sign of each joint's torque.
         torque_unit: Factor on all torques.
@@ -91,7 +87,7 @@ def as_given(dof: int) -> Reading:
 def best_reading(robot: Robot, motion: Motion) -> Judged:
     """Search the reading with the most evidence, one change of the angles at a time."""
     best = _with_torques(robot, motion, as_given(robot.dof), TORQUE_UNITS)
-    for _ in range(_ROUNDS):
+    for _ in range(CHECK.rounds):
         tried = []
         for other in _changed(best.reading, robot.gear_ratio is not None):
             same_unit = other.angle_unit == best.reading.angle_unit
@@ -116,19 +112,19 @@ def judge(robot: Robot, motion: Motion, reading: Reading) -> Judged:
 
 def _gears(robot: Robot) -> Array:
     known = robot.gear_ratio is not None
-    return np.abs(robot.gear_ratio) if known else np.full(robot.dof, GEAR)
+    return np.abs(robot.gear_ratio) if known else np.full(robot.dof, CHECK.gear)
 
 
 def _torques(reading: Reading, gears: Array) -> list[tuple[int, float]]:
     unit = reading.torque_unit
-    units = gears if unit == GEAR else np.full(len(gears), unit)
+    units = gears if unit == CHECK.gear else np.full(len(gears), unit)
     factors = [sign * u for sign, u in zip(reading.torque_sign, units, strict=True)]
     return list(zip(reading.torque_order, factors, strict=True))
 
 
 def _scores(robot: Robot, motion: Motion, reading: Reading) -> Scores:
     unit = np.full(robot.dof, reading.angle_unit)
-    if reading.angle_unit == 1 / GEAR and robot.gear_ratio is not None:
+    if reading.angle_unit == 1 / CHECK.gear and robot.gear_ratio is not None:
         unit = 1 / _gears(robot)
     factor = np.array(reading.angle_sign) * unit
     return torque_scores(robot, motion.with_angles(reading.angle_order, factor))
@@ -141,7 +137,7 @@ def _with_torques(
     dof = robot.dof
     scores = _scores(robot, motion, reading)
     gears, factors = _gears(robot), np.array([(u, -u) for u in units])
-    motors = np.array(units)[:, None] == GEAR
+    motors = np.array(units)[:, None] == CHECK.gear
     table = np.array(
         [
             [scores.evidence(j, i, own.ravel()) for i in range(dof)]
@@ -153,7 +149,7 @@ def _with_torques(
     for k, unit in enumerate(units):
         for usual in (1, -1):
             turned = np.array([1, -1]) != usual
-            against = _ODDS * (1 - np.eye(dof))[:, :, None] + _ODDS * turned
+            against = CHECK.odds * (1 - np.eye(dof))[:, :, None] + CHECK.odds * turned
             value = table[:, :, k] - against
             joints, channels = np.arange(dof), best_order(value.max(-1))
             which = value[joints, channels].argmax(-1)
@@ -185,14 +181,14 @@ def _odds(reading: Reading) -> float:
         for i, j in enumerate(reading.angle_order)
     ]
     units = (reading.angle_unit != 1.0) + (reading.torque_unit != 1.0)
-    return _ODDS * (turned + sum(moved) + units)
+    return CHECK.odds * (turned + sum(moved) + units)
 
 
 def _changed(reading: Reading, geared: bool) -> Iterator[Reading]:
     """Other angles, one change away."""
     order, dof = reading.angle_order, len(reading.angle_order)
     if reading.angle_unit == 1.0:
-        for unit in (*ANGLE_UNITS, *((1 / GEAR,) if geared else ())):
+        for unit in (*ANGLE_UNITS, *((1 / CHECK.gear,) if geared else ())):
             yield replace(reading, angle_unit=unit)
     both = zip(reading.angle_sign, reading.torque_sign, strict=True)
     # Angles that are turned look like torques that are.

@@ -14,9 +14,10 @@ from itertools import combinations
 import numpy as np
 
 from residual.check.motion import Motion
-from residual.check.physics import BENT, bent, misread, wrong_robot
-from residual.check.reading import GEAR, Reading, as_given, judge
+from residual.check.physics import bent, misread, wrong_robot
+from residual.check.reading import Reading, as_given, judge
 from residual.check.result import Fault, Repair
+from residual.check.rules import CHECK
 from residual.check.shares import Shares, carries, shares_of
 from residual.effects import registry
 from residual.effects.base import Span
@@ -26,23 +27,7 @@ from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
 
-_SHOWS, _SHARP = 0.3, 0.25  # explained at least; deviation of a share at most
-# Times: grippers and loads reach 2 on the joint that they load least, and less in the
-# mean of those that carry the arm.
-_OFF, _CERTAIN_OFF = 2.5, 5.0
-_SAME = 2.5  # times: shares of a right unit are nearer to one on some joint
-_TELLS = 0.03  # of the strongest nominal torque: a wrist's factor is anything
-_ALIKE = 1.1  # factors so near to each other are one
-_GEARS = GEAR / 3  # times: torque so much smaller is that of motors
-_UNLIKE = 4.0  # times: shares of a right joint in its unit are nearer to one
-_GONE, _SURE = 0.3, 0.1  # of the weight, and its deviation
-_FREE, _FREE_SURE = 0.2, 0.15  # of the declared power of friction, and its deviation
-_AT_LEAST = 2  # joints
-_STANDS = 1e-3  # rad/s
-_POOR, _GOOD = 0.7, 0.7  # explained at most, as given; at least, exchanged
-_WORTH, _CERTAIN = 40.0, 80.0  # nats
-# Of the bent body too, which sees the same in a weaker light.
-_AGREES = 5.0
+_GEARS = CHECK.gear / 3  # times: torque so much smaller is that of motors
 
 
 def other_torque(robot: Robot, motion: Motion, found: Sequence[Fault]) -> list[Fault]:
@@ -82,12 +67,12 @@ def torque_factors(shares: Shares) -> Array | None:
         Factors, not a number for joints that show none. Shape (dof,). None where some
         joint has the share that it should have.
     """
-    sharp = shares.whole_sd < _SHARP * np.abs(shares.whole)
-    shows = sharp & (shares.seen > _SHOWS)
+    sharp = shares.whole_sd < CHECK.sharp * np.abs(shares.whole)
+    shows = sharp & (shares.seen > CHECK.shows)
     own = shares.whole[shows & carries(shares)]
-    if len(own) < min(_AT_LEAST, len(shows)) or shares.whole[shows].min() <= 0:
+    if len(own) < min(CHECK.joints_least, len(shows)) or shares.whole[shows].min() <= 0:
         return None
-    if own.max() > 1 / _OFF and own.min() < _OFF:
+    if own.max() > 1 / CHECK.unit_off and own.min() < CHECK.unit_off:
         return None
     return np.where(shows, 1 / shares.whole, np.nan)
 
@@ -103,15 +88,15 @@ def _settled(robot: Robot, scaled: Array, found: Sequence[Fault]) -> bool:
     left = float(np.nanmedian(scaled / scale))
     # A unit that has a name is told by it, where a load bends the shares besides.
     named = any(f.kind == "torque_unit" and f.certain for f in found)
-    near = _UNLIKE if named else _SAME
+    near = CHECK.unlike if named else CHECK.unit_same
     return bool(repairs) and 1 / near < left < near
 
 
 def _unit(robot: Robot, scaled: Array, shares: Shares) -> Fault:
-    sure = np.isfinite(scaled) & carries(shares, _TELLS)
+    sure = np.isfinite(scaled) & carries(shares, CHECK.tells)
     shown = np.flatnonzero(sure)
     own = scaled[shown]
-    if own.max() < _ALIKE * own.min():
+    if own.max() < CHECK.factors_alike * own.min():
         factors = f"about {np.median(own):.2g}"
     else:
         each = (f"{f:.2g} (joint {j + 1})" for j, f in zip(shown, own, strict=True))
@@ -135,13 +120,15 @@ def _unit(robot: Robot, scaled: Array, shares: Shares) -> Fault:
             '[joints], and unit = "A" in the line tau of --map.'
         )
     off = np.exp(abs(np.mean(np.log(scaled[np.isfinite(scaled) & carries(shares)]))))
-    return Fault("torque_unit", (), bool(off > _CERTAIN_OFF), words, repairs)
+    return Fault("torque_unit", (), bool(off > CHECK.unit_certain), words, repairs)
 
 
 def _alike(own: Array, known: Array) -> bool:
     """Whether factors are those of the robot file, as far as a rough file tells."""
     off = np.abs(np.log(own / known))
-    return bool(np.median(off) < np.log(_SAME) and off.max() < np.log(_UNLIKE))
+    return bool(
+        np.median(off) < np.log(CHECK.unit_same) and off.max() < np.log(CHECK.unlike)
+    )
 
 
 def _weightless(shares: Shares) -> tuple[int, ...]:
@@ -150,16 +137,16 @@ def _weightless(shares: Shares) -> tuple[int, ...]:
     The inertia has to be there, so that it is neither the unit nor another arm; and no
     weight along another axis, which the arm has where its base is mounted otherwise.
     """
-    sharp = shares.inertia_sd < _SHARP * np.abs(shares.inertia)
+    sharp = shares.inertia_sd < CHECK.sharp * np.abs(shares.inertia)
     sharp &= carries(shares)
     if not sharp.any():
         return ()
     unit = float(np.median(shares.inertia[sharp]))
-    if not 1 / _UNLIKE < unit < _UNLIKE:
+    if not 1 / CHECK.unlike < unit < CHECK.unlike:
         return ()
-    sure = (shares.weight_sd < _SURE * unit) & carries(shares)
-    gone = np.maximum(np.abs(shares.weight), shares.tilted) < _GONE * unit
-    if sure.sum() < _AT_LEAST or not gone[sure].all():
+    sure = (shares.weight_sd < CHECK.weight_sure * unit) & carries(shares)
+    gone = np.maximum(np.abs(shares.weight), shares.tilted) < CHECK.weight_gone * unit
+    if sure.sum() < CHECK.joints_least or not gone[sure].all():
         return ()
     return tuple(int(j) + 1 for j in np.flatnonzero(sure))
 
@@ -193,8 +180,11 @@ def frictionless(
     shares = shares_of(robot, motion)
     with np.errstate(all="ignore"):
         share, sd = shares.friction / power, shares.friction_sd / power
-    sure = (power > 0) & (sd < _FREE_SURE)
-    if sure.sum() < min(_AT_LEAST, robot.dof) or not (share[sure] < _FREE).all():
+    sure = (power > 0) & (sd < CHECK.friction_sure)
+    if (
+        sure.sum() < min(CHECK.joints_least, robot.dof)
+        or not (share[sure] < CHECK.friction_gone).all()
+    ):
         return []
     joints = tuple(int(j) + 1 for j in np.flatnonzero(sure))
     words = (
@@ -214,7 +204,7 @@ def _declared_power(
     known = [name for name in chosen if name in robot.declared]
     rubs = [n for n in known if registry()[n].brakes and robot.declared[n].values]
     rows = (motion.q, motion.qd, motion.qdd)
-    floor, none = np.full(robot.dof, _STANDS), np.zeros(robot.dof)
+    floor, none = np.full(robot.dof, CHECK.stands), np.zeros(robot.dof)
     span = Span(none, none, 0.0, 0.0)  # declared with values: no shape is tried
     model = build_nominal(robot, rubs, span, floor, Filters()).model
     state = model.state(1.0, np.arange(len(motion.q), dtype=float), rows)
@@ -231,19 +221,19 @@ def exchanged(robot: Robot, motion: Motion) -> list[Fault]:
         motion: Rows of its logs, of which nothing else was found.
     """
     given = shares_of(robot, motion)
-    poor = carries(given) & (given.seen < _POOR)
+    poor = carries(given) & (given.seen < CHECK.poor)
     pairs = [p for p in combinations(range(robot.dof), 2) if poor[list(p)].any()]
     tried = {pair: _gain(robot, motion, given, pair) for pair in pairs}
     best = max(tried, key=tried.__getitem__, default=None)
-    if best is None or tried[best] < _WORTH:
+    if best is None or tried[best] < CHECK.exchange_worth:
         return []
     order = _order(robot.dof, best)
     same = as_given(robot.dof)
     other = Reading(order, same.angle_sign, 1.0, order, same.torque_sign, 1.0)
     swapped = judge(robot, motion, other)
-    if swapped.nats - judge(robot, motion, same).nats < _AGREES:
+    if swapped.nats - judge(robot, motion, same).nats < CHECK.exchange_agrees:
         return []
-    if bent(swapped) > BENT:
+    if bent(swapped) > CHECK.bent:
         return []
     return [_fault(given, best, order, tried[best])]
 
@@ -255,9 +245,9 @@ def _gain(robot: Robot, motion: Motion, given: Shares, pair: Sequence[int]) -> f
     turned = replace(turned, tau=motion.tau[:, order])
     other, both = shares_of(robot, turned), list(pair)
     share = other.whole[both]
-    if (other.seen[both] < _GOOD).any() or not carries(other)[both].any():
+    if (other.seen[both] < CHECK.good).any() or not carries(other)[both].any():
         return 0.0
-    if not ((share > 1 / _UNLIKE) & (share < _UNLIKE)).all():
+    if not ((share > 1 / CHECK.unlike) & (share < CHECK.unlike)).all():
         return 0.0
     rows = motion.spread * turned.moving.sum(axis=0)
     more = np.log((1 - given.seen) / (1 - other.seen))
@@ -284,4 +274,4 @@ def _fault(
         f"least; in the order {listed(channels)} it does, better by {nats:.0f} nats."
     )
     repairs = tuple(Repair(signal, order=channels) for signal in ("q", "tau"))
-    return Fault("joint_order", joints, nats > _CERTAIN, words, repairs)
+    return Fault("joint_order", joints, nats > CHECK.exchange_certain, words, repairs)

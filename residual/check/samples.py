@@ -6,16 +6,10 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from residual.check.result import Fault
+from residual.check.rules import CHECK
 from residual.names import joints_listed
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-
-# Of what the samples do but for one in a hundred: noise of any shape stays below.
-_SPIKE = 12.0
-_MOST = 0.002  # share of samples: more are not single ones
-_WHOLE = 0.3  # rad that a leap may be off a whole turn: what the joint moved meanwhile
-_TOO_FAR = 10.0  # times the way that a joint can go in a step
-_WINDOW = 7
 
 
 def spikes(recording: Recording) -> list[Fault]:
@@ -39,8 +33,8 @@ def wraps(recording: Recording, robot: Robot) -> list[Fault]:
         robot: The arm, for what its joints can do in a step.
     """
     leap = np.diff(recording.q, axis=0)
-    whole = np.abs(np.abs(leap) - 2 * np.pi) < _WHOLE
-    far = 2 * np.pi - _WHOLE > _TOO_FAR * np.outer(
+    whole = np.abs(np.abs(leap) - 2 * np.pi) < CHECK.whole_turn
+    far = 2 * np.pi - CHECK.whole_turn > CHECK.too_far * np.outer(
         np.diff(recording.t), robot.velocity_limit
     )
     # Of an angle in other units many steps are large, and of any size.
@@ -63,8 +57,8 @@ def _single(x: Array) -> tuple[Array, float, float]:
     away = np.abs(x - running_median(x))
     steps = np.sort(np.abs(np.diff(x)))
     usual = max(np.sort(away)[int(0.99 * len(away))], steps[int(0.99 * len(steps))])
-    high = away > _SPIKE * max(usual, 1e-12)
-    if not 0 < high.mean() <= _MOST + 3 / len(x):
+    high = away > CHECK.spike * max(usual, 1e-12)
+    if not 0 < high.mean() <= CHECK.most_spikes + 3 / len(x):
         return np.array([], dtype=int), 0.0, float(usual)
     return np.flatnonzero(high), float(away.max()), float(usual)
 
@@ -106,5 +100,5 @@ def running_median(x: Array) -> Array:
     Args:
         x: Samples along the first axis. Shape (n,) or (n, dof).
     """
-    window = (_WINDOW,) + (1,) * (x.ndim - 1)
+    window = (CHECK.median_window,) + (1,) * (x.ndim - 1)
     return median_filter(x, window, mode="nearest")

@@ -15,17 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.check.motion import Motion
+from residual.check.rules import CHECK
 from residual.recording import Array
 from residual.robot.dynamics import gravity_torque, inertial_parameters, regressor
 from residual.robot.robot import Robot
 
-_FEWEST = 20  # moving rows of a joint
-_SLOW = 0.05  # of the usual speed, where the sign turns
 _TILTS = 2
 _NOTHING = 1e-12
 _ALIKE = 1e-9  # of the power of a direction of the columns: below it is none
 _SILENT = (np.nan, np.inf, 0.0, np.nan, np.inf, np.nan, 0.0, *2 * (np.nan, np.inf))
-_WEIGHTLESS = 1e-6  # of the heaviest joint's weight: an upright axis carries none
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -68,7 +66,7 @@ def shares_of(robot: Robot, motion: Motion) -> Shares:
     weight = gravity_torque(robot.model, motion.q, down)
     parts = np.stack([weight, *every, nominal - weight], axis=2)
     strong = np.sqrt(np.mean(weight**2, axis=0))
-    parts[:, strong <= _WEIGHTLESS * strong.max(), 0] = 0.0
+    parts[:, strong <= CHECK.weightless * strong.max(), 0] = 0.0
     rows = [_joint(motion, j, nominal[:, j], parts[:, j]) for j in range(robot.dof)]
     return Shares(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -86,14 +84,14 @@ def _beside(motion: Motion, joint: int, use: Array) -> Array:
         use: Rows that are used. Shape of all rows, bool.
     """
     qd, qdd = motion.qd[use, joint], motion.qdd[use, joint]
-    slow = max(_SLOW * float(np.sqrt(np.mean(qd**2))), _NOTHING)
+    slow = max(CHECK.turns * float(np.sqrt(np.mean(qd**2))), _NOTHING)
     return np.column_stack([qd, np.tanh(qd / slow), np.ones_like(qd), qdd])
 
 
 def _joint(motion: Motion, j: int, nominal: Array, parts: Array) -> tuple:
     """The shares of one joint, in the order of the record."""
     use = motion.moving[:, j]
-    if use.sum() < _FEWEST:
+    if use.sum() < CHECK.fewest:
         return _SILENT
     rest, tau, qd = _beside(motion, j, use), motion.tau[use, j], motion.qd[use, j]
     _, _, without = _fit(rest, tau, motion.spread)

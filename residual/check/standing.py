@@ -13,27 +13,11 @@ from residual.check.columns import Columns, columns
 from residual.check.motion import Motion, thin_rows
 from residual.check.reported import torque_factors
 from residual.check.result import Fault
+from residual.check.rules import CHECK
 from residual.check.shares import shares_of
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 
-_LONG = 0.3  # s that a frozen value lasts
-_FEW = 15  # samples of it at least
-_USUAL_RUNS = 5.0  # times the runs that a signal has elsewhere
-_JUMP = 0.01  # rad by which a frozen angle comes back
-_CLIPPED_RUN, _CLIPPED_RUNS = 4, 2  # samples at the limit, and how often
-_FULLER = 4.0  # times the samples of the levels below it
-_COARSE_TORQUE = 0.08  # of the torque's rms
-_COARSE_ANGLE = 0.4  # of the acceleration's rms
-_CUTOFF = 12.0  # Hz at which accelerations are judged
-_MOVES = 0.02  # rad that a joint moves, by its angle, reference or velocity
-# Of an angle that keeps one value:
-_NOISE = 5.0  # times the torque's noise, sample by sample
-# Of its torque, what is left beside all that a held joint feels: up to a half where
-# other friction and a load are hidden, more where friction holds it.
-_LEFT, _MOST_LEFT = 0.5, 0.8
-_BEYOND, _FAR_BEYOND = 1.5, 2.0  # times what a held joint may feel
-_ROUNDS, _ROUGH = 4, 0.05
 _NOTHING = 1e-12
 
 
@@ -70,19 +54,21 @@ def _longest(recording: Recording, x: Array) -> tuple[int, int] | None:
     k = int(np.argmax(lengths))
     step = float(np.median(np.diff(recording.t)))
     usual = float(np.quantile(np.delete(lengths, k), 0.95))
-    if lengths[k] < max(_LONG / step, _FEW, _USUAL_RUNS * usual):
+    if lengths[k] < max(
+        CHECK.frozen_time / step, CHECK.frozen_samples, CHECK.usual_runs * usual
+    ):
         return None
     return int(starts[k]), int(starts[k] + lengths[k])
 
 
 def _frozen_torque(recording: Recording, j: int) -> list[Fault]:
     found = _longest(recording, recording.tau[:, j])
-    if np.ptp(recording.tau[:, j]) == 0 and np.ptp(recording.q[:, j]) > _MOVES:
+    if np.ptp(recording.tau[:, j]) == 0 and np.ptp(recording.q[:, j]) > CHECK.moves:
         found = (0, len(recording.t))
     if found is None:
         return []
     a, b = found
-    if np.ptp(recording.q[a:b, j]) < _MOVES:
+    if np.ptp(recording.q[a:b, j]) < CHECK.moves:
         return []
     return [_frozen(recording, f"tau{j + 1}", found, "its joint moves")]
 
@@ -95,9 +81,9 @@ def _frozen_angle(recording: Recording, j: int) -> list[Fault]:
     usual = float(np.quantile(np.abs(np.diff(q)), 0.99))
     jump = abs(q[min(b, len(q) - 1)] - q[b - 1])
     wanted = recording.q_ref
-    if wanted is not None and np.ptp(wanted[a:b, j]) > _MOVES:
+    if wanted is not None and np.ptp(wanted[a:b, j]) > CHECK.moves:
         return [_frozen(recording, f"q{j + 1}", found, "its reference moves")]
-    if jump > max(_JUMP, 3 * usual):
+    if jump > max(CHECK.jump, 3 * usual):
         return [_frozen(recording, f"q{j + 1}", found, "it then jumps")]
     return []
 
@@ -117,8 +103,8 @@ def _clipped(x: Array) -> str:
     limits = []
     for end, below in ((values[-1], counts[-6:-1]), (values[0], counts[1:6])):
         runs = lengths[x[starts] == end]
-        often = np.sum(runs >= _CLIPPED_RUN) >= _CLIPPED_RUNS
-        if often and runs.sum() > _FULLER * below.max():
+        often = np.sum(runs >= CHECK.clipped_run) >= CHECK.clipped_runs
+        if often and runs.sum() > CHECK.fuller * below.max():
             limits.append(f"{end:.4g} N m")
     return " and ".join(limits)
 
@@ -127,21 +113,22 @@ def _coarse(recording: Recording, j: int) -> list[Fault]:
     out, rate = [], 1 / float(np.median(np.diff(recording.t)))
     tau, q = recording.tau[:, j], recording.q[:, j]
     step, size = _step(tau), float(np.std(tau))
-    if step > _COARSE_TORQUE * max(size, 1e-12) and np.ptp(q) > _MOVES:
+    if step > CHECK.coarse_torque * max(size, 1e-12) and np.ptp(q) > CHECK.moves:
         words = (
             f"tau{j + 1} comes in steps of {step:.3g} N m, its rms is {size:.3g} N m."
         )
         out.append(Fault("quantised", (j + 1,), False, words, (), recording.id))
     step = _step(q)
-    if step and np.ptp(q) > _MOVES:
-        stride = max(1, round(rate / (2 * _CUTOFF)))
+    if step and np.ptp(q) > CHECK.moves:
+        stride = max(1, round(rate / (2 * CHECK.coarse_cutoff)))
         bend = np.diff(q[::stride], 2) * (rate / stride) ** 2
-        noise = step / np.sqrt(12) * np.sqrt(min(1.0, 2 * _CUTOFF / rate))
-        noise *= (2 * np.pi * _CUTOFF) ** 2 / np.sqrt(5)
-        if noise > _COARSE_ANGLE * float(np.sqrt(np.mean(bend**2))):
+        noise = step / np.sqrt(12) * np.sqrt(min(1.0, 2 * CHECK.coarse_cutoff / rate))
+        noise *= (2 * np.pi * CHECK.coarse_cutoff) ** 2 / np.sqrt(5)
+        if noise > CHECK.coarse_angle * float(np.sqrt(np.mean(bend**2))):
             words = (
-                f"q{j + 1} comes in steps of {step:.3g} rad: at {_CUTOFF:g} Hz that is "
-                f"{noise:.3g} rad/s^2, as much as its acceleration."
+                f"q{j + 1} comes in steps of {step:.3g} rad: at "
+                f"{CHECK.coarse_cutoff:g} Hz that is {noise:.3g} rad/s^2, as much as "
+                "its acceleration."
             )
             out.append(Fault("quantised", (j + 1,), False, words, (), recording.id))
     return out
@@ -162,7 +149,7 @@ def constant(robot: Robot, recording: Recording) -> list[Fault]:
     """Find angles that keep one value while their torque is that of a moving joint."""
     span = np.ptp(recording.q, axis=0)
     still = np.flatnonzero(span == 0)
-    if len(recording.t) < 50 or not len(still) or span.max() < _MOVES:
+    if len(recording.t) < 50 or not len(still) or span.max() < CHECK.moves:
         return []
     said = {int(j): _moves_elsewhere(recording, j) for j in still}
     faults = [_fault(recording, j, why, True) for j, why in said.items() if why]
@@ -180,13 +167,13 @@ def constant(robot: Robot, recording: Recording) -> list[Fault]:
 def _moves_elsewhere(recording: Recording, j: int) -> str:
     """Say where else the joint moves; "" if nowhere."""
     wanted, qd = recording.q_ref, recording.qd
-    if wanted is not None and np.ptp(wanted[:, j]) > _MOVES:
+    if wanted is not None and np.ptp(wanted[:, j]) > CHECK.moves:
         return f"its reference moves by {np.ptp(wanted[:, j]):.3g} rad"
     if qd is not None:
         steps = np.diff(recording.t) * (qd[1:, j] + qd[:-1, j]) / 2
         way = float(np.ptp(np.cumsum(steps)))
         # What an offset and noise of a velocity add up to is no motion.
-        if way > _MOVES + 3 * abs(float(steps.sum())) and _turns(qd[:, j]):
+        if way > CHECK.moves + 3 * abs(float(steps.sum())) and _turns(qd[:, j]):
             return f"its velocity adds up to {way:.3g} rad"
     return ""
 
@@ -204,24 +191,26 @@ def _by_torque(
     steps = np.abs(np.diff(recording.tau[:, j]))
     noise = float(np.median(steps)) / 0.6745 / np.sqrt(2)
     feels = float(np.sqrt(np.var(own.nominal) + np.var(own.values, axis=0).sum()))
-    if left < max(_NOISE * noise, _NOTHING):
+    if left < max(CHECK.held_noise * noise, _NOTHING):
         return None
-    if left < _LEFT * size and left < _BEYOND * feels:
+    if left < CHECK.held_left * size and left < CHECK.held_beyond * feels:
         return None
     why = (
         f"its torque moves by {np.ptp(tau):.3g} N m, {left:.3g} N m rms beside "
         f"all that a held joint feels of the others' motion (about {feels:.3g} N m)"
     )
-    certain = left > _MOST_LEFT * size and left > _FAR_BEYOND * feels
+    certain = (
+        left > CHECK.held_most_left * size and left > CHECK.held_far_beyond * feels
+    )
     return _fault(recording, j, why, certain)
 
 
 def _left(motion: Motion, tau: Array, own: Columns) -> float:
     """What a held joint's torque has beside a bent robot file."""
     y, a = tau - own.nominal, own.values
-    sigma = max(_ROUGH * float(np.std(tau)), _NOTHING)
+    sigma = max(CHECK.rough_start * float(np.std(tau)), _NOTHING)
     left = y
-    for _ in range(_ROUNDS):
+    for _ in range(CHECK.fit_rounds):
         weight = motion.spread / sigma**2
         at = np.linalg.solve(np.eye(a.shape[1]) + weight * a.T @ a, weight * a.T @ y)
         left = y - a @ at

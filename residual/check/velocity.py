@@ -10,13 +10,10 @@ import numpy as np
 
 from residual.check.assignment import best_order
 from residual.check.result import Fault, Repair
+from residual.check.rules import CHECK
 from residual.names import listed
 from residual.recording import Array, Recording
 
-_WINDOW = 0.2  # s
-_SAME = 0.95  # correlation of a velocity with its own angle's change
-_ALIKE = 0.02  # relative, of slopes that are one number
-_OFF = 0.1  # relative, of a slope that is not one
 # Velocity over change of the angle: which signal is in which unit.
 _UNITS = {
     180 / np.pi: ("qd", "the velocities are in deg/s"),
@@ -49,7 +46,7 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
     """Change of the angle, and integral of the velocity, window by window."""
     t, q = recording.t, recording.q
     step = float(np.median(np.diff(t)))
-    stride = min(max(1, round(_WINDOW / step)), max(1, len(t) // 20))
+    stride = min(max(1, round(CHECK.velocity_window / step)), max(1, len(t) // 20))
     mean = (recording.qd[1:] + recording.qd[:-1]) / 2
     travelled = np.cumsum(mean * np.diff(t)[:, None], axis=0)
     travelled = np.concatenate([np.zeros((1, q.shape[1])), travelled])
@@ -65,7 +62,9 @@ def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
     order = best_order(sure)
     joints = tuple(j + 1 for j, i in enumerate(order) if i != j)
     best = np.abs(related[np.arange(len(own)), order])
-    if not joints or any(best[j - 1] < _SAME for j in joints if moved[j - 1]):
+    if not joints or any(
+        best[j - 1] < CHECK.velocity_same for j in joints if moved[j - 1]
+    ):
         return np.arange(len(own)), []
     words = (
         f"The velocities of joints {listed(joints)} follow the angles of other joints "
@@ -84,15 +83,15 @@ def _slopes(
     slope = np.sum(change * integral, axis=0) / np.maximum(
         np.sum(change**2, axis=0), 1e-300
     )
-    good = moved & (np.abs(own) > _SAME)
-    off = good & (np.abs(slope - 1) > _OFF)
+    good = moved & (np.abs(own) > CHECK.velocity_same)
+    off = good & (np.abs(slope - 1) > CHECK.velocity_off)
     out = []
     if off.any() and good.sum() == off.sum() and good.sum() >= 2:
         size = float(np.median(np.abs(slope[good])))
-        if np.all(np.abs(np.abs(slope[good]) / size - 1) < _ALIKE):
+        if np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_alike):
             out += _common(size)
             slope = slope / (size if out else 1.0)
-            off = good & (np.abs(slope - 1) > _OFF)
+            off = good & (np.abs(slope - 1) > CHECK.velocity_off)
     out += _single(slope, off)
     loose = tuple(int(j) + 1 for j in np.flatnonzero(moved & ~good))
     if loose:
@@ -107,17 +106,17 @@ def _slopes(
 
 def _common(size: float) -> list[Fault]:
     """One factor between all velocities and angles: a unit, else the clock."""
-    if abs(size - 1) < _OFF:
+    if abs(size - 1) < CHECK.velocity_off:
         return []
     for unit, (signal, name) in _UNITS.items():
-        if abs(size / unit - 1) < _ALIKE:
+        if abs(size / unit - 1) < CHECK.velocity_alike:
             words = f"All velocities are {size:.4g} times what the angles do: {name}."
             scale = 1 / unit if signal == "qd" else unit
             repair = Repair(signal, scale=scale)
             return [Fault("angle_unit", (), True, words, (repair,))]
     scale = 1 / size
     near = float(f"{scale:.1g}")
-    scale = near if abs(scale / near - 1) < _ALIKE else scale
+    scale = near if abs(scale / near - 1) < CHECK.velocity_alike else scale
     words = (
         f"All velocities are {size:.4g} times what the angles do in the time that is "
         f"given: time runs {size:.4g} times too slowly in this log."
@@ -127,7 +126,9 @@ def _common(size: float) -> list[Fault]:
 
 def _single(slope: Array, off: Array) -> list[Fault]:
     out = []
-    negated = tuple(int(j) + 1 for j in np.flatnonzero(off & (abs(slope + 1) < _OFF)))
+    negated = tuple(
+        int(j) + 1 for j in np.flatnonzero(off & (abs(slope + 1) < CHECK.velocity_off))
+    )
     if negated:
         words = f"The velocity of joints {listed(negated)} runs against the angle."
         repair = Repair("qd", negated, sign=(-1,) * len(negated))

@@ -9,15 +9,11 @@ from residual.check.assignment import Scores, torque_scores
 from residual.check.motion import Motion
 from residual.check.proportion import out_of_proportion
 from residual.check.result import Fault, Repair
+from residual.check.rules import CHECK
 from residual.names import listed
 from residual.robot.robot import Robot
 
 Found = tuple[float, Fault | None]
-
-_TIMES = (0.1, 0.5, 2.0, 10.0)  # true time over the time that is given
-_WORTH = 65.0  # nats: files that are off by half, not a third, reach 60
-# A rough file may be wrong in inertia and right in weight, so time is rarely certain.
-_CERTAIN_TIME = 150.0
 
 
 def other_world(robot: Robot, motion: Motion) -> list[Fault]:
@@ -25,7 +21,7 @@ def other_world(robot: Robot, motion: Motion) -> list[Fault]:
     scores = torque_scores(robot, motion)
     given = _total(scores)
     found = [_clock(robot, motion, given), _gravity(robot, motion, given)]
-    found = [each for each in found if each[0] > _WORTH]
+    found = [each for each in found if each[0] > CHECK.world]
     found.append(out_of_proportion(robot, motion))
     # One of them explains what the others would have to.
     _, fault = max(found, key=lambda each: each[0])
@@ -39,7 +35,7 @@ def _total(scores: Scores) -> float:
 
 def _clock(robot: Robot, motion: Motion, given: float) -> Found:
     tried = {}
-    for factor in _TIMES:
+    for factor in CHECK.times:
         qd, qdd = motion.qd / factor, motion.qdd / factor**2
         slower = replace(motion, qd=qd, qdd=qdd)
         tried[factor] = _total(torque_scores(robot, slower)) - given
@@ -48,7 +44,7 @@ def _clock(robot: Robot, motion: Motion, given: float) -> Found:
         "Weight and inertia of this arm do not go together in the time that is given; "
         f"with time times {best:g} they fit better by {tried[best]:.0f} nats."
     )
-    certain = tried[best] > _CERTAIN_TIME
+    certain = tried[best] > CHECK.certain_time
     fault = Fault("time_unit", (), certain, words, (Repair("t", scale=best),))
     return tried[best], fault
 
