@@ -5,16 +5,26 @@ from dataclasses import replace
 
 import numpy as np
 
+from residual.check.kinematics import (
+    degrees,
+    out_of_range,
+    velocity_faults,
+    zero_explains,
+)
 from residual.check.late import commanded, filtered, late, long_late
 from residual.check.motion import Motion, thin_rows
 from residual.check.physics import misread, wrong_robot
-from residual.check.ranges import degrees, out_of_range, zero_explains
 from residual.check.reported import exchanged, frictionless, other_torque
 from residual.check.result import Fault, LogCheck, Repair
 from residual.check.rules import CHECK
-from residual.check.samples import spikes, with_scale, without_spikes, wraps
-from residual.check.standing import constant, standing
-from residual.check.velocity import velocity_faults
+from residual.check.samples import (
+    constant,
+    spikes,
+    standing,
+    with_scale,
+    without_spikes,
+    wraps,
+)
 from residual.check.world import other_world
 from residual.errors import InputError
 from residual.names import listed

@@ -11,8 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from residual.check.columns import Columns, columns
-from residual.check.motion import Motion, later_torques
+from residual.check.motion import Columns, Motion, columns, later_torques
 from residual.check.physics import bent
 from residual.check.reading import as_given, judge
 from residual.check.result import DELAY, Fault

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import butter, sosfiltfilt, welch
 
-from residual.check.assignment import best_order
+from residual.check.reading import best_order
 from residual.diagnosis import oracle
 from residual.effects.backlash import _flight
 from residual.evidence.fit import System, fit

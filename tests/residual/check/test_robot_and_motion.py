@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from residual.check.check import body_faults, check_logs, enough
-from residual.check.ranges import out_of_range
+from residual.check.kinematics import out_of_range
 from residual.check.result import Repair
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, arm, plain_logs

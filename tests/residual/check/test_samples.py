@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from residual.check.check import check_logs
-from residual.check.standing import standing
+from residual.check.samples import standing
 from residual.errors import InputError
 from tests.residual.arms import arm, plain_logs
 from tests.residual.check.damaged import clean_logs, edited

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from residual.check.check import check_logs, time_unit, uneven
+from residual.check.kinematics import velocity_faults
 from residual.check.result import Repair
-from residual.check.velocity import velocity_faults
 from tests.residual.check.damaged import clean_logs, edited, swapped, times, turned
 
 
