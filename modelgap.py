@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # for editors
     from flows.door.table import Table
     from flows.inputs.robots import load as load_robot
     from flows.storage.null import read_null as load_null
-    from residual.check.report import CheckReport as LogCheck
+    from residual.check.result import LogCheck
     from residual.diagnosis.result import (
         ErrorTables,
         Finding,
@@ -82,7 +82,7 @@ _PLACES = {
     "flows.door.table": ("Table",),
     "flows.inputs.robots": ("load_robot",),
     "flows.storage.null": ("load_null",),
-    "residual.check.report": ("LogCheck",),
+    "residual.check.result": ("LogCheck",),
     "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),
     "residual.errors": ("InputError",),
     "residual.identification.estimate": ("Options",),
@@ -92,7 +92,6 @@ _PLACES = {
     "residual.robot.robot": ("Robot",),
 }
 _RENAMED = {
-    "LogCheck": "CheckReport",
     "load_null": "read_null",
     "load_robot": "load",
 }

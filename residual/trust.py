@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from residual.check.report import CheckReport
+from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis, ErrorTables, Verdict
 
 _FOUND = ("augmented", "plsr")  # models that have what was named, or what remained
 
 
-def with_check(found: Diagnosis, report: CheckReport) -> Diagnosis:
+def with_check(found: Diagnosis, report: LogCheck) -> Diagnosis:
     """Return a diagnosis with the check of its logs.
 
     With a certain fault nothing is named, and nothing is said to be missing or not:

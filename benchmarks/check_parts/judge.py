@@ -15,7 +15,7 @@ from benchmarks.check_parts.arms import Host
 from benchmarks.check_parts.spoiled import SIGNALS, Spoiled, Table, table_of
 from flows.inputs.logs import LogSets, read_sets
 from flows.steps.check import check
-from residual.check.report import CheckReport, FaultReport
+from residual.check.result import Fault, LogCheck
 from residual.robot.robot import Robot, robot_from_texts
 
 # A repair that says what was done is right to rounding; a fitted one is not.
@@ -69,7 +69,7 @@ def read(
     return read_sets((words, (), ()), robot, columns, folder, to_check=True)
 
 
-def told(report: CheckReport) -> dict:
+def told(report: LogCheck) -> dict:
     """Return what a check said, short."""
     return {
         "verdict": report.verdict,
@@ -77,7 +77,7 @@ def told(report: CheckReport) -> dict:
     }
 
 
-def is_it(fault: FaultReport, spoiled: Spoiled, dof: int) -> bool:
+def is_it(fault: Fault, spoiled: Spoiled, dof: int) -> bool:
     """Whether a fault is the one that was made: kind and joints."""
     every = tuple(range(1, dof + 1))
     where = tuple(sorted(fault.joints)) or every

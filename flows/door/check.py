@@ -5,7 +5,7 @@ from pathlib import Path
 
 from flows.inputs.logs import LogSets, read_sets
 from flows.steps.check import check as check_sets
-from residual.check.report import CheckReport
+from residual.check.result import LogCheck
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs import ColumnMap, load_columns
@@ -16,7 +16,7 @@ def check(
     logs: Recording | str | Path | Iterable[Recording | str | Path],
     columns: str | Path | None = None,
     declared: Sequence[str] | None = None,
-) -> CheckReport:
+) -> LogCheck:
     """Check whether logs are what they say they are (docs/check.md).
 
     Args:

@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.repair import gravity_line, place_of, repair_lines, with_followers
+from flows.inputs.repair import gravity_line, place_of, repair_lines
 from flows.inputs.robots import check_declared, load_of
 from flows.requests import Check
 from residual.check.check import check_logs
-from residual.check.report import CheckReport, FaultReport
-from residual.check.result import Fault
+from residual.check.result import Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.threads import one_blas_thread
@@ -29,7 +28,7 @@ def read_logs(request: Check) -> LogSets:
 
 
 @one_blas_thread
-def check(logs: LogSets, declared: Sequence[str] | None = None) -> CheckReport:
+def check(logs: LogSets, declared: Sequence[str] | None = None) -> LogCheck:
     """Check whether logs are what they say they are.
 
     Healthy runs are checked by themselves, so that what is wrong with one set is not
@@ -45,9 +44,7 @@ def check(logs: LogSets, declared: Sequence[str] | None = None) -> CheckReport:
     return _told(_once(faults), logs)
 
 
-def checked(
-    logs: LogSets, declared: Sequence[str] | None, trust_log: bool
-) -> CheckReport:
+def checked(logs: LogSets, declared: Sequence[str] | None, trust_log: bool) -> LogCheck:
     """Check logs before they are used, and refuse those with a certain fault.
 
     Args:
@@ -67,7 +64,7 @@ def checked(
     return report
 
 
-def _refusal(report: CheckReport) -> str:
+def _refusal(report: LogCheck) -> str:
     # What a line can mend first, since the others may come of it.
     first, *more = sorted(report.certain, key=lambda fault: fault.repair is None)
     rest = f" {len(more)} more: see modelgap check." if more else ""
@@ -121,19 +118,18 @@ def _merged(faults: Sequence[Fault]) -> Fault:
     return replace(first, evidence=evidence)
 
 
-def _told(faults: Sequence[Fault], logs: LogSets) -> CheckReport:
-    return CheckReport(
-        tuple(
-            FaultReport(
-                kind=fault.kind,
-                joints=tuple(int(joint) for joint in fault.joints),
-                certain=bool(fault.certain),
-                evidence=fault.evidence,
-                repair=_repair(fault, faults, logs),
-            )
-            for fault in faults
+def _told(faults: Sequence[Fault], logs: LogSets) -> LogCheck:
+    told = (
+        Fault(
+            kind=fault.kind,
+            joints=tuple(int(joint) for joint in fault.joints),
+            certain=bool(fault.certain),
+            evidence=fault.evidence,
+            repair=_repair(fault, faults, logs),
         )
+        for fault in faults
     )
+    return LogCheck(tuple(told))
 
 
 def _repair(fault: Fault, faults: Sequence[Fault], logs: LogSets) -> str | None:
@@ -142,8 +138,7 @@ def _repair(fault: Fault, faults: Sequence[Fault], logs: LogSets) -> str | None:
     A line stands for the whole signal, so it has all that is certain about it.
     """
     every = [r for f in faults if f.certain for r in f.repairs]
-    read = (*logs.fit, *logs.baseline, *logs.held_out)
-    own = with_followers(fault.repairs, every, read)
+    own = list(fault.repairs)
     signals = {repair.signal for repair in own}
     rest = [repair for repair in every if repair.signal in signals]
     own += [repair for repair in dict.fromkeys(rest) if repair not in own]

@@ -13,7 +13,7 @@ from flows.inputs.robots import load
 from flows.requests import Import
 from flows.settings import store_folder
 from flows.steps.check import checked
-from residual.check.report import CheckReport
+from residual.check.result import LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_serial
@@ -88,7 +88,7 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
 
 def check_logs(
     request: Import, robot: Robot, read: Sequence[Log]
-) -> tuple[tuple[Log, ...], CheckReport]:
+) -> tuple[tuple[Log, ...], LogCheck]:
     """Check logs before they are stored.
 
     Returns:

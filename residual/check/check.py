@@ -8,14 +8,16 @@ import numpy as np
 from residual.check.kinematics import (
     degrees,
     out_of_range,
+    time_unit,
+    uneven,
     velocity_faults,
     zero_explains,
 )
 from residual.check.late import commanded, filtered, late, long_late
 from residual.check.motion import Motion, thin_rows
-from residual.check.physics import misread, wrong_robot
+from residual.check.physics import misread, other_world, wrong_robot
 from residual.check.reported import exchanged, frictionless, other_torque
-from residual.check.result import Fault, LogCheck, Repair
+from residual.check.result import Fault, LogCheck, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.check.samples import (
     constant,
@@ -25,15 +27,102 @@ from residual.check.samples import (
     without_spikes,
     wraps,
 )
-from residual.check.world import other_world
 from residual.errors import InputError
 from residual.names import listed
-from residual.recording import Array, Recording, usual_speed
+from residual.recording import Recording
 from residual.robot.dynamics import joints_length
 from residual.robot.robot import Robot
 from residual.signals.pieces import sketch_of
 
 _VELOCITY = "velocity_mismatch"
+
+
+def check_logs(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    declared: Sequence[str] | None = None,
+) -> LogCheck:
+    """Check whether logs are what they say they are.
+
+    A fault that others follow from is reported alone: with a wrong unit of time no
+    speed is too high, and with a wrong robot file nothing fits.
+
+    Args:
+        declared: Effects that the nominal model has; None for the usual ones.
+
+    Raises:
+        InputError: If there is no log.
+    """
+    if not recordings:
+        raise InputError("No log to check: expected at least one recording, got none.")
+    with np.errstate(all="ignore"):
+        faults = _faults(robot, recordings, declared)
+    return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
+
+
+def _faults(
+    robot: Robot, recordings: Sequence[Recording], declared: Sequence[str] | None
+) -> list[Fault]:
+    single = [(r, spikes(r)) for r in recordings]
+    faults = [fault for _, found in single for fault in found]
+    logs = [without_spikes(r) if found else r for r, found in single]
+    clock = time_unit(robot, logs)
+    if clock is not None:
+        faults.append(clock)
+        logs = [with_scale(r, "t", clock.repairs[0].scale) for r in logs]
+    wrapped = [fault for log in logs for fault in wraps(log, robot)]
+    if wrapped:
+        return faults + wrapped
+    dead = [fault for log in logs for fault in constant(robot, log)]
+    for log in logs:
+        faults += uneven(log) + standing(log)
+    speeds = _with_references(velocity_faults(logs), logs)
+    # Mend units of time and angle that the velocities gave away.
+    for repair in (r for fault in speeds for r in fault.repairs):
+        if repair.signal in ("t", "q", "q_ref") and isinstance(repair.scale, float):
+            logs = [with_scale(r, repair.signal, repair.scale) for r in logs]
+    turned = degrees(robot, logs)
+    if turned or dead:
+        # Nothing more is known of an arm without one of its angles.
+        return faults + dead + carried(turned, speeds, logs)
+    return faults + _of_the_arm(robot, logs, speeds, declared)
+
+
+def _of_the_arm(
+    robot: Robot,
+    logs: Sequence[Recording],
+    speeds: Sequence[Fault],
+    declared: Sequence[str] | None,
+) -> list[Fault]:
+    """What the file, the motion and its physics say; the first that is certain wins.
+
+    Physics is the same all along a log: of long ones seven minutes are looked at.
+    """
+    faults, whole = body_faults(robot), logs
+    logs = sketch_of(logs)
+    motion = thin_rows(logs)
+    faults += enough(logs, motion)
+    if motion is None or any(fault.certain for fault in faults):
+        return [*faults, *speeds]
+    columns, reading = misread(robot, motion)
+    if not any(fault.certain for fault in columns):
+        columns = exchanged(robot, motion) or columns
+    columns = other_torque(robot, motion, columns) or columns
+    columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
+    if any(fault.kind == "wrong_robot" for fault in columns):
+        columns = long_late(robot, motion, logs) or columns
+    if columns and zero_explains(robot, motion, logs, reading):
+        return [*faults, *filtered(logs), *speeds, *out_of_range(robot, whole)]
+    computed = commanded(robot, logs)
+    fits = not columns
+    columns += computed or filtered(logs)
+    if fits and not computed:  # a command is ahead of what it makes the arm do
+        columns += late(robot, motion, logs)
+    if fits:
+        columns += frictionless(robot, motion, declared)
+    mended = any(fault.certain for fault in (*columns, *speeds))
+    faults += carried(columns, speeds, logs)
+    return faults if mended else faults + out_of_range(robot, whole)
 
 
 def carried(
@@ -45,38 +134,20 @@ def carried(
     angle that counts backwards.
     """
     with_speed = any(r.qd is not None for r in logs)
-    with_reference = _reference_follows(logs)
-    turned, order = _velocity_turned(speeds), _velocity_order(speeds)
+    off = [(f, r) for f in speeds for r in f.repairs]
+    turned = {j for f, r in off if f.kind == _VELOCITY and r.sign for j in r.joints}
+    order = next((r.order for _, r in off if r.order is not None), None)
     explained: set[Fault] = set()
     out = []
     for fault in faults:
-        repairs = list(fault.repairs)
-        for repair in fault.repairs:
-            if repair.signal != "q":
-                continue
-            if with_speed:
-                more, settled = _for_velocity(repair, turned, order)
-                repairs += more
-                explained |= {f for f in speeds if settled and _settles(repair, f)}
-            if with_reference:
-                repairs.append(replace(repair, signal="q_ref"))
-        out.append(replace(fault, repairs=tuple(repairs)))
-    return out + [fault for fault in speeds if fault not in explained]
-
-
-def _velocity_turned(speeds: Sequence[Fault]) -> set[int]:
-    return {
-        joint
-        for fault in speeds
-        for repair in fault.repairs
-        if fault.kind == _VELOCITY and repair.sign is not None
-        for joint in repair.joints
-    }
-
-
-def _velocity_order(speeds: Sequence[Fault]) -> tuple[int, ...] | None:
-    orders = [r.order for f in speeds for r in f.repairs if r.order is not None]
-    return orders[0] if orders else None
+        more = []
+        for repair in (r for r in fault.repairs if r.signal == "q" and with_speed):
+            own, settled = _for_velocity(repair, turned, order)
+            more += own
+            explained |= {f for f in speeds if settled and _settles(repair, f)}
+        out.append(replace(fault, repairs=(*fault.repairs, *more)))
+    left = [fault for fault in speeds if fault not in explained]
+    return _with_references(out, logs) + left
 
 
 def _for_velocity(
@@ -104,81 +175,20 @@ def _settles(repair: Repair, fault: Fault) -> bool:
     )
 
 
-def _reference_follows(logs: Sequence[Recording]) -> bool:
-    """Whether references are logged, channel by channel like the angles."""
+def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list[Fault]:
+    """Mend references with their angles, where they are logged alike, all channels."""
     both = [r for r in logs if r.q_ref is not None]
     if not both:
-        return False
+        return list(faults)
     away = np.max([np.median(np.abs(r.q - r.q_ref), axis=0) for r in both], axis=0)
-    travel = np.max([np.ptp(r.q, axis=0) for r in both], axis=0)
-    return bool(np.all(away <= CHECK.reference_same * travel.max()))
-
-
-_UNITS = {
-    1e-3: "milliseconds",
-    1e-6: "microseconds",
-    1e-9: "nanoseconds",
-    1e3: "seconds that were taken for milliseconds",
-    1e6: "seconds that were taken for microseconds",
-}
-
-
-def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
-    """Find a time that no logger keeps, and the unit in which one would."""
-    logs = [r for r in recordings if len(r.t) > 2]
-    if not logs:
-        return None
-    rate = float(np.median([1 / np.median(np.diff(r.t)) for r in logs]))
-    speed = float(max(np.max(_speed(r) / robot.velocity_limit) for r in logs))
-    if (
-        CHECK.slowest_rate <= rate <= CHECK.fastest_rate
-        and speed < CHECK.clock_speed * 5
-    ):
-        return None
-    fits = {
-        f: abs(np.log(rate / f / CHECK.usual_rate))
-        for f in _UNITS
-        if CHECK.slowest_rate <= rate / f <= CHECK.fastest_rate
-        and speed / f < CHECK.clock_speed
-    }
-    if not fits or (CHECK.slowest_rate <= rate <= CHECK.fastest_rate and max(fits) < 1):
-        return None
-    scale = min(fits, key=fits.__getitem__)
-    words = (
-        f"{rate:.3g} samples per second, the fastest joint at {speed:.2g} of its speed "
-        f"limit: time looks like {_UNITS[scale]}."
-    )
-    return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
-
-
-def uneven(recording: Recording) -> list[Fault]:
-    """Find gaps in time and steps of unequal length."""
-    steps = np.diff(recording.t)
-    if len(steps) < 10:
-        return []
-    usual, words = float(np.median(steps)), []
-    gaps = np.flatnonzero(steps > CHECK.gap * usual)
-    if len(gaps):
-        worst = int(np.argmax(steps))
-        words.append(
-            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the largest "
-            f"{steps[worst]:.3g} s at t = {recording.t[worst]:.6g} s"
-        )
-    jitter = float(np.quantile(np.abs(steps - usual), 0.9)) / usual
-    if jitter > CHECK.uneven:
-        words.append(f"a tenth of the steps are off by more than {100 * jitter:.0f} %")
-    if not words:
-        return []
-    evidence = (
-        f"The steps of time are {1000 * usual:.4g} ms but for {', and '.join(words)}."
-    )
-    return [Fault("clock", (), False, evidence, (), recording.id)]
-
-
-def _speed(recording: Recording) -> Array:
-    """Usual largest speed of each joint, over twenty samples. Shape (dof,)."""
-    stride = max(1, min(20, len(recording.t) // 10))
-    return usual_speed(recording, stride, CHECK.clock_share)
+    travel = np.max([np.ptp(r.q, axis=0) for r in both])
+    if np.any(away > CHECK.reference_same * travel):
+        return list(faults)
+    out = []
+    for fault in faults:
+        own = [replace(r, signal="q_ref") for r in fault.repairs if r.signal == "q"]
+        out.append(replace(fault, repairs=(*fault.repairs, *own)))
+    return out
 
 
 def body_faults(robot: Robot) -> list[Fault]:
@@ -239,11 +249,7 @@ def _inertias(robot: Robot) -> Fault | None:
 
 
 def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault]:
-    """Find logs that are too short, and joints that do not move on their own.
-
-    Args:
-        motion: Their rows, None where nothing is left of them.
-    """
+    """Find logs that are too short, and joints that do not move on their own."""
     seconds = sum(r.duration for r in recordings)
     out = []
     if seconds < CHECK.shortest:
@@ -268,7 +274,7 @@ def _one_way(recordings: Sequence[Recording]) -> list[Fault]:
         back += np.maximum(-change, 0).sum(axis=0)
     path = forth + back
     one_way = (np.minimum(forth, back) < CHECK.one_way * path) & (path > CHECK.travel)
-    joints = tuple(int(j) + 1 for j in np.flatnonzero(one_way))
+    joints = joints_of(one_way)
     if not joints:
         return []
     words = (
@@ -294,99 +300,3 @@ def _lockstep(motion: Motion) -> list[Fault]:
         f"{related.max():.4f}): what belongs to which of them cannot be told."
     )
     return [Fault("lockstep", joints, False, words)]
-
-
-def check_logs(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    declared: Sequence[str] | None = None,
-) -> LogCheck:
-    """Check whether logs are what they say they are.
-
-    A fault that others follow from is reported alone: with a wrong unit of time no
-    speed is too high, and with a wrong robot file nothing fits.
-
-    Args:
-        declared: Effects that the nominal model has; None for the usual ones.
-
-    Raises:
-        InputError: If there is no log.
-    """
-    if not recordings:
-        raise InputError("No log to check: expected at least one recording, got none.")
-    with np.errstate(all="ignore"):
-        faults = _faults(robot, recordings, declared)
-    return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
-
-
-def _faults(
-    robot: Robot, recordings: Sequence[Recording], declared: Sequence[str] | None
-) -> list[Fault]:
-    single = [(r, spikes(r)) for r in recordings]
-    faults = [fault for _, found in single for fault in found]
-    logs = [without_spikes(r) if found else r for r, found in single]
-    clock = time_unit(robot, logs)
-    if clock is not None:
-        faults.append(clock)
-        logs = [with_scale(r, "t", clock.repairs[0].scale) for r in logs]
-    wrapped = [fault for log in logs for fault in wraps(log, robot)]
-    if wrapped:
-        return faults + wrapped
-    dead = [fault for log in logs for fault in constant(robot, log)]
-    for log in logs:
-        faults += uneven(log) + standing(log)
-    speeds = velocity_faults(logs)
-    logs = _in_units(logs, speeds)
-    turned = degrees(robot, logs)
-    if turned or dead:
-        # Nothing more is known of an arm without one of its angles.
-        return faults + dead + carried(turned, speeds, logs)
-    return faults + _of_the_arm(robot, logs, speeds, declared)
-
-
-def _in_units(
-    logs: Sequence[Recording], speeds: Sequence[Fault]
-) -> Sequence[Recording]:
-    """Mend units of time and angle that the velocities gave away."""
-    for fault in speeds:
-        for repair in fault.repairs:
-            if repair.signal in ("t", "q") and isinstance(repair.scale, float):
-                logs = [with_scale(r, repair.signal, repair.scale) for r in logs]
-    return logs
-
-
-def _of_the_arm(
-    robot: Robot,
-    logs: Sequence[Recording],
-    speeds: Sequence[Fault],
-    declared: Sequence[str] | None,
-) -> list[Fault]:
-    """What the file, the motion and its physics say; the first that is certain wins.
-
-    Physics is the same all along a log: of long ones seven minutes are looked at.
-    """
-    faults, whole = body_faults(robot), logs
-    logs = sketch_of(logs)
-    motion = thin_rows(logs)
-    faults += enough(logs, motion)
-    if motion is None or any(fault.certain for fault in faults):
-        return [*faults, *speeds]
-    columns, reading = misread(robot, motion)
-    if not any(fault.certain for fault in columns):
-        columns = exchanged(robot, motion) or columns
-    columns = other_torque(robot, motion, columns) or columns
-    columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
-    if any(fault.kind == "wrong_robot" for fault in columns):
-        columns = long_late(robot, motion, logs) or columns
-    if columns and zero_explains(robot, motion, logs, reading):
-        return [*faults, *filtered(logs), *speeds, *out_of_range(robot, whole)]
-    computed = commanded(robot, logs)
-    fits = not columns
-    columns += computed or filtered(logs)
-    if fits and not computed:  # a command is ahead of what it makes the arm do
-        columns += late(robot, motion, logs)
-    if fits:
-        columns += frictionless(robot, motion, declared)
-    mended = any(fault.certain for fault in (*columns, *speeds))
-    faults += carried(columns, speeds, logs)
-    return faults if mended else faults + out_of_range(robot, whole)

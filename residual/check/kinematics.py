@@ -1,4 +1,4 @@
-"""Whether the logged velocity is the derivative of the logged angle.
+"""Whether time, angles and velocities go together, and are within an arm's limits.
 
 Over windows of a fifth of a second the angle must change by the integral of the
 velocity: no derivative of a noisy signal is taken.
@@ -11,12 +11,19 @@ import numpy as np
 
 from residual.check.motion import Motion
 from residual.check.reading import Reading, as_given, best_order, judge
-from residual.check.result import Fault, Repair
+from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.names import listed
 from residual.recording import Array, Recording, usual_speed
 from residual.robot.robot import Robot
 
+_TIME_UNITS = {
+    1e-3: "milliseconds",
+    1e-6: "microseconds",
+    1e-9: "nanoseconds",
+    1e3: "seconds that were taken for milliseconds",
+    1e6: "seconds that were taken for microseconds",
+}
 # Velocity over change of the angle: which signal is in which unit.
 _UNITS = {
     180 / np.pi: ("qd", "the velocities are in deg/s"),
@@ -24,6 +31,61 @@ _UNITS = {
     1 / (2 * np.pi): ("qd", "the velocities are in turns per second"),
     np.pi / 180: ("q", "the angles are in degrees"),
 }
+
+
+def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
+    """Find a time that no logger keeps, and the unit in which one would."""
+    logs = [r for r in recordings if len(r.t) > 2]
+    if not logs:
+        return None
+    rate = float(np.median([1 / np.median(np.diff(r.t)) for r in logs]))
+    # In steps of twenty samples: seconds are not known yet.
+    strides = [max(1, min(20, len(r.t) // 10)) for r in logs]
+    fastest = [
+        usual_speed(r, n, CHECK.clock_share) for r, n in zip(logs, strides, strict=True)
+    ]
+    speed = float(np.max(fastest / robot.velocity_limit))
+    usual = CHECK.slowest_rate <= rate <= CHECK.fastest_rate
+    if usual and speed < CHECK.clock_speed * 5:
+        return None
+    fits = {
+        f: abs(np.log(rate / f / CHECK.usual_rate))
+        for f in _TIME_UNITS
+        if CHECK.slowest_rate <= rate / f <= CHECK.fastest_rate
+        and speed / f < CHECK.clock_speed
+    }
+    if not fits or (usual and max(fits) < 1):
+        return None
+    scale = min(fits, key=fits.__getitem__)
+    words = (
+        f"{rate:.3g} samples per second, the fastest joint at {speed:.2g} of its speed "
+        f"limit: time looks like {_TIME_UNITS[scale]}."
+    )
+    return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
+
+
+def uneven(recording: Recording) -> list[Fault]:
+    """Find gaps in time and steps of unequal length."""
+    steps = np.diff(recording.t)
+    if len(steps) < 10:
+        return []
+    usual, words = float(np.median(steps)), []
+    gaps = np.flatnonzero(steps > CHECK.gap * usual)
+    if len(gaps):
+        worst = int(np.argmax(steps))
+        words.append(
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the largest "
+            f"{steps[worst]:.3g} s at t = {recording.t[worst]:.6g} s"
+        )
+    jitter = float(np.quantile(np.abs(steps - usual), 0.9)) / usual
+    if jitter > CHECK.uneven:
+        words.append(f"a tenth of the steps are off by more than {100 * jitter:.0f} %")
+    if not words:
+        return []
+    evidence = (
+        f"The steps of time are {1000 * usual:.4g} ms but for {', and '.join(words)}."
+    )
+    return [Fault("clock", (), False, evidence, (), recording.id)]
 
 
 def velocity_faults(recordings: Sequence[Recording]) -> list[Fault]:
@@ -37,12 +99,10 @@ def velocity_faults(recordings: Sequence[Recording]) -> list[Fault]:
     if power[0].max() == 0:
         return []
     moved = (power[0] > 0.01 * power[0].max()) & (power[1] > 0)
-    norm = np.maximum(np.outer(*power), 1e-300)
-    related = (change.T @ integral) / norm
+    related = (change.T @ integral) / np.maximum(np.outer(*power), 1e-300)
     related[~moved] = 0.0
     order, swapped = _order(related, moved)
-    slopes = _slopes(change, integral[:, order], related[:, order], moved)
-    return swapped + slopes
+    return swapped + _slopes(change, integral[:, order], related[:, order], moved)
 
 
 def _windows(recording: Recording) -> tuple[Array, Array]:
@@ -61,9 +121,8 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
 def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
     """Velocities of other joints: each angle finds its own among them."""
     own = np.diag(related)
-    sure = np.abs(related) + 0.2 * np.eye(len(own))
-    order = best_order(sure)
-    joints = tuple(j + 1 for j, i in enumerate(order) if i != j)
+    order = best_order(np.abs(related) + 0.2 * np.eye(len(own)))
+    joints = joints_of(order != np.arange(len(own)))
     best = np.abs(related[np.arange(len(own)), order])
     if not joints or any(
         best[j - 1] < CHECK.velocity_same for j in joints if moved[j - 1]
@@ -96,7 +155,7 @@ def _slopes(
             slope = slope / (size if out else 1.0)
             off = good & (np.abs(slope - 1) > CHECK.velocity_off)
     out += _single(slope, off)
-    loose = tuple(int(j) + 1 for j in np.flatnonzero(moved & ~good))
+    loose = joints_of(moved & ~good)
     if loose:
         words = (
             f"The velocity of joints {listed(loose)} is not the derivative of the "
@@ -114,8 +173,7 @@ def _common(size: float) -> list[Fault]:
     for unit, (signal, name) in _UNITS.items():
         if abs(size / unit - 1) < CHECK.velocity_alike:
             words = f"All velocities are {size:.4g} times what the angles do: {name}."
-            scale = 1 / unit if signal == "qd" else unit
-            repair = Repair(signal, scale=scale)
+            repair = Repair(signal, scale=1 / unit if signal == "qd" else unit)
             return [Fault("angle_unit", (), True, words, (repair,))]
     scale = 1 / size
     near = float(f"{scale:.1g}")
@@ -129,14 +187,12 @@ def _common(size: float) -> list[Fault]:
 
 def _single(slope: Array, off: Array) -> list[Fault]:
     out = []
-    negated = tuple(
-        int(j) + 1 for j in np.flatnonzero(off & (abs(slope + 1) < CHECK.velocity_off))
-    )
+    turned = off & (abs(slope + 1) < CHECK.velocity_off)
+    negated, scaled = joints_of(turned), joints_of(off & ~turned)
     if negated:
         words = f"The velocity of joints {listed(negated)} runs against the angle."
         repair = Repair("qd", negated, sign=(-1,) * len(negated))
         out.append(Fault("velocity_mismatch", negated, True, words, (repair,)))
-    scaled = tuple(int(j) + 1 for j in np.flatnonzero(off) if int(j) + 1 not in negated)
     if scaled:
         sizes = [float(slope[j - 1]) for j in scaled]
         words = (
@@ -150,55 +206,49 @@ def _single(slope: Array, off: Array) -> list[Fault]:
 
 def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     """Find joints that are beyond the limits of the robot file."""
-    beyond: dict[int, list[str]] = {}
-    low = np.min(
-        [np.quantile(r.q, 1 - CHECK.range_share, axis=0) for r in recordings], axis=0
+    share, words, joints = CHECK.range_share, [], set()
+    low = np.min([np.quantile(r.q, 1 - share, axis=0) for r in recordings], axis=0)
+    high = np.max([np.quantile(r.q, share, axis=0) for r in recordings], axis=0)
+    torque = np.max(
+        [np.quantile(np.abs(r.tau), share, axis=0) for r in recordings], axis=0
     )
-    high = np.max(
-        [np.quantile(r.q, CHECK.range_share, axis=0) for r in recordings], axis=0
-    )
-    speed = np.max([_speeds(r) for r in recordings], axis=0)
-    sizes = [np.quantile(np.abs(r.tau), CHECK.range_share, axis=0) for r in recordings]
-    torque = np.max(sizes, axis=0)
+    speed = _speeds(recordings)
     for j in range(robot.dof):
-        said = beyond.setdefault(j + 1, [])
         if max(robot.lower[j] - low[j], high[j] - robot.upper[j]) > CHECK.range_angle:
-            said.append(
+            joints.add(j + 1)
+            words.append(
                 f"q{j + 1} runs from {low[j]:.3g} to {high[j]:.3g} rad, its range is "
                 f"{robot.lower[j]:.3g} to {robot.upper[j]:.3g} rad"
             )
-        if speed[j] > CHECK.range_limit * robot.velocity_limit[j]:
-            said.append(
-                f"joint {j + 1} moves at {speed[j]:.3g} rad/s, its limit is "
-                f"{robot.velocity_limit[j]:.3g} rad/s"
-            )
-        if torque[j] > CHECK.range_limit * robot.torque_limit[j]:
-            said.append(
-                f"tau{j + 1} reaches {torque[j]:.3g} N m, its limit is "
-                f"{robot.torque_limit[j]:.3g} N m"
-            )
-    joints = tuple(j for j, said in beyond.items() if said)
+        for does, size, limit, unit in (
+            (f"joint {j + 1} moves at", speed, robot.velocity_limit, "rad/s"),
+            (f"tau{j + 1} reaches", torque, robot.torque_limit, "N m"),
+        ):
+            if size[j] > CHECK.range_limit * limit[j]:
+                joints.add(j + 1)
+                words.append(
+                    f"{does} {size[j]:.3g} {unit}, its limit is {limit[j]:.3g} {unit}"
+                )
     if not joints:
         return []
-    words = "; ".join(text for said in beyond.values() for text in said)
-    return [Fault("out_of_range", joints, False, f"{words}.")]
+    return [Fault("out_of_range", tuple(sorted(joints)), False, f"{'; '.join(words)}.")]
 
 
 def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     """Find single joints whose angles can be degrees but no radians."""
-    speed = np.max([_speeds(r) for r in recordings], axis=0) / robot.velocity_limit
+    speed = _speeds(recordings) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
     limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
-    beyond = (speed > CHECK.range_fast) | (reach > CHECK.range_far * limit)
+    far = (speed > CHECK.range_fast) | (reach > CHECK.range_far * limit)
     turned = float(np.deg2rad(1.0))
-    inside = (speed * turned < CHECK.range_limit) & (
-        reach * turned < limit + CHECK.range_angle
-    )
-    joints = tuple(int(j) + 1 for j in np.flatnonzero(beyond & inside))
+    inside = speed * turned < CHECK.range_limit
+    inside &= reach * turned < limit + CHECK.range_angle
+    joints = joints_of(far & inside)
     # Where most are far out, or the others are too, it is one thing for all, and
     # physics tells which.
     others = np.delete(speed, [j - 1 for j in joints])
-    if not joints or 2 * len(joints) > robot.dof or np.any(others > CHECK.range_limit):
+    most = 2 * len(joints) > robot.dof
+    if not joints or most or np.any(others > CHECK.range_limit):
         return []
     words = (
         f"The angles of joints {listed(joints)} reach "
@@ -210,30 +260,33 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     return [Fault("angle_unit", joints, True, words, (repair,))]
 
 
-def _speeds(recording: Recording) -> Array:
-    step = float(np.median(np.diff(recording.t)))
-    stride = max(1, min(round(CHECK.range_stride / step), len(recording.t) // 4))
-    return usual_speed(recording, stride, CHECK.range_share)
-
-
-def beyond(robot: Robot, recordings: Sequence[Recording]) -> tuple[int, ...]:
-    """Return joints (from 1) whose angles fit into their range, but lie beyond it."""
-    low, high = _ends(recordings)
-    off = np.maximum(robot.lower - low, high - robot.upper) > CHECK.range_angle
-    fits = high - low < robot.upper - robot.lower + CHECK.range_angle
-    return tuple(int(j) + 1 for j in np.flatnonzero(off & fits))
+def _speeds(recordings: Sequence[Recording]) -> Array:
+    """Usual largest speed of each joint in any log [rad/s]. Shape (dof,)."""
+    steps = [float(np.median(np.diff(r.t))) for r in recordings]
+    strides = [
+        max(1, min(round(CHECK.range_stride / step), len(r.t) // 4))
+        for r, step in zip(recordings, steps, strict=True)
+    ]
+    pairs = zip(recordings, strides, strict=True)
+    return np.max([usual_speed(r, n, CHECK.range_share) for r, n in pairs], axis=0)
 
 
 def zero_explains(
     robot: Robot, motion: Motion, recordings: Sequence[Recording], best: Reading
 ) -> bool:
-    """Whether another zero of one joint suits a log as well as other columns do."""
-    joints = beyond(robot, recordings)
+    """Whether another zero of one joint suits a log as well as other columns do.
+
+    Angles beyond their range may have another zero, rather than other columns.
+    """
+    low = np.min([r.q.min(axis=0) for r in recordings], axis=0)
+    high = np.max([r.q.max(axis=0) for r in recordings], axis=0)
+    beyond = np.maximum(robot.lower - low, high - robot.upper) > CHECK.range_angle
+    fits = high - low < robot.upper - robot.lower + CHECK.range_angle
+    joints = joints_of(beyond & fits)
     if len(joints) != 1:
         return False
     j = joints[0] - 1
-    low, high = (ends[j] for ends in _ends(recordings))
-    first, last = robot.lower[j] - low, robot.upper[j] - high
+    first, last = robot.lower[j] - low[j], robot.upper[j] - high[j]
     count = min(CHECK.most_zeros, 2 + int(abs(last - first) / CHECK.zero_step))
     given, other = as_given(robot.dof), judge(robot, motion, best).value
     other += CHECK.zero_worth if best == given else 0.0
@@ -243,9 +296,3 @@ def zero_explains(
         if judge(robot, replace(motion, q=q), given).nats >= other:
             return True
     return False
-
-
-def _ends(recordings: Sequence[Recording]) -> tuple[Array, Array]:
-    low = np.min([r.q.min(axis=0) for r in recordings], axis=0)
-    high = np.max([r.q.max(axis=0) for r in recordings], axis=0)
-    return low, high

@@ -1,9 +1,4 @@
-"""Torque that is smoothed at its source, late, or was never measured.
-
-A command follows from the reference alone: it is the same in every repeat, down to the
-last bit, and the model of whoever made it explains all of it. A measured torque has the
-noise of its sensor, and what no model has.
-"""
+"""Torque that is smoothed at its source, late, or was never measured."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,10 +6,10 @@ from itertools import combinations
 
 import numpy as np
 
-from residual.check.motion import Columns, Motion, columns, later_torques
+from residual.check.motion import Columns, Motion, columns, later_torques, rms
 from residual.check.physics import bent
 from residual.check.reading import as_given, judge
-from residual.check.result import DELAY, Fault
+from residual.check.result import DELAY, Fault, joints_of
 from residual.check.rules import CHECK
 from residual.names import joints_listed, listed
 from residual.recording import Array, Recording
@@ -24,73 +19,52 @@ from residual.signals.spectrum import power_density
 from residual.signals.track import Filters, motion_of
 
 _NOTHING = 1e-16
-# Derivatives of a reference have no noise: far above what an arm does.
-_PLAN_FILTERS = Filters(kinematics=25.0)
+_SHIFTS = (-0.08, -0.04, 0.0, 0.04, 0.08)  # s by which the torque is moved
 
 
 def filtered(recordings: Sequence[Recording]) -> list[Fault]:
     """Find torques without the noise that every sensor has."""
-    spectra = [_spectrum(r) for r in recordings if len(r.t) >= 4 * CHECK.segment]
-    if not spectra:
-        return []
-    fall, noise = (
-        np.min([s[0] for s in spectra], axis=0),
-        np.max([s[1] for s in spectra], axis=0),
-    )
-    joints = tuple(
-        int(j) + 1 for j in np.flatnonzero((fall > CHECK.fall) | (noise < CHECK.silent))
-    )
+    joints, noise = smoothed(recordings)
     if not joints:
         return []
     words = (
         f"The torque of joints {listed(joints)} has next to no noise "
-        f"towards half the sampling rate ({max(noise[j - 1] for j in joints):.2g} of "
+        f"towards half the sampling rate ({noise:.2g} of "
         "its rms), where a sensor's is even: it was smoothed at its source."
     )
     return [Fault("filtered", joints, False, words)]
 
 
-def _spectrum(recording: Recording) -> tuple[Array, Array]:
+def smoothed(recordings: Sequence[Recording]) -> tuple[tuple[int, ...], float]:
+    """Return joints (from 1) whose torque was smoothed at its source in all logs.
+
+    Also the noise that is left of them, at most, as a share of the torque's rms.
+    """
+    long = [r.tau for r in recordings if len(r.t) >= 4 * CHECK.segment]
+    if not long:
+        return (), 0.0
+    falls, noises = zip(*map(_spectrum, long), strict=True)
+    fall, noise = np.min(falls, axis=0), np.max(noises, axis=0)
+    joints = joints_of((fall > CHECK.fall) | (noise < CHECK.silent))
+    return joints, float(max((noise[j - 1] for j in joints), default=0.0))
+
+
+def _spectrum(tau: Array) -> tuple[Array, Array]:
     """Fall of the torque's spectrum in dB, its noise as a share of its rms. (dof,)."""
-    tau = recording.tau
     share, power = power_density(tau, CHECK.segment, robust=True)
-    near, high = (
-        power[(share >= low) & (share < top)].mean(axis=0)
-        for low, top in (CHECK.near_band, CHECK.high_band)
-    )
+    bands = CHECK.near_band, CHECK.high_band
+    near, high = (power[(share >= a) & (share < b)].mean(axis=0) for a, b in bands)
     size = np.maximum(np.var(tau, axis=0), 1e-200)
     fall = 10 * np.log10((near + _NOTHING * size) / (high + _NOTHING * size))
-    constant = np.ptp(tau, axis=0) == 0
-    return np.where(constant, 0.0, fall), np.where(
-        constant, 1.0, np.sqrt(high / size / 2)
-    )
+    noise, constant = np.sqrt(high / size / 2), np.ptp(tau, axis=0) == 0
+    return np.where(constant, 0.0, fall), np.where(constant, 1.0, noise)
 
 
 def late(robot: Robot, motion: Motion, recordings: Sequence[Recording]) -> list[Fault]:
-    """Find torque that belongs to earlier angles, or to later ones.
-
-    The torque is moved back and forth in time: where it fits the motion best, all
-    joints together, it belongs. No slope of a noisy torque is taken.
-    """
-    # In between the filtered torque is smooth enough for a polynomial.
-    powers = (
-        np.vander(x, len(CHECK.delay_shifts))
-        for x in (CHECK.delay_shifts, CHECK.delays)
-    )
-    at_shifts, at_delays = powers
-    between = at_delays @ np.linalg.inv(at_shifts)
-    moved = later_torques(recordings, CHECK.delay_shifts)
-    torques = np.einsum("ks,snj->jkn", between, moved)
-    joints = columns(robot, motion)
-    nats = np.array([_nats(motion, torques[j], j, own) for j, own in enumerate(joints)])
-    delay, sd = _peak(nats.sum(axis=0))
-    there = int(np.argmin(np.abs(CHECK.delays - delay)))
-    agree = int(
-        np.sum(nats[:, there] - nats[:, len(CHECK.delays) // 2] > CHECK.delay_agrees)
-    )
-    if abs(delay) < max(CHECK.least_delay, CHECK.delay_clear * sd) or agree < min(
-        2, robot.dof
-    ):
+    """Find torque that belongs to earlier angles, or to later ones."""
+    delay, sd, agree = delay_of(robot, motion, recordings)
+    least = max(CHECK.least_delay, CHECK.delay_clear * sd)
+    if abs(delay) < least or agree < min(2, robot.dof):
         return []
     words = (
         f"The torque comes {abs(1000 * delay):.0f} ms (+- {1000 * sd:.1f} ms) "
@@ -100,14 +74,56 @@ def late(robot: Robot, motion: Motion, recordings: Sequence[Recording]) -> list[
     return [Fault(DELAY, (), False, words)]
 
 
+def delay_of(
+    robot: Robot, motion: Motion, recordings: Sequence[Recording]
+) -> tuple[float, float, int]:
+    """Return how late torque is and its deviation [s], and how many joints show it.
+
+    The torque is moved back and forth in time: where it fits the motion best, all
+    joints together, it belongs. No slope of a noisy torque is taken.
+    """
+    delays = np.linspace(*CHECK.delays)
+    # In between the filtered torque is smooth enough for a polynomial.
+    known, wanted = (np.vander(x, len(_SHIFTS)) for x in (_SHIFTS, delays))
+    moved = later_torques(recordings, _SHIFTS)
+    torques = np.einsum("ks,snj->jkn", wanted @ np.linalg.inv(known), moved)
+    joints = columns(robot, motion)
+    nats = np.array([_nats(motion, torques[j], j, own) for j, own in enumerate(joints)])
+    # The best delay and its deviation, by a parabola through the top.
+    total, step = nats.sum(axis=0), delays[1] - delays[0]
+    i = int(np.clip(np.argmax(total), 1, len(total) - 2))
+    bend = max(float(2 * total[i] - total[i - 1] - total[i + 1]), 1e-12)
+    shift = 0.5 * float(total[i + 1] - total[i - 1]) / bend
+    delay = float(delays[i] + np.clip(shift, -1, 1) * step)
+    there = int(np.argmin(np.abs(delays - delay)))
+    more = nats[:, there] - nats[:, len(delays) // 2]
+    return delay, float(step / np.sqrt(bend)), int(np.sum(more > CHECK.delay_agrees))
+
+
+def _nats(motion: Motion, torques: Array, joint: int, own: Columns) -> Array:
+    """Log evidence of one torque at each delay, beside all that it may have. (k,)."""
+    left, size = torques[:, own.rows] - own.nominal, rms(motion.tau)
+    if not left.size:
+        return np.zeros(len(left))
+    floor = max(CHECK.delay_nearest * size[joint], CHECK.delay_coupled * size.max())
+    floor = max(floor, 1e-12)
+    sigma = max(CHECK.rough_start * size[joint], floor)
+    for _ in range(CHECK.fit_rounds):
+        a = own.values * (np.sqrt(motion.spread) / sigma)
+        y = left.T * (np.sqrt(motion.spread) / sigma)
+        at = np.linalg.solve(np.eye(a.shape[1]) + a.T @ a, a.T @ y)
+        rest = np.mean((left.T - own.values @ at) ** 2, axis=0).min()
+        nats = -0.5 * (np.sum(y**2, axis=0) - np.sum(y * (a @ at), axis=0))
+        sigma = max(float(np.sqrt(rest)), floor)
+    return nats
+
+
 def long_late(
     robot: Robot, motion: Motion, recordings: Sequence[Recording]
 ) -> list[Fault]:
     """Find torque so late that the log looks like that of another arm."""
-    strain = {}
-    for shift, tau in zip(
-        CHECK.far_delays, later_torques(recordings, CHECK.far_delays), strict=True
-    ):
+    strain, shifts = {}, np.linspace(*CHECK.far_delays).round(2)
+    for shift, tau in zip(shifts, later_torques(recordings, shifts), strict=True):
         rows = replace(motion, tau=tau)
         strain[shift] = bent(judge(robot, rows, as_given(robot.dof)))
     best = min(strain, key=strain.__getitem__, default=0.0)
@@ -121,42 +137,13 @@ def long_late(
     return [Fault(DELAY, (), False, words)]
 
 
-def _nats(motion: Motion, torques: Array, joint: int, own: Columns) -> Array:
-    """Log evidence of one torque at each delay, beside all that it may have. (k,)."""
-    left, size = torques[:, own.rows] - own.nominal, _rms(motion.tau)
-    if not left.size:
-        return np.zeros(len(left))
-    floor = max(
-        CHECK.delay_nearest * size[joint], CHECK.delay_coupled * size.max(), 1e-12
-    )
-    sigma = max(CHECK.rough_start * size[joint], floor)
-    for _ in range(4):
-        a = own.values * (np.sqrt(motion.spread) / sigma)
-        y = left.T * (np.sqrt(motion.spread) / sigma)
-        at = np.linalg.solve(np.eye(a.shape[1]) + a.T @ a, a.T @ y)
-        rest = np.mean((left.T - own.values @ at) ** 2, axis=0).min()
-        nats = -0.5 * (np.sum(y**2, axis=0) - np.sum(y * (a @ at), axis=0))
-        sigma = max(float(np.sqrt(rest)), floor)
-    return nats
-
-
-def _peak(nats: Array) -> tuple[float, float]:
-    """The best delay and its deviation, by a parabola through the top [s]."""
-    i = int(np.clip(np.argmax(nats), 1, len(nats) - 2))
-    step = CHECK.delays[1] - CHECK.delays[0]
-    bend = max(float(2 * nats[i] - nats[i - 1] - nats[i + 1]), 1e-12)
-    move = 0.5 * float(nats[i + 1] - nats[i - 1]) / bend
-    return float(CHECK.delays[i] + np.clip(move, -1, 1) * step), float(
-        step / np.sqrt(bend)
-    )
-
-
-def _rms(x: Array) -> Array:
-    return np.sqrt(np.mean(x**2, axis=0))
-
-
 def commanded(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
-    """Find torque that was computed, and logged in place of a measured one."""
+    """Find torque that was computed, and logged in place of a measured one.
+
+    A command follows from the reference alone: it is the same in every repeat, down to
+    the last bit, and the model of whoever made it explains all of it. A measured torque
+    has the noise of its sensor, and what no model has.
+    """
     return _repeated(recordings) or _followed(robot, recordings)
 
 
@@ -196,10 +183,8 @@ def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     if not worst:
         return []
     # Where the arm does what it is told to, a quiet measurement looks the same.
-    certain = bool(
-        nearest > CHECK.follows_away * max(worst, CHECK.follows / CHECK.follows_away)
-    )
-    joints = tuple(int(j) + 1 for j in np.flatnonzero(moves))
+    certain = bool(nearest > max(CHECK.follows_away * worst, CHECK.follows))
+    joints = joints_of(moves)
     words = (
         f"Expected torque with noise and with what no model has, got one that follows "
         f"from the reference alone to {100 * worst:.2g} % on {joints_listed(joints)} "
@@ -210,19 +195,13 @@ def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
 
 
 def _rows(logs: Sequence[Recording], signal: str) -> tuple[Array, Array]:
-    """Angles, speeds and accelerations of all logs by that signal, and their torque.
-
-    Returns:
-        Shapes (3, n, dof) and (n, dof).
-    """
+    """Angles, speeds and accelerations by that signal, (3, n, dof), and torque."""
     parts, torques = [], []
-    total = sum(len(r.t) for r in logs)
-    every = max(1, total // CHECK.plan_rows)
+    filters, edge = Filters(kinematics=CHECK.plan_filter), CHECK.plan_edge
+    every = max(1, sum(len(r.t) for r in logs) // CHECK.plan_rows)
     for log in logs:
-        t, _, motion = motion_of(replace(log, q=getattr(log, signal)), _PLAN_FILTERS)
-        use = np.flatnonzero(
-            (t > t[0] + CHECK.plan_edge) & (t < t[-1] - CHECK.plan_edge)
-        )[::every]
+        t, _, motion = motion_of(replace(log, q=getattr(log, signal)), filters)
+        use = np.flatnonzero((t > t[0] + edge) & (t < t[-1] - edge))[::every]
         parts.append(np.stack(motion)[:, use])
         columns = [np.interp(t[use], log.t, column) for column in log.tau.T]
         torques.append(np.column_stack(columns))

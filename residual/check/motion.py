@@ -1,4 +1,9 @@
-"""Logs thinned to the rows by which their physics is judged."""
+"""Rows by which the physics of logs is judged, and what their torque may be made of.
+
+Before a log is believed that is the body of the robot file within a rough prior, a load
+on its flange, and one broad column for each thing that arms have beside their body. A
+fault must explain more than all of these can.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +26,15 @@ from residual.robot.dynamics import (
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, Track, prepare, torque_later
 
-_FILTERS = Filters(kinematics=5.0, torque=5.0, rate=60.0)
+_FILTERS = Filters(CHECK.row_filter, CHECK.row_filter, CHECK.row_rate)
+_NOTHING = 1e-9
+OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
+_FRICTION = (1, 2, 7, 8)  # of the columns beside the body
+
+
+def rms(x: Array) -> Array:
+    """Return the root mean square along the rows."""
+    return np.sqrt(np.mean(x**2, axis=0))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,11 +66,11 @@ class Motion:
         """Return the rows of each part of every log, in time."""
         every = [np.flatnonzero(self.log == number) for number in np.unique(self.log)]
         pieces = [np.array_split(rows, parts) for rows in every]
-        return [self._at(np.concatenate(p)) for p in zip(*pieces, strict=True)]
-
-    def _at(self, rows: Array) -> "Motion":
+        numbers = (np.concatenate(p) for p in zip(*pieces, strict=True))
         names = ("q", "qd", "qdd", "tau", "moving", "log")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        return [
+            replace(self, **{k: getattr(self, k)[n] for k in names}) for n in numbers
+        ]
 
     def with_angles(self, order: Sequence[int], scale: Array) -> "Motion":
         """Return the motion with other angles: channel ``order[j]``, times a factor.
@@ -76,28 +89,24 @@ def thin_rows(recordings: Sequence[Recording]) -> Motion | None:
     chosen = _chosen(recordings)
     if not chosen:
         return None
-    parts: dict[str, list] = {k: [] for k in ("q", "qd", "qdd", "tau", "moving", "log")}
-    seconds = 0.0
-    for number, (_, track, use) in enumerate(chosen):
-        for key in ("q", "qd", "qdd"):
-            parts[key].append(getattr(track, key)[:: track.step][use])
-        parts["tau"].append(track.tau[use])
-        parts["moving"].append(track.moving[use])
-        parts["log"].append(np.full(len(use), number))
-        seconds += track.inner.sum() * track.step / track.rate
-    rows = {key: np.concatenate(value) for key, value in parts.items()}
-    count = len(rows["log"])
-    return Motion(**rows, spread=min(1.0, seconds / CHECK.apart / count))
+    parts = [
+        (
+            *(x[:: track.step][use] for x in (track.q, track.qd, track.qdd)),
+            track.tau[use],
+            track.moving[use],
+            np.full(len(use), number),
+        )
+        for number, (_, track, use) in enumerate(chosen)
+    ]
+    *rows, log = (np.concatenate(own) for own in zip(*parts, strict=True))
+    seconds = sum(t.inner.sum() * t.step / t.rate for _, t, _ in chosen)
+    return Motion(*rows, spread=min(1.0, seconds / CHECK.apart / len(log)), log=log)
 
 
 def later_torques(recordings: Sequence[Recording], ahead: Sequence[float]) -> Array:
-    """Torque on the rows of ``thin_rows``, of moments that follow them.
+    """Torque on the rows of ``thin_rows``, of moments that follow by ``ahead`` [s].
 
-    Args:
-        ahead: By how much the moments follow [s].
-
-    Returns:
-        Torques [N m]. Shape (len(ahead), n, dof).
+    Shape (len(ahead), n, dof).
     """
     chosen = _chosen(recordings)
     torques = (
@@ -107,9 +116,7 @@ def later_torques(recordings: Sequence[Recording], ahead: Sequence[float]) -> Ar
     return np.stack([np.concatenate(parts) for parts in torques])
 
 
-def _chosen(
-    recordings: Sequence[Recording],
-) -> list[tuple[Recording, Track, Array]]:
+def _chosen(recordings: Sequence[Recording]) -> list[tuple[Recording, Track, Array]]:
     """Logs that are long enough, with the numbers of the rows that are looked at."""
     long = [r for r in recordings if len(r.t) > 20]
     tracks, _ = prepare(long, _FILTERS) if long else ((), None)
@@ -121,11 +128,6 @@ def _chosen(
         (r, track, np.flatnonzero(track.inner)[::every])
         for r, track in zip(long, tracks, strict=True)
     ]
-
-
-_NOTHING = 1e-9
-OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
-_FRICTION = (1, 2, 7, 8)  # of the columns beside the body
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -145,25 +147,34 @@ class Columns:
     rows: Array
 
 
+def torque_of_file(robot: Robot, motion: Motion) -> tuple[Array, Array]:
+    """Return the inertial regressor, and the torque of the robot file. (n, dof)."""
+    y = regressor(robot.model, motion.q, motion.qd, motion.qdd)
+    return y, y @ inertial_parameters(robot.model)
+
+
+def gravity_of(robot: Robot) -> tuple[Array, Array]:
+    """Return gravity, and as much of it along the other two axes. (3,), (2, 3)."""
+    down = np.asarray(robot.model.gravity.linear)
+    across = np.delete(np.eye(3), np.argmax(np.abs(down)), axis=0)
+    return down, float(np.linalg.norm(down)) * across
+
+
 def columns(robot: Robot, motion: Motion) -> list[Columns]:
     """Return the columns of every joint."""
-    y = regressor(robot.model, motion.q, motion.qd, motion.qdd)
-    nominal = y @ inertial_parameters(robot.model)
-    size = np.sqrt(np.mean(nominal**2, axis=0))
+    y, nominal = torque_of_file(robot, motion)
+    size = rms(nominal)
     size = np.maximum(size, CHECK.least_size * max(size.max(), _NOTHING))
-    root = _inertial_root(robot)
-    outer = _outer(robot, motion)
-    out = []
+    root, outer, out = _inertial_root(robot), _outer(robot, motion), []
     for j in range(motion.dof):
         use, first = motion.moving[:, j], PER_LINK * j
         local = size[j] * _local(motion, j, use)
         body = y[use, j, first:] @ root[first:]
-        brake = np.zeros(local.shape[1])
+        values = np.column_stack([local, outer[use, j], body])
+        brake = np.zeros(values.shape[1])
         if use.any():
             friction = local[:, _FRICTION] * motion.qd[use, j, None]
             brake[list(_FRICTION)] = friction.mean(axis=0)
-        values = np.column_stack([local, outer[use, j], body])
-        brake = np.concatenate([brake, np.zeros(values.shape[1] - len(brake))])
         out.append(Columns(nominal[use, j], values, brake, use))
     return out
 
@@ -188,14 +199,9 @@ def _mass(robot: Robot) -> float:
 
 def _outer(robot: Robot, motion: Motion) -> Array:
     """Torques of a tilted base and of a force on the flange. Shape (n, dof, 5)."""
-    down = np.asarray(robot.model.gravity.linear)
-    gravity = np.linalg.norm(down)
-    across = np.delete(np.eye(3), np.argmax(np.abs(down)), axis=0)
-    tilts = [
-        gravity_torque(robot.model, motion.q, CHECK.tilt * gravity * axis)
-        for axis in across
-    ]
-    force = CHECK.pull * _mass(robot) * max(gravity, 1.0)
+    down, across = gravity_of(robot)
+    tilts = [gravity_torque(robot.model, motion.q, CHECK.tilt * x) for x in across]
+    force = CHECK.pull * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
     pulls = force * flange_jacobian(robot.model, motion.q)[:, :3]
     return np.concatenate([np.stack(tilts, axis=2), pulls.transpose(0, 2, 1)], axis=2)
 
@@ -203,7 +209,10 @@ def _outer(robot: Robot, motion: Motion) -> Array:
 def _local(motion: Motion, j: int, use: Array) -> Array:
     """Rotor, friction in several forms, and what follows the angle. Shape (n, 10)."""
     q, qd, qdd = (x[use, j] for x in (motion.q, motion.qd, motion.qdd))
-    speed, hard, wide = (_rms(x) for x in (qd, qdd, q - q.mean() if len(q) else q))
+    turn = q - q.mean() if len(q) else q
+    speed, hard, wide = (
+        max(float(rms(x)), 1e-6) if len(x) else 1.0 for x in (qd, qdd, turn)
+    )
     return np.column_stack(
         [
             qdd / hard,
@@ -212,12 +221,8 @@ def _local(motion: Motion, j: int, use: Array) -> Array:
             np.ones_like(q),
             0.5 * np.sin(q),
             0.5 * np.cos(q),
-            0.5 * (q - q.mean() if len(q) else q) / wide,
+            0.5 * turn / wide,
             0.5 * np.abs(qd) / speed,
             0.5 * np.abs(qd) * qd / speed**2,
         ]
     )
-
-
-def _rms(x: Array) -> float:
-    return max(float(np.sqrt(np.mean(x**2))) if len(x) else 1.0, 1e-6)

@@ -13,17 +13,17 @@ from itertools import combinations
 
 import numpy as np
 
-from residual.check.motion import Motion
+from residual.check.motion import Motion, gravity_of, rms, torque_of_file
 from residual.check.physics import bent, misread, wrong_robot
 from residual.check.reading import Reading, as_given, judge
-from residual.check.result import Fault, Repair
+from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.effects import registry
 from residual.effects.base import Span
 from residual.model.nominal import build_nominal, declared_names
 from residual.names import joints_listed, listed
 from residual.recording import Array
-from residual.robot.dynamics import gravity_torque, inertial_parameters, regressor
+from residual.robot.dynamics import gravity_torque
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
 
@@ -63,16 +63,19 @@ class Shares:
 
 
 def shares_of(robot: Robot, motion: Motion) -> Shares:
-    """Return the shares of a motion."""
-    y = regressor(robot.model, motion.q, motion.qd, motion.qdd)
-    nominal = y @ inertial_parameters(robot.model)
-    down = np.asarray(robot.model.gravity.linear)
-    size = float(np.linalg.norm(down))
-    across = np.delete(np.eye(3), np.argmax(np.abs(down)), axis=0)
-    every = [gravity_torque(robot.model, motion.q, size * axis) for axis in across]
+    """Return the shares of a motion, by a plain regression joint by joint.
+
+    tau = share * nominal + a qd + b sign(qd) + c + d qdd, the friction, offset and
+    rotor of any size; and the same with the nominal torque in two parts, weight and
+    inertia. A rough file, a load or a gear's losses leave the shares near one on the
+    joints that carry the arm; torque in another unit, or without a part, does not.
+    """
+    _, nominal = torque_of_file(robot, motion)
+    down, across = gravity_of(robot)
+    every = [gravity_torque(robot.model, motion.q, axis) for axis in across]
     weight = gravity_torque(robot.model, motion.q, down)
     parts = np.stack([weight, *every, nominal - weight], axis=2)
-    strong = np.sqrt(np.mean(weight**2, axis=0))
+    strong = rms(weight)
     parts[:, strong <= CHECK.weightless * strong.max(), 0] = 0.0
     rows = [_joint(motion, j, nominal[:, j], parts[:, j]) for j in range(robot.dof)]
     return Shares(*(np.array(column) for column in zip(*rows, strict=True)))
@@ -83,24 +86,14 @@ def carries(shares: Shares, least: float = 0.1) -> Array:
     return shares.load > least * shares.load.max()
 
 
-def _beside(motion: Motion, joint: int, use: Array) -> Array:
-    """Return friction, an offset and a rotor of any size. Shape (n, 4).
-
-    Args:
-        joint: Joint from 0.
-        use: Rows that are used. Shape of all rows, bool.
-    """
-    qd, qdd = motion.qd[use, joint], motion.qdd[use, joint]
-    slow = max(CHECK.turns * float(np.sqrt(np.mean(qd**2))), _NOTHING)
-    return np.column_stack([qd, np.tanh(qd / slow), np.ones_like(qd), qdd])
-
-
 def _joint(motion: Motion, j: int, nominal: Array, parts: Array) -> tuple:
     """The shares of one joint, in the order of the record."""
     use = motion.moving[:, j]
     if use.sum() < CHECK.fewest:
         return _SILENT
-    rest, tau, qd = _beside(motion, j, use), motion.tau[use, j], motion.qd[use, j]
+    tau, qd, qdd = (x[use, j] for x in (motion.tau, motion.qd, motion.qdd))
+    slow = max(CHECK.turns * float(rms(qd)), _NOTHING)
+    rest = np.column_stack([qd, np.tanh(qd / slow), np.ones_like(qd), qdd])
     _, _, without = _fit(rest, tau, motion.spread)
     columns = np.column_stack([nominal[use], rest])
     whole, sure, left = _fit(columns, tau, motion.spread)
@@ -115,7 +108,7 @@ def _joint(motion: Motion, j: int, nominal: Array, parts: Array) -> tuple:
         each[0],
         np.sqrt(wide[0, 0]),
         np.abs(each[1:heavy]).max(),
-        np.sqrt(np.mean(nominal[use] ** 2)),
+        rms(nominal[use]),
         each[heavy],
         np.sqrt(wide[heavy, heavy]),
         brake @ each[rubs],
@@ -129,7 +122,7 @@ def _fit(columns: Array, tau: Array, spread: float) -> tuple[Array, Array, float
     Rows that are near in time count as one: ``spread`` of each is independent. What is
     not there, or not to be told from others, is as uncertain as it can be.
     """
-    size = np.sqrt(np.mean(columns**2, axis=0)) + _NOTHING
+    size = rms(columns) + _NOTHING
     scaled = columns / size
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
     values = np.maximum(values, _ALIKE * len(scaled))
@@ -141,9 +134,6 @@ def _fit(columns: Array, tau: Array, spread: float) -> tuple[Array, Array, float
     gone = size < 2 * _NOTHING
     covariance[gone, gone] = np.inf
     return at / size, covariance, left
-
-
-_GEARS = CHECK.gear / 3  # times: torque so much smaller is that of motors
 
 
 def other_torque(robot: Robot, motion: Motion, found: Sequence[Fault]) -> list[Fault]:
@@ -166,12 +156,10 @@ def other_torque(robot: Robot, motion: Motion, found: Sequence[Fault]) -> list[F
     if scaled is None or _settled(robot, scaled, found):
         return []
     known = np.nan_to_num(scaled, nan=float(np.nanmedian(scaled)))
-    suits = _suits(robot, replace(motion, tau=motion.tau * known))
-    return [_unit(robot, scaled, shares)] if suits else []
-
-
-def _suits(robot: Robot, motion: Motion) -> bool:
-    return not misread(robot, motion)[0] and not wrong_robot(robot, motion)
+    mended = replace(motion, tau=motion.tau * known)
+    if misread(robot, mended)[0] or wrong_robot(robot, mended):
+        return []
+    return [_unit(robot, scaled, shares)]
 
 
 def torque_factors(shares: Shares) -> Array | None:
@@ -196,7 +184,7 @@ def torque_factors(shares: Shares) -> Array | None:
 def _settled(robot: Robot, scaled: Array, found: Sequence[Fault]) -> bool:
     """Whether what was found says of the torque's unit what its shares say."""
     if any(f.kind == "gear_ratio" and not f.repairs for f in found):
-        return bool(np.nanmin(scaled) > _GEARS)
+        return bool(np.nanmin(scaled) > CHECK.gear / 3)  # so small is a motor's torque
     repairs = [r for f in found for r in f.repairs if r.signal == "tau" and r.scale]
     scale = np.ones(robot.dof)
     for repair in repairs:
@@ -225,7 +213,11 @@ def _unit(robot: Robot, scaled: Array, shares: Shares) -> Fault:
         "arm of another size. "
     )
     known, repairs = robot.torque_per_unit, ()
-    if known is not None and _alike(own, known[shown]):
+    # As far as a rough file tells, factors are those of the robot file.
+    away = np.zeros(1) if known is None else np.abs(np.log(own / known[shown]))
+    alike = away.max() < np.log(CHECK.unlike)
+    alike &= np.median(away) < np.log(CHECK.unit_same)
+    if known is not None and alike:
         joints = tuple(range(1, robot.dof + 1))
         repairs = (Repair("tau", joints, scale=tuple(float(k) for k in known)),)
         words += "The torque_per_unit of robot.toml mends it."
@@ -237,14 +229,6 @@ def _unit(robot: Robot, scaled: Array, shares: Shares) -> Fault:
         )
     off = np.exp(abs(np.mean(np.log(scaled[np.isfinite(scaled) & carries(shares)]))))
     return Fault("torque_unit", (), bool(off > CHECK.unit_certain), words, repairs)
-
-
-def _alike(own: Array, known: Array) -> bool:
-    """Whether factors are those of the robot file, as far as a rough file tells."""
-    off = np.abs(np.log(own / known))
-    return bool(
-        np.median(off) < np.log(CHECK.unit_same) and off.max() < np.log(CHECK.unlike)
-    )
 
 
 def _weightless(shares: Shares) -> tuple[int, ...]:
@@ -264,7 +248,7 @@ def _weightless(shares: Shares) -> tuple[int, ...]:
     gone = np.maximum(np.abs(shares.weight), shares.tilted) < CHECK.weight_gone * unit
     if sure.sum() < CHECK.joints_least or not gone[sure].all():
         return ()
-    return tuple(int(j) + 1 for j in np.flatnonzero(sure))
+    return joints_of(sure)
 
 
 def _no_weight(shares: Shares, joints: tuple[int, ...]) -> Fault:
@@ -297,12 +281,10 @@ def frictionless(
     with np.errstate(all="ignore"):
         share, sd = shares.friction / power, shares.friction_sd / power
     sure = (power > 0) & (sd < CHECK.friction_sure)
-    if (
-        sure.sum() < min(CHECK.joints_least, robot.dof)
-        or not (share[sure] < CHECK.friction_gone).all()
-    ):
+    few = sure.sum() < min(CHECK.joints_least, robot.dof)
+    if few or not (share[sure] < CHECK.friction_gone).all():
         return []
-    joints = tuple(int(j) + 1 for j in np.flatnonzero(sure))
+    joints = joints_of(sure)
     words = (
         f"Expected the friction that robot.toml declares, got "
         f"{listed(share[sure], '.2f')} of its power on {joints_listed(joints)}: was "
@@ -331,11 +313,7 @@ def _declared_power(
 
 
 def exchanged(robot: Robot, motion: Motion) -> list[Fault]:
-    """Find two joints whose angles and torques are those of each other.
-
-    Args:
-        motion: Rows of its logs, of which nothing else was found.
-    """
+    """Find two joints whose angles and torques are those of each other."""
     given = shares_of(robot, motion)
     poor = carries(given) & (given.seen < CHECK.poor)
     pairs = [p for p in combinations(range(robot.dof), 2) if poor[list(p)].any()]
@@ -347,11 +325,20 @@ def exchanged(robot: Robot, motion: Motion) -> list[Fault]:
     same = as_given(robot.dof)
     other = Reading(order, same.angle_sign, 1.0, order, same.torque_sign, 1.0)
     swapped = judge(robot, motion, other)
-    if swapped.nats - judge(robot, motion, same).nats < CHECK.exchange_agrees:
+    more = swapped.nats - judge(robot, motion, same).nats
+    if more < CHECK.exchange_agrees or bent(swapped) > CHECK.bent:
         return []
-    if bent(swapped) > CHECK.bent:
-        return []
-    return [_fault(given, best, order, tried[best])]
+    joints, channels = tuple(j + 1 for j in best), tuple(i + 1 for i in order)
+    seen = listed((100 * given.seen[j] for j in best), ".0f")
+    words = (
+        f"q and tau of {joints_listed(joints)} are those of each other: the robot file "
+        f"explains {seen} % of what friction leaves of these torques, expected 70 % at "
+        f"least; in the order {listed(channels)} it does, better by {tried[best]:.0f} "
+        "nats."
+    )
+    repairs = tuple(Repair(signal, order=channels) for signal in ("q", "tau"))
+    certain = tried[best] > CHECK.exchange_certain
+    return [Fault("joint_order", joints, certain, words, repairs)]
 
 
 def _gain(robot: Robot, motion: Motion, given: Shares, pair: Sequence[int]) -> float:
@@ -376,18 +363,3 @@ def _order(dof: int, pair: Sequence[int]) -> tuple[int, ...]:
     a, b = pair
     order[a], order[b] = b, a
     return tuple(order)
-
-
-def _fault(
-    given: Shares, pair: Sequence[int], order: Sequence[int], nats: float
-) -> Fault:
-    joints = tuple(j + 1 for j in pair)
-    channels = tuple(i + 1 for i in order)
-    seen = listed((100 * given.seen[j] for j in pair), ".0f")
-    words = (
-        f"q and tau of {joints_listed(joints)} are those of each other: the robot file "
-        f"explains {seen} % of what friction leaves of these torques, expected 70 % at "
-        f"least; in the order {listed(channels)} it does, better by {nats:.0f} nats."
-    )
-    repairs = tuple(Repair(signal, order=channels) for signal in ("q", "tau"))
-    return Fault("joint_order", joints, nats > CHECK.exchange_certain, words, repairs)

@@ -1,7 +1,14 @@
-"""What a check finds in a log, and how it is repaired."""
+"""What a check finds in logs, how it is mended, and the same as JSON."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from residual.errors import InputError
+from residual.names import joints_listed, shown
+
+SCHEMA = 1
 DELAY = "delay"
 KINDS: tuple[str, ...] = (
     "torque_sign",
@@ -59,12 +66,13 @@ class Fault:
     """One thing that is wrong with a log or with the robot file.
 
     Attributes:
-        kind: One of KINDS.
+        kind: One of KINDS (docs/check.md).
         joints: Its joints, from 1; () for all.
         certain: Whether the reading given is excluded; else it is a warning.
         evidence: One or two sentences, with numbers.
         repairs: What mends it; empty where nothing can.
         log: Id of the recording, "" for all of them.
+        repair: Lines for COLUMNS.toml or robot.toml; None where no line mends it.
     """
 
     kind: str
@@ -73,14 +81,86 @@ class Fault:
     evidence: str
     repairs: tuple[Repair, ...] = ()
     log: str = ""
+    repair: str | None = None
+
+    @property
+    def where(self) -> str:
+        """Kind and joints: 'torque sign, joint 2'."""
+        joints = f", {joints_listed(self.joints)}" if self.joints else ""
+        return self.kind.replace("_", " ") + joints
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, why, and what mends it, in one line."""
+        sure = "certain" if self.certain else "suspected"
+        mended = f" To mend it: {self.repair}" if self.repair else ""
+        said = f"fault of the logs ({self.where}, {sure}): {self.evidence}{mended}"
+        return " ".join(said.split())
 
 
-@dataclass(frozen=True, slots=True)
+def joints_of(mask: np.ndarray) -> tuple[int, ...]:
+    """Return the joints (from 1) for which it is true. Shape (dof,), bool."""
+    return tuple(int(j) + 1 for j in np.flatnonzero(mask))
+
+
+_TOLD = ("kind", "joints", "certain", "evidence", "repair")  # of a fault, as JSON
+
+
+@dataclass(frozen=True, slots=True, repr=False)
 class LogCheck:
-    """What is wrong with the logs of one diagnosis.
+    """What is wrong with the logs of one command.
 
     Attributes:
         faults: The faults, certain ones first.
     """
 
-    faults: tuple[Fault, ...]
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """Return "clean", "suspect", or "unusable" where any fault is certain."""
+        if self.certain:
+            return "unusable"
+        return "suspect" if self.faults else "clean"
+
+    @property
+    def certain(self) -> tuple[Fault, ...]:
+        """The faults that exclude the reading given."""
+        return tuple(fault for fault in self.faults if fault.certain)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Every fault in a line."""
+        return tuple(fault.sentence for fault in self.faults)
+
+    def to_json(self) -> dict:
+        """Return the check in its documented form (docs/check.md)."""
+        faults = [{name: getattr(f, name) for name in _TOLD} for f in self.faults]
+        faults = [fault | {"joints": list(fault["joints"])} for fault in faults]
+        return {"schema": SCHEMA, "verdict": self.verdict, "faults": faults}
+
+    def __repr__(self) -> str:
+        lines = [f"LogCheck({self.verdict})"]
+        for fault in self.faults:
+            sure = "certain" if fault.certain else "suspect"
+            lines.append(f"  {fault.where} ({sure}): {fault.evidence}")
+            lines += [f"    {line}" for line in (fault.repair or "").splitlines()]
+        return "\n".join(lines)
+
+
+def from_json(document: Mapping) -> LogCheck:
+    """Return the check of a document.
+
+    Raises:
+        InputError: If it is of another schema, or a key is missing.
+    """
+    if document.get("schema") != SCHEMA:
+        raise InputError(
+            f"A check of schema {shown(document.get('schema'))}, expected {SCHEMA}."
+        )
+    try:
+        told = [{name: f[name] for name in _TOLD} for f in document["faults"]]
+        faults = (Fault(**one | {"joints": tuple(one["joints"])}) for one in told)
+        return LogCheck(tuple(faults))
+    except (KeyError, TypeError) as error:
+        raise InputError(f"This is no whole check: {error!r}.") from error

@@ -6,14 +6,14 @@ the faults that are missed, and those that healthy arms are accused of.
 
 from dataclasses import dataclass
 
-import numpy as np
-
 
 @dataclass(frozen=True, slots=True)
 class Rules:
     """What decides whether a log is what it says it is; nats are log evidence."""
 
     # Rows by which the physics of a log is judged.
+    row_filter: float = 5.0  # Hz, on angles and torque
+    row_rate: float = 60.0  # Hz
     most_rows: int = 360
     apart: float = 0.3  # s: rows nearer to each other count as one in evidence
 
@@ -167,9 +167,8 @@ class Rules:
     silent: float = 1e-4  # of the rms: below it no sensor's noise is
 
     # Torque that is late.
-    delay_shifts: tuple[float, ...] = (-0.08, -0.04, 0.0, 0.04, 0.08)  # s
-    delays: tuple[float, ...] = tuple(np.linspace(-0.08, 0.08, 41))  # s in between
-    far_delays: tuple[float, ...] = tuple(np.linspace(-1.0, 1.0, 51).round(2))  # s
+    delays: tuple[float, float, int] = (-0.08, 0.08, 41)  # s that are tried
+    far_delays: tuple[float, float, int] = (-1.0, 1.0, 51)  # s, for another arm's logs
     least_delay: float = 0.006  # s
     delay_clear: float = 4.0  # deviations of all joints
     delay_agrees: float = 2.0  # nats of each joint that counts

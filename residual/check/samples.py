@@ -1,4 +1,9 @@
-"""Samples that no arm can have made, and logs without them, or in another unit."""
+"""Samples that no arm can have made: spikes, leaps, values that stand or are coarse.
+
+A joint that is held has an angle of one value too. It feels the others: its torque is
+what the robot file, bent as far as a rough one may be, gives for a standing joint.
+Torque beyond that is a moving joint's.
+"""
 
 from dataclasses import replace
 
@@ -7,11 +12,13 @@ from scipy.ndimage import median_filter
 
 from residual.check.motion import Columns, Motion, columns, thin_rows
 from residual.check.reported import shares_of, torque_factors
-from residual.check.result import Fault
+from residual.check.result import Fault, joints_of
 from residual.check.rules import CHECK
 from residual.names import joints_listed
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
+
+_NOTHING = 1e-12
 
 
 def spikes(recording: Recording) -> list[Fault]:
@@ -24,15 +31,24 @@ def spikes(recording: Recording) -> list[Fault]:
         for j, column in enumerate(signal.T):
             at, size, usual = _single(column)
             if len(at):
-                out.append(_spike(recording, f"{name}{j + 1}", (at, size, usual)))
+                near = recording.t[int(at[len(at) // 2])]
+                words = (
+                    f"{name}{j + 1} leaves its neighbours for single samples, as near "
+                    f"t = {near:.6g} s, by {size / max(usual, 1e-12):.3g} times what "
+                    "its samples usually do."
+                )
+                out.append(_suspected("spike", recording, j, words))
     return out
+
+
+def _suspected(kind: str, recording: Recording, j: int, words: str) -> Fault:
+    return Fault(kind, (j + 1,), False, words, (), recording.id)
 
 
 def wraps(recording: Recording, robot: Robot) -> list[Fault]:
     """Find angles that leap by a whole turn between two samples: an encoder that wraps.
 
-    Args:
-        robot: The arm, for what its joints can do in a step.
+    No joint of the robot can go so far in a step.
     """
     leap = np.diff(recording.q, axis=0)
     whole = np.abs(np.abs(leap) - 2 * np.pi) < CHECK.whole_turn
@@ -41,8 +57,7 @@ def wraps(recording: Recording, robot: Robot) -> list[Fault]:
     )
     # Of an angle in other units many steps are large, and of any size.
     large = np.abs(leap) > np.pi
-    found = (whole & far).any(axis=0) & (whole == large).all(axis=0)
-    joints = tuple(int(j) + 1 for j in np.flatnonzero(found))
+    joints = joints_of((whole & far).any(axis=0) & (whole == large).all(axis=0))
     if not joints:
         return []
     words = (
@@ -65,48 +80,25 @@ def _single(x: Array) -> tuple[Array, float, float]:
     return np.flatnonzero(high), float(away.max()), float(usual)
 
 
-def _spike(recording: Recording, name: str, found: tuple[Array, float, float]) -> Fault:
-    at, size, usual = found
-    worst = int(at[len(at) // 2])
-    words = (
-        f"{name} leaves its neighbours for single samples, as near t = "
-        f"{recording.t[worst]:.6g} s, by {size / max(usual, 1e-12):.3g} times what its "
-        "samples usually do."
-    )
-    joint = int(name.lstrip("qdtau"))
-    return Fault("spike", (joint,), False, words, (), recording.id)
-
-
 def with_scale(recording: Recording, signal: str, scale: float) -> Recording:
-    """Return a log with one of its signals times a factor.
-
-    Args:
-        signal: "t", "q", "qd", "tau" or "q_ref".
-    """
-    return replace(
-        recording, **{signal: np.asarray(getattr(recording, signal)) * scale}
-    )
+    """Return a log with one of its signals, if it has that, times a factor."""
+    values = getattr(recording, signal)
+    if values is None:
+        return recording
+    return replace(recording, **{signal: np.asarray(values) * scale})
 
 
 def without_spikes(recording: Recording) -> Recording:
     """Return a log smoothed by a running median, which no single sample survives."""
-    names = ("q", "qd", "tau")
-    signals = {name: getattr(recording, name) for name in names}
+    signals = {name: getattr(recording, name) for name in ("q", "qd", "tau")}
     smooth = {k: running_median(x) for k, x in signals.items() if x is not None}
     return replace(recording, **smooth)
 
 
 def running_median(x: Array) -> Array:
-    """Return the median over each sample and its neighbours.
-
-    Args:
-        x: Samples along the first axis. Shape (n,) or (n, dof).
-    """
+    """Return the median over each sample and its neighbours. (n,) or (n, dof)."""
     window = (CHECK.median_window,) + (1,) * (x.ndim - 1)
     return median_filter(x, window, mode="nearest")
-
-
-_NOTHING = 1e-12
 
 
 def standing(recording: Recording) -> list[Fault]:
@@ -118,12 +110,12 @@ def standing(recording: Recording) -> list[Fault]:
         clipped = _clipped(recording.tau[:, j])
         if clipped:
             words = f"tau{j + 1} stands at {clipped} again and again: it is cut there."
-            out.append(Fault("saturated", (j + 1,), False, words, (), recording.id))
+            out.append(_suspected("saturated", recording, j, words))
         coarse = _coarse(recording, j)
         # Coarse values stand by themselves.
         if not clipped and not coarse:
-            out += _frozen_torque(recording, j)
-        out += coarse or _frozen_angle(recording, j)
+            out += _frozen(recording, "tau", j, _while_torque(recording, j))
+        out += coarse or _frozen(recording, "q", j, _while_angle(recording, j))
     return out
 
 
@@ -142,44 +134,46 @@ def _longest(recording: Recording, x: Array) -> tuple[int, int] | None:
     k = int(np.argmax(lengths))
     step = float(np.median(np.diff(recording.t)))
     usual = float(np.quantile(np.delete(lengths, k), 0.95))
-    if lengths[k] < max(
-        CHECK.frozen_time / step, CHECK.frozen_samples, CHECK.usual_runs * usual
-    ):
+    least = max(CHECK.frozen_time / step, CHECK.frozen_samples)
+    if lengths[k] < max(least, CHECK.usual_runs * usual):
         return None
     return int(starts[k]), int(starts[k] + lengths[k])
 
 
-def _frozen_torque(recording: Recording, j: int) -> list[Fault]:
-    found = _longest(recording, recording.tau[:, j])
-    if np.ptp(recording.tau[:, j]) == 0 and np.ptp(recording.q[:, j]) > CHECK.moves:
+_Standing = tuple[int, int, str] | None  # first sample, the one behind, what moves
+
+
+def _while_torque(recording: Recording, j: int) -> _Standing:
+    tau, q = recording.tau[:, j], recording.q[:, j]
+    found = _longest(recording, tau)
+    if np.ptp(tau) == 0 and np.ptp(q) > CHECK.moves:
         found = (0, len(recording.t))
-    if found is None:
-        return []
-    a, b = found
-    if np.ptp(recording.q[a:b, j]) < CHECK.moves:
-        return []
-    return [_frozen(recording, f"tau{j + 1}", found, "its joint moves")]
+    if found is None or np.ptp(q[slice(*found)]) < CHECK.moves:
+        return None
+    return (*found, "its joint moves")
 
 
-def _frozen_angle(recording: Recording, j: int) -> list[Fault]:
-    found = _longest(recording, recording.q[:, j])
+def _while_angle(recording: Recording, j: int) -> _Standing:
+    q, wanted = recording.q[:, j], recording.q_ref
+    found = _longest(recording, q)
     if found is None:
-        return []
-    (a, b), q = found, recording.q[:, j]
+        return None
     usual = float(np.quantile(np.abs(np.diff(q)), 0.99))
-    jump = abs(q[min(b, len(q) - 1)] - q[b - 1])
-    wanted = recording.q_ref
-    if wanted is not None and np.ptp(wanted[a:b, j]) > CHECK.moves:
-        return [_frozen(recording, f"q{j + 1}", found, "its reference moves")]
-    if jump > max(CHECK.jump, 3 * usual):
-        return [_frozen(recording, f"q{j + 1}", found, "it then jumps")]
-    return []
+    jump = abs(q[min(found[1], len(q) - 1)] - q[found[1] - 1])
+    if wanted is not None and np.ptp(wanted[slice(*found), j]) > CHECK.moves:
+        return (*found, "its reference moves")
+    return (*found, "it then jumps") if jump > max(CHECK.jump, 3 * usual) else None
 
 
-def _frozen(recording: Recording, name: str, found: tuple[int, int], why: str) -> Fault:
+def _frozen(recording: Recording, name: str, j: int, found: _Standing) -> list[Fault]:
+    if found is None:
+        return []
     first, last = recording.t[found[0]], recording.t[found[1] - 1]
-    words = f"{name} stands still from t = {first:.6g} to {last:.6g} s, while {why}."
-    return Fault("frozen", (int(name.lstrip("qtau")),), False, words, (), recording.id)
+    words = (
+        f"{name}{j + 1} stands still from t = {first:.6g} to {last:.6g} s, while "
+        f"{found[2]}."
+    )
+    return [_suspected("frozen", recording, j, words)]
 
 
 def _clipped(x: Array) -> str:
@@ -205,20 +199,20 @@ def _coarse(recording: Recording, j: int) -> list[Fault]:
         words = (
             f"tau{j + 1} comes in steps of {step:.3g} N m, its rms is {size:.3g} N m."
         )
-        out.append(Fault("quantised", (j + 1,), False, words, (), recording.id))
-    step = _step(q)
+        out.append(_suspected("quantised", recording, j, words))
+    step, cutoff = _step(q), CHECK.coarse_cutoff
     if step and np.ptp(q) > CHECK.moves:
-        stride = max(1, round(rate / (2 * CHECK.coarse_cutoff)))
+        stride = max(1, round(rate / (2 * cutoff)))
         bend = np.diff(q[::stride], 2) * (rate / stride) ** 2
-        noise = step / np.sqrt(12) * np.sqrt(min(1.0, 2 * CHECK.coarse_cutoff / rate))
-        noise *= (2 * np.pi * CHECK.coarse_cutoff) ** 2 / np.sqrt(5)
+        # Noise of steps, evenly over their band, behind two derivatives.
+        noise = step / np.sqrt(12) * np.sqrt(min(1.0, 2 * cutoff / rate))
+        noise *= (2 * np.pi * cutoff) ** 2 / np.sqrt(5)
         if noise > CHECK.coarse_angle * float(np.sqrt(np.mean(bend**2))):
             words = (
-                f"q{j + 1} comes in steps of {step:.3g} rad: at "
-                f"{CHECK.coarse_cutoff:g} Hz that is {noise:.3g} rad/s^2, as much as "
-                "its acceleration."
+                f"q{j + 1} comes in steps of {step:.3g} rad: at {cutoff:g} Hz that is "
+                f"{noise:.3g} rad/s^2, as much as its acceleration."
             )
-            out.append(Fault("quantised", (j + 1,), False, words, (), recording.id))
+            out.append(_suspected("quantised", recording, j, words))
     return out
 
 
@@ -240,7 +234,7 @@ def constant(robot: Robot, recording: Recording) -> list[Fault]:
     if len(recording.t) < 50 or not len(still) or span.max() < CHECK.moves:
         return []
     said = {int(j): _moves_elsewhere(recording, j) for j in still}
-    faults = [_fault(recording, j, why, True) for j, why in said.items() if why]
+    faults = [_unmoved(recording, j, why, True) for j, why in said.items() if why]
     motion, rest = thin_rows([recording]), [j for j, why in said.items() if not why]
     if motion is None or not rest:
         return faults
@@ -260,15 +254,11 @@ def _moves_elsewhere(recording: Recording, j: int) -> str:
     if qd is not None:
         steps = np.diff(recording.t) * (qd[1:, j] + qd[:-1, j]) / 2
         way = float(np.ptp(np.cumsum(steps)))
+        smooth = np.std(np.diff(qd[:, j])) < 0.5 * np.std(qd[:, j])
         # What an offset and noise of a velocity add up to is no motion.
-        if way > CHECK.moves + 3 * abs(float(steps.sum())) and _turns(qd[:, j]):
+        if way > CHECK.moves + 3 * abs(float(steps.sum())) and smooth:
             return f"its velocity adds up to {way:.3g} rad"
     return ""
-
-
-def _turns(qd: Array) -> bool:
-    """Whether a velocity is smooth beside its size: its steps are those of a motion."""
-    return bool(np.std(np.diff(qd)) < 0.5 * np.std(qd))
 
 
 def _by_torque(
@@ -287,10 +277,9 @@ def _by_torque(
         f"its torque moves by {np.ptp(tau):.3g} N m, {left:.3g} N m rms beside "
         f"all that a held joint feels of the others' motion (about {feels:.3g} N m)"
     )
-    certain = (
-        left > CHECK.held_most_left * size and left > CHECK.held_far_beyond * feels
-    )
-    return _fault(recording, j, why, certain)
+    most, far = CHECK.held_most_left * size, CHECK.held_far_beyond * feels
+    certain = left > most and left > far
+    return _unmoved(recording, j, why, certain)
 
 
 def _left(motion: Motion, tau: Array, own: Columns) -> float:
@@ -306,7 +295,7 @@ def _left(motion: Motion, tau: Array, own: Columns) -> float:
     return float(np.std(left))
 
 
-def _fault(recording: Recording, j: int, why: str, certain: bool) -> Fault:
+def _unmoved(recording: Recording, j: int, why: str, certain: bool) -> Fault:
     words = (
         f"q{j + 1} is {recording.q[0, j]:.6g} rad in all {len(recording.t)} samples, "
         f"bit for bit, while {why}: expected an angle that moves with it. Map the "

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from residual.check.report import CheckReport
+from residual.check.result import LogCheck
 from residual.diagnosis.causes.alternative import Alternative, Place
 from residual.diagnosis.causes.change import Change
 from residual.diagnosis.causes.edit.edits import Edit
@@ -208,7 +208,7 @@ class Verdict:
     nominal_scale: Number
     next_experiment: Mapping | None
     warnings: tuple[str, ...]
-    log_check: CheckReport | None = None
+    log_check: LogCheck | None = None
     contradictions: tuple[str, ...] = ()
     drift: Drift | None = None
     background: tuple[Finding, ...] = ()

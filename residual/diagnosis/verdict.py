@@ -6,8 +6,8 @@ Every key is always there; what does not apply is null, and nothing is NaN.
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from residual.check.report import CheckReport
-from residual.check.report import from_json as read_report
+from residual.check.result import LogCheck
+from residual.check.result import from_json as read_report
 from residual.diagnosis.causes.alternative import Alternative
 from residual.diagnosis.causes.change import Change
 from residual.diagnosis.causes.edit.edits import Edit
@@ -104,7 +104,7 @@ def from_json(document: Mapping) -> Verdict:
         raise InputError(f"This is no whole verdict: {shown(error)}.") from error
 
 
-def _read_check(entry: Mapping | None) -> CheckReport | None:
+def _read_check(entry: Mapping | None) -> LogCheck | None:
     """Records of before have no check; theirs is not known."""
     return None if entry is None else read_report(entry)
 

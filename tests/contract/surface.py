@@ -19,7 +19,7 @@ import modelgap as mg
 from flows.cli.app import app
 from flows.report.terminal.answers import values_of
 from flows.steps.export import TARGETS
-from residual.check.report import CheckReport, FaultReport
+from residual.check.result import Fault, LogCheck
 from residual.diagnosis.result import Verdict
 from residual.diagnosis.verdict import from_json, to_json
 from tests.checkout import ROOT
@@ -117,7 +117,7 @@ def _frozen(path: Path) -> list[str]:
 
 
 def _check() -> dict:
-    return CheckReport((FaultReport("clock", (1,), True, "why", "line"),)).to_json()
+    return LogCheck((Fault("clock", (1,), True, "why", repair="line"),)).to_json()
 
 
 def _keys(value: Any, where: str = "") -> set[str]:

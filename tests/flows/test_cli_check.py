@@ -9,8 +9,7 @@ import pytest
 from flows.cli import main
 from flows.report.words.verdict import CLEAN, MEANING, summary, title
 from flows.steps import check as steps
-from residual.check.report import CheckReport, FaultReport, from_json
-from residual.check.result import KINDS, Fault, LogCheck, Repair
+from residual.check.result import KINDS, Fault, LogCheck, Repair, from_json
 from residual.errors import InputError
 
 HIDDEN = Path(__file__).parents[2] / "examples" / "hidden"
@@ -194,9 +193,9 @@ def test_bad_words_end_with_two(log, capsys, words, message):
 
 def test_every_kind_has_its_words():
     assert set(MEANING) == set(KINDS)
-    fault = FaultReport("gear_ratio", (1, 2, 3), False, "")
+    fault = Fault("gear_ratio", (1, 2, 3), False, "")
     assert title(fault) == "a gear ratio is missing or wrong (joints 1 to 3)"
-    only = CheckReport((fault,))
+    only = LogCheck((fault,))
     assert summary(only) == "The logs are usable, with care: 1 suspected fault."
     assert "gear ratio, joints 1, 2, 3 (suspect)" in repr(only)
 

@@ -5,9 +5,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from flows.inputs.repair import gravity_line, repair_lines, with_followers
+from flows.inputs.repair import gravity_line, repair_lines
 from residual.check.result import Repair
-from residual.recording import Recording
 from residual.robot.robot import load_robot
 from warehouse.logs import ColumnMap, load_columns, read_any
 
@@ -209,29 +208,3 @@ def test_gravity_is_mended_in_the_robot_file(arm, gravity, line):
     assert gravity_line(arm(f"[robot]\ngravity = {gravity}")) == line
     # Grams and millimetres stand in the URDF.
     assert repair_lines([Repair("robot", scale=1e-3)], arm(), ColumnMap()) is None
-
-
-SIGNS = Repair("q", (2,), sign=(-1,))
-
-
-def moving(q, qd=None, q_ref=None):
-    return Recording("a", "arm", np.arange(500) / 50, q, q, qd, None, q_ref)
-
-
-def test_speeds_and_references_that_agree_with_the_angles_go_with_their_repair(table):
-    q, qd = table[:, 1:4], table[:, 4:7]
-    both = moving(q, qd, q + 0.01)
-    assert [r.signal for r in with_followers([SIGNS], [SIGNS], [both])] == [
-        "q",
-        "qd",
-        "q_ref",
-    ]
-    degrees = moving(np.rad2deg(q), qd, np.rad2deg(q))
-    told = with_followers([SIGNS], [SIGNS], [degrees])
-    assert [r.signal for r in told] == ["q", "q_ref"]
-    assert with_followers([SIGNS], [SIGNS], [moving(q), both]) == [SIGNS]
-    own = Repair("qd", scale=0.1)
-    told = with_followers([SIGNS], [SIGNS, own], [moving(q, qd)])
-    assert told == [SIGNS]
-    torque = Repair("tau", scale=0.1)
-    assert with_followers([torque], [torque], [both]) == [torque]

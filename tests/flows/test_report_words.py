@@ -12,7 +12,7 @@ from flows.report.words.outlook import (
 from flows.report.words.phrases import joint_words, listing, noun, phrase
 from flows.report.words.verdict import headline, rising
 from residual import quantity
-from residual.check.report import CheckReport, FaultReport
+from residual.check.result import Fault, LogCheck
 from residual.diagnosis.result import Place, Verdict
 from residual.effects import vocabulary
 from tests.flows import report_outcomes as made
@@ -211,8 +211,8 @@ def test_nothing_named_is_not_always_nothing_missing(levels, words) -> None:
 
 
 def test_a_suspected_fault_comes_before_the_effects() -> None:
-    fault = FaultReport("torque_sign", (2,), False, "it drives", "sign = -1")
-    report = CheckReport((fault,))
+    fault = Fault("torque_sign", (2,), False, "it drives", repair="sign = -1")
+    report = LogCheck((fault,))
     told = headline(replace(made.nothing().verdict, log_check=report))
     assert told.startswith("No effect is named, but the logs may be at fault: ")
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.check.report import CheckReport, FaultReport
+from residual.check.result import Fault, LogCheck
 from residual.close import close_the_loop
 from residual.diagnosis.result import PLAIN
 from residual.diagnosis.verdict import from_json, to_json
@@ -236,15 +236,15 @@ def test_its_models_come_with_it(outcome_of, kind):
     assert named <= {t.effect.name for t in found.models["augmented"].terms}
 
 
-FAULT = FaultReport("torque_sign", (2,), True, "Friction gives.", "tau = {}")
-DOUBT = FaultReport("filtered", (), False, "No noise.")
+FAULT = Fault("torque_sign", (2,), True, "Friction gives.", repair="tau = {}")
+DOUBT = Fault("filtered", (), False, "No noise.")
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(
     outcome_of, kind
 ):
-    found = with_check(outcome_of(kind), CheckReport((FAULT, DOUBT)))
+    found = with_check(outcome_of(kind), LogCheck((FAULT, DOUBT)))
     verdict = to_json(found.verdict)
     assert (verdict["verdict"], verdict["effects"]) == ("unknown", [])
     assert verdict["minimum_detectable"] == []
@@ -282,7 +282,7 @@ def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_doubt_of_the_logs_is_a_warning_and_changes_nothing_else(outcome_of, kind):
     before = outcome_of(kind)
-    found = with_check(before, CheckReport((DOUBT,)))
+    found = with_check(before, LogCheck((DOUBT,)))
     after, same = to_json(found.verdict), to_json(before.verdict)
     assert after.pop("log_check")["verdict"] == "suspect"
     assert after.pop("warnings") == [DOUBT.sentence, *same.pop("warnings")]

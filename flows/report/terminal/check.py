@@ -3,10 +3,10 @@
 from flows.inputs.repair import place_of
 from flows.report.words.phrases import sentence_case
 from flows.report.words.verdict import summary, title
-from residual.check.report import CheckReport, FaultReport
+from residual.check.result import Fault, LogCheck
 
 
-def lines(report: CheckReport) -> list[str]:
+def lines(report: LogCheck) -> list[str]:
     """Return the answer: one line, then a paragraph for each fault."""
     said = ["", summary(report)]
     for fault in report.faults:
@@ -14,7 +14,7 @@ def lines(report: CheckReport) -> list[str]:
     return said
 
 
-def _fault(fault: FaultReport) -> list[str]:
+def _fault(fault: Fault) -> list[str]:
     sure = "certain" if fault.certain else "suspected"
     said = [f"{sentence_case(title(fault))}: {fault.kind}, {sure}."]
     said += [f"  {line}" for line in fault.evidence.splitlines()]

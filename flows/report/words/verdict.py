@@ -15,7 +15,7 @@ from flows.report.words.phrases import (
     place,
     sentence_case,
 )
-from residual.check.report import CheckReport, FaultReport
+from residual.check.result import Fault, LogCheck
 from residual.diagnosis.result import ErrorTables, Finding, Number, Verdict
 from residual.quantity import bare_percent, known, percent
 
@@ -59,7 +59,7 @@ _MORE = {
 }
 
 
-def summary(report: CheckReport) -> str:
+def summary(report: LogCheck) -> str:
     """Return the answer in one sentence."""
     certain, rest = len(report.certain), len(report.faults) - len(report.certain)
     if not report.faults:
@@ -71,7 +71,7 @@ def summary(report: CheckReport) -> str:
     return f"The logs are {ends}: {' and '.join(counted)} fault{many}."
 
 
-def enough(report: CheckReport | None) -> list[str]:
+def enough(report: LogCheck | None) -> list[str]:
     """Return what the motion is too poor for, and the motion that would help."""
     if report is None:
         return []
@@ -86,7 +86,7 @@ def enough(report: CheckReport | None) -> list[str]:
     return out[:1]
 
 
-def title(fault: FaultReport) -> str:
+def title(fault: Fault) -> str:
     """Return what is wrong and where: 'torque counts the other way round, joint 2'."""
     joints = joint_words(fault.joints)
     meaning = MEANING.get(fault.kind, fault.kind.replace("_", " "))

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.check.check import check_logs, time_unit, uneven
-from residual.check.kinematics import velocity_faults
+from residual.check.check import check_logs
+from residual.check.kinematics import time_unit, uneven, velocity_faults
 from residual.check.result import Repair
 from tests.residual.check.damaged import clean_logs, edited, swapped, times, turned
 

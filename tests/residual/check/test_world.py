@@ -11,8 +11,8 @@ import pytest
 from residual.check.check import check_logs
 from residual.check.late import late
 from residual.check.motion import thin_rows
+from residual.check.physics import out_of_proportion
 from residual.check.result import Repair
-from residual.check.world import out_of_proportion
 from residual.signals.low_pass import low_pass
 from tests.residual.arms import bare_irb140
 from tests.residual.check.damaged import clean_logs, edited, times, turned
