@@ -70,8 +70,8 @@ class Fault:
         joints: Its joints, from 1; () for all.
         certain: Whether the reading given is excluded; else it is a warning.
         evidence: One or two sentences, with numbers.
-        repairs: What mends it; empty where nothing can.
-        log: Id of the recording, "" for all of them.
+        repairs: What mends it, until it is told by lines; empty where nothing can.
+        log: Id of the recording, until it is in the evidence; "" for all of them.
         repair: Lines for COLUMNS.toml or robot.toml; None where no line mends it.
     """
 

@@ -101,6 +101,9 @@ def test_velocity_and_reference_are_mended_with_their_angle():
     assert {r.signal for r in fault.repairs} == {"q", "qd", "q_ref"}
     (fault,) = check_logs(robot, edited(both, q=times(180 / np.pi))).faults
     assert fault.repairs == (Repair("q", scale=np.pi / 180),)
+    shown = {"q": times(180 / np.pi), "q_ref": times(180 / np.pi)}
+    (fault,) = check_logs(robot, edited(both, **shown)).faults
+    assert {r.signal for r in fault.repairs} == {"q", "q_ref"}
 
 
 def test_what_the_model_misses_of_a_torque_makes_no_delay_smaller():
