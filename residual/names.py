@@ -52,11 +52,7 @@ def shown(value: object) -> str:
 
 
 def check_keys(table: Iterable[str], known: Iterable[str], where: str) -> None:
-    """Check every key of one table of a TOML file.
-
-    Raises:
-        UnknownNameError: On the first key that is not known.
-    """
+    """Check every key of one table of a TOML file."""
     known = tuple(known)
     for key in table:
         check_name(key, known, f"key in {where}")
@@ -81,9 +77,6 @@ def check_nesting(content: Content, where: str) -> Content:
 
     Args:
         content: What a reader of TOML or JSON made of it.
-
-    Raises:
-        InputError: If they are.
     """
     level: list = [content]
     for _ in range(DEEPEST + 1):

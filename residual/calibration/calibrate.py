@@ -22,6 +22,7 @@ from residual.calibration.methods import (
     levels_of,
     methods,
 )
+from residual.calibration.methods import NONE as NOTHING
 from residual.calibration.nominal import (
     Prepared,
     identified_without,
@@ -38,10 +39,10 @@ from residual.calibration.rows import (
     thinning,
 )
 from residual.calibration.scores import (
+    RUN,
     UNSEEN,
     Scheme,
     Score,
-    judge_responses,
     make_schemes,
     score,
 )
@@ -54,7 +55,6 @@ from residual.calibration.views import (
     Terms,
     Unseen,
     components_of,
-    find_runs,
     oddities_of,
     plane_of,
     sweep_levels,
@@ -72,80 +72,11 @@ from residual.tables.lookup import Axis, Lookup, Table
 from residual.tables.nominal_choice import ChosenLevels
 from residual.tables.nominal_pls import NominalForm, nominal_lookup
 
-
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """What rows are wanted.
-
-    Attributes:
-        paper: The paper's regressors and twin error, in place of measured motion.
-        declared: Effects that the nominal model has; None for the robot's own list.
-        joints: Joints of X and Y, from 1; None for all, or the paper's.
-    """
-
-    paper: bool = False
-    declared: tuple[str, ...] | None = None
-    joints: tuple[int, ...] | None = None
-
-
-class Source:
-    """Rows, and what nominal models leave on them; each is identified once."""
-
-    def __init__(
-        self, robot: Robot, runs: Sequence[Run], asked: Asked, named: Sequence[Term]
-    ) -> None:
-        self._prepared: Prepared | None = None
-        self._known: dict[tuple, Array] = {}
-        self.nominal: Model | None = None
-        self.declared: tuple[str, ...] = tuple(robot.declared)
-        self.notes: tuple[str, ...] = ()
-        self.named: tuple = ()
-        if asked.paper:
-            runs, self.notes = shorten(runs)
-            self.rows = paper_rows(runs, asked.joints)
-            if asked.declared is not None:
-                self.notes = (
-                    *self.notes,
-                    "--declared says nothing with --paper: the twin has what its "
-                    "robot declares",
-                )
-            return
-        self._prepared = prepare_runs(robot, runs, asked.declared)
-        self.declared = self._prepared.names
-        self.nominal = identified_without(self._prepared)
-        left = self._prepared.residuals(self.nominal)
-        self._thin, self.notes = thinning(runs)
-        self._joints = asked.joints
-        self.rows = self._rows(left)
-        self._known[frozenset(), False] = self.rows.Y
-        self.named = named
-
-    def plain(self, left_out: Collection[int]) -> Array:
-        """What the nominal model leaves. Shape (n, j)."""
-        return self._left(left_out, ())
-
-    def with_effects(self, left_out: Collection[int]) -> Array:
-        """What the model with named effects leaves. Shape (n, j)."""
-        return self._left(left_out, self.named)
-
-    def _left(self, left_out: Collection[int], named: tuple) -> Array:
-        if self._prepared is None:
-            return self.rows.Y
-        key = (frozenset(left_out), bool(named))
-        if key not in self._known:
-            model = identified_without(self._prepared, left_out, named)
-            self._known[key] = self._rows(self._prepared.residuals(model)).Y
-        return self._known[key]
-
-    def _rows(self, left: Sequence[Array]) -> Rows:
-        runs, tracks = self._prepared.runs, self._prepared.tracks
-        return measured_rows(runs, tracks, left, self._joints, self._thin)
-
-
 Progress = Callable[[str, float], None]
 # On random rows the error still falls at 30 components; the paper does not say.
 PAPER_SETTING = NominalForm(components=30)
 _SWEEP_COMPONENTS = 15
+_TWIN = "--declared says nothing with --paper: the twin has what its robot declares"
 _CUT = "one log only: it was cut into parts, so unseen parts are of the same run"
 MOST_CHOSEN = 12  # variables: of six joints there are four times the pairs of three
 
@@ -226,6 +157,58 @@ class Calibration:
         return self.paper if self.rows.mode == PAPER else self.default
 
 
+class Source:
+    """Rows, and what nominal models leave on them; each is identified once."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        runs: Sequence[Run],
+        settings: Settings,
+        named: Sequence[Term],
+    ) -> None:
+        self._prepared: Prepared | None = None
+        self._known: dict[tuple, Array] = {}
+        self.nominal: Model | None = None
+        self.declared: tuple[str, ...] = tuple(robot.declared)
+        self.named: tuple[Term, ...] = ()
+        if settings.paper:
+            runs, self.notes = shorten(runs)
+            self.rows = paper_rows(runs, settings.joints)
+            self.notes += (_TWIN,) if settings.declared is not None else ()
+            return
+        self._prepared = prepare_runs(robot, runs, settings.declared)
+        self.declared = self._prepared.names
+        self.nominal = identified_without(self._prepared)
+        self._thin, self.notes = thinning(runs)
+        self._joints = settings.joints
+        self.rows = self._rows(self.nominal)
+        self._known[frozenset(), False] = self.rows.Y
+        self.named = tuple(named)
+
+    def plain(self, left_out: Collection[int]) -> Array:
+        """What the nominal model leaves. Shape (n, j)."""
+        return self._left(left_out, ())
+
+    def with_effects(self, left_out: Collection[int]) -> Array:
+        """What the model with named effects leaves. Shape (n, j)."""
+        return self._left(left_out, self.named)
+
+    def _left(self, left_out: Collection[int], named: tuple[Term, ...]) -> Array:
+        if self._prepared is None:
+            return self.rows.Y
+        key = (frozenset(left_out), bool(named))
+        if key not in self._known:
+            model = identified_without(self._prepared, left_out, named)
+            self._known[key] = self._rows(model).Y
+        return self._known[key]
+
+    def _rows(self, model: Model) -> Rows:
+        ready = self._prepared
+        left = ready.residuals(model)
+        return measured_rows(ready.runs, ready.tracks, left, self._joints, self._thin)
+
+
 def calibrate(
     robot: Robot,
     runs: Sequence[Run],
@@ -249,70 +232,64 @@ def calibrate(
     notes = (_CUT,) if len(runs) == 1 else ()
     runs = cut_single(runs)
     tell("nominal model", 0.0)
-    asked = Asked(settings.paper, settings.declared, settings.joints)
-    source = Source(robot, runs, asked, tuple(named))
+    source = Source(robot, runs, settings, named)
     rows = source.rows
     schemes, more = make_schemes(rows, np.random.default_rng(settings.seed))
     if settings.schemes is not None:
         schemes = tuple(s for s in schemes if s.name in settings.schemes)
     without = None if settings.paper else source.plain
     training = Training(rows.X, rows.Y, rows.run, rows.tau, rows.part, without)
-    form = _form(rows, settings)
-    forms = Forms(form, settings.form, _to_try(rows, settings))
+    forms = _forms(rows, settings)
     tell("default form", 0.05)
-    default, chosen = chosen_model(training, form)
+    default, options = chosen_model(training, forms.default)
     tell("levels", 0.08)
-    levels = levels_of(training, forms) if forms.levels else None
-    choices = Choices(chosen, levels)
-    scores = _table((schemes, training, source), (forms, choices), tell)
+    chosen = Choices(options, levels_of(training, forms) if forms.levels else None)
+    if chosen.levels is None:
+        paper = nominal_lookup(fit_paper(training, settings.form))
+    else:
+        paper = nominal_lookup(*fit_chosen(training, chosen.levels))
     made = Calibration(
         robot.name,
         rows,
         schemes,
-        scores,
-        chosen,
-        levels,
+        _table(schemes, training, source, (forms, chosen), tell),
+        options,
+        chosen.levels,
         len(rows.labels) >= PROVEN,
-        build_lookup(default.base, default.rest, chosen, form),
-        _paper_lookup(training, settings, levels),
+        build_lookup(default.base, default.rest, options, forms.default),
+        paper,
         source.nominal,
         source.declared,
         notes=(*notes, *more, *source.notes),
     )
     if not settings.views:
         return made
-    made = _with_views(made, (runs, training, form), settings, tell)
-    return _with_pictures(made, (training, source), forms, choices)
+    return replace(
+        made, **_views(made, runs, (training, source), forms, settings, tell)
+    )
 
 
-def _to_try(rows: Rows, settings: Settings) -> tuple[int, ...]:
-    """Numbers of levels to choose from; none where given, or pairs are too many."""
-    many = len(rows.names) > MOST_CHOSEN
-    return () if settings.given or many else settings.levels
-
-
-def _paper_lookup(
-    training: Training, settings: Settings, levels: ChosenLevels | None
-) -> Lookup:
-    if levels is None:
-        return nominal_lookup(fit_paper(training, settings.form))
-    return nominal_lookup(*fit_chosen(training, levels))
-
-
-def _form(rows: Rows, settings: Settings) -> EffectForm:
-    first = len(rows.names)
+def _forms(rows: Rows, settings: Settings) -> Forms:
+    """What may be chosen from; no levels where given, or where pairs are too many."""
+    first, many = len(rows.names), len(rows.names) > MOST_CHOSEN
     loads = tuple((speed, first + i) for i, speed in enumerate(rows.velocities))
     names = (*rows.names, *(f"tau{j}" for j in rows.joints))
     form = EffectForm(velocities=rows.velocities, loads=loads, names=names)
-    return form if settings.pairs else replace(form, pairs=None)
+    form = form if settings.pairs else replace(form, pairs=None)
+    levels = () if settings.given or many else settings.levels
+    return Forms(form, settings.form, levels)
 
 
-def _table(data: tuple, how: tuple, tell: Progress) -> tuple[Score, ...]:
-    schemes, training, source = data
-    forms, choices = how
-    nested = methods(forms)
+def _table(
+    schemes: Sequence[Scheme],
+    training: Training,
+    source: Source,
+    how: tuple[Forms, Choices],
+    tell: Progress,
+) -> tuple[Score, ...]:
+    nested = methods(how[0])
     # Rows of every motion are fitted here anyway, so the choice is made only once.
-    once = methods(forms, choices)
+    once = methods(*how)
     out: list[Score] = []
     for number, scheme in enumerate(schemes):
         own = nested if scheme.name in UNSEEN else once
@@ -321,43 +298,39 @@ def _table(data: tuple, how: tuple, tell: Progress) -> tuple[Score, ...]:
             tell(f"{scheme.name}: {name}", 0.1 + 0.6 * done)
             out.append(score(scheme, name, method, training, source.plain))
         if source.named:
+            # All of it is in the response: nothing is fitted.
             response = source.with_effects
-            out.append(judge_responses(scheme, EFFECTS, training, response))
+            out.append(score(scheme, EFFECTS, once[NOTHING], training, response))
     return tuple(out)
 
 
-def _with_pictures(
-    made: Calibration, data: tuple, forms: Forms, choices: Choices
-) -> Calibration:
-    training, source = data
-    plane = plane_of(training, made.rows.names, made.rows.joints)
-    by_run = find_runs(made.schemes)
-    if by_run is None:
-        return replace(made, plane=plane)
-    about = (made.rows, by_run)
-    unseen = unseen_run(training, about, forms, choices, source.plain)
-    return replace(made, plane=plane, unseen=unseen)
-
-
-def _with_views(
-    made: Calibration, data: tuple, settings: Settings, tell: Progress
-) -> Calibration:
-    runs, training, form = data
+def _views(
+    made: Calibration,
+    runs: Sequence[Run],
+    data: tuple[Training, Source],
+    forms: Forms,
+    settings: Settings,
+    tell: Progress,
+) -> dict[str, object]:
+    """What the paper's figures show, by field of a calibration."""
+    (training, source), rows = data, made.rows
     rng = np.random.default_rng(settings.seed)
     tell("principal components", 0.72)
-    components = components_of(made.rows, runs, rng)
+    out: dict[str, object] = {"components": components_of(rows, runs, rng)}
     tell("levels", 0.78)
     count = min(settings.form.components, _SWEEP_COMPONENTS)
-    sweep = sweep_levels(training, made.schemes, count, settings.levels)
+    out["sweep"] = sweep_levels(training, made.schemes, count, settings.levels)
     tell("importance", 0.9)
-    terms = terms_of(training, form, made.chosen, made.rows.run, rng)
+    out["terms"] = terms_of(training, forms.default, made.chosen, rng)
     tell("outliers", 0.97)
-    velocities = made.rows.velocities
-    oddities = oddities_of(training, made.rows.labels, settings.form, velocities)
+    out["oddities"] = oddities_of(training, rows, settings.form)
     tell("outliers", 1.0)
-    parts = (components, sweep, terms, oddities)
-    names = ("components", "sweep", "terms", "oddities")
-    return replace(made, **dict(zip(names, parts, strict=True)))
+    out["plane"] = plane_of(training, rows.names, rows.joints)
+    by_run = next((scheme for scheme in made.schemes if scheme.name == RUN), None)
+    if by_run is not None:
+        chosen = methods(forms, Choices(made.chosen, made.levels))
+        out["unseen"] = unseen_run(training, rows, by_run, chosen, source.plain)
+    return out
 
 
 def corrected_model(made: Calibration) -> Corrected | None:

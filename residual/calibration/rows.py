@@ -224,9 +224,6 @@ def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows
 
     Args:
         joints: Joints of X and Y, from 1; the paper's first three for None.
-
-    Raises:
-        InputError: If a run has no reference or no twin, or the arm no such joint.
     """
     for run in runs:
         _check_paper(run)
@@ -257,9 +254,6 @@ def measured_rows(
         residuals: Measured minus model torque on each track's times [N m]. (n, dof).
         joints: Joints of X and Y, from 1; all for None.
         thin: Take every so manieth row, where there are more than tables can use.
-
-    Raises:
-        InputError: If the arm has no such joint.
     """
     joints = _joints(joints, runs[0].log.dof, runs[0].log.dof)
     own = [j - 1 for j in joints]

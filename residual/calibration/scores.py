@@ -68,11 +68,7 @@ class Scheme:
 def make_schemes(
     rows: Rows, rng: np.random.Generator
 ) -> tuple[tuple[Scheme, ...], tuple[str, ...]]:
-    """Return the schemes that these rows allow, and why others are left out.
-
-    Raises:
-        InputError: If there is a single run, or fewer rows than blocks.
-    """
+    """Return the schemes that these rows allow, and why others are left out."""
     if len(rows.labels) < 2:
         raise InputError("One run: expected two or more to leave one out.")
     count, notes, out = len(rows.X), [], []
@@ -212,17 +208,6 @@ def score(
 
 def _without_more(response: Response, left_out: frozenset[int], kept: Array):
     return lambda parts: response(left_out | frozenset(parts))[kept]
-
-
-def judge_responses(
-    scheme: Scheme, model: str, rows: Training, response: Response
-) -> Score:
-    """Judge a model that is all in the response: nothing is fitted to it."""
-    return score(scheme, model, _zero, rows, response)
-
-
-def _zero(training: Training):
-    return lambda rows: np.zeros((1, *rows.Y.shape))
 
 
 def _squares(Y: Array, predicted: Array) -> Array:

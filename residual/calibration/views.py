@@ -12,12 +12,10 @@ from residual.calibration.methods import (
     DEFAULT,
     LS,
     PAPER_FORM,
-    Choices,
-    Forms,
+    Method,
     Training,
     fit_paper,
     fixed_lookup,
-    methods,
 )
 from residual.calibration.rows import Rows, Run
 from residual.calibration.scores import RANDOM, RUN, Response, Scheme
@@ -41,6 +39,11 @@ INPUT, TWIN, WHITE = "input", "twin error", "white noise"
 LEFT = "residual"
 _DRAWS, _MOST_ROWS = 40, 1500  # of surrogates; more rows do not move the limit
 _STIFF = 100.0  # ridge of main effects where nothing else was chosen
+_SHOWN = (LS, PAPER_FORM, CHOSEN, DEFAULT)
+_MOST = 600  # rows of a picture
+_STRONG = 0.5  # correlation from which a variable is said to make a component
+_PLANE = 2
+_TWIN_STATE = ("e_q", "e_qd", "e_qdd")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -118,175 +121,6 @@ class Oddities:
     by_class: tuple[tuple[float, ...], ...]
 
 
-def components_of(
-    rows: Rows, runs: Sequence[Run], rng: np.random.Generator
-) -> tuple[Components, ...]:
-    """Principal components of input, error and white noise, family by family.
-
-    Where the logs do not say their family, all runs are one.
-    """
-    out = []
-    families = rows.families if all(rows.families) else ("all runs",) * len(runs)
-    for family in dict.fromkeys(families):
-        members = [i for i, f in enumerate(families) if f == family]
-        block = _blocks(rows, runs, members)
-        run = block.pop("run")
-        block[WHITE] = (rng.normal(size=block[INPUT][0].shape), rows.names)
-        for name, (values, names) in block.items():
-            out.append(_components((family, name), values, names, (run, rng)))
-    return tuple(out)
-
-
-def sweep_levels(
-    rows: Training,
-    schemes: Sequence[Scheme],
-    components: int,
-    levels: Sequence[int] = SWEEP,
-) -> Sweep:
-    """Validate every number of levels on unseen runs and on random rows.
-
-    Raises:
-        InputError: On fewer than 2 levels.
-    """
-    check_count(min(levels), 2, 4096, "levels", "One cannot tell two states apart.")
-    chosen = [s for s in schemes if s.name in (RUN, RANDOM)]
-    folds = [s.folds for s in chosen]
-    errors: dict[str, list[Array]] = {s.name: [] for s in chosen}
-    spent, held_at_once = [], []
-    # The compiler's first run is no time of the method.
-    few = slice(None, None, max(1, len(rows.X) // 200))
-    small = [replace(f, of_row=f.of_row[few]) for f in folds]
-    first = NominalForm(levels[0], 1)
-    nominal_errors(rows.X[few], rows.Y[few], small, rows.tau[few], first)
-    for count in levels:
-        form = NominalForm(count, components)
-        tracemalloc.start()
-        start = process_time()
-        made = nominal_errors(rows.X, rows.Y, folds, rows.tau, form)
-        spent.append(process_time() - start)
-        held_at_once.append(tracemalloc.get_traced_memory()[1] / 1e6)
-        tracemalloc.stop()
-        for scheme, held in zip(chosen, made, strict=True):
-            errors[scheme.name].append(_best(held))
-    stacked = {name: np.array(values) for name, values in errors.items()}
-    return Sweep(tuple(levels), stacked, tuple(spent), tuple(held_at_once))
-
-
-def terms_of(
-    rows: Training,
-    form: EffectForm,
-    chosen: Sequence[Option],
-    folds: Array,
-    rng: np.random.Generator,
-) -> Terms:
-    """Contribution of every table after main effects, jack-knifed over runs and rows.
-
-    All pair tables are fitted, wanted or not: the question is what each could say.
-    """
-    form = replace(form, names=form.state_names(), loads=())
-    count = form.pairs.components if form.pairs else 0
-    ridges = [o.ridge or _STIFF for o in chosen]
-    options = [
-        Option(PAIRS, r if r in form.ridges else form.ridges[-1], count) for r in ridges
-    ]
-    whole = table_importance(fixed_lookup(rows, form, options), rows.X)
-    drawn = rng.permutation(len(rows.X)) % BLOCKS
-    over = [_jackknifed(rows, form, options, (f, whole)) for f in (folds, drawn)]
-    return Terms(whole.names, *over)
-
-
-def _jackknifed(rows: Training, form: EffectForm, options, about) -> Jackknife:
-    folds, whole = about
-    place = {name: i for i, name in enumerate(whole.names)}
-    left_out = []
-    for fold in np.unique(folds):
-        part = rows.rows(folds != fold)
-        found = table_importance(fixed_lookup(part, form, options), part.X)
-        sizes = np.zeros_like(whole.rms)
-        for name, size in zip(found.names, found.rms, strict=True):
-            if name in place:
-                sizes[place[name]] = size
-        left_out.append(sizes)
-    return jackknife(np.array(left_out), whole.rms)
-
-
-def oddities_of(
-    rows: Training,
-    labels: Sequence[str],
-    form: NominalForm,
-    velocities: Sequence[int],
-) -> Oddities:
-    """Outliers by run, and the share of cells that the other runs never visited."""
-    model = fit_paper(rows, form)
-    classes = speed_classes(rows.X[:, list(velocities)])
-    far = nominal_distances(model, rows.X, rows.Y, classes)
-    x, y, unvisited, outside, by_class = [], [], [], [], []
-    for number in range(len(labels)):
-        own = rows.run == number
-        x.append(float(far.x_outliers[own].mean()))
-        y.append(float(far.y_outliers[own].mean()))
-        others = fit_paper(rows.rows(~own), replace(form, components=1))
-        unvisited.append(float(others.unvisited_share(rows.X[own]).mean()))
-        codes = others.levels.encode(rows.X[own])
-        outside.append(codes.outside_rows / int(own.sum()))
-        bad = far.y[own] > far.y_limit
-        inside = [classes[own] == number for number in range(len(CLASSES))]
-        by_class.append(tuple(float(bad[i].mean()) if i.any() else 0 for i in inside))
-    return Oddities(tuple(labels), *map(tuple, (x, y, unvisited, outside, by_class)))
-
-
-def _blocks(rows: Rows, runs: Sequence[Run], members: Sequence[int]) -> dict:
-    """Blocks of some runs with their names, thinned alike."""
-    taken = [np.flatnonzero(rows.run == i) for i in members]
-    step = max(1, sum(map(len, taken)) // _MOST_ROWS)
-    chosen = np.concatenate([part[::step] for part in taken])
-    out = {"run": rows.run[chosen], INPUT: (rows.X[chosen], rows.names)}
-    joints = [j - 1 for j in rows.joints]
-    if all({"e_q", "e_qd", "e_qdd"} <= set(runs[i].twin) for i in members):
-        errors = [
-            _twin_state(runs[i], joints, len(part[::step]))
-            for i, part in zip(members, taken, strict=True)
-        ]
-        names = tuple(f"e_{name}" for name in state_names(rows.joints))
-        out[TWIN] = (np.concatenate(errors), names)
-    else:
-        names = tuple(f"residual{j}" for j in rows.joints)
-        out[LEFT] = (rows.Y[chosen], names)
-    return out
-
-
-def _twin_state(run: Run, joints: Sequence[int], count: int) -> Array:
-    """Errors of a run against its twin, at equally many times as rows were chosen."""
-    at = np.linspace(0, len(run.log.t) - 1, count).astype(int)
-    parts = (run.twin[name][at][:, joints] for name in ("e_q", "e_qd", "e_qdd"))
-    return state_block(*parts)
-
-
-def _components(about: tuple[str, str], values, names, chance: tuple) -> Components:
-    run, rng = chance
-    pca = fit_pca(values, names)
-    real = real_components(values, rng, run=run, draws=_DRAWS)
-    return Components(
-        *about,
-        100 * pca.explained,
-        100 * real.phase_limit / len(names),
-        real.count,
-        real.permuted,
-        pca.strongest(0),
-    )
-
-
-def _best(errors: HeldOut) -> Array:
-    curve = errors.pooled()[1:]
-    return curve[np.nansum(curve**2, axis=1).argmin()]
-
-
-_SHOWN = (LS, PAPER_FORM, CHOSEN, DEFAULT)
-_MOST = 600  # rows of a picture
-_STRONG = 0.5  # correlation from which a variable is said to make a component
-_PLANE = 2
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Unseen:
     """A run that no model has seen, over time (paper, figure 9).
@@ -333,45 +167,185 @@ class Plane:
         return tuple((self.names[i], float(column[i])) for i in kept)
 
 
+def components_of(
+    rows: Rows, runs: Sequence[Run], rng: np.random.Generator
+) -> tuple[Components, ...]:
+    """Principal components of input, error and white noise, family by family.
+
+    Where the logs do not say their family, all runs are one.
+    """
+    out = []
+    families = rows.families if all(rows.families) else ("all runs",) * len(runs)
+    for family in dict.fromkeys(families):
+        members = [i for i, f in enumerate(families) if f == family]
+        block = _blocks(rows, runs, members)
+        run = block.pop("run")
+        block[WHITE] = (rng.normal(size=block[INPUT][0].shape), rows.names)
+        for name, (values, names) in block.items():
+            out.append(_components((family, name), values, names, (run, rng)))
+    return tuple(out)
+
+
+def sweep_levels(
+    rows: Training,
+    schemes: Sequence[Scheme],
+    components: int,
+    levels: Sequence[int] = SWEEP,
+) -> Sweep:
+    """Validate every number of levels on unseen runs and on random rows."""
+    check_count(min(levels), 2, 4096, "levels", "One cannot tell two states apart.")
+    chosen = [s for s in schemes if s.name in (RUN, RANDOM)]
+    folds = [s.folds for s in chosen]
+    errors: dict[str, list[Array]] = {s.name: [] for s in chosen}
+    spent, held_at_once = [], []
+    # The compiler's first run is no time of the method.
+    few = slice(None, None, max(1, len(rows.X) // 200))
+    small = [replace(f, of_row=f.of_row[few]) for f in folds]
+    first = NominalForm(levels[0], 1)
+    nominal_errors(rows.X[few], rows.Y[few], small, rows.tau[few], first)
+    for count in levels:
+        form = NominalForm(count, components)
+        tracemalloc.start()
+        start = process_time()
+        made = nominal_errors(rows.X, rows.Y, folds, rows.tau, form)
+        spent.append(process_time() - start)
+        held_at_once.append(tracemalloc.get_traced_memory()[1] / 1e6)
+        tracemalloc.stop()
+        for scheme, held in zip(chosen, made, strict=True):
+            errors[scheme.name].append(_best(held))
+    stacked = {name: np.array(values) for name, values in errors.items()}
+    return Sweep(tuple(levels), stacked, tuple(spent), tuple(held_at_once))
+
+
+def terms_of(
+    rows: Training,
+    form: EffectForm,
+    chosen: Sequence[Option],
+    rng: np.random.Generator,
+) -> Terms:
+    """Contribution of every table after main effects, jack-knifed over runs and rows.
+
+    All pair tables are fitted, wanted or not: the question is what each could say.
+    """
+    form = replace(form, names=form.state_names(), loads=())
+    count = form.pairs.components if form.pairs else 0
+    ridges = [o.ridge or _STIFF for o in chosen]
+    options = [
+        Option(PAIRS, r if r in form.ridges else form.ridges[-1], count) for r in ridges
+    ]
+    whole = table_importance(fixed_lookup(rows, form, options), rows.X)
+
+    def jackknifed(folds: Array) -> Jackknife:
+        left_out = []
+        for fold in np.unique(folds):
+            part = rows.rows(folds != fold)
+            found = table_importance(fixed_lookup(part, form, options), part.X)
+            sizes = dict(zip(found.names, found.rms, strict=True))
+            none = np.zeros(whole.rms.shape[1])
+            left_out.append([sizes.get(name, none) for name in whole.names])
+        return jackknife(np.array(left_out), whole.rms)
+
+    drawn = rng.permutation(len(rows.X)) % BLOCKS
+    return Terms(whole.names, jackknifed(rows.run), jackknifed(drawn))
+
+
+def oddities_of(rows: Training, whole: Rows, form: NominalForm) -> Oddities:
+    """Outliers by run, and the share of cells that the other runs never visited."""
+    model = fit_paper(rows, form)
+    classes = speed_classes(rows.X[:, list(whole.velocities)])
+    far = nominal_distances(model, rows.X, rows.Y, classes)
+    found = []
+    for number in range(len(whole.labels)):
+        own = rows.run == number
+        others = fit_paper(rows.rows(~own), replace(form, components=1))
+        codes = others.levels.encode(rows.X[own])
+        bad = far.y[own] > far.y_limit
+        inside = [classes[own] == kind for kind in range(len(CLASSES))]
+        found.append(
+            (
+                float(far.x_outliers[own].mean()),
+                float(far.y_outliers[own].mean()),
+                float(others.unvisited_share(rows.X[own]).mean()),
+                codes.outside_rows / int(own.sum()),
+                tuple(float(bad[i].mean()) if i.any() else 0 for i in inside),
+            )
+        )
+    return Oddities(whole.labels, *zip(*found, strict=True))
+
+
+def _blocks(rows: Rows, runs: Sequence[Run], members: Sequence[int]) -> dict:
+    """Blocks of some runs with their names, thinned alike."""
+    taken = [np.flatnonzero(rows.run == i) for i in members]
+    step = max(1, sum(map(len, taken)) // _MOST_ROWS)
+    chosen = np.concatenate([part[::step] for part in taken])
+    out = {"run": rows.run[chosen], INPUT: (rows.X[chosen], rows.names)}
+    if not all(set(_TWIN_STATE) <= set(runs[i].twin) for i in members):
+        names = tuple(f"residual{j}" for j in rows.joints)
+        return out | {LEFT: (rows.Y[chosen], names)}
+    joints, errors = [j - 1 for j in rows.joints], []
+    for i, part in zip(members, taken, strict=True):
+        # At equally many times as rows were chosen.
+        at = np.linspace(0, len(runs[i].log.t) - 1, len(part[::step])).astype(int)
+        parts = (runs[i].twin[name][at][:, joints] for name in _TWIN_STATE)
+        errors.append(state_block(*parts))
+    names = tuple(f"e_{name}" for name in state_names(rows.joints))
+    return out | {TWIN: (np.concatenate(errors), names)}
+
+
+def _components(about: tuple[str, str], values, names, chance: tuple) -> Components:
+    run, rng = chance
+    pca = fit_pca(values, names)
+    real = real_components(values, rng, run=run, draws=_DRAWS)
+    return Components(
+        *about,
+        100 * pca.explained,
+        100 * real.phase_limit / len(names),
+        real.count,
+        real.permuted,
+        pca.strongest(0),
+    )
+
+
+def _best(errors: HeldOut) -> Array:
+    curve = errors.pooled()[1:]
+    return curve[np.nansum(curve**2, axis=1).argmin()]
+
+
 def unseen_run(
     rows: Training,
-    about: tuple[Rows, Scheme],
-    forms: Forms,
-    chosen: Choices,
+    whole: Rows,
+    scheme: Scheme,
+    models: Mapping[str, Method],
     response: Response,
 ) -> Unseen:
     """Correct the run of the middle error by models that were fitted without it.
 
     Args:
-        about: The rows with their labels, and the scheme that leaves runs out.
-        forms: What models may be chosen from.
-        chosen: What was chosen on all rows: the choice, unlike the fit, has seen it.
+        whole: The rows with their labels.
+        scheme: The scheme that leaves runs out.
+        models: Models by name, chosen on all rows: the choice, unlike the fit, has seen
+            the run.
         response: What a nominal model leaves that was identified without some parts.
     """
-    whole, scheme = about
     runs = range(len(whole.labels))
     size = [float((rows.Y[rows.run == run] ** 2).mean()) for run in runs]
     number = int(np.argsort(size)[len(size) // 2])
     held = scheme.folds.of_row == number
-    Y = response(scheme.left_out[number])
-    told = Training(rows.X, Y, rows.run, rows.tau, rows.part)
-    fitted, new = told.rows(~held), told.rows(held)
-    step = max(1, int(held.sum()) // _MOST)
-    models = methods(forms, chosen)
-    corrections = {}
-    for name in (n for n in _SHOWN if n in models):
-        # All components that there are; of models without a number there is one.
-        corrections[name] = models[name](fitted)(new)[-1][::step]
-    t = np.arange(int(held.sum())) / whole.rates[number]
-    return Unseen(whole.labels[number], t[::step], Y[held][::step], corrections)
+    response_rows = replace(rows, Y=response(scheme.left_out[number]), without=None)
+    fitted, new = response_rows.rows(~held), response_rows.rows(held)
+    step = max(1, len(new.Y) // _MOST)
+    # All components that there are; of models without a number there is one.
+    corrections = {
+        name: models[name](fitted)(new)[-1][::step] for name in _SHOWN if name in models
+    }
+    t = np.arange(len(new.Y)) / whole.rates[number]
+    return Unseen(whole.labels[number], t[::step], new.Y[::step], corrections)
 
 
 def plane_of(rows: Training, names: tuple[str, ...], joints: tuple[int, ...]) -> Plane:
     """Scores and loadings of PLSR on all rows (paper, section 5)."""
-    model = fit_pls(rows.X, rows.Y, names=names)
-    T = model.T[:, :_PLANE]
-    if T.shape[1] < _PLANE:
-        T = np.column_stack([T, np.zeros(len(T))])
+    T = fit_pls(rows.X, rows.Y, names=names).T[:, :_PLANE]
+    T = np.pad(T, ((0, 0), (0, _PLANE - T.shape[1])))
     both = np.column_stack([rows.X, rows.Y])
     both = both - both.mean(axis=0)
     length = np.linalg.norm(both, axis=0)[:, None] * np.linalg.norm(T, axis=0)
@@ -380,11 +354,5 @@ def plane_of(rows: Training, names: tuple[str, ...], joints: tuple[int, ...]) ->
     fitted = ((Y.T @ T) ** 2).sum(axis=0) / np.maximum((T**2).sum(axis=0), 1e-300)
     explained = 100 * fitted / max(float((Y**2).sum()), 1e-300)
     step = max(1, len(T) // _MOST)
-    residuals = tuple(f"residual{j}" for j in joints)
-    parts = T[::step], rows.run[::step]
-    return Plane((*names, *residuals), loadings, explained, *parts)
-
-
-def find_runs(schemes: tuple[Scheme, ...]) -> Scheme | None:
-    """The scheme that leaves one run out, None where there is none."""
-    return next((scheme for scheme in schemes if scheme.name == RUN), None)
+    names = (*names, *(f"residual{j}" for j in joints))
+    return Plane(names, loadings, explained, T[::step], rows.run[::step])

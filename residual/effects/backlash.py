@@ -8,7 +8,7 @@ catches it: a late crossing, and the later the wider the play.
 import numpy as np
 
 from residual.effects._sensitivity import moved, rates, sensitivity
-from residual.effects.base import Effect, Portable, Refinement
+from residual.effects.base import Effect, Portable, Refinement, against_load
 from residual.recording import Array
 
 # The coefficient is the half gap, the shape the one that the flight is drawn for.
@@ -58,10 +58,6 @@ def _fall(push: Array, start: float, gap: float, dt: float) -> Array:
         some *= 4
 
 
-def _over_load(state, j):
-    return state.rigid[:, j], f"rigid-body torque {j + 1} [N m]"
-
-
 EFFECT = Effect(
     name="backlash",
     noun="gear backlash",
@@ -84,6 +80,6 @@ EFFECT = Effect(
     # Where the load never changes its side it is an offset of the encoder.
     far_fetched=0.5,
     family="geometry",
-    variable=_over_load,
+    variable=against_load,
     portable=Portable(why_not=FUTURE),
 )

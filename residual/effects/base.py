@@ -25,6 +25,13 @@ BRISTLE, EARLIER = 3, 258  # numbers that each of the two has to keep in its mem
 class Portable:
     """What of an effect other programs can be told; nothing where all is empty.
 
+    A formula is an expression that C and Python read alike. It may use of the joint it
+    acts on ``q``, ``qd``, ``qdd``, ``sign``, ``rigid`` and ``tau`` (see ``State``), the
+    session time ``t``, the coefficients ``a[i]``, the numbers of the shape ``s[i]``,
+    and ``sin``, ``cos``, ``tanh``, ``exp``, ``pow``, ``fabs``, ``fmin``, ``fmax``,
+    ``sgn``. With ``m``, the effect's own memory, there are ``bristle(m, q, way)`` and
+    ``earlier(m, t, tau, by)``. Of a pair of joints the six names are arrays of two.
+
     Attributes:
         formula: Torque [N m], one expression per joint that the effect acts on; a
             single one stands for all.
@@ -184,7 +191,8 @@ class Effect:
         noun: What a sentence calls it ("a spring"); empty for its name in words.
         place: Where a sentence puts it, by its ``{joints}`` or ``{links}`` in words.
         scope: Which joints it belongs to.
-        values: (theta, shape, robot) -> one value per parameter key.
+        values: (theta, shape, robot) -> one value per parameter key; usually the
+            coefficients and then the shape.
         from_values: (values, robot) -> (theta, shape): the way back.
         shapes: Values of the nonlinear parameters to start from.
         refine: How the first nonlinear parameter is searched; None where linear.
@@ -246,7 +254,9 @@ class Effect:
     noun: str = ""
     place: str = "on {joints}"
     scope: Scope = "local"
-    values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: theta
+    values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: (
+        np.array([*theta, *shape])
+    )
     from_values: Callable[[Array, Robot], tuple[Array, Shape]] = lambda values, robot: (
         values,
         (),
@@ -324,11 +334,22 @@ def local(feature: Callable[[State, int, Shape], Sequence[Array]]) -> Columns:
     return columns
 
 
-def against_position(state: State, joint: int) -> tuple[Array, str]:
-    """Draw over the joint's position."""
-    return state.q[:, joint], f"q{joint + 1} [rad]"
+def against(signal: str, label: str) -> Callable[[State, int], tuple[Array, str]]:
+    """Draw over a signal of the joint, whose number goes into the label."""
+    return lambda state, j: (getattr(state, signal)[:, j], label.format(j + 1))
 
 
+against_position = against("q", "q{} [rad]")
+against_load = against("rigid", "rigid-body torque {} [N m]")
+against_torque = against("tau_model", "model torque {} [N m]")
+
+
+def shaped(values: Array, robot: Robot) -> tuple[Array, Shape]:
+    """One coefficient, then the shape: what most parameters of a shape come to."""
+    return values[:1], tuple(values[1:])
+
+
+# What no arm can be: the ``possible`` of several effects.
 SLACK = 0.1  # of what the model has: by so much a change may overshoot it
 
 

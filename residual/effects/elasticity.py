@@ -6,7 +6,7 @@ The encoder sits on the motor, so the link is at the reading less load over stif
 import numpy as np
 
 from residual.effects._sensitivity import moved, rates, slow
-from residual.effects.base import Effect, Portable
+from residual.effects.base import Effect, Portable, against_load
 
 FUTURE = "its filter looks ahead in time"
 SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
@@ -16,10 +16,6 @@ def _columns(state, joints, shape):
     (j,) = joints
     lag = -slow(state, state.rigid[:, j])
     return moved(state, j, lag, rates(state, lag))[:, :, None]
-
-
-def _over_load(state, j):
-    return state.rigid[:, j], f"rigid-body torque {j + 1} [N m]"
 
 
 EFFECT = Effect(
@@ -42,6 +38,6 @@ EFFECT = Effect(
     possible=lambda theta, shape, limits: bool(1 / HARD < theta[0] < 1 / SOFT),
     family="geometry",
     inexact=0.2,
-    variable=_over_load,
+    variable=against_load,
     portable=Portable(why_not=FUTURE),
 )

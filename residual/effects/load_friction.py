@@ -2,11 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, formula, local
-
-
-def _over_load(state, j):
-    return state.rigid[:, j], f"rigid-body torque {j + 1} [N m]"
+from residual.effects.base import Effect, against_load, formula, local
 
 
 def _feature(state, j, shape):
@@ -23,7 +19,7 @@ EFFECT = Effect(
     uses_model=True,
     # A load presses teeth and bearings together; none of them runs easier for it.
     not_negative=True,
-    variable=_over_load,
+    variable=against_load,
     possible=lambda theta, shape, limits: bool(0 < theta[0] < 1),
     brakes=True,
     in_any_arm=lambda span, j: ((),),

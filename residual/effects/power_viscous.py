@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, dissipates, formula, local
+from residual.effects.base import Effect, Refinement, dissipates, formula, local, shaped
 
 
 def _feature(state, j, shape):
@@ -18,8 +18,7 @@ EFFECT = Effect(
     equation="tau = coefficient * |qd|^exponent * sgn(qd), exponent below 1",
     parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
     columns=local(_feature),
-    values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),
-    from_values=lambda values, robot: (values[:1], tuple(values[1:])),
+    from_values=shaped,
     shapes=lambda span, j: ((0.25,), (0.5,), (0.75,)),
     refine=Refinement("ratio", 0.4, lower=0.05, upper=0.95),
     groupable=True,

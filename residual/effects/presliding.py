@@ -4,8 +4,6 @@ Its column is the state of the bristles less the direction of motion, so that wi
 Coulomb friction of the model it makes friction that takes some way to turn round.
 """
 
-import numpy as np
-
 from residual.effects.base import (
     BRISTLE,
     Effect,
@@ -13,6 +11,7 @@ from residual.effects.base import (
     dissipates,
     formula,
     local,
+    shaped,
 )
 from residual.signals.direction import bristle
 
@@ -44,8 +43,7 @@ EFFECT = Effect(
     parameters={"level": "N m", "displacement": "rad"},
     columns=local(_feature),
     remembers=True,
-    values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),
-    from_values=lambda values, robot: (values[:1], tuple(values[1:])),
+    from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
     possible=_possible,

@@ -1,10 +1,6 @@
 """Inertia of motor rotor and gear, reflected to the joint."""
 
-from residual.effects.base import Effect, formula, local, stays_positive
-
-
-def _over_acceleration(state, j):
-    return state.qdd[:, j], f"qdd{j + 1} [rad/s^2]"
+from residual.effects.base import Effect, against, formula, local, stays_positive
 
 
 def _feature(state, j, shape):
@@ -23,7 +19,7 @@ EFFECT = Effect(
     carries="acceleration",
     not_negative=True,
     groupable=True,
-    variable=_over_acceleration,
+    variable=against("qdd", "qdd{} [rad/s^2]"),
     possible=stays_positive,
     portable=formula("a[0] * qdd", joint=("armature",)),
 )

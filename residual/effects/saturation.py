@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, formula, local
+from residual.effects.base import Effect, Refinement, against_torque, formula, local
 
 # The coefficient is one where the clip is right; a model that is not yet may need more.
 LEAST, MOST = 0.5, 2.0
@@ -20,10 +20,6 @@ def _shapes(span, j):
     return ((0.9 * top,), (top,)) if top > 0 else ()
 
 
-def _over_torque(state, j):
-    return state.tau_model[:, j], f"model torque {j + 1} [N m]"
-
-
 EFFECT = Effect(
     name="saturation",
     noun="torque saturation",
@@ -39,6 +35,6 @@ EFFECT = Effect(
     of_report=True,
     prior_sd=lambda robot: np.array([1.0]),
     possible=lambda theta, shape, limits: bool(LEAST < theta[0] < MOST),
-    variable=_over_torque,
+    variable=against_torque,
     portable=formula("a[0] * (fmin(fmax(tau, -s[0]), s[0]) - tau)"),
 )

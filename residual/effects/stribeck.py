@@ -5,7 +5,7 @@ The textbook form level·exp(-|qd/vs|^exponent) (Armstrong-Hélouvry 1994).
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, dissipates, formula, local
+from residual.effects.base import Effect, Refinement, dissipates, formula, local, shaped
 
 
 def _feature(state, j, shape):
@@ -31,8 +31,7 @@ EFFECT = Effect(
     equation="tau = level * exp(-|qd / velocity|^exponent) * sgn(qd)",
     parameters={"level": "N m", "velocity": "rad/s", "exponent": "1"},
     columns=local(_feature),
-    values=lambda theta, shape, robot: np.array([theta[0], *shape]),
-    from_values=lambda values, robot: (values[:1], tuple(values[1:])),
+    from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
     not_negative=True,

@@ -2,17 +2,13 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, formula, local
+from residual.effects.base import Effect, against_torque, formula, local
 
 MOST = 10.0  # beyond it the unit is another one
 
 
 def _feature(state, j, shape):
     return [state.tau_model[:, j]]
-
-
-def _over_torque(state, j):
-    return state.tau_model[:, j], f"model torque {j + 1} [N m]"
 
 
 EFFECT = Effect(
@@ -28,7 +24,7 @@ EFFECT = Effect(
     # missing model on a joint that the nominal explains badly.
     prior_sd=lambda robot: np.array([0.1]),
     of_one_variable=True,
-    variable=_over_torque,
+    variable=against_torque,
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
     portable=formula("a[0] * tau"),
 )

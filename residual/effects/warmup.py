@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, dissipates, formula, local
+from residual.effects.base import Effect, Refinement, dissipates, formula, local, shaped
 
 
 def _feature(state, j, shape):
@@ -23,8 +23,7 @@ EFFECT = Effect(
     equation="tau = level * exp(-t / time_constant) * sgn(qd)",
     parameters={"level": "N m", "time_constant": "s"},
     columns=local(_feature),
-    values=lambda theta, shape, robot: np.array([theta[0], shape[0]]),
-    from_values=lambda values, robot: (values[:1], tuple(values[1:])),
+    from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
     needs_clock=True,

@@ -199,11 +199,7 @@ def file_stem(whole: Whole) -> str:
 
 
 def with_bodies(model: Model) -> Array:
-    """Return inertial parameters with all bodies that its terms add. (10 dof,).
-
-    Raises:
-        InputError: If a link comes out without a positive mass.
-    """
+    """Return inertial parameters with all bodies that its terms add. (10 dof,)."""
     total = model.inertial.copy()
     for term in model.terms:
         if add := term.effect.portable.bodies:

@@ -28,7 +28,7 @@ class Line:
         title: What it is.
         row: Joint whose torque it adds to, from 0.
         joints: Joints that it reads, from 0; one, or the two of a pair.
-        formula: The expression (``residual.effects._portable``).
+        formula: The expression (``effects.base.Portable``).
         theta, shape: Its coefficients and the numbers of its shape.
         memory: Where its memory begins among all numbers that are kept.
         of_report: It distorts the report of the torque.

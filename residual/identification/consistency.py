@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from residual.errors import InputError
-from residual.identification import estimate as solve
+from residual.identification.estimate import squares
 from residual.identification.identify import Identification
 from residual.model.model import Model
 from residual.recording import Array
@@ -242,5 +242,5 @@ def least_mass_matrix(model: Model, poses: int = POSES, seed: int = 0) -> float:
 
 def _misfit(found: Identification, model: Model) -> Array:
     theta = found.base.mapping @ model.coefficients()
-    both = [solve.squares(found.blocks, t) for t in (found.estimate.theta, theta)]
+    both = [squares(found.blocks, t) for t in (found.estimate.theta, theta)]
     return np.sqrt(np.array(both) / np.maximum(found.estimate.counts, 1))

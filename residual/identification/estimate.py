@@ -3,14 +3,19 @@
 - ols: every row of every joint weighs the same;
 - wls: a joint weighs by its noise, w_j = 1 / (s_j^2 t_j), with s_j the standard
   deviation of its residual and t_j the autocorrelation time of it;
-- irls: also each row by its own residual (``robust``).
+- irls: also each row by its own residual u = r / s_j, with s_j the joint's noise by the
+  median absolute residual. Huber: weight min(1, k / |u|), k = 1.345; bisquare:
+  (1 - (u / c)^2)^2 inside |u| < c, c = 4.685 (Huber 1981; Holland and Welsch 1977: both
+  lose 5 % on Gaussian noise).
 
 The covariance is the sandwich B M B, B = (sum w_j x'x + L)^-1, M = sum w_j^2 s_j^2 t_j
 x'x + L, right for each of them as long as the model is.
 
-u = r / s_j, with s_j the joint's noise by the median absolute residual;
-Huber: weight min(1, k / |u|), k = 1.345; bisquare: (1 - (u / c)^2)^2 inside |u| < c,
-c = 4.685 (Huber 1981; Holland and Welsch 1977: both lose 5 % on Gaussian noise).
+Nothing is ever squared: the rows of joint j are replaced by the triangle R_j of
+[x_j y_j] = Q_j R_j, the "blocks": as few rows as columns, and the same least squares
+for every choice of columns and of the weights w_j between joints:
+
+min  sum_j w_j |x_j theta - y_j|^2 + (theta - theta_0)' L (theta - theta_0)
 """
 
 from dataclasses import dataclass, replace
@@ -18,144 +23,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.errors import InputError
+from residual.evidence.design import LAGS
+from residual.evidence.fit import autocorrelation_time
 from residual.identification.structure import Rows
 from residual.names import check_name
 from residual.recording import Array
 
-LAGS = 80
-_CUT = 1e-10  # singular values below this share tell nothing: nominal stays
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Start:
-    """Where a fit starts, and what it may move.
-
-    Attributes:
-        value: theta_0: what stays if the rows tell nothing. Shape (b,).
-        size: What counts as a large change of each. Shape (b,).
-        free: Which may move. Shape (k,).
-        precision: L over all parameters, None for a free fit. Shape (b, b).
-    """
-
-    value: Array
-    size: Array
-    free: Array
-    precision: Array | None = None
-
-    @property
-    def root(self) -> Array:
-        """Rows that stand for the prior, in units of size. Shape (k or 0, k)."""
-        if self.precision is None:
-            return np.zeros((0, len(self.free)))
-        size = self.size[self.free]
-        own = self.precision[np.ix_(self.free, self.free)] * np.outer(size, size)
-        return np.linalg.cholesky(own).T
-
-
-def compress(rows: Rows, weights: tuple[Array, ...] | None = None) -> tuple[Array, ...]:
-    """Return R_j of every joint. Shapes (at most b + 1, b + 1).
-
-    Args:
-        weights: A weight of each row, or None. Shapes (m_j,).
-    """
-    out = []
-    for j, (x, y) in enumerate(zip(rows.x, rows.y, strict=True)):
-        both = np.column_stack([x, y])
-        if weights is not None:
-            both = both * np.sqrt(weights[j])[:, None]
-        out.append(np.linalg.qr(both, mode="r"))
-    return tuple(out)
-
-
-def solve(blocks: tuple[Array, ...], weight: Array, start: Start) -> Array:
-    """Return the parameters that minimise the weighted squares.
-
-    Directions that no row speaks of stay where they start.
-
-    Args:
-        weight: w_j. Shape (dof,).
-
-    Returns:
-        Parameters. Shape (b,).
-    """
-    size, root = start.size[start.free], start.root
-    stacked = np.concatenate(
-        [np.sqrt(w) * r for w, r in zip(weight, blocks, strict=True)]
-    )
-    left = stacked[:, start.free] * size
-    right = stacked[:, -1] - stacked[:, :-1] @ start.value
-    left = np.concatenate([left, root])
-    right = np.concatenate([right, np.zeros(len(root))])
-    theta = start.value.copy()
-    theta[start.free] += size * np.linalg.lstsq(left, right, rcond=_CUT)[0]
-    return theta
-
-
-def squares(blocks: tuple[Array, ...], theta: Array) -> Array:
-    """Return |x_j theta - y_j|^2 of each joint [N^2 m^2]. Shape (dof,)."""
-    both = np.append(theta, -1.0)
-    return np.array([np.sum((r @ both) ** 2) for r in blocks])
-
-
-def gram(blocks: tuple[Array, ...], weight: Array) -> Array:
-    """Return sum_j w_j x_j' x_j. Shape (b, b)."""
-    size = blocks[0].shape[1] - 1
-    out = np.zeros((size, size))
-    for w, r in zip(weight, blocks, strict=True):
-        out += w * r[:, :-1].T @ r[:, :-1]
-    return out
-
-
-def condition(blocks: tuple[Array, ...], weight: Array, free: Array) -> float:
-    """Return the condition number of the weighted, column-normalised rows."""
-    pairs = zip(weight, blocks, strict=True)
-    stacked = np.concatenate([np.sqrt(w) * r[:, free] for w, r in pairs])
-    size = np.linalg.norm(stacked, axis=0)
-    if len(free) == 0 or size.min() == 0:
-        return float("inf")
-    return float(np.linalg.cond(stacked / size))
-
-
-def residuals(rows: Rows, theta: Array) -> tuple[Array, ...]:
-    """Return y_j - x_j theta [N m]. Shapes (m_j,)."""
-    return tuple(y - x @ theta for x, y in zip(rows.x, rows.y, strict=True))
-
-
-def autocorrelation(rows: Rows, left: tuple[Array, ...]) -> Array:
-    """Return how many rows tell as much as one independent row would, per joint.
-
-    The integrated autocorrelation time of the residual, by initial positive pairs
-    (Geyer 1992), over the time lines of the logs.
-
-    Args:
-        left: Their residuals. Shapes (m_j,).
-
-    Returns:
-        At least 1. Shape (dof,).
-    """
-    out = np.ones(len(left))
-    for j, (values, series) in enumerate(zip(left, rows.series, strict=True)):
-        acov = np.zeros(LAGS)
-        for log in np.unique(series[:, 0]):
-            own = series[:, 0] == log
-            place = series[own, 1] - series[own, 1].min()
-            line = np.zeros(place.max() + 1)
-            line[place] = values[own]
-            spectrum = np.fft.rfft(line, 2 * len(line))
-            lags = np.fft.irfft(spectrum * spectrum.conj())[: min(LAGS, len(line))]
-            acov[: len(lags)] += lags
-        if acov[0] <= 0:
-            continue
-        rho = acov / acov[0]
-        pairs = rho[1:-1:2] + rho[2::2]
-        stop = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
-        out[j] = max(1.0, 1 + 2 * pairs[:stop].sum())
-    return out
-
-
 METHODS = ("ols", "wls", "irls")
+LOSSES = ("huber", "bisquare")
+_CUT = 1e-10  # singular values below this share tell nothing: nominal stays
 _FLOOR = 1e-7  # of torque rms: noise of logs that have none
-_ROUNDS = 20
+_ROUNDS, _REWEIGHTINGS = 20, 50
+_K, _C = 1.345, 4.685
+_MAD = 1.4826  # median absolute value to standard deviation, of Gaussian noise
+
+Blocks = tuple[Array, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +71,31 @@ class Options:
                 "what is not needed near its nominal value, the other sets it to 0. "
                 "Give one of them."
             )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Start:
+    """Where a fit starts, and what it may move.
+
+    Attributes:
+        value: theta_0: what stays if the rows tell nothing. Shape (b,).
+        size: What counts as a large change of each. Shape (b,).
+        free: Which may move. Shape (k,).
+        precision: L over all parameters, None for a free fit. Shape (b, b).
+    """
+
+    value: Array
+    size: Array
+    free: Array
+    precision: Array | None = None
+
+    @property
+    def prior(self) -> Array:
+        """L of what may move, in units of size. Shape (k, k)."""
+        size = self.size[self.free]
+        if self.precision is None:
+            return np.zeros((len(size), len(size)))
+        return self.precision[np.ix_(self.free, self.free)] * np.outer(size, size)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -228,14 +135,90 @@ class Estimate:
         return self.sd / np.maximum(np.abs(self.theta), 1e-300)
 
 
-def estimated(
-    rows: Rows, blocks: tuple[Array, ...], start: Start, options: Options
-) -> Estimate:
-    """Fit by the method asked for, with covariance.
+def compress(rows: Rows, weights: tuple[Array, ...] | None = None) -> Blocks:
+    """Return R_j of every joint, shapes (at most b + 1, b + 1).
 
     Args:
-        blocks: The same, compressed.
+        weights: A weight of each row, or None. Shapes (m_j,).
     """
+    out = []
+    for j, (x, y) in enumerate(zip(rows.x, rows.y, strict=True)):
+        both = np.column_stack([x, y])
+        if weights is not None:
+            both = both * np.sqrt(weights[j])[:, None]
+        out.append(np.linalg.qr(both, mode="r"))
+    return tuple(out)
+
+
+def solve(blocks: Blocks, weight: Array, start: Start) -> Array:
+    """Return the parameters that minimise the squares weighted by w_j. Shape (b,).
+
+    Directions that no row speaks of stay where they start.
+    """
+    size = start.size[start.free]
+    stacked = _stacked(blocks, weight)
+    left = stacked[:, start.free] * size
+    right = stacked[:, -1] - stacked[:, :-1] @ start.value
+    if start.precision is not None:
+        left = np.concatenate([left, np.linalg.cholesky(start.prior).T])
+        right = np.concatenate([right, np.zeros(len(size))])
+    theta = start.value.copy()
+    theta[start.free] += size * np.linalg.lstsq(left, right, rcond=_CUT)[0]
+    return theta
+
+
+def _stacked(blocks: Blocks, weight: Array) -> Array:
+    pairs = zip(weight, blocks, strict=True)
+    return np.concatenate([np.sqrt(w) * block for w, block in pairs])
+
+
+def squares(blocks: Blocks, theta: Array) -> Array:
+    """Return |x_j theta - y_j|^2 of each joint [N^2 m^2]. Shape (dof,)."""
+    both = np.append(theta, -1.0)
+    return np.array([np.sum((r @ both) ** 2) for r in blocks])
+
+
+def gram(blocks: Blocks, weight: Array) -> Array:
+    """Return sum_j w_j x_j' x_j. Shape (b, b)."""
+    pairs = zip(weight, blocks, strict=True)
+    return sum(w * r[:, :-1].T @ r[:, :-1] for w, r in pairs)
+
+
+def condition(blocks: Blocks, weight: Array, free: Array) -> float:
+    """Return the condition number of the weighted, column-normalised rows."""
+    stacked = _stacked(blocks, weight)[:, free]
+    size = np.linalg.norm(stacked, axis=0)
+    if len(free) == 0 or size.min() == 0:
+        return float("inf")
+    return float(np.linalg.cond(stacked / size))
+
+
+def residuals(rows: Rows, theta: Array) -> tuple[Array, ...]:
+    """Return y_j - x_j theta [N m]. Shapes (m_j,)."""
+    return tuple(y - x @ theta for x, y in zip(rows.x, rows.y, strict=True))
+
+
+def autocorrelation(rows: Rows, left: tuple[Array, ...]) -> Array:
+    """Return how many rows tell as much as one independent row would. Shape (dof,).
+
+    Args:
+        left: Residuals of each joint's rows. Shapes (m_j,).
+    """
+    out = np.ones(len(left))
+    for j, (values, series) in enumerate(zip(left, rows.series, strict=True)):
+        lines = []
+        for log in np.unique(series[:, 0]):
+            own = series[:, 0] == log
+            place = series[own, 1] - series[own, 1].min()
+            lines.append(np.zeros(place.max() + 1 + LAGS))
+            lines[-1][place] = values[own]
+        if lines:
+            out[j] = autocorrelation_time(np.concatenate(lines))
+    return out
+
+
+def estimated(rows: Rows, blocks: Blocks, start: Start, options: Options) -> Estimate:
+    """Fit rows, and the same compressed, by the method asked for, with covariance."""
     free = replace(start, precision=None)
     theta = solve(blocks, np.ones(len(rows.y)), free)
     for _ in range(_ROUNDS):
@@ -247,32 +230,44 @@ def estimated(
     # Noise is that of the free fit: a prior that binds would make its own misfit look
     # like noise, and bind the more.
     theta = solve(blocks, weight, start)
+    weights, means = None, np.ones((2, len(weight)))
+    outliers = np.zeros(len(weight))
     if options.method == "irls":
-        return _robust(rows, blocks, (start, options), (theta, noise, memory))
-    shape, counts = np.ones((2, len(weight))), rows.counts
-    return _estimate(
-        blocks, start, theta, (weight, noise, memory, shape, 0 * noise, counts)
+        theta, noise, weights = reweighted(rows, start, theta, memory, options.loss)
+        means = _loss_means(rows, theta, noise, options.loss)
+        weight = 1 / (noise**2 * memory)
+        outliers = np.array([np.mean(w < 0.5) if len(w) else 0.0 for w in weights])
+    return Estimate(
+        theta,
+        _covariance(
+            blocks, start, (weight * means[0], weight**2 * means[1]), noise, memory
+        ),
+        noise,
+        rows.counts / memory,
+        weight,
+        condition(blocks, weight, start.free),
+        outliers,
+        rows.counts,
+        weights,
     )
 
 
 def weights_of(
     rows: Rows, theta: Array, method: str, parameters: int = 0
 ) -> tuple[Array, Array, Array]:
-    """Return weight, noise and autocorrelation time of each joint's rows.
+    """Return weight w_j, noise s_j [N m] and autocorrelation time t_j of each joint.
 
     Args:
         theta: Parameters whose residual tells the noise. Shape (b,).
         method: "ols" gives all joints one weight.
-
-    Returns:
-        w_j, s_j [N m], t_j. Shape (dof,) each.
+        parameters: How many were fitted to these rows.
     """
     left = residuals(rows, theta)
     memory = autocorrelation(rows, left)
     sse = np.array([np.sum(r**2) for r in left])
     spent = max(1 - parameters / max(rows.counts.sum(), 1), 0.1)
-    floor = _FLOOR * max(rows.rms.max(), 1e-9)
-    noise = np.maximum(np.sqrt(sse / np.maximum(rows.counts * spent, 1)), floor)
+    noise = np.sqrt(sse / np.maximum(rows.counts * spent, 1))
+    noise = np.maximum(noise, _least_noise(rows))
     weight = 1 / (noise**2 * memory)
     if method == "ols":
         share = rows.counts / rows.counts.sum()
@@ -280,81 +275,52 @@ def weights_of(
     return weight, noise, memory
 
 
-def _robust(
-    rows: Rows, blocks: tuple[Array, ...], how: tuple, known: tuple
-) -> Estimate:
-    start, options = how
-    theta, noise, memory = known
-    theta, noise, weights = reweighted(rows, start, (theta, memory), options.loss)
-    shape = shape_means(rows, theta, noise, options.loss)
-    outliers = np.array([np.mean(w < 0.5) if len(w) else 0.0 for w in weights])
-    weight = 1 / (noise**2 * memory)
-    parts = (weight, noise, memory, shape, outliers, rows.counts)
-    made = _estimate(blocks, start, theta, parts)
-    return replace(made, row_weights=weights)
+def _least_noise(rows: Rows) -> float:
+    return _FLOOR * max(rows.rms.max(), 1e-9)
 
 
-def _estimate(
-    blocks: tuple[Array, ...], start: Start, theta: Array, parts: tuple
-) -> Estimate:
-    """Sandwich covariance over the free parameters."""
-    weight, noise, memory, shape, outliers, counts = parts
-    free, size = start.free, start.size[start.free]
-    unit = np.outer(size, size)
-    pick = np.ix_(free, free)
-    prior = 0.0 if start.precision is None else start.precision[pick] * unit
-    bread = gram(blocks, weight * shape[0])[pick] * unit + prior
-    meat = gram(blocks, weight**2 * noise**2 * memory * shape[1])[pick]
-    inverse = np.linalg.pinv(bread, rcond=1e-14, hermitian=True)
-    own = inverse @ (meat * unit + prior) @ inverse * unit
-    covariance = np.zeros((len(theta), len(theta)))
-    covariance[pick] = own
-    return Estimate(
-        theta,
-        covariance,
-        noise,
-        counts / memory,
-        weight,
-        condition(blocks, weight, free),
-        outliers,
-        counts,
-    )
-
-
-LOSSES = ("huber", "bisquare")
-_K, _C = 1.345, 4.685
-_MAD = 1.4826  # median absolute value to standard deviation, of Gaussian noise
-_REWEIGHTINGS = 50
+def _covariance(
+    blocks: Blocks, start: Start, weights: tuple, noise: Array, memory: Array
+) -> Array:
+    """The sandwich; weights of bread and of meat. Shape (b, b)."""
+    bread, meat = weights
+    size, pick = start.size[start.free], np.ix_(start.free, start.free)
+    unit, prior = np.outer(size, size), start.prior
+    inner = gram(blocks, meat * noise**2 * memory)[pick] * unit + prior
+    outer = gram(blocks, bread)[pick] * unit + prior
+    inverse = np.linalg.pinv(outer, rcond=1e-14, hermitian=True)
+    covariance = np.zeros((len(start.size), len(start.size)))
+    covariance[pick] = inverse @ inner @ inverse * unit
+    return covariance
 
 
 def reweighted(
-    rows: Rows, start: Start, known: tuple[Array, Array], loss: str
+    rows: Rows, start: Start, theta: Array, memory: Array, loss: str
 ) -> tuple[Array, Array, tuple[Array, ...]]:
-    """Fit until weights and parameters agree.
+    """Fit until weights and parameters agree; bisquare starts from Huber.
 
     Args:
-        known: Parameters to start from and autocorrelation time of each joint.
-        loss: "huber" or "bisquare"; the latter starts from the former.
+        theta: Parameters to start from. Shape (b,).
+        memory: Autocorrelation time of each joint. Shape (dof,).
 
     Returns:
         Parameters (b,), noise of each joint [N m] (dof,), weights of rows (m_j,) each.
     """
-    theta, memory = known
     if loss == "bisquare":
-        theta, _, _ = reweighted(rows, start, known, "huber")
+        theta, _, _ = reweighted(rows, start, theta, memory, "huber")
     for _ in range(_REWEIGHTINGS):
         left = residuals(rows, theta)
-        noise = _noise(left, rows)
+        middle = [np.median(np.abs(r)) if len(r) else 0.0 for r in left]
+        noise = np.maximum(_MAD * np.array(middle), _least_noise(rows))
         weights = tuple(_weight(r / s, loss) for r, s in zip(left, noise, strict=True))
-        blocks = compress(rows, weights)
         before = theta
-        theta = solve(blocks, 1 / (noise**2 * memory), start)
+        theta = solve(compress(rows, weights), 1 / (noise**2 * memory), start)
         if np.all(np.abs(theta - before) <= 1e-7 * start.size):
             break
     return theta, noise, weights
 
 
-def shape_means(rows: Rows, theta: Array, noise: Array, loss: str) -> Array:
+def _loss_means(rows: Rows, theta: Array, noise: Array, loss: str) -> Array:
     """Mean psi' and mean psi^2 of each joint's standardised residuals. (2, dof).
 
     They turn the covariance of least squares into that of the robust fit.
@@ -372,12 +338,6 @@ def shape_means(rows: Rows, theta: Array, noise: Array, loss: str) -> Array:
             slope = np.where(v < 1, (1 - v) * (1 - 5 * v), 0.0)
         out[0, j] = max(np.mean(slope), 0.05)
     return out
-
-
-def _noise(left: tuple[Array, ...], rows: Rows) -> Array:
-    floor = 1e-7 * max(rows.rms.max(), 1e-9)
-    middle = [np.median(np.abs(r)) if len(r) else 0.0 for r in left]
-    return np.maximum(_MAD * np.array(middle), floor)
 
 
 def _weight(u: Array, loss: str) -> Array:

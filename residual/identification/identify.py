@@ -12,13 +12,15 @@ import numpy as np
 from scipy.special import fdtri
 
 from residual.errors import InputError
-from residual.identification import estimate as solve
 from residual.identification.estimate import (
-    METHODS,
     Estimate,
     Options,
     Start,
+    compress,
     estimated,
+    gram,
+    solve,
+    squares,
     weights_of,
 )
 from residual.identification.structure import (
@@ -71,7 +73,7 @@ def reduce(
     """
     weight = estimate.weight
     rows = float(estimate.independent.sum())
-    least = float(weight @ solve.squares(blocks, estimate.theta))
+    least = float(weight @ squares(blocks, estimate.theta))
     left = rows * max(1 - len(start.free) / every, 0.1)
     kept = Essential((), start, 0.0, float("nan"))
     theta = estimate.theta
@@ -84,9 +86,9 @@ def reduce(
         value[worst] = 0.0
         free = kept.start.free[kept.start.free != worst]
         tried = replace(kept.start, value=value, free=free)
-        theta = solve.solve(blocks, weight, tried)
+        theta = solve(blocks, weight, tried)
         count = len(kept.dropped) + 1
-        more = float(weight @ solve.squares(blocks, theta)) - least
+        more = float(weight @ squares(blocks, theta)) - least
         ratio = more / count / (least / left)
         limit = float(fdtri(count, left, _CHANCE))
         if ratio > limit:
@@ -101,13 +103,11 @@ def _relative_sd(
     """Relative sd of the free parameters under the weights. Shape (k,)."""
     size = start.size[start.free]
     pick = np.ix_(start.free, start.free)
-    scaled = solve.gram(blocks, weight)[pick] * np.outer(size, size)
+    scaled = gram(blocks, weight)[pick] * np.outer(size, size)
     covariance = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
     sd = size * np.sqrt(np.maximum(np.diag(covariance), 0))
     return sd / np.maximum(np.abs(theta[start.free]), 1e-300)
 
-
-__all__ = ["METHODS", "Estimate", "Identification", "Options", "identify"]
 
 _ROWS_PER_PARAMETER = 3
 
@@ -203,7 +203,7 @@ def _fitted(
     theta = base.mapping @ nominal.coefficients()
     wide = spread + np.diag(load(nominal) ** 2)
     size = np.sqrt(np.diag(base.mapping @ wide @ base.mapping.T))
-    blocks = solve.compress(rows)
+    blocks = compress(rows)
     start = Start(theta, size, np.arange(len(base)))
     seen = _with_torque(nominal, base, (rows, blocks), start)
     start = replace(start, free=seen.free)
@@ -229,7 +229,7 @@ def _fitted(
         wide,
         seen,
         essential,
-        solve.compress(rows, estimate.row_weights),
+        compress(rows, estimate.row_weights),
     )
 
 
@@ -238,9 +238,9 @@ def _with_torque(
 ) -> Preflight:
     """What the motion shows, under the noise of a first fit of everything."""
     rows, blocks = data
-    rough = solve.solve(blocks, np.ones(len(rows.y)), start)
+    rough = solve(blocks, np.ones(len(rows.y)), start)
     weight, _, _ = weights_of(rows, rough, "wls")
-    information = solve.gram(blocks, weight)
+    information = gram(blocks, weight)
     per_row = np.stack([weight, rows.counts])
     return preflight(nominal, base, information, start.size, per_row)
 

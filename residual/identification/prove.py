@@ -45,9 +45,6 @@ def torque_errors(
 
     Args:
         models: Models of one signal path, by name.
-
-    Raises:
-        InputError: If there is no model or no log.
     """
     if not models or not recordings:
         raise InputError("Validation needs at least one model and one held-out log.")
@@ -64,9 +61,6 @@ def acceleration_error(
     qdd_hat = M(q)^-1 (tau - h(q, qd)), with M and h of body and effects. Measured and
     computed acceleration pass the identification filter; samples count where the joint
     moves.
-
-    Raises:
-        InputError: If M(q) of the model is not positive definite.
     """
     dof = model.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
@@ -95,9 +89,6 @@ def acceleration(model: Model, track: Track, tau: Array) -> Array:
 
     Returns:
         Shape (n, dof).
-
-    Raises:
-        InputError: If M(q) of the model is not positive definite.
     """
     still = replace(track, qdd=np.zeros_like(track.qdd))
     state = model.observe(still)

@@ -1,8 +1,14 @@
-"""What a model can be fitted by: base parameters of its body and its effects together.
+"""What a model can be fitted by, and what of it a motion can tell.
 
-Some effects move the same torque as inertia does (the rotor of joint 1 turns about the
-same axis as link 1). They are taken into the base parameter, so that what is fitted is
-independent; the mapping says what was taken.
+Base parameters of its body and its effects together: some effects move the same torque
+as inertia does (the rotor of joint 1 turns about the same axis as link 1). They are
+taken into the base parameter, so that what is fitted is independent; the mapping says
+what was taken.
+
+The standard deviation that a parameter would have is sqrt((A^-1)_ii), with A the
+information of the rows under the noise of each joint. A parameter cannot be told if
+that exceeds all by which it could be off anyway: its whole nominal value and more than
+a usual load would add.
 """
 
 from dataclasses import dataclass
@@ -176,7 +182,6 @@ def load(model: Model) -> Array:
 
 
 _STATES = 120  # of a motion that is tried
-_WEAK = 0.3
 _LIMIT = 1.0
 _FAST, _HARD = 1.5, 5.0  # rad/s, rad/s^2 where a robot has no limits
 _LARGEST = 1e9
@@ -205,13 +210,11 @@ class Preflight:
         doubt: Expected standard deviation of each parameter over its size, with all
             that are not held free. Shape (b,).
         held: Parameters that are better left at their nominal value.
-        weak: Parameters known to no better than 30 % of that. Shape (k,).
         standing: Joints that never move, from 1.
     """
 
     doubt: Array
     held: tuple[Unidentified, ...]
-    weak: Array
     standing: tuple[int, ...]
 
     @property
@@ -245,11 +248,7 @@ def preflight(
     Args:
         information: A: weighted x'x of the rows, in SI units. Shape (b, b).
         size: How far each base parameter may be off at all. Shape (b,).
-        rows: Weight of one row of each joint, and how many there are: w_j, m_j.
-            Shape (2, dof).
-
-    Returns:
-        What can be told.
+        rows: Weight w_j of one row of each joint, and how many there are. (2, dof).
     """
     scaled = information * np.outer(size, size)
     free, held = list(range(len(size))), []
@@ -267,7 +266,6 @@ def preflight(
         held=tuple(
             Unidentified(i, doubt * size[i], remedies[i]) for i, doubt in sorted(held)
         ),
-        weak=np.array([i for i in free if expected[i] > _WEAK], dtype=int),
         standing=tuple(int(j) + 1 for j in np.flatnonzero(rows[1] == 0)),
     )
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.effects import registry
-from residual.effects._tables import TABLES
+from residual.effects import TABLES, registry
 from residual.effects.base import Effect, Joints, Shape, State
 from residual.names import check_name
 from residual.recording import Array

@@ -21,9 +21,6 @@ def as_block(values: Array, name: str) -> Array:
 
     Returns:
         The block. Shape (n, k).
-
-    Raises:
-        InputError: If it is empty, has another shape, or a value is not finite.
     """
     block = np.asarray(values, dtype=float)
     block = block[:, None] if block.ndim == 1 else block
@@ -42,11 +39,7 @@ def as_block(values: Array, name: str) -> Array:
 
 
 def as_pair(X: Array, Y: Array) -> tuple[Array, Array]:
-    """Return both blocks, checked, of equally many rows.
-
-    Raises:
-        InputError: As `as_block`, and if the numbers of rows differ.
-    """
+    """Return both blocks, checked, of equally many rows."""
     X, Y = as_block(X, "X"), as_block(Y, "Y")
     if len(X) != len(Y):
         raise InputError(
@@ -56,11 +49,7 @@ def as_pair(X: Array, Y: Array) -> tuple[Array, Array]:
 
 
 def as_names(names: Sequence[str] | None, count: int, letter: str) -> tuple[str, ...]:
-    """Return one name per column, made up where none are given.
-
-    Raises:
-        InputError: If there are not as many names as columns.
-    """
+    """Return one name per column, made up where none are given."""
     chosen = tuple(names) if names else tuple(f"{letter}{i + 1}" for i in range(count))
     if len(chosen) != count:
         raise InputError(f"{len(chosen)} names for {count} columns: give one for each.")
@@ -73,9 +62,6 @@ def check_varying(X: Array, names: Sequence[str], where: str = "") -> None:
     Args:
         X: The block. Shape (n, k).
         where: Which rows these are, for the message; all of them if empty.
-
-    Raises:
-        InputError: With the names of the constant columns.
     """
     spread = np.ptp(X, axis=0)
     constant = spread <= CONSTANT * np.abs(X).max(axis=0)
@@ -90,11 +76,7 @@ def check_varying(X: Array, names: Sequence[str], where: str = "") -> None:
 
 
 def check_count(value: int, low: int, high: int, what: str, remedy: str) -> int:
-    """Return a whole number that lies within its bounds.
-
-    Raises:
-        InputError: With the bounds, the value and the remedy.
-    """
+    """Return a whole number that lies within its bounds."""
     if isinstance(value, bool) or int(value) != value or not low <= value <= high:
         raise InputError(f"{what} must be {low} to {high}, got {value}. {remedy}")
     return int(value)

@@ -61,11 +61,7 @@ class Pls:
         return self.T.shape[1]
 
     def coefficients(self, components: int | None = None) -> Array:
-        """B = V Q' (eq. 25), in units of Y per unit of X. Shape (k, j).
-
-        Raises:
-            InputError: If there are not so many components.
-        """
+        """B = V Q' (eq. 25), in units of Y per unit of X. Shape (k, j)."""
         a = self._count(components)
         return (self.V[:, :a] / self.x_scale[:, None]) @ (
             self.Q[:, :a].T * self.y_scale
@@ -200,9 +196,6 @@ def fit_pca(X: Array, names: Sequence[str] | None = None) -> Pca:
     Args:
         X: Signals as columns, any units. Shape (n, k).
         names: One name per column; made up if None.
-
-    Raises:
-        InputError: On a value that is not finite, a constant column, or one row.
     """
     X = as_block(X, "X")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
@@ -262,10 +255,6 @@ def real_components(
         X: Signals as columns. Shape (n, k).
         run: Run of each row: surrogates are drawn within runs. Shape (n,); one if None.
         quantile: Share of the surrogates that chance may not exceed.
-
-    Raises:
-        InputError: On a constant column, a value that is not finite, too few draws,
-            or a run of fewer than 4 rows.
     """
     X = as_block(X, "X")
     check_varying(X, as_names(None, X.shape[1], "x"))

@@ -67,11 +67,7 @@ def relative_error(miss: Array, power: Array) -> Array:
 
 
 def leave_one_out(labels: Array, scheme: str = "run") -> Folds:
-    """Hold out all rows of one label at a time: of one run, or of one family.
-
-    Raises:
-        InputError: If there are fewer than two labels.
-    """
+    """Hold out all rows of one label at a time: of one run, or of one family."""
     labels = np.asarray(labels)
     names, of_row = np.unique(labels, return_inverse=True)
     remedy = "Take more logs, or cut a long one into parts with `systematic`."
@@ -80,11 +76,7 @@ def leave_one_out(labels: Array, scheme: str = "run") -> Folds:
 
 
 def systematic(rows: int, blocks: int = BLOCKS) -> Folds:
-    """Hold out sequential blocks of rows (paper, section 2.5.2).
-
-    Raises:
-        InputError: If there are fewer rows than blocks, or fewer than two blocks.
-    """
+    """Hold out sequential blocks of rows (paper, section 2.5.2)."""
     _check_blocks(rows, blocks)
     return Folds(
         "systematic", frozen(np.arange(rows) * blocks // rows), _block_names(blocks)
@@ -100,9 +92,6 @@ def systematic_repeats(
         run: Run of each row. Shape (n,).
         period: Rows of one period: of all runs, or by run.
         blocks: Blocks in all; each run gets an equal number, rounded up.
-
-    Raises:
-        InputError: If there are fewer rows than blocks, or a period is of no row.
     """
     run = np.asarray(run)
     _check_blocks(len(run), blocks)
@@ -122,11 +111,7 @@ def systematic_repeats(
 
 
 def random_blocks(rows: int, rng: np.random.Generator, blocks: int = BLOCKS) -> Folds:
-    """Hold out randomly drawn rows, equally many each time (paper, section 2.5.3).
-
-    Raises:
-        InputError: If there are fewer rows than blocks, or fewer than two blocks.
-    """
+    """Hold out randomly drawn rows, equally many each time (paper, section 2.5.3)."""
     _check_blocks(rows, blocks)
     return Folds("random", frozen(rng.permutation(rows) % blocks), _block_names(blocks))
 
@@ -140,11 +125,7 @@ def fold_power(torque: Array, folds: Folds) -> Array:
 
 
 def check_folds(folds: Folds, rows: int) -> None:
-    """Refuse folds made for other rows.
-
-    Raises:
-        InputError: With both numbers of rows.
-    """
+    """Refuse folds made for other rows."""
     if len(folds.of_row) != rows:
         raise InputError(
             f"The folds are of {len(folds.of_row)} rows, the data of {rows}: "

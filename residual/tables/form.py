@@ -92,16 +92,14 @@ def fit_loaded(
     solved = []
     for j in range(Y.shape[1]):
         both = slice(2 * j, 2 * j + 2)
-        sizes = codes.sizes[both]
-        first, second = codes.values[:, both].astype(np.int64).T
         root = root_of([_crossed(a, b) for a, b in zip(*groups[both], strict=True)])
-        cells = first * sizes[1] + second, sizes, root
+        cells = codes.values[:, both].astype(np.int64), codes.sizes[both], root
         solved.append(_solve(normal, cells, Y[:, j], j, ridges))
     fits = []
-    for i, ridge in enumerate(ridges):
-        stacked = np.column_stack([joint[i][0] for joint in solved])
-        main = normal.effects(pyramid.levels, stacked, ridge)
-        fits.append(Loaded(main, levels, tuple(joint[i][1] for joint in solved)))
+    for ridge, joints in zip(ridges, zip(*solved, strict=True), strict=True):
+        coefficients, tables = zip(*joints, strict=True)
+        main = normal.effects(pyramid.levels, np.column_stack(coefficients), ridge)
+        fits.append(Loaded(main, levels, tables))
     return tuple(fits)
 
 
@@ -112,22 +110,23 @@ def _crossed(first: Array, second: Array) -> Array:
 
 def _solve(normal: Normal, cells: tuple, y: Array, joint: int, ridges) -> list[tuple]:
     """Coefficients of the main effects and a table of one joint, by ridge."""
-    cell, sizes, root = cells
-    size, n = sizes[0] * sizes[1], len(y)
-    count = np.bincount(cell, minlength=size)
+    codes, sizes, root = cells
+    cell, n = np.ravel_multi_index(codes.T, sizes), len(y)
+    count = np.bincount(cell, minlength=len(root))
     share = count / n
-    cross = normal.cross(cell, size, share) @ root
+    cross = normal.cross(cell, share) @ root
     own = root.T @ (np.diag(count) - n * np.outer(share, share)) @ root
-    right = root.T @ (np.bincount(cell, y, size) - count * y.mean())
+    right = root.T @ (np.bincount(cell, y, len(root)) - count * y.mean())
     out = []
     for ridge in ridges:
-        inverse = 1.0 / normal.stiffened(ridge)
+        stiff = normal.scaled(ridge)
+        inverse = 1.0 / (normal.values + stiff)
         known = inverse * normal.right[:, joint]
-        schur = own - cross.T @ (inverse[:, None] * cross)
-        schur[np.diag_indices(len(schur))] += normal.scaled(ridge)
+        schur = own - cross.T @ (inverse[:, None] * cross) + stiff * np.eye(len(own))
         solved = np.linalg.solve(schur, right - cross.T @ known)
-        rest, table = known - inverse * (cross @ solved), root @ solved
-        out.append((rest, frozen((table - share @ table).reshape(sizes))))
+        table = root @ solved
+        table = frozen((table - share @ table).reshape(sizes))
+        out.append((known - inverse * (cross @ solved), table))
     return out
 
 
@@ -284,11 +283,7 @@ class Rest:
 
 
 def fit_base(X: Array, Y: Array, form: EffectForm) -> Base:
-    """Fit least squares and main effects.
-
-    Raises:
-        InputError: On a constant column, levels below 2, or blocks that do not fit.
-    """
+    """Fit least squares and main effects."""
     X, Y = as_pair(X, Y)
     plain, names = form.states(X), form.state_names()
     pyramid = make_pyramid(plain, form.pyramid, names, velocities=form.velocities)

@@ -125,9 +125,6 @@ def jackknife(left_out: Array, full: Array) -> Jackknife:
     Args:
         left_out: Fitted numbers without each group. Shape (G, ...).
         full: The same fitted to all rows. Shape (...).
-
-    Raises:
-        InputError: If there are fewer than two groups.
     """
     left_out, full = np.asarray(left_out, float), np.asarray(full, float)
     groups = check_count(len(left_out), 2, 2**62, "groups", "Take more runs.")

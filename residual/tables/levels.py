@@ -55,9 +55,6 @@ class Levels:
 
         Args:
             X: Variables in the units of the edges. Shape (n, d).
-
-        Raises:
-            InputError: On another number of columns or a value that is not finite.
         """
         X = as_block(X, "X")
         if X.shape[1] != len(self.edges):
@@ -109,9 +106,6 @@ def equal_levels(X: Array, count: Count, names: Sequence[str] | None = None) -> 
     Args:
         X: Calibration rows. Shape (n, d).
         count: Levels of all variables, or of each, at least 2.
-
-    Raises:
-        InputError: On fewer than 2 levels, a constant column, or a value not finite.
     """
     X, names, counts = _checked(X, count, names)
     low, high = X.min(axis=0), X.max(axis=0)
@@ -142,9 +136,6 @@ def quantile_levels(
         count: Levels of all variables, or of each, at least 2.
         velocities: Columns (from 0) that hold velocities [rad/s].
         constant: Whether a column may be constant; all of it is then in one level.
-
-    Raises:
-        InputError: On fewer than 2 levels, a constant column, or a value not finite.
     """
     X, names, counts = _checked(X, count, names, constant)
     edges = [
@@ -165,9 +156,6 @@ def shift_ahead(X: Array, Y: Array, run: Array | None = None) -> tuple[Array, ..
 
     Returns:
         X(t), Y(t + 1) and the rows of X that are left. Shapes (m, k), (m, j), (m,).
-
-    Raises:
-        InputError: If the blocks differ in length or no run has two rows.
     """
     X, Y = as_pair(X, Y)
     run = np.zeros(len(X), int) if run is None else np.asarray(run)

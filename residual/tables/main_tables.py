@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from residual.errors import InputError
 from residual.recording import Array
@@ -90,22 +91,19 @@ class Normal:
         """A ridge per 20 000 rows as it is for so many rows."""
         return ridge * len(self.codes.values) / ROWS
 
-    def stiffened(self, ridge: float) -> Array:
-        """Eigenvalues plus ridge. Shape (r,)."""
-        return self.values + self.scaled(ridge)
-
     def effects(self, levels: Levels, solved: Array, ridge: float) -> MainEffects:
         """Tables from coefficients of the directions. Shape of `solved` (r, j)."""
         tables = _centred(self.back @ solved, self.share, self.codes.sizes)
         return MainEffects(levels, frozen(self.y_mean), tables, float(ridge))
 
-    def cross(self, cell: Array, size: int, share: Array) -> Array:
+    def cross(self, cell: Array, share: Array) -> Array:
         """Products of the directions with indicators of cells, centred. (r, size).
 
         Args:
             cell: Cell of each row. Shape (n,).
             share: Share of the rows in each. Shape (size,).
         """
+        size = len(share)
         counts = [
             np.bincount(column.astype(np.int64) * size + cell, minlength=k * size)
             for column, k in zip(self.codes.values.T, self.codes.sizes, strict=True)
@@ -122,11 +120,7 @@ def make_pyramid(
     *,
     velocities: Sequence[int] = (),
 ) -> Pyramid:
-    """Return quantile levels of several widths (see `quantile_levels`).
-
-    Raises:
-        InputError: As `quantile_levels`, and if there are no widths.
-    """
+    """Return quantile levels of several widths (see `quantile_levels`)."""
     if not widths:
         raise InputError("The pyramid needs at least one number of levels, got none.")
     layers = [quantile_levels(X, w, names, velocities=velocities) for w in widths]
@@ -172,9 +166,6 @@ def main_effects(
 
     Returns:
         One fit per ridge.
-
-    Raises:
-        InputError: If a ridge is not positive.
     """
     if not len(ridges) or min(ridges) <= 0:
         raise InputError(
@@ -183,7 +174,7 @@ def main_effects(
         )
     fits = []
     for ridge in ridges:
-        solved = normal.right / normal.stiffened(ridge)[:, None]
+        solved = normal.right / (normal.values + normal.scaled(ridge))[:, None]
         fits.append(normal.effects(pyramid.levels, solved, ridge))
     return tuple(fits)
 
@@ -194,20 +185,13 @@ def normal_equations(X: Array, Y: Array, pyramid: Pyramid) -> Normal:
     min |Y - ybar - (Z - zbar) beta|^2 + ridge n / 20000 |beta|^2, Z one column per
     level of every width. With D mapping levels of the union to those columns, tables
     are g = D beta; D D' = L L' gives the same g from columns Z L, which are fewer.
-
-    Args:
-        X: Variables. Shape (n, d).
-        Y: Responses. Shape (n, j).
-
-    Raises:
-        InputError: On blocks of different length.
     """
     X, Y = as_pair(X, Y)
     codes = pyramid.levels.encode(X)
     count, sums = _joint_sums(codes, Y)
     n, y_mean = len(Y), Y.mean(axis=0)
     share = np.diag(count) / n
-    L = _block_diagonal(pyramid.roots)
+    L = block_diag(*pyramid.roots)
     middle = share @ L
     values, U = np.linalg.eigh(L.T @ count @ L - n * np.outer(middle, middle))
     right = U.T @ (L.T @ sums - n * np.outer(middle, y_mean))
@@ -231,16 +215,6 @@ def _joint_sums(codes: Codes, Y: Array) -> tuple[Array, Array]:
             count[rows, tables[j]] = block.reshape(k, -1)
     upper = np.triu(count, 1)
     return count + upper.T, sums
-
-
-def _block_diagonal(roots: Sequence[Array]) -> Array:
-    rows, columns = (sum(r.shape[axis] for r in roots) for axis in (0, 1))
-    out = np.zeros((rows, columns))
-    row = column = 0
-    for root in roots:
-        out[row : row + len(root), column : column + root.shape[1]] = root
-        row, column = row + len(root), column + root.shape[1]
-    return out
 
 
 def _centred(stacked: Array, share: Array, sizes: Sequence[int]) -> tuple[Array, ...]:

