@@ -9,7 +9,7 @@ import numpy as np
 
 from residual.effects.base import BRISTLE, Portable
 from residual.export.exported import Split, Whole, body_of, file_stem, split
-from residual.model.corrected import Corrected, Tables
+from residual.model.corrected import DIFFERENCE, Corrected, Tables
 from residual.model.model import LEAST_SPEED, Model
 from residual.model.term import Term
 from residual.recording import Array
@@ -234,6 +234,20 @@ def arrays_of(program: Program) -> dict[str, Array]:
     if program.shifts:
         arrays["drive"] = program.drive
     return {name: values for name, values in arrays.items() if values is not None}
+
+
+def reads_of(tables: Tables, arrays: Mapping[str, str], load: str) -> list[str]:
+    """Return what the tables of a joint read, as expressions; the load is the last.
+
+    Args:
+        arrays: What the program calls the columns of a table.
+        load: What it calls the torque of all joints.
+    """
+    reads = []
+    for on, of, form in tables.columns:
+        sign = " - " if form == DIFFERENCE else " + "
+        reads.append(sign.join(f"{arrays[on]}[{j}]" for j in of))
+    return [*reads, f"{load}[{tables.joint}]"][: len(tables.lookup.names)]
 
 
 def filled(text: str, words: Mapping[str, str]) -> str:
