@@ -52,11 +52,11 @@ from residual.model.nominal import (
     prepare_logs,
     start_nominal,
 )
-from residual.planning.gather import open_question
 from residual.planning.promise import promised
+from residual.planning.question import open_question
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.signals.split import hold_out_end, session_clock
+from residual.signals.pieces import hold_out_end, session_clock
 from residual.signals.track import Filters
 
 # The diagnosis, the fit of exactly what is named, and the findings.

@@ -6,20 +6,27 @@ from dataclasses import replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.recording import Recording
+from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from sim.background.torque import logged
+from sim.background import logged
 from sim.catalogue import acting
 from sim.draw import draw_hidden
 from sim.plant import tables as at
 from sim.plant.arm import Arm, build_arm
 from sim.plant.controller import ComputedTorque, Law, controller_by
-from sim.plant.signal_faults import hold_frozen
+from sim.plant.sensors import WHITE_TORQUE, encoder, hold_frozen, reported, torque_noise
 from sim.plant.stepping import Trace, simulate
-from sim.records import Noise, PlantEffect, PlantRun, PlantSpec, Rates, Reference
-from sim.streams import motion_label, stream
-from sim.synthetic.sensors import WHITE_TORQUE, encoder, reported, torque_noise
-from sim.synthetic.sizes import sizes
+from sim.records import (
+    Noise,
+    PlantEffect,
+    PlantRun,
+    PlantSpec,
+    Rates,
+    Reference,
+    motion_label,
+    stream,
+)
+from sim.sizes import sizes
 from sim.twin import twin_errors, twin_of
 
 
@@ -62,8 +69,6 @@ def every_nth(rates: Rates) -> int:
 
 
 __all__ = ["draw_hidden", "run_experiment"]
-
-Array = np.ndarray
 
 
 def run_experiment(

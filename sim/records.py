@@ -1,14 +1,14 @@
 """The records that the rooms of the simulated world share."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from residual.recording import Recording
+from residual.recording import Array, Recording
 
-Array = np.ndarray
 BackgroundWord = Literal["clean", "workshop", "worn"]
 CLEAN: BackgroundWord = "clean"
 WORKSHOP: BackgroundWord = "workshop"
@@ -196,3 +196,31 @@ class PlantRun:
     log: Recording
     truth: Mapping[str, Array]
     twin: Mapping[str, Array]
+
+
+HIDDEN = "hidden"
+# What a manifest lists: the streams that one experiment draws from.
+NAMES = ("scatter", "friction", "encoder", "torque", "effect")
+
+
+def stream(seed: int, name: str) -> np.random.Generator:
+    """Return the random stream of that name.
+
+    Streams of different names are independent; drawing more from one, or adding
+    another, changes nothing in the rest.
+
+    Args:
+        seed: Seed of the whole experiment, 0 or more.
+        name: What the stream is for, such as "encoder/fit_1".
+    """
+    digest = hashlib.sha256(name.encode()).digest()
+    entropy = [seed, int.from_bytes(digest[:8], "little")]
+    return np.random.default_rng(np.random.SeedSequence(entropy))
+
+
+def motion_label(reference: Reference, start: float) -> str:
+    """Return a label of one motion at one time of the session, for stream names."""
+    digest = hashlib.sha256(reference.kind.encode())
+    for array in (reference.t, reference.q):
+        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    return f"{digest.hexdigest()[:16]}/{start!r}"

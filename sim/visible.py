@@ -17,17 +17,15 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.signal import butter, sosfiltfilt
 
+from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
 from sim.catalogue import acting, amount, kinds, multiplied, of_drives
 from sim.draw import draw_hidden
 from sim.effects.base import Rng
-from sim.kinds import BRISTLE
+from sim.laws import BRISTLE
+from sim.quasi_static import Plant, true_torque
 from sim.records import Hidden, PlantEffect, Reference
-from sim.synthetic.motion import Motion
-from sim.synthetic.plant import Plant, true_torque
-
-Array = np.ndarray
 
 VISIBLE = 0.05  # share of a joint's torque that an effect has at least
 # Asked for: the arm that runs is a few per cent off its description, does not follow
@@ -54,7 +52,7 @@ class Stage:
         rest: The same less what the rigid body takes [N m]. Shape (n, dof).
     """
 
-    motion: Motion
+    motion: Reference
     start: float
     moves: Array
     torque: Array
@@ -64,13 +62,12 @@ class Stage:
     def of(cls, robot: Robot, reference: Reference, start: float = 0.0) -> Self:
         """Return the stage of one motion, of an arm just as its description says."""
         r = reference
-        motion = Motion(r.kind, r.t, r.q, r.qd, r.qdd)
         rate = 1 / (r.t[1] - r.t[0])
         slow = np.abs(r.qd) < _FASTER
         slow |= np.diff(np.sign(r.qd), axis=0, prepend=np.sign(r.qd[:1])) != 0
-        torque, rest = _torques(Plant(robot, (), 0, scatter=0.0), motion, start)
+        torque, rest = _torques(Plant(robot, (), 0, scatter=0.0), r, start)
         near = np.ones((2 * round(_AWAY * rate) + 1, 1), dtype=bool)
-        return cls(motion, start, ~binary_dilation(slow, near), torque, rest)
+        return cls(r, start, ~binary_dilation(slow, near), torque, rest)
 
 
 def draw_visible(
@@ -153,7 +150,7 @@ def _has_bristles(effect: PlantEffect) -> bool:
     return bool(what.friction) and what.friction(p, 0.0)[0] == BRISTLE
 
 
-def _torques(plant: Plant, motion: Motion, start: float) -> tuple[Array, Array]:
+def _torques(plant: Plant, motion: Reference, start: float) -> tuple[Array, Array]:
     """Return torque, and torque less that of the rigid body where encoders read.
 
     Both without what is too fast to be seen [N m]. Shapes (n, dof).

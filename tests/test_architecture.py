@@ -38,8 +38,8 @@ ALLOWED = {
 # What only some may import of others.
 ONLY = {
     "prefect": ("flows/",),
-    "pybullet": ("sim/engine/bullet.py", "sim/engine/camera.py"),
-    "pybullet_data": ("sim/engine/bullet.py", "sim/engine/camera.py"),
+    "pybullet": ("sim/engine/bullet.py",),
+    "pybullet_data": ("sim/engine/bullet.py",),
     "cvxpy": ("residual/identification/consistency.py",),
     "duckdb": ("warehouse/", "flows/"),
     "pyarrow": ("warehouse/", "flows/"),

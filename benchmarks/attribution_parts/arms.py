@@ -11,17 +11,15 @@ from functools import lru_cache
 
 import numpy as np
 
+from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 from sim.catalogue import of_drives
-from sim.drawn_arm import light_arm
-from sim.records import Hidden, PlantEffect
-from sim.streams import stream
-from sim.synthetic.motion import Motion, make_motion
-from sim.synthetic.plant import Plant, true_friction, true_torque
-from sim.synthetic.room import room
-from sim.synthetic.sensors import WHITE_TORQUE, encoder, torque_noise
-from sim.synthetic.sizes import sizes
+from sim.draw import light_arm
+from sim.plant.sensors import WHITE_TORQUE, encoder, torque_noise
+from sim.quasi_static import Plant, true_friction, true_torque
+from sim.records import Hidden, PlantEffect, Reference, stream
+from sim.sizes import room, sizes
 
 Array = np.ndarray
 
@@ -111,13 +109,15 @@ def make_edited(arm: Arm, effects: Sequence[PlantEffect]) -> Recording:
     return record(arm, arm.plant(effects), EDITED, made, 0.0)
 
 
-def motion(arm: Arm, name: str, family: str, seconds: float) -> Motion:
+def motion(arm: Arm, name: str, family: str, seconds: float) -> Reference:
     """Return the motion of one log."""
     rng = stream(arm.seed, f"motion/{name}")
     return make_motion(family, room(arm.robot), seconds, RATE, rng)
 
 
-def record(arm: Arm, plant: Plant, name: str, moved: Motion, start: float) -> Recording:
+def record(
+    arm: Arm, plant: Plant, name: str, moved: Reference, start: float
+) -> Recording:
     """Return what the sensors make of one motion."""
     torque = true_torque(plant, moved, name, start)
     span = sizes(arm.robot).torque * _NOISE / WHITE_TORQUE

@@ -15,8 +15,7 @@ from flows.specs.experiment import derived_seed
 from residual.close import close_the_loop
 from residual.diagnosis.result import Detectable
 from residual.effects import reported_joints
-from sim.records import PlantEffect
-from sim.streams import stream
+from sim.records import PlantEffect, stream
 
 UNCHANGED, CHANGED = "unchanged", "changed"
 GROUPS = (UNCHANGED, CHANGED)

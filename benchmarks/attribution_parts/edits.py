@@ -11,8 +11,8 @@ from residual.diagnosis.causes.edit.edits import MOVING, sealed_edit
 from residual.diagnosis.result import Diagnosis, Place
 from residual.model.model import Model
 from sim.catalogue import acting, changed
+from sim.quasi_static import true_model
 from sim.records import PlantEffect
-from sim.synthetic.plant import true_model
 
 
 def edit_rows(

@@ -13,17 +13,25 @@ import pinocchio as pin
 
 from benchmarks.changes_parts.case import Case, Part
 from benchmarks.check_parts.arms import others, seven
+from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.background.draw import Background
-from sim.background.laws import thinned
-from sim.background.torque import logged
+from sim.background import Background, logged
 from sim.experiment import log_of
+from sim.laws import thinned
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
+from sim.plant.friction import AMBIENT, RISE
+from sim.plant.sensors import encoder, torque_noise
 from sim.plant.stepping import simulate
-from sim.plant.thermal import AMBIENT, RISE
+from sim.quasi_static import (
+    Plant,
+    background_of,
+    true_friction,
+    true_model,
+    true_torque,
+)
 from sim.records import (
     Drives,
     Hidden,
@@ -33,19 +41,10 @@ from sim.records import (
     Rates,
     Reference,
     TrajectorySpec,
+    motion_label,
+    stream,
 )
-from sim.streams import motion_label, stream
-from sim.synthetic.motion import make_motion
-from sim.synthetic.plant import (
-    Plant,
-    background_of,
-    true_friction,
-    true_model,
-    true_torque,
-)
-from sim.synthetic.room import room
-from sim.synthetic.sensors import encoder, torque_noise
-from sim.synthetic.sizes import sizes
+from sim.sizes import room, sizes
 from sim.trajectories import make_reference
 
 Array = np.ndarray

@@ -37,7 +37,7 @@ from benchmarks.diagnosis_parts.kept import Kept
 from benchmarks.figures import ROOT
 from benchmarks.seeded import seed_range
 from flows.workers.pool import Here
-from sim.streams import stream
+from sim.records import stream
 
 DECIDING = "90101:90108"
 LIST = Path(__file__).parent / "listed.json"

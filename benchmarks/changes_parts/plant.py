@@ -13,7 +13,7 @@ from residual.robot.robot import Robot
 from sim.catalogue import amount, multiplied
 from sim.draw import draw_hidden
 from sim.records import PlantEffect
-from sim.synthetic.sizes import sizes
+from sim.sizes import sizes
 
 Values = Mapping[str, float]
 Rng = np.random.Generator

@@ -8,15 +8,13 @@ import numpy as np
 
 from benchmarks.figures import ROOT
 from benchmarks.measured_parts.arms import data_folder
+from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, robot_from_texts
-from sim.records import Noise, PlantSpec, Rates, TrajectorySpec
-from sim.streams import stream
-from sim.synthetic.motion import Motion, make_motion
-from sim.synthetic.plant import Plant, true_torque
-from sim.synthetic.room import room
-from sim.synthetic.sensors import encoder, torque_noise
-from sim.synthetic.sizes import sizes
+from sim.plant.sensors import encoder, torque_noise
+from sim.quasi_static import Plant, true_torque
+from sim.records import Noise, PlantSpec, Rates, Reference, TrajectorySpec, stream
+from sim.sizes import room, sizes
 from warehouse.logs import load_columns, read_log
 
 Array = np.ndarray
@@ -77,7 +75,7 @@ def synthetic(name: str, seed: int) -> Host:
     return Host(name, robot, tuple(logs), plant)
 
 
-def recorded(plant: Plant, motion: Motion, label: str, start: float) -> Recording:
+def recorded(plant: Plant, motion: Reference, label: str, start: float) -> Recording:
     """Return the log of a motion, by the sensors of all synthetic arms."""
     robot, seed = plant.robot, plant.seed
     torque = true_torque(plant, motion, label, start)

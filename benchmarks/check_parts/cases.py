@@ -23,7 +23,7 @@ from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.catalogue import forms, kinds
-from sim.streams import stream
+from sim.records import stream
 
 FAULTS: Mapping[str, Fault] = {
     fault.__name__: fault

@@ -6,8 +6,9 @@ import numpy as np
 
 from benchmarks.check_parts.arms import DURATION, RATE, Host, others, recorded
 from benchmarks.check_parts.spoiled import Spoiled, some, table_of, tables_of
-from sim.synthetic.motion import Motion, make_motion
-from sim.synthetic.room import room
+from benchmarks.synthetic.motions import make_motion
+from sim.records import Reference
+from sim.sizes import room
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -21,7 +22,7 @@ def lockstep(host: Host, size: int, rng: Rng) -> Spoiled | None:
     joints = some(rng, dof, (2, dof // 2, dof)[size])
     space = room(host.robot)
 
-    def couple(motion: Motion) -> Motion:
+    def couple(motion: Reference) -> Reference:
         q, qd, qdd = motion.q.copy(), motion.qd.copy(), motion.qdd.copy()
         lead = joints[0] - 1
         for j in (joint - 1 for joint in joints[1:]):
@@ -29,7 +30,7 @@ def lockstep(host: Host, size: int, rng: Rng) -> Spoiled | None:
             ratio = min(ratio, space.velocity[j] / space.velocity[lead])
             q[:, j] = space.centre[j] + ratio * (q[:, lead] - space.centre[lead])
             qd[:, j], qdd[:, j] = ratio * qd[:, lead], ratio * qdd[:, lead]
-        return Motion(motion.family, motion.t, q, qd, qdd)
+        return Reference(motion.kind, motion.t, q, qd, qdd, None)
 
     return _moved(host, rng, "lockstep", joints, couple)
 
@@ -42,7 +43,7 @@ def no_reversal(host: Host, size: int, rng: Rng) -> Spoiled | None:
     joints = some(rng, dof, (1, dof // 2, dof)[size])
     space, rate = room(host.robot), 2 * np.pi / 3.0
 
-    def one_way(motion: Motion) -> Motion:
+    def one_way(motion: Reference) -> Reference:
         q, qd, qdd, t = motion.q.copy(), motion.qd.copy(), motion.qdd.copy(), motion.t
         for j in (joint - 1 for joint in joints):
             speed = 2 * space.amplitude[j] / t[-1]
@@ -51,7 +52,7 @@ def no_reversal(host: Host, size: int, rng: Rng) -> Spoiled | None:
             q[:, j] = low + speed * t + swing * np.sin(rate * t)
             qd[:, j] = speed + swing * rate * np.cos(rate * t)
             qdd[:, j] = -swing * rate**2 * np.sin(rate * t)
-        return Motion(motion.family, t, q, qd, qdd)
+        return Reference(motion.kind, t, q, qd, qdd, None)
 
     return _moved(host, rng, "no_reversal", joints, one_way)
 

@@ -17,12 +17,12 @@ from benchmarks.check_parts.spoiled import (
     tables_of,
     told_apart,
 )
+from benchmarks.synthetic.motions import make_motion
 from residual.check.motion import Motion, thin_rows
 from residual.recording import Recording
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.signals.low_pass import low_pass
-from sim.synthetic.motion import make_motion
-from sim.synthetic.room import room
+from sim.sizes import room
 
 Array = np.ndarray
 Rng = np.random.Generator

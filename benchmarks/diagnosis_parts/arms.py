@@ -8,17 +8,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+from benchmarks.synthetic.motions import make_motion
 from flows.blind.row import true_parameters
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.catalogue import forms, kinds
-from sim.records import Hidden, Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
-from sim.streams import stream
-from sim.synthetic.motion import make_motion
-from sim.synthetic.plant import Plant, true_friction, true_torque
-from sim.synthetic.room import room
-from sim.synthetic.sensors import encoder, torque_noise
-from sim.synthetic.sizes import sizes
+from sim.plant.sensors import encoder, torque_noise
+from sim.quasi_static import Plant, true_friction, true_torque
+from sim.records import (
+    Hidden,
+    Noise,
+    PlantEffect,
+    PlantSpec,
+    Rates,
+    TrajectorySpec,
+    stream,
+)
+from sim.sizes import room, sizes
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 RATE, PAUSE = 250.0, 10.0  # Hz, s

@@ -16,8 +16,7 @@ from residual.close import close_the_loop
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
 from sim.catalogue import forms, kinds, unnamed
-from sim.records import PlantEffect
-from sim.streams import stream
+from sim.records import PlantEffect, stream
 
 BENCHES = 10  # excitations that all cases of one run share
 # Every fifth draw of an effect is an arm in the physics engine.

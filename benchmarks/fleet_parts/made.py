@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.synthetic.logs import standard_case
 from residual.recording import Recording
 from residual.robot.robot import built_in_folder
-from sim.synthetic.logs import standard_case
 
 _NAMES = ["t", *(f"{signal}{j}" for signal in ("q", "tau") for j in range(1, 7))]
 

@@ -4,16 +4,15 @@ from functools import cache
 
 import numpy as np
 
+from benchmarks.synthetic.motions import make_motion
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
 from sim.experiment import run_experiment
 from sim.plant.arm import build_arm
-from sim.records import Noise, PlantSpec, Rates, Reference
-from sim.streams import stream
-from sim.synthetic.motion import make_motion
-from sim.synthetic.room import room
+from sim.records import Noise, PlantSpec, Rates, Reference, stream
+from sim.sizes import room
 
 ROBOT = load_robot("irb140")
 FIT, HELD_OUT = ("fourier", "cyclic", "fourier"), ("slow_cyclic",)

@@ -9,15 +9,14 @@ import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
+from benchmarks.synthetic.motions import FAMILIES, make_motion
 from residual.robot.robot import load_robot
 from sim.draw import draw
-from sim.streams import stream
-from sim.synthetic.motion import FAMILIES, Motion, make_motion
-from sim.synthetic.plant import Plant, true_torque
-from sim.synthetic.room import room
-from sim.synthetic.sensors import encoder, torque_noise
-from sim.synthetic.sizes import sizes
-from sim.synthetic.stops import move_time, quintic
+from sim.plant.sensors import encoder, torque_noise
+from sim.quasi_static import Plant, true_torque
+from sim.records import Reference, stream
+from sim.sizes import room, sizes
+from sim.trajectories.curves import move_time, quintic
 
 Array = np.ndarray
 PIECE = 60.0  # s
@@ -103,7 +102,7 @@ def _plant(shift: Shift) -> Plant:
     return Plant(robot, hidden, shift.seed)
 
 
-def _motion(plant: Plant, shift: Shift, number: int) -> Motion:
+def _motion(plant: Plant, shift: Shift, number: int) -> Reference:
     family = FAMILIES[number % len(FAMILIES)]
     rng = stream(shift.seed, f"motion/{number}")
     # Two periods of a Fourier motion fit into its length: it is kept brisk.
@@ -111,7 +110,7 @@ def _motion(plant: Plant, shift: Shift, number: int) -> Motion:
     return make_motion(family, room(plant.robot), length, shift.rate, rng)
 
 
-def _with_way(plant: Plant, shift: Shift, motion: Motion, end: Array) -> Motion:
+def _with_way(plant: Plant, shift: Shift, motion: Reference, end: Array) -> Reference:
     """Append the move to where the next motion begins."""
     space, start = room(plant.robot), motion.q[-1]
     time = 1.5 * move_time(end - start, space.velocity, space.acceleration)
@@ -121,4 +120,4 @@ def _with_way(plant: Plant, shift: Shift, motion: Motion, end: Array) -> Motion:
         np.concatenate([a, b])
         for a, b in zip((motion.q, motion.qd, motion.qdd), way, strict=True)
     )
-    return Motion(motion.family, np.arange(len(q)) / shift.rate, q, qd, qdd)
+    return Reference(motion.kind, np.arange(len(q)) / shift.rate, q, qd, qdd, None)

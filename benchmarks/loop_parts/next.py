@@ -34,16 +34,14 @@ from flows.steps.planning.motions import Search, with_twins
 from residual.close import close_the_loop
 from residual.diagnosis.result import Diagnosis, Place
 from residual.effects import reported_joints
-from residual.planning.columns import logged_products
 from residual.planning.outlook import Pair, realised
-from residual.planning.promise import promised
+from residual.planning.promise import logged_products, promised
 from residual.planning.question import Question
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.draw import draw_hidden, usual_effects
 from sim.experiment import run_experiment
-from sim.records import PlantEffect, PlantSpec, Rates, TrajectorySpec
-from sim.streams import stream
+from sim.records import PlantEffect, PlantSpec, Rates, TrajectorySpec, stream
 from sim.trajectories import make_reference
 from sim.trajectories.fourier import arena, draw, shrunk
 from sim.trajectories.given import written

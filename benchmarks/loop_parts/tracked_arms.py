@@ -14,8 +14,14 @@ from residual.robot.robot import Robot
 from sim.catalogue import acting, changed
 from sim.experiment import draw_hidden, run_experiment
 from sim.plant.arm import build_arm
-from sim.records import PlantEffect, PlantRun, PlantSpec, Reference, TrajectorySpec
-from sim.streams import stream
+from sim.records import (
+    PlantEffect,
+    PlantRun,
+    PlantSpec,
+    Reference,
+    TrajectorySpec,
+    stream,
+)
 from sim.trajectories import make_reference
 
 FIT = (*3 * ("fourier",), *3 * ("cyclic",))

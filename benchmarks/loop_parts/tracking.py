@@ -27,7 +27,7 @@ from residual.effects import vocabulary
 from residual.model.control import Use, computed_torque, feed_forward
 from residual.robot.robot import load_robot
 from sim.records import Reference
-from sim.tracking import drive
+from sim.twin import drive
 
 EFFECTS = (
     "stribeck",

@@ -46,7 +46,7 @@ from residual.monitoring.stream.watch import begin, step
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
-from sim.streams import stream
+from sim.records import stream
 
 SEEDS = "9801:9840"  # of the deciding run: 22 h unchanged
 DAYS = 0  # in place of a seed: the measured arm

@@ -7,17 +7,15 @@ import numpy as np
 
 from benchmarks.changes_parts import arms, real
 from benchmarks.changes_parts.case import Case
+from benchmarks.synthetic.motions import FAMILIES, make_motion
 from residual.recording import Recording
 from residual.robot.dynamics import reach
 from residual.robot.robot import Robot
-from sim.background.torque import logged
-from sim.records import Hidden
-from sim.streams import stream
-from sim.synthetic.motion import FAMILIES, make_motion
-from sim.synthetic.plant import Plant, background_of, true_friction, true_torque
-from sim.synthetic.room import room
-from sim.synthetic.sensors import encoder, torque_noise
-from sim.synthetic.sizes import sizes
+from sim.background import logged
+from sim.plant.sensors import encoder, torque_noise
+from sim.quasi_static import Plant, background_of, true_friction, true_torque
+from sim.records import Hidden, stream
+from sim.sizes import room, sizes
 
 RATE = arms.RATE
 LOAD, GAIN, SMALL_GAIN, FRICTION = "load", "gain", "small_gain", "friction"

@@ -12,7 +12,7 @@ from residual.model.control import Use, feed_forward
 from residual.model.model import Model
 from residual.model.term import Term
 from sim.records import Reference
-from sim.tracking import drive
+from sim.twin import drive
 
 
 def wrong_figures(cases: Sequence[tuple[Case, Sequence[Reference]]]) -> Figures:

@@ -11,8 +11,8 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks.figures import ROOT, Figures, figure, missing
+from benchmarks.synthetic.logs import standard_case
 from residual.robot.robot import load_robot
-from sim.synthetic.logs import standard_case
 
 _SECONDS, _GIGABYTES = 15.0, 1.5
 # The same as the console script, also where that is not installed.

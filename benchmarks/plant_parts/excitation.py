@@ -11,8 +11,7 @@ import numpy as np
 
 from benchmarks.figures import Figures, figure
 from residual.robot.robot import load_robot
-from sim.records import TrajectorySpec
-from sim.streams import stream
+from sim.records import TrajectorySpec, stream
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import excitation
 from sim.trajectories.fourier import arena, draw, sampled

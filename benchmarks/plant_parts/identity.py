@@ -11,9 +11,8 @@ from sim.catalogue import kinds
 from sim.effects.base import Moving
 from sim.engine.bullet import World
 from sim.plant import tables as at
-from sim.plant.arm import Phase, build_arm, new_state, phases
-from sim.plant.rows import channels_of
-from sim.plant.signal_faults import read
+from sim.plant.arm import Phase, build_arm, channels_of, new_state, phases
+from sim.plant.sensors import read
 from sim.plant.step import advance
 from sim.plant.stepping import pushed
 from sim.records import PlantSpec

@@ -3,16 +3,15 @@
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
 from sim.draw import draw_hidden
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
 from sim.plant.stepping import Trace, simulate
-from sim.records import PlantEffect, PlantSpec, Reference
-from sim.streams import stream
-from sim.synthetic.motion import make_motion
-from sim.synthetic.room import room
+from sim.records import PlantEffect, PlantSpec, Reference, stream
+from sim.sizes import room
 
 ROBOT = load_robot("irb140")
 Effects = tuple[PlantEffect, ...]

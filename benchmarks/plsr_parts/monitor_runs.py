@@ -11,9 +11,16 @@ from sim.experiment import log_of
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
 from sim.plant.stepping import simulate
-from sim.records import PlantEffect, PlantSpec, Rates, Reference, TrajectorySpec
-from sim.streams import motion_label, stream
-from sim.synthetic.sizes import sizes
+from sim.records import (
+    PlantEffect,
+    PlantSpec,
+    Rates,
+    Reference,
+    TrajectorySpec,
+    motion_label,
+    stream,
+)
+from sim.sizes import sizes
 from sim.trajectories import make_reference
 
 ROBOT = load_robot("irb140")

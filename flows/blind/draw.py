@@ -16,8 +16,7 @@ from residual.errors import InputError
 from residual.names import check_name
 from residual.robot.robot import Robot
 from sim.catalogue import kinds, unnamed
-from sim.records import BACKGROUNDS, CLEAN, BackgroundWord
-from sim.streams import stream
+from sim.records import BACKGROUNDS, CLEAN, BackgroundWord, stream
 
 SHARED = 10  # cases per excitation
 # Of twenty cases; in an order of their own in every twenty.

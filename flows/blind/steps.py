@@ -32,8 +32,7 @@ from residual.diagnosis.verdict import to_json
 from residual.effects import registry, reported_joints
 from residual.quantity import plain
 from residual.threads import one_blas_thread
-from sim.records import PlantEffect
-from sim.streams import stream
+from sim.records import PlantEffect, stream
 from warehouse import seal
 from warehouse.commit import commit_record, read_record
 from warehouse.query.store import open_store

@@ -18,7 +18,7 @@ from residual.export.exported import (
     split,
 )
 from residual.recording import Array, Recording
-from residual.robot.chain import chain_of
+from residual.robot.dynamics import chain_of
 from residual.signals.track import Track, prepare
 
 APP, CLOCK, ARM = "modelgap", "time", "arm"

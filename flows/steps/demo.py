@@ -25,8 +25,7 @@ from residual.errors import InputError
 from residual.names import check_name
 from residual.quantity import plain
 from sim.catalogue import kinds
-from sim.records import BACKGROUNDS, PlantEffect, TrajectorySpec
-from sim.streams import HIDDEN, stream
+from sim.records import BACKGROUNDS, HIDDEN, PlantEffect, TrajectorySpec, stream
 from sim.trajectories import make_reference
 from sim.trajectories.given import draw_slow
 from sim.visible import Stage, draw_visible

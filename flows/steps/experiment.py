@@ -16,8 +16,7 @@ from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 from sim.catalogue import check_effect
 from sim.experiment import run_experiment
-from sim.records import Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
-from sim.streams import NAMES
+from sim.records import NAMES, Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse import ids
 from warehouse.commit import commit_run

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from residual.calibration.rows import Run
 from residual.robot.robot import Robot
-from sim.log_twin import log_twin_errors
+from sim.twin import log_twin_errors
 
 
 def with_twins(robot: Robot, runs: Sequence[Run]) -> tuple[Run, ...]:

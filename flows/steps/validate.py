@@ -28,8 +28,7 @@ from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
 from sim.plant.stepping import DivergedError, simulate
-from sim.records import PlantSpec, Reference, TrajectorySpec
-from sim.streams import motion_label
+from sim.records import PlantSpec, Reference, TrajectorySpec, motion_label
 from sim.trajectories import make_reference
 from sim.twin import open_loop, track, twin_of
 from warehouse.commit import commit_record

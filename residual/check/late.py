@@ -15,7 +15,7 @@ from residual.names import joints_listed, listed
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, regressor
 from residual.robot.robot import Robot
-from residual.signals.spectrum import power_density
+from residual.signals.low_pass import power_density
 from residual.signals.track import Filters, motion_of
 
 _NOTHING = 1e-16

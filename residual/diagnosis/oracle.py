@@ -32,7 +32,7 @@ from residual.model.nominal import (
 from residual.names import check_name
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.signals.split import session_clock
+from residual.signals.pieces import session_clock
 from residual.signals.track import Filters
 
 Told = tuple[str, tuple[int, ...]]

@@ -12,9 +12,8 @@ from residual.model.model import Model
 from residual.model.nominal import Logs
 from residual.names import joints_listed, listed
 from residual.recording import Recording
-from residual.signals.low_pass import low_pass
+from residual.signals.low_pass import low_pass, power_density
 from residual.signals.pieces import in_pieces, let_go
-from residual.signals.spectrum import power_density
 from residual.signals.track import sample_rate
 
 QUIET = (

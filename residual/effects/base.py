@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from residual.recording import Array
-from residual.robot.regressor import LazyRegressor
+from residual.robot.dynamics import LazyRegressor
 from residual.robot.robot import Robot
 
 Property = Literal[

@@ -20,7 +20,7 @@ from residual.evidence.folds import fold_labels, rows_that_count, runs, squares_
 from residual.evidence.group import Group, sound
 from residual.model.model import Model
 from residual.recording import Array
-from residual.robot.regressor import links_of
+from residual.robot.dynamics import links_of
 from residual.signals.pieces import is_cut, spread
 from residual.signals.track import Track
 

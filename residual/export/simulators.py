@@ -19,8 +19,8 @@ from residual.export.exported import (
 from residual.model.model import LEAST_SPEED, Model
 from residual.model.term import Term
 from residual.recording import Array
-from residual.robot.chain import chain_of
-from residual.robot.urdf_write import with_inertials
+from residual.robot.dynamics import chain_of
+from residual.robot.robot import with_inertials
 from residual.signals.direction import SMOOTH
 
 FULL = 20.0  # tanh of it is one, to the last bit

@@ -19,8 +19,7 @@ from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.robot import dynamics
 from residual.robot.robot import Robot
-from residual.signals.pieces import are_long, in_pieces
-from residual.signals.split import hold_out_end, session_clock
+from residual.signals.pieces import are_long, hold_out_end, in_pieces, session_clock
 from residual.signals.track import Track, prepare
 
 

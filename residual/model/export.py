@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.robot.urdf_write import with_inertials
+from residual.robot.robot import with_inertials
 
 _HEAD = """\
 # Identified parameters of {name}, written by modelgap.

@@ -12,7 +12,7 @@ from residual.errors import InputError
 from residual.model.term import Term, with_slots
 from residual.names import check_name, shown
 from residual.recording import Array, Recording
-from residual.robot.regressor import LazyRegressor
+from residual.robot.dynamics import LazyRegressor
 from residual.robot.robot import Robot, robot_from_texts
 from residual.signals.direction import SMOOTH, Standstill, directions
 from residual.signals.track import Filters, Track, at_samples, prepare

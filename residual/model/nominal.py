@@ -14,9 +14,8 @@ from residual.names import check_keys, check_name
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot
-from residual.signals.encoder_noise import shaken
 from residual.signals.pieces import in_pieces, spread
-from residual.signals.track import Filters, Track, prepare
+from residual.signals.track import Filters, Track, prepare, shaken
 
 MOST_SHAPES = 4
 # What a model has where nobody says otherwise, in the order of its coefficients.

@@ -23,10 +23,8 @@ from residual.model.nominal import (
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.direction import SMOOTH, Standstill
-from residual.signals.encoder_noise import encoder_noise, smooth
-from residual.signals.pieces import sketch_of
-from residual.signals.split import session_clock
-from residual.signals.track import Filters
+from residual.signals.pieces import session_clock, sketch_of
+from residual.signals.track import Filters, encoder_noise, smooth
 
 FARTHEST = 0.3  # of the inertial parameters: a prior that is wider is as good as none
 HIDDEN = 20.0  # displacements that a mask must be wide for its filter to leak none

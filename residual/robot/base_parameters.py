@@ -15,9 +15,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import qr
 
+from residual.recording import Array
 from residual.robot.dynamics import PER_LINK, regressor
-
-Array = np.ndarray
 
 STATES = 200  # random states that decide which columns are independent
 _TOLERANCE = 1e-8

@@ -1,14 +1,19 @@
-"""Rigid-body dynamics over whole recordings.
+"""Rigid-body dynamics over whole recordings, and where joints and flange are.
 
 Pinocchio does the work of one sample; here are the loops. Its order of the inertial
 parameters of a link is m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, about the link
 frame.
 """
 
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 import pinocchio as pin
 
-Array = np.ndarray
+from residual.recording import Array
+from residual.robot.robot import Robot
 
 PER_LINK = 10
 # A mass of exactly zero has no centre; this one moves no torque by more than 1e-5 N m.
@@ -38,13 +43,7 @@ def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array
 def regressor(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
     """Return the inertial regressor: inverse_dynamics = regressor @ parameters.
 
-    Args:
-        q: Positions [rad]. Shape (n, dof).
-        qd: Velocities [rad/s]. Shape (n, dof).
-        qdd: Accelerations [rad/s^2]. Shape (n, dof).
-
-    Returns:
-        Regressor in SI units. Shape (n, dof, 10 * dof).
+    In SI units, of the same motion. Shape (n, dof, 10 * dof).
     """
     q, qd, qdd = map(_rows, (q, qd, qdd))
     data = model.createData()
@@ -65,16 +64,12 @@ def mass_matrix(model: pin.Model, q: Array) -> Array:
 
 
 def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
-    """Return the torques that hold the arm in a given field of gravity.
+    """Return the torques that hold the arm in a field of gravity [N m]. (n, dof).
 
     Linear in the direction; model.gravity.linear gives the g(q) of the model itself.
 
     Args:
-        q: Positions [rad]. Shape (n, dof).
         direction: Acceleration of gravity in the base frame [m/s^2]. Shape (3,).
-
-    Returns:
-        Torques [N m]. Shape (n, dof).
     """
     q = _rows(q)
     tilted = pin.Model(model)
@@ -86,16 +81,10 @@ def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
 
 
 def flange_jacobian(model: pin.Model, q: Array) -> Array:
-    """Return the Jacobian of the flange, the last frame of the arm.
+    """Return the Jacobian of the flange, the last frame of the arm. Shape (n, 6, dof).
 
     Rows are linear [m] then angular velocity of the flange per joint speed, along the
     axes of the base frame.
-
-    Args:
-        q: Positions [rad]. Shape (n, dof).
-
-    Returns:
-        Jacobians. Shape (n, 6, dof).
     """
     q = _rows(q)
     data, frame = model.createData(), flange_frame(model)
@@ -116,6 +105,23 @@ def flange_frame(model: pin.Model) -> int:
 def flange_placement(model: pin.Model) -> pin.SE3:
     """Return where the flange sits in the frame of the last joint."""
     return model.frames[flange_frame(model)].placement
+
+
+def outward(model: pin.Model) -> Array:
+    """Return the axis of the last joint in the flange frame, pointing away. (3,).
+
+    Away is where the flange lies from the last joint, else where its link's mass is.
+    """
+    data, last = model.createData(), model.njoints - 1
+    jacobian = pin.computeJointJacobian(model, data, pin.neutral(model), last)
+    axis = jacobian[3:, -1]
+    flange = flange_placement(model)
+    for direction in (flange.translation, model.inertias[last].lever):
+        along = float(direction @ axis)
+        if abs(along) > 1e-6:
+            axis = np.sign(along) * axis
+            break
+    return flange.rotation.T @ axis
 
 
 def joints_length(model: pin.Model) -> float:
@@ -155,3 +161,180 @@ def with_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
 
 def _rows(values: Array) -> Array:
     return np.ascontiguousarray(values, dtype=float)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Chain:
+    """Kinematics of a serial arm of revolute joints.
+
+    Attributes:
+        rotation: Frame of each joint in the one before, at angle zero. (dof, 3, 3).
+        place: Its origin in the one before [m]. Shape (dof, 3).
+        axis: Unit vector that it turns about, in its own frame. Shape (dof, 3).
+        flange: Origin of the flange in the frame of the last joint [m]. Shape (3,).
+        flange_rotation: Its axes in that frame. Shape (3, 3).
+    """
+
+    rotation: Array
+    place: Array
+    axis: Array
+    flange: Array
+    flange_rotation: Array
+
+    def origins(self, q: Array) -> Array:
+        """Return the origins of base, joints and flange in the base frame [m].
+
+        All postures at once; one axis after the other, by Rodrigues' formula.
+
+        Args:
+            q: Positions [rad]. Shape (n, dof).
+
+        Returns:
+            Shape (n, dof + 2, 3).
+        """
+        n, dof = q.shape
+        out, turned = np.zeros((n, dof + 2, 3)), np.broadcast_to(np.eye(3), (n, 3, 3))
+        for j in range(dof):
+            out[:, j + 1] = out[:, j] + turned @ self.place[j]
+            about = np.cross(self.axis[j], np.eye(3)).T  # v -> axis x v
+            angle = q[:, j, None, None]
+            turn = np.eye(3) + np.sin(angle) * about
+            turn = turn + (1 - np.cos(angle)) * (about @ about)
+            turned = turned @ (self.rotation[j] @ turn)
+        out[:, -1] = out[:, -2] + turned @ self.flange
+        return out
+
+
+def chain_of(model: pin.Model) -> Chain:
+    """Return the kinematics of a Pinocchio model."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(model.nq))
+    axes = [
+        pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)[3:, i - 1]
+        for i in range(1, model.njoints)
+    ]
+    placements = list(model.jointPlacements)[1:]
+    flange = flange_placement(model)
+    return Chain(
+        np.array([p.rotation for p in placements]),
+        np.array([p.translation for p in placements]),
+        np.array(axes),
+        np.array(flange.translation),
+        np.array(flange.rotation),
+    )
+
+
+AT_ONCE = 1 << 11  # rows of a regressor
+LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
+KEPT = 1 << 27  # bytes of all of them: thirteen minutes for six joints
+
+_Known = OrderedDict[tuple, tuple[tuple, tuple[Array, ...]]]
+_KNOWN: _Known = OrderedDict()
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LazyRegressor:
+    """An inertial regressor that is made when somebody reads it.
+
+    It has 360 numbers a row for six joints. The last ones are remembered, since many
+    look at the same motion, link by link: no link loads a joint that it is before, so
+    that 210 are enough. Of one that is too large for that only what is asked for is
+    made.
+
+    Attributes:
+        robot: The arm.
+        motion: q, qd and qdd [rad, rad/s, rad/s^2]. Shapes (n, dof).
+    """
+
+    robot: Robot
+    motion: tuple[Array, Array, Array]
+
+    def __array__(self, dtype=None, copy=None) -> Array:
+        n, dof = self.motion[0].shape
+        out = np.zeros((n, dof, PER_LINK * dof))
+        for i, block in enumerate(self.links()):
+            out[:, : i + 1, PER_LINK * i : PER_LINK * (i + 1)] = block
+        return out
+
+    def __getitem__(self, key) -> Array:
+        """Some of it: rows, or columns of all rows as [:, :, columns]."""
+        if isinstance(key, slice):
+            return self._of(key)
+        dof = self.motion[0].shape[1]
+        if isinstance(key[2], slice):
+            first, stop, step = key[2].indices(PER_LINK * dof)
+            i, start = divmod(first, PER_LINK)
+            if step == 1 and stop <= PER_LINK * (i + 1):
+                return self._of_link(i)[key[0], key[1], start : start + stop - first]
+        return np.asarray(self)[key]
+
+    def _of_link(self, i: int) -> Array:
+        """Columns of one link's parameters. Shape (n, dof, 10)."""
+        n, dof = self.motion[0].shape
+        out = np.zeros((n, dof, PER_LINK))
+        for k, block in enumerate(self.links()):
+            if k == i:
+                out[:, : i + 1] = block
+        return out
+
+    def __matmul__(self, parameters: Array) -> Array:
+        """Torque of these inertial parameters [N m]. Shape (n, dof).
+
+        By the recursive algorithm, in a third of the time, where it is not known.
+        """
+        known = self._remembered()
+        if known is None:
+            body = with_inertial_parameters(self.robot.model, parameters)
+            return inverse_dynamics(body, *self.motion)
+        out = np.zeros(self.motion[0].shape)
+        for i, block in enumerate(known):
+            own = parameters[PER_LINK * i : PER_LINK * (i + 1)]
+            out[:, : i + 1] += (block.reshape(-1, PER_LINK) @ own).reshape(-1, i + 1)
+        return out
+
+    def links(self) -> tuple[Array, ...]:
+        """Columns of each link on the joints that carry it. Shapes (n, i + 1, 10)."""
+        known = self._remembered()
+        return self._by_link() if known is None else known
+
+    def _of(self, rows: slice) -> Array:
+        return regressor(self.robot.model, *(x[rows] for x in self.motion))
+
+    def _by_link(self) -> tuple[Array, ...]:
+        n, dof = self.motion[0].shape
+        out = tuple(np.empty((n, i + 1, PER_LINK)) for i in range(dof))
+        for start in range(0, n, AT_ONCE):
+            rows = slice(start, start + AT_ONCE)
+            dense = self._of(rows)
+            for i, block in enumerate(out):
+                own = slice(PER_LINK * i, PER_LINK * (i + 1))
+                block[rows] = dense[:, : i + 1, own]
+        return out
+
+    def _remembered(self) -> tuple[Array, ...] | None:
+        """All of it, where it is small enough to be kept."""
+        n, dof = self.motion[0].shape
+        if 8 * PER_LINK * n * dof * (dof + 1) // 2 > LARGEST:
+            return None
+        # They are kept with the result, so that nothing else can get these ids.
+        known = self.robot, *self.motion
+        key = tuple(map(id, known))
+        if key not in _KNOWN:
+            _KNOWN[key] = known, self._by_link()
+        _KNOWN.move_to_end(key)
+        while len(_KNOWN) > 1 and _size() > KEPT:
+            _KNOWN.popitem(last=False)
+        return _KNOWN[key][1]
+
+
+def _size() -> int:
+    return sum(x.nbytes for _, blocks in _KNOWN.values() for x in blocks)
+
+
+def links_of(regressor: Array | LazyRegressor, dof: int) -> Iterator[Array]:
+    """Columns of each link on the joints that carry it. Shapes (n, i + 1, 10)."""
+    if isinstance(regressor, LazyRegressor):
+        yield from regressor.links()
+    else:
+        for i in range(dof):
+            yield regressor[:, : i + 1, PER_LINK * i : PER_LINK * (i + 1)]

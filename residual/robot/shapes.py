@@ -14,10 +14,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from residual.recording import Array
 from residual.robot.dynamics import flange_placement, joints_length
 from residual.robot.robot import Robot
-
-Array = np.ndarray
 
 MOST_FACES = 120_000  # of all meshes together
 _ROD = 0.035  # radius of a rod, as a share of the arm's length

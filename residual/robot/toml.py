@@ -9,8 +9,8 @@ import numpy as np
 
 from residual.errors import InputError, RobotError
 from residual.names import check_keys, check_name, check_nesting, shown
+from residual.recording import Array
 
-Array = np.ndarray
 Effects = Mapping[str, Collection[str]]
 
 LARGEST = 1e30  # no number of a robot is larger, and a product of several overflows

@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import RobotError
-
-Array = np.ndarray
+from residual.recording import Array
 
 ENDLESS = "1e4"  # rad: the range that a continuous joint is written with
 _REFUSED = {

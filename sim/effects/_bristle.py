@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-Array = np.ndarray
+from residual.recording import Array
 
 
 def deflection(x: Array, displacement: Array) -> Array:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim import kinds, laws
+from sim import laws
 from sim.effects.base import Effect, Here, Rng, balanced, sign, split
 
 
@@ -17,7 +17,7 @@ def _law(state, p):
 
 def _row(p, joints):
     size, zero = _polar(p)
-    return kinds.GAS_SPRING, size / laws.gas_spring_peak(), zero
+    return laws.GAS_SPRING, size / laws.gas_spring_peak(), zero
 
 
 def _usual(rng: Rng, here: Here) -> dict[str, float]:

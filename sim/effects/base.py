@@ -7,10 +7,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from residual.recording import Array
 from residual.robot.robot import Robot
 from sim.records import Sizes
 
-Array = np.ndarray
 Rng = np.random.Generator
 Values = Mapping[str, float]
 Joints = tuple[int, ...]  # from 0, unless said otherwise

@@ -1,6 +1,6 @@
 """Dry friction: a change of what the drive has."""
 
-from sim import kinds
+from sim import laws
 from sim.effects.base import Effect, row
 
 EFFECT = Effect(
@@ -9,6 +9,6 @@ EFFECT = Effect(
     of_drive="coulomb",
     amount=("level",),
     usual=lambda rng, here: {"level": rng.uniform(0.3, 1.0) * here.coulomb},
-    friction=row(kinds.LEVEL, "level"),
+    friction=row(laws.LEVEL, "level"),
     law=lambda state, p: p["level"] * state.bristle,
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim import kinds
+from sim import laws
 from sim.effects.base import Effect, row, sign
 
 
@@ -16,6 +16,6 @@ EFFECT = Effect(
     parameters={"level": "N m"},
     amount=("level",),
     usual=lambda rng, here: {"level": sign(rng) * rng.uniform(0.1, 0.4) * here.coulomb},
-    friction=row(kinds.ASYMMETRY, "level"),
+    friction=row(laws.ASYMMETRY, "level"),
     law=_law,
 )

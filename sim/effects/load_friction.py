@@ -1,6 +1,6 @@
 """coefficient sqrt(load^2 + e^2) z with e a tenth of the Coulomb level."""
 
-from sim import kinds, laws
+from sim import laws
 from sim.effects.base import Effect, loaded
 
 
@@ -15,6 +15,6 @@ EFFECT = Effect(
     amount=("coefficient",),
     where=loaded,
     usual=lambda rng, here: {"coefficient": rng.uniform(0.03, 0.1)},
-    friction=lambda p, level: (kinds.CARRIED, p["coefficient"], 0.1 * level),
+    friction=lambda p, level: (laws.CARRIED, p["coefficient"], 0.1 * level),
     law=_law,
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim import kinds
+from sim import laws
 from sim.effects.base import Effect, row, sign
 
 EFFECT = Effect(
@@ -12,6 +12,6 @@ EFFECT = Effect(
     usual=lambda rng, here: {
         "torque": sign(rng) * rng.uniform(0.02, 0.06) * here.torque
     },
-    torque=row(kinds.CONSTANT, "torque"),
+    torque=row(laws.CONSTANT, "torque"),
     law=lambda state, p: p["torque"] * np.ones_like(state.q),
 )

@@ -6,9 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError
-from residual.robot.dynamics import flange_placement
+from residual.robot.dynamics import flange_placement, outward
 from sim.effects.base import Effect, Here, Rng, Values
-from sim.synthetic.body import outward
 
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _CENTRE = ("com_x", "com_y", "com_z")

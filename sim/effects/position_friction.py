@@ -5,7 +5,7 @@ With the base friction: Fc (1 + (a / Fc) cos x + ...), an eccentric gear wheel.
 
 import numpy as np
 
-from sim import kinds, laws
+from sim import laws
 from sim.effects.base import Effect, split, turn
 
 
@@ -23,6 +23,6 @@ EFFECT = Effect(
     parameters={"cos": "N m", "sin": "N m"},
     amount=("cos", "sin"),
     usual=lambda rng, here: split(rng.uniform(0.2, 0.5) * here.coulomb, turn(rng)),
-    friction=lambda p, level: (kinds.POSITION, *_polar(p)),
+    friction=lambda p, level: (laws.POSITION, *_polar(p)),
     law=_law,
 )

@@ -1,6 +1,6 @@
 """coefficient qd times the viscosity of grease that shears."""
 
-from sim import kinds, laws
+from sim import laws
 from sim.effects.base import Effect, row
 
 
@@ -17,6 +17,6 @@ EFFECT = Effect(
         "coefficient": rng.uniform(0.3, 1.0) * here.viscous,
         "exponent": rng.uniform(0.3, 0.7),
     },
-    friction=row(kinds.POWER, "coefficient", "exponent"),
+    friction=row(laws.POWER, "coefficient", "exponent"),
     law=_law,
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim import kinds
+from sim import laws
 from sim.effects._bristle import deflection
 from sim.effects.base import Effect, any_joint, row
 
@@ -22,6 +22,6 @@ EFFECT = Effect(
         "level": here.coulomb,
         "displacement": rng.uniform(0.003, 0.03),
     },
-    friction=row(kinds.BRISTLE, "level", "displacement"),
+    friction=row(laws.BRISTLE, "level", "displacement"),
     law=_law,
 )

@@ -1,6 +1,6 @@
 """coefficient qd times the viscosity of churning oil."""
 
-from sim import kinds, laws
+from sim import laws
 from sim.effects.base import Effect, row
 
 
@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters={"coefficient": "N m s^2/rad^2"},
     amount=("coefficient",),
     usual=lambda rng, here: {"coefficient": rng.uniform(0.15, 0.5) * here.viscous},
-    friction=row(kinds.QUADRATIC, "coefficient"),
+    friction=row(laws.QUADRATIC, "coefficient"),
     law=_law,
 )

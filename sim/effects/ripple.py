@@ -1,6 +1,6 @@
 """The cogging of a magnet at order q + phase."""
 
-from sim import kinds, laws
+from sim import laws
 from sim.effects.base import Effect, row, turn
 
 
@@ -18,6 +18,6 @@ EFFECT = Effect(
         "order": rng.uniform(6.0, 50.0),
         "phase": turn(rng),
     },
-    torque=row(kinds.RIPPLE, "amplitude", "order", "phase"),
+    torque=row(laws.RIPPLE, "amplitude", "order", "phase"),
     law=_law,
 )

@@ -1,6 +1,6 @@
 """stiffness times q - rest: a hose that softens."""
 
-from sim import kinds, laws
+from sim import laws
 from sim.effects.base import Effect, row
 
 EFFECT = Effect(
@@ -12,6 +12,6 @@ EFFECT = Effect(
         "stiffness": rng.uniform(0.03, 0.1) * here.torque,
         "rest": rng.uniform(-0.3, 0.3) + here.centre,
     },
-    torque=row(kinds.HOSE, "stiffness", "rest"),
+    torque=row(laws.HOSE, "stiffness", "rest"),
     law=lambda state, p: p["stiffness"] * laws.hose(state.q - p["rest"]),
 )

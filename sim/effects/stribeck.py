@@ -1,6 +1,6 @@
 """level z / (1 + (qd / velocity)^2): a Lorentzian (Hess 1990), not an exponential."""
 
-from sim import kinds, laws
+from sim import laws
 from sim.effects.base import Effect, row
 
 
@@ -19,6 +19,6 @@ EFFECT = Effect(
         "level": rng.uniform(0.2, 0.6) * here.coulomb,
         "velocity": rng.uniform(0.03, 0.15),
     },
-    friction=row(kinds.STRIBECK, "level", "velocity", "exponent"),
+    friction=row(laws.STRIBECK, "level", "velocity", "exponent"),
     law=stribeck,
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim import kinds
+from sim import laws
 from sim.effects.base import Effect, Here, Rng, any_joint, row, sign, turn
 
 
@@ -95,7 +95,7 @@ EFFECTS = (
             "order": rng.uniform(8.0, 14.0),
         },
         torque=lambda p, joints: (
-            kinds.COGGING_SUM,
+            laws.COGGING_SUM,
             p["amplitude"],
             p["order"],
             joints[1],
@@ -110,7 +110,7 @@ EFFECTS = (
             "level": rng.uniform(0.4, 0.8) * here.coulomb,
             "share": rng.uniform(0.4, 0.6),
         },
-        friction=row(kinds.LEVEL, "level"),
+        friction=row(laws.LEVEL, "level"),
         begins=lambda p: p["share"],
         law=_friction_jump,
     ),
@@ -120,7 +120,7 @@ EFFECTS = (
         above={"level": 0.0},
         where=any_joint,
         usual=lambda rng, here: {"level": rng.uniform(0.02, 0.06) * here.torque},
-        torque=row(kinds.DEAD_ZONE, "level"),
+        torque=row(laws.DEAD_ZONE, "level"),
     ),
     Effect(
         name="x_wall",
@@ -130,6 +130,6 @@ EFFECTS = (
         signs=("side",),
         where=any_joint,
         usual=_wall,
-        torque=row(kinds.WALL, "stiffness", "angle", "side"),
+        torque=row(laws.WALL, "stiffness", "angle", "side"),
     ),
 )

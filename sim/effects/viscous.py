@@ -1,6 +1,6 @@
 """Viscous friction: a change of what the drive has."""
 
-from sim import kinds
+from sim import laws
 from sim.effects.base import Effect, row
 
 EFFECT = Effect(
@@ -9,6 +9,6 @@ EFFECT = Effect(
     of_drive="viscous",
     amount=("coefficient",),
     usual=lambda rng, here: {"coefficient": rng.uniform(0.3, 1.0) * here.viscous},
-    friction=row(kinds.VISCOUS, "coefficient"),
+    friction=row(laws.VISCOUS, "coefficient"),
     law=lambda state, p: p["coefficient"] * state.qd,
 )

@@ -1,6 +1,6 @@
 """+coefficient qd forwards and -coefficient qd backwards, blended by z."""
 
-from sim import kinds
+from sim import laws
 from sim.effects.base import Effect, row, sign
 
 EFFECT = Effect(
@@ -10,6 +10,6 @@ EFFECT = Effect(
     usual=lambda rng, here: {
         "coefficient": sign(rng) * rng.uniform(0.1, 0.4) * here.viscous
     },
-    friction=row(kinds.VISCOUS_ASYMMETRY, "coefficient"),
+    friction=row(laws.VISCOUS_ASYMMETRY, "coefficient"),
     law=lambda state, p: p["coefficient"] * state.qd * state.bristle,
 )

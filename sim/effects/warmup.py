@@ -6,7 +6,7 @@ in the physics engine the friction itself heats.
 
 import numpy as np
 
-from sim import kinds
+from sim import laws
 from sim.effects.base import Effect, row
 
 
@@ -25,6 +25,6 @@ EFFECT = Effect(
         "level": rng.uniform(0.3, 0.8) * here.coulomb,
         "time_constant": rng.uniform(40.0, 150.0),
     },
-    friction=row(kinds.WARMUP, "level", "time_constant"),
+    friction=row(laws.WARMUP, "level", "time_constant"),
     law=_law,
 )

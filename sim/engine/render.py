@@ -8,12 +8,11 @@ import numpy as np
 import pinocchio as pin
 from PIL import Image, ImageDraw
 
+from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.engine.camera import Camera
-from sim.engine.clearance import body
+from sim.engine.bullet import Camera
+from sim.engine.geometry import body
 from sim.records import Reference
-
-Array = np.ndarray
 
 _SIZE = (400, 320)  # pixels
 _COLOURS = 64

@@ -12,12 +12,11 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
+from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.plant.compiled import compiled
+from sim.plant.tables import compiled
 from sim.records import Drives, Reference
-from sim.synthetic.sizes import sizes
-
-Array = np.ndarray
+from sim.sizes import sizes
 
 # Critically damped at 30 rad/s: poles of eq. 10.
 KP, KD = 900.0, 60.0  # 1/s^2, 1/s

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from sim import kinds
+from residual.recording import Array
+from sim import laws
 from sim.plant import tables as at
 from sim.plant.stepping import Trace
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +40,7 @@ def balance(trace: Trace, every: int = 50) -> Balance:
     now = rows[:-1]
     power = now[:, at.MOTOR] * motor
     lost = now[:, at.FRICTION] * motor
-    at_motor = {row[2] for row in arm.torque if row[0] in kinds.AT_MOTOR}
+    at_motor = {row[2] for row in arm.torque if row[0] in laws.AT_MOTOR}
     for i in range(len(trace.channels)):
         speed = motor if i in at_motor else link
         lost = lost + now[:, at.CHANNELS + i] * speed

@@ -7,12 +7,13 @@ three branches holds is found for the end of it. So a joint that stands still st
 still, and nothing chatters.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 
-from sim import kinds, laws
-from sim.background import laws as used
-from sim.plant.compiled import compiled
+from sim import laws
+from sim.plant.tables import compiled
 
 _direction = njit(laws.direction)
 _quadratic = njit(laws.quadratic_viscosity)
@@ -20,8 +21,8 @@ _power = njit(laws.power_viscosity)
 _stribeck = njit(laws.stribeck)
 _carried = njit(laws.carried)
 _eccentric = njit(laws.eccentric)
-_fading = njit(used.fading)
-_pressed = njit(used.pressed)
+_fading = njit(laws.fading)
+_pressed = njit(laws.pressed)
 
 _SWEEPS, _DONE = 200, 1e-13
 # Damping of the bristles, as a share of critical on the rotor alone.
@@ -31,11 +32,11 @@ _BRISTLE_DAMPING = 0.2
 @compiled
 def friction_of(row, u, angle, load, memory):
     """Return what one row adds at speed u: forward, backward, viscosity."""
-    if row[0] == kinds.LEVEL:
+    if row[0] == laws.LEVEL:
         return row[3], row[3], 0.0
-    if row[0] == kinds.ASYMMETRY:
+    if row[0] == laws.ASYMMETRY:
         return row[3], -row[3], 0.0
-    if row[0] <= kinds.POWER:
+    if row[0] <= laws.POWER:
         return 0.0, 0.0, _viscosity(row, u)
     level = _level(row, u, angle, load, memory)
     return level, level, 0.0
@@ -44,11 +45,11 @@ def friction_of(row, u, angle, load, memory):
 @compiled
 def _viscosity(row, u):
     kind, coefficient = row[0], row[3]
-    if kind == kinds.VISCOUS_ASYMMETRY:
+    if kind == laws.VISCOUS_ASYMMETRY:
         return coefficient * _direction(u)
-    if kind == kinds.QUADRATIC:
+    if kind == laws.QUADRATIC:
         return coefficient * _quadratic(u)
-    if kind == kinds.POWER:
+    if kind == laws.POWER:
         return coefficient * _power(u, row[4])
     return coefficient
 
@@ -56,17 +57,17 @@ def _viscosity(row, u):
 @compiled
 def _level(row, u, angle, load, memory):
     kind, size, number = row[0], row[3], row[4]
-    if kind == kinds.STRIBECK:
+    if kind == laws.STRIBECK:
         return size * _stribeck(u, number, row[5])
-    if kind == kinds.CARRIED:
+    if kind == laws.CARRIED:
         return size * _carried(load, number)
-    if kind == kinds.POSITION:
+    if kind == laws.POSITION:
         return size * _eccentric(angle - number)
-    if kind == kinds.WARMUP:
+    if kind == laws.WARMUP:
         return size * max(0.0, 1.0 - memory)
-    if kind == kinds.FADING:
+    if kind == laws.FADING:
         return size * _fading(u, number)
-    if kind == kinds.PRESSED:
+    if kind == laws.PRESSED:
         return size * _pressed(load, number)
     return -size  # bristles bear this part of the dry friction
 
@@ -128,3 +129,109 @@ def slide(coupling, free, forward, backward, impulse):
             change = max(change, abs(step) * coupling[r, r])
         if change < _DONE:
             return
+
+
+AMBIENT, RISE = 20.0, 25.0  # degrees Celsius; rise at the usual power
+SLOW = 600.0  # s: joints whose friction does not depend on temperature
+
+
+_warmth = njit(laws.warmth)
+_thinned = njit(laws.thinned)
+_leaning = njit(laws.leaning)
+_heated = njit(laws.heated)
+_LEAN, _GROWTH, _OIL, _HOUSING, _SLOT = range(5)
+
+
+@compiled
+def warmed(warmth, power, usual, time_constant, dt):
+    """Return the warmth after a step, where 1 is the end state at the usual power.
+
+    warmth' = (power / usual - warmth) / time constant
+    """
+    return warmth + dt / time_constant * (power / usual - warmth)
+
+
+def warmth_at(start: float, time_constant: float) -> float:
+    """Return the warmth after some time of usual work: what a session began with."""
+    return 1.0 - math.exp(-start / time_constant)
+
+
+@compiled
+def lean_and_thin(used, memory, rubbing):
+    """Make friction of each joint what it is in that direction, when so warm.
+
+    Args:
+        used: Table of the background. Shape (dof or 0, 5).
+        rubbing: Levels forwards and backwards, viscosity; changed in place. (4, c).
+    """
+    for j in range(len(used)):
+        slot = int(used[j, _SLOT])
+        warm = _warmth(memory[slot], memory[slot + 1])
+        thin = _thinned(warm, used[j, _GROWTH])
+        rubbing[0, j] *= thin * _leaning(1.0, used[j, _LEAN])
+        rubbing[1, j] *= thin * _leaning(-1.0, used[j, _LEAN])
+        rubbing[2, j] *= thin
+
+
+@compiled
+def heat(used, memory, power, usual, temperature, dt):
+    """Warm oil and housing of each joint by its friction.
+
+    Args:
+        used: Table of the background. Shape (dof or 0, 5).
+        memory: Of the state, changed in place.
+        power: Power of friction [W]. Shape (c,).
+        usual: Usual power, which warms by one unit [W]. Shape (dof,).
+        temperature: Written [degrees Celsius]. Shape (dof,).
+        dt: Time step [s].
+    """
+    for j in range(len(used)):
+        slot, share = int(used[j, _SLOT]), power[j] / usual[j]
+        warm = _warmth(memory[slot], memory[slot + 1])
+        temperature[j] = AMBIENT + RISE * warm
+        memory[slot] = _heated(memory[slot], share, used[j, _OIL], dt)
+        memory[slot + 1] = _heated(memory[slot + 1], share, used[j, _HOUSING], dt)
+
+
+# Gear teeth in play touch hard: angular frequency of the rotor on them [rad/s].
+MESH = 2 * np.pi * 100.0
+DAMPING = 0.05  # of critical, rotor against a fixed link
+
+
+def series_spring(compliances: list[float], gaps: list[float], rotor: float) -> tuple:
+    """Return stiffness, damping and half gap of springs and gears in one line.
+
+    Args:
+        compliances: Inverse stiffness of each spring [rad/(N m)].
+        gaps: Half gap of each gear [rad].
+        rotor: Inertia of the motor [kg m^2].
+    """
+    if gaps:
+        compliances = [*compliances, 1.0 / (rotor * MESH**2)]
+    stiffness = 1.0 / sum(compliances)
+    return stiffness, 2 * DAMPING * np.sqrt(stiffness * rotor), sum(gaps)
+
+
+@compiled
+def spring(twist, stiffness, damping, gap, dt, lightness):
+    """Return the torque of a spring with play now, and how it grows with speed.
+
+    Torque after the step = now + growth * (motor speed - link speed), both after it.
+    A share of the step is taken implicitly: none where the spring is soft, which keeps
+    its energy, and up to half where it is stiff, which is stable for any step.
+
+    Args:
+        twist: Motor minus link angle [rad].
+        stiffness: Of the spring [N m/rad].
+        damping: Of the spring [N m s/rad].
+        gap: Half of its play [rad].
+        dt: Time step [s].
+        lightness: Sum of the inverse inertias on both sides [1/(kg m^2)].
+    """
+    if abs(twist) < gap:
+        return 0.0, 0.0
+    # Four times as careful as two single masses need: the links are coupled.
+    swing = 4.0 * dt * dt * stiffness * lightness
+    implicit = max(0.0, 0.5 - 1.0 / swing)
+    stretch = twist - np.sign(twist) * gap
+    return stiffness * stretch, implicit * dt * stiffness + damping

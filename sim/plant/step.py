@@ -12,18 +12,25 @@ What each joint then passes on to the rigid arm is sent to Bullet, and Bullet mo
 import numpy as np
 from numba import njit
 
-from sim import kinds, laws
+from sim import laws
 from sim.plant import tables as at
-from sim.plant.compiled import compiled
-from sim.plant.friction import bristle, friction_of, slide
-from sim.plant.tables import unpack
-from sim.plant.thermal import AMBIENT, RISE, heat, lean_and_thin, warmed
-from sim.plant.transmission import spring
+from sim.plant.friction import (
+    AMBIENT,
+    RISE,
+    bristle,
+    friction_of,
+    heat,
+    lean_and_thin,
+    slide,
+    spring,
+    warmed,
+)
+from sim.plant.tables import compiled, unpack
 
 _hose = njit(laws.hose)
 _gas_spring = njit(laws.gas_spring)
 _magnet = njit(laws.magnet)
-_PERIODIC = (kinds.RIPPLE, kinds.COGGING_SUM, kinds.WAVE)
+_PERIODIC = (laws.RIPPLE, laws.COGGING_SUM, laws.WAVE)
 
 
 @compiled
@@ -37,17 +44,17 @@ def torque_of(row, angle, q, motor, now):
         now: Given torques of this time [N m]. Shape (s,).
     """
     kind, a, b, c = row[0], row[3], row[4], row[5]
-    if kind == kinds.CONSTANT:
+    if kind == laws.CONSTANT:
         return a
-    if kind == kinds.HOSE:
+    if kind == laws.HOSE:
         return a * _hose(angle - b)
-    if kind == kinds.GAS_SPRING:
+    if kind == laws.GAS_SPRING:
         return a * _gas_spring(angle - b)
     if kind in _PERIODIC:
         return _periodic(row, angle, q)
-    if kind == kinds.WALL:
+    if kind == laws.WALL:
         return a * c * max(0.0, c * (angle - b))
-    if kind == kinds.SERIES:
+    if kind == laws.SERIES:
         return now[int(a)]
     return min(max(motor, -a), a)  # dead zone: what is lost of a small torque
 
@@ -55,9 +62,9 @@ def torque_of(row, angle, q, motor, now):
 @compiled
 def _periodic(row, angle, q):
     kind, a, b, c = row[0], row[3], row[4], row[5]
-    if kind == kinds.RIPPLE:
+    if kind == laws.RIPPLE:
         return a * _magnet(b * angle + c)
-    if kind == kinds.COGGING_SUM:
+    if kind == laws.COGGING_SUM:
         return a * np.cos(b * (angle + q[int(c)]))
     return a * np.sin(b * angle + c)
 
@@ -80,7 +87,7 @@ def resist(table, q, motor_q, motor, now, channels):
     at_link, at_motor = np.zeros_like(q), np.zeros_like(q)
     for e in range(len(table)):
         row, joint = table[e], int(table[e, 1])
-        inside = row[0] in kinds.AT_MOTOR
+        inside = row[0] in laws.AT_MOTOR
         angles = motor_q if inside else q
         torque = torque_of(row, angles[joint], angles, motor[joint], now)
         channels[int(row[2]), joint] += torque
@@ -226,7 +233,7 @@ def _rub(arm, state, now, x, mass, momentum):
         rubbing[0, c] += forward
         rubbing[1, c] += backward
         rubbing[2, c] += viscosity
-        if row[0] == kinds.BRISTLE:
+        if row[0] == laws.BRISTLE:
             z, torque = bristle(state.memory[slot], u, row, arm.rotor[c], dt)
             state.memory[slot] = z
             rubbing[3, c] += torque
@@ -312,7 +319,7 @@ def _record_friction(arm, state, rubbing, now, x, x_new):
         friction[int(arm.contacts[c, 4])] += arm.contacts[c, 2] * torque
     for f in range(len(arm.friction)):
         row = arm.friction[f]
-        if row[0] == kinds.WARMUP:
+        if row[0] == laws.WARMUP:
             c, slot = int(row[1]), int(row[2])
             warmth = state.memory[slot]
             now[at.TEMPERATURE, c] = AMBIENT + RISE * warmth

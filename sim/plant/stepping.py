@@ -7,19 +7,17 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import ModelgapError
+from residual.recording import Array
 from residual.threads import one_blas_thread
 from sim.effects.base import Moving
 from sim.engine.bullet import World
 from sim.plant import tables as at
-from sim.plant.arm import Arm, Phase, new_state, phases
+from sim.plant.arm import Arm, Phase, new_state, phases, series_of
 from sim.plant.controller import Controller
-from sim.plant.rows import series_of
-from sim.plant.signal_faults import read, true_angle
+from sim.plant.sensors import read, true_angle
 from sim.plant.step import advance
 from sim.plant.tables import State, pack
 from sim.records import Reference
-
-Array = np.ndarray
 
 
 class DivergedError(ModelgapError):

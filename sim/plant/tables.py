@@ -1,14 +1,35 @@
 """The tables that the compiled step reads: one row per term, one arm per phase."""
 
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
-from sim.plant.compiled import compiled
+from residual.recording import Array
 
-Array = np.ndarray
+# Numba keeps a function until its own file changes, and would go on with what the
+# function calls in other files as that was. So the folder of compiled code is named
+# after all of them.
+_PLANT = Path(__file__).parent
+_SOURCES = (*sorted(_PLANT.glob("*.py")), _PLANT.parent / "laws.py")
+_CODE = hashlib.sha256(b"".join(path.read_bytes() for path in _SOURCES)).hexdigest()
+_FOLDER = _PLANT / "__pycache__" / f"compiled-{_CODE[:12]}"
 
-# Columns of a row of friction: kind (`sim.kinds`), on which contact, its memory, four
+
+def compiled(function: Callable) -> Callable:
+    """Compile a function on its first call; later processes load it."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_FOLDER)
+    try:
+        return numba.njit(cache=True)(function)
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+# Columns of a row of friction: kind (`sim.laws`), on which contact, its memory, four
 # numbers. Contacts are the joints, then the shared gears of pairs. Columns of a row of
 # torque: kind, on which joint, into which channel, four numbers.
 WIDTH = 7

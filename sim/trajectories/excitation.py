@@ -12,10 +12,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import eigh
 
+from residual.recording import Array
 from residual.robot.base_parameters import base_columns
 from residual.robot.dynamics import regressor
-
-Array = np.ndarray
 
 _SHARP = 12  # power of the mean that stands for the extreme eigenvalues
 _AMOUNT = 0.1  # weight of log det per parameter beside log condition

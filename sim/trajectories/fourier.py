@@ -13,13 +13,12 @@ import numpy as np
 from scipy.linalg import null_space
 
 from residual.errors import InputError
+from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.engine.clearance import MARGIN, Body, body, clearances
-from sim.synthetic.room import draw_centre, room
-from sim.synthetic.series import Series, derivative, peaks
+from sim.engine.geometry import MARGIN, Body, body, clearances
+from sim.sizes import draw_centre, room
+from sim.trajectories.curves import Series, derivative, peaks
 from sim.trajectories.limits import Limits, between, largest_torque, plan_limits
-
-Array = np.ndarray
 
 HARMONICS = 5
 FREE = 2 * (HARMONICS - 1)  # coefficients of a joint that rest at the ends leaves

@@ -9,7 +9,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.robot.robot import Robot
-from sim.synthetic.series import Series, peaks
+from sim.trajectories.curves import Series, peaks
 from sim.trajectories.fourier import (
     FREE,
     arena,
@@ -19,8 +19,6 @@ from sim.trajectories.fourier import (
     harmonics,
     shrunk,
 )
-
-Array = np.ndarray
 
 DIGITS = 9  # of a number that is written down [rad]
 _TRIES = 50  # slow motions that are drawn at most

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.errors import InputError
+from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
 from sim.catalogue import of_drives
 from sim.records import Drives
-from sim.synthetic.room import room
-from sim.synthetic.sizes import declared
-
-Array = np.ndarray
+from sim.sizes import declared, room
 
 SPEED, ACCELERATION, TORQUE = 0.8, 0.9, 0.8  # of the robot's own limits
 _UNITS = {"range": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.errors import InputError
+from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.engine.clearance import MARGIN, Body, body, clearances
-from sim.synthetic.room import Room, draw_centre, room
-from sim.synthetic.stops import move_time
+from sim.engine.geometry import MARGIN, Body, body, clearances
+from sim.sizes import Room, draw_centre, room
+from sim.trajectories.curves import dwell, move, move_time, repeated
 from sim.trajectories.limits import LimitError, Limits, largest_torque, plan_limits
 from sim.trajectories.plan import Plan, check
-from sim.trajectories.program import dwell, move, repeated
-
-Array = np.ndarray
 
 _MOST, _LEAST = 40, 2  # places per period
 _DWELL = (0.3, 0.9)  # s

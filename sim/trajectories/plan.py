@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.engine.clearance import MARGIN, Body, body, clearances
+from sim.engine.geometry import MARGIN, Body, body, clearances
 from sim.trajectories.limits import LimitError, between, check_limits
 
-Array = np.ndarray
 Motion = tuple[Array, Array, Array]  # q, qd and qdd, shapes (n, dof)
 
 _FINE, _COARSE = 1000.0, 100.0  # Hz, for limits and for clearance

@@ -9,16 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.recording import Array
 from residual.robot.base_parameters import base_columns
 from residual.robot.dynamics import inertial_parameters, regressor
-from sim.engine.clearance import MARGIN, clearances
+from sim.engine.geometry import MARGIN, clearances
 from sim.records import Drives
-from sim.synthetic.series import Series
+from sim.trajectories.curves import Series
 from sim.trajectories.excitation import cost
 from sim.trajectories.fourier import FREE, Arena, harmonics, sampled
 from sim.trajectories.limits import declared_friction
-
-Array = np.ndarray
 
 _SAMPLES = 44  # of a period; the fastest harmonic has nine of them
 _WEIGHT = 300.0  # of torque and clearance, which are penalties

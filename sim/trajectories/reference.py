@@ -7,12 +7,12 @@ from scipy.optimize import minimize
 
 from residual.errors import InputError
 from residual.names import check_name
+from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
-from sim.engine.kinematics import follow
-from sim.records import Reference, TrajectorySpec
-from sim.streams import stream
-from sim.synthetic.series import Series, evaluate
+from sim.engine.geometry import follow
+from sim.records import Reference, TrajectorySpec, stream
+from sim.trajectories.curves import RAMP, Series, evaluate
 from sim.trajectories.excitation import excitation
 from sim.trajectories.fourier import (
     Arena,
@@ -32,7 +32,6 @@ from sim.trajectories.problem import Problem, problem
 from sim.trajectories.welding import plan_welding
 from sim.trajectories.workpiece import Cell, Piece, cell, draw_piece, no_room
 
-RAMP = 1.0  # s from rest to full speed, as sim.synthetic.series has it
 _MOST = 8  # strokes to and fro per period
 _STROKE = 2.0  # s that one may take where the limits let it
 _TURN = 0.07  # share of the third harmonic; 1/9 would be a sharp triangle
@@ -122,8 +121,6 @@ def _gun(piece: Piece, angle: float, strokes: int):
     x = (np.sin(own) - _TURN * np.sin(3 * own)) / (1 + _TURN)
     return piece.pose(x, np.cos(angle), _SWING * np.sin(own) * piece.along)
 
-
-Array = np.ndarray
 
 _DRAWN = 40  # random motions to choose the starts from
 _STARTS = 2

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.recording import Array
 from residual.robot.robot import Robot
 from sim.records import Reference
 from sim.trajectories.excitation import Excitation, excitation
 from sim.trajectories.limits import largest_torque
-
-Array = np.ndarray
 
 _SAMPLES = 1000  # that excitation is judged by
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.engine.kinematics import follow
-from sim.trajectories.limits import LimitError, Limits
-from sim.trajectories.plan import Plan, check
-from sim.trajectories.program import (
+from sim.engine.geometry import follow
+from sim.trajectories.curves import (
     Path,
     Stage,
     along,
@@ -24,9 +23,9 @@ from sim.trajectories.program import (
     repeated,
     shortest,
 )
+from sim.trajectories.limits import LimitError, Limits
+from sim.trajectories.plan import Plan, check
 from sim.trajectories.workpiece import Cell, Piece, cell, draw_piece, no_room
-
-Array = np.ndarray
 
 _MOST, _LEAST = 8, 2  # seams per period
 _PIECES = 150  # work pieces drawn at most

@@ -6,20 +6,22 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError
+from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.engine.clearance import MARGIN, Body, body, clearances
-from sim.engine.kinematics import (
+from sim.engine.geometry import (
+    MARGIN,
     NEAR_SINGULAR,
+    Body,
     Kinematics,
+    body,
+    clearances,
     dexterity,
     inverse,
     kinematics,
     pose,
 )
-from sim.synthetic.room import room
+from sim.sizes import room
 from sim.trajectories.limits import Limits, plan_limits
-
-Array = np.ndarray
 
 _GUESSES = 6  # postures that the arm is tried in
 # Ranges that a work piece is drawn from; lengths as shares of the stretched arm.

@@ -14,7 +14,7 @@ from residual.diagnosis.causes.edit.edits import MOVING, errors_on
 from residual.diagnosis.result import Detectable
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.signals.track import Filters
-from sim.drawn_arm import light_arm
+from sim.draw import light_arm
 from sim.records import PlantEffect
 
 ROW = {

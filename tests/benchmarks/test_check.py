@@ -10,7 +10,7 @@ from benchmarks.check_parts.traces import trace
 from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair
-from sim.streams import stream
+from sim.records import stream
 
 
 @pytest.fixture(scope="module")

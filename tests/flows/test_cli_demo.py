@@ -20,7 +20,7 @@ from flows.requests import Demo
 from flows.steps import demo as steps
 from residual.diagnosis.causes.edit.edits import Edit
 from sim.draw import draw_hidden
-from sim.streams import HIDDEN, stream
+from sim.records import HIDDEN, stream
 from sim.trajectories import make_reference
 from sim.visible import VISIBLE, Stage, share
 from tests.verdict_documents import typed

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make
 from residual.close import close_the_loop
 from residual.diagnosis.examine import Examined, examine
 from residual.diagnosis.findings import Named, findings
@@ -16,13 +17,11 @@ from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot
-from residual.signals.split import session_clock
+from residual.signals.pieces import session_clock
 from residual.signals.track import Filters
 from sim.draw import draw
-from sim.records import Hidden
-from sim.streams import stream
-from sim.synthetic.logs import CHANGES, Case, LogPlan, make
-from sim.synthetic.plant import Plant
+from sim.quasi_static import Plant
+from sim.records import Hidden, stream
 
 Y, Z = "0 1 0", "0 0 1"
 TWO = (Y, Y)

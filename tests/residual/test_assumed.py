@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.logs import Case
 from residual.diagnosis.causes.changes import changes
 from residual.model.nominal import declared_names
 from residual.robot.robot import load_robot
 from sim.experiment import run_experiment
 from sim.records import PlantSpec, TrajectorySpec
-from sim.synthetic.logs import Case
 from sim.trajectories import make_reference
 from tests.residual.arms import doubts
 

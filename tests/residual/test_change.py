@@ -11,7 +11,7 @@ import pytest
 
 from residual.errors import InputError
 from sim.records import Hidden
-from sim.synthetic.body import scatter
+from sim.sizes import scatter
 from tests.residual.arms import arm, diagnose_case, names, short_case
 
 ROUGH = 0.2

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.motions import make_motion
 from residual.check.check import check_logs
 from residual.recording import Recording
-from sim.streams import stream
-from sim.synthetic.motion import make_motion
-from sim.synthetic.plant import Plant, true_torque
-from sim.synthetic.room import room
-from sim.synthetic.sensors import torque_noise
-from sim.synthetic.sizes import sizes
+from sim.plant.sensors import torque_noise
+from sim.quasi_static import Plant, true_torque
+from sim.records import stream
+from sim.sizes import room, sizes
 from tests.residual.arms import bare_irb140
 from tests.residual.check.damaged import clean_logs
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.logs import LogPlan, make
 from flows.inputs.logs import LogSets
 from flows.steps.check import check
 from residual.check.check import check_logs
@@ -14,8 +15,7 @@ from residual.check.result import Repair
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.robot.robot import load_robot
 from residual.signals.low_pass import low_pass
-from sim.synthetic.logs import LogPlan, make
-from sim.synthetic.plant import Plant
+from sim.quasi_static import Plant
 from tests.residual.check.damaged import clean_logs, edited, swapped, times
 from warehouse.logs import read_log
 

@@ -9,7 +9,7 @@ from residual.diagnosis.leftover.leftover import leftovers
 from residual.diagnosis.task import Rules
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
-from residual.signals.split import session_clock
+from residual.signals.pieces import session_clock
 from residual.signals.track import Filters
 from tests.residual.arms import arm, plain_logs, quiet
 

@@ -14,8 +14,7 @@ from residual.evidence.design import Design
 from residual.evidence.group import union
 from residual.model.model import Model
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
-from residual.signals.encoder_noise import shaken
-from residual.signals.track import Filters, prepare
+from residual.signals.track import Filters, prepare, shaken
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion
 from tests.residual.linear import LINE, OTHER, Problem, build
 

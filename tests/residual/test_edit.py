@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.logs import LogPlan, make
 from residual.diagnosis.causes.edit.dense import dense_model, set_back
 from residual.diagnosis.causes.edit.edits import (
     baseline_edits,
@@ -19,9 +20,8 @@ from residual.model.nominal import prepare_logs, start_nominal
 from residual.model.term import Term
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
+from sim.quasi_static import Plant
 from sim.records import Hidden
-from sim.synthetic.logs import LogPlan, make
-from sim.synthetic.plant import Plant
 
 LOAD = {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
 

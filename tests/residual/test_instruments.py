@@ -22,8 +22,7 @@ from residual.diagnosis.result import Place
 from residual.evidence.fit import fit
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
-from residual.signals.encoder_noise import encoder_noise
-from residual.signals.track import Filters
+from residual.signals.track import Filters, encoder_noise
 from tests.residual.arms import arm, names
 from tests.residual.linear import LINE, OTHER, PLANE, Problem
 

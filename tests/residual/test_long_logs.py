@@ -19,9 +19,8 @@ from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring import scores as monitoring
 from residual.monitoring.usual import block_maxima, peaks_of
 from residual.recording import Recording
-from residual.robot import regressor as lazy
-from residual.robot.dynamics import inertial_parameters, regressor
-from residual.robot.regressor import LazyRegressor
+from residual.robot import dynamics as lazy
+from residual.robot.dynamics import LazyRegressor, inertial_parameters, regressor
 from residual.signals import pieces
 from residual.signals.track import Filters, prepare
 from tests.residual.arms import arm, plain_logs

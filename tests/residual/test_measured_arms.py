@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.logs import Case
 from residual.close import close_the_loop
 from residual.diagnosis.examine import examine
 from residual.diagnosis.task import Rules
@@ -18,7 +19,6 @@ from residual.evidence.states import as_model
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
-from sim.synthetic.logs import Case
 from tests.residual.arms import classes, doubts, names, quiet
 from warehouse.logs import read_log
 

@@ -2,15 +2,15 @@
 
 import pytest
 
+from benchmarks.synthetic.logs import LogPlan, make
 from residual.close import close_the_loop
 from residual.diagnosis.oracle import oracle
 from residual.epochs import oracle as epochs
 from residual.epochs.compare import Asked
 from residual.errors import UnknownNameError
 from residual.robot.robot import load_robot
+from sim.quasi_static import Plant
 from sim.records import Hidden
-from sim.synthetic.logs import LogPlan, make
-from sim.synthetic.plant import Plant
 from tests.residual.arms import arm, diagnose_case, short_case
 
 PLAN = (

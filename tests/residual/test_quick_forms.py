@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import butter, sosfiltfilt, welch
 
+from benchmarks.synthetic.logs import LogPlan, make
 from residual.check.reading import best_order
 from residual.diagnosis import oracle
 from residual.effects.backlash import _flight
@@ -16,11 +17,9 @@ from residual.evidence.fit import System, fit
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.robot import load_robot
 from residual.signals.direction import bristle
-from residual.signals.low_pass import low_pass
-from residual.signals.spectrum import power_density
+from residual.signals.low_pass import low_pass, power_density
 from residual.signals.track import Filters, widened
-from sim.synthetic.logs import LogPlan, make
-from sim.synthetic.plant import Plant
+from sim.quasi_static import Plant
 from tests.residual.linear import DOF, Problem, every_group
 
 SEEDS = st.integers(0, 2**32 - 1)

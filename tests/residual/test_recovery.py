@@ -8,8 +8,8 @@ goes right over many draws is the matter of benchmarks/diagnosis.py.
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.logs import CHANGES
 from sim.records import Hidden
-from sim.synthetic.logs import CHANGES
 from tests.residual.arms import (
     Y,
     Z,

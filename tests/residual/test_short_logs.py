@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.logs import LogPlan, make
 from residual.close import close_the_loop
 from residual.diagnosis.least_squares import outdone, plain_fit
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
+from sim.quasi_static import Plant
 from sim.records import Hidden
-from sim.synthetic.logs import LogPlan, make
-from sim.synthetic.plant import Plant
 from tests.residual.arms import arm, doubts, names, short_case
 
 PLAN = (

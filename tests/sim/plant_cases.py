@@ -2,14 +2,13 @@
 
 import numpy as np
 
+from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
 from sim.plant.stepping import simulate
-from sim.records import PlantEffect, PlantSpec, Reference
-from sim.streams import stream
-from sim.synthetic.motion import make_motion
-from sim.synthetic.room import room
+from sim.records import PlantEffect, PlantSpec, Reference, stream
+from sim.sizes import room
 
 ROBOT = load_robot("irb140")
 NOMINAL_ARM = {"scatter": 0.0}
@@ -21,8 +20,7 @@ def effect(name, joints=(), onset=0.0, **parameters):
 
 
 def motion(family="fourier", duration=3.0, seed=1, rate=1000.0):
-    m = make_motion(family, room(ROBOT), duration, rate, stream(seed, "motion"))
-    return Reference(family, m.t, m.q, m.qd, m.qdd, None)
+    return make_motion(family, room(ROBOT), duration, rate, stream(seed, "motion"))
 
 
 def standing(duration, q=None, rate=1000.0):

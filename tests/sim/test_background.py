@@ -5,17 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.logs import LogPlan, make
+from benchmarks.synthetic.motions import make_motion
 from residual.errors import InputError
 from residual.robot.robot import load_robot
-from sim.background.draw import draw_background
-from sim.background.torque import Rubbing, added, cogging, logged
-from sim.records import Hidden
-from sim.streams import stream
-from sim.synthetic.logs import LogPlan, make
-from sim.synthetic.motion import make_motion
-from sim.synthetic.plant import Plant, background_of, true_friction, true_torque
-from sim.synthetic.room import room
-from sim.synthetic.sizes import sizes
+from sim.background import Rubbing, added, cogging, draw_background, logged
+from sim.quasi_static import Plant, background_of, true_friction, true_torque
+from sim.records import Hidden, stream
+from sim.sizes import room, sizes
 
 ROBOT = load_robot("irb140")
 SEEDS = range(1, 13)

@@ -1,7 +1,7 @@
 import numpy as np
 
 from residual.robot.robot import load_robot
-from sim.engine.clearance import body, capsule_ends, clearances
+from sim.engine.geometry import body, capsule_ends, clearances
 from tests.sim.arms import TWO, arm
 
 ROBOT = load_robot("irb140")

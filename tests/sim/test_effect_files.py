@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.motions import make_motion
 from residual.effects import registry as sought
 from residual.errors import InputError
 from sim import effects
@@ -14,11 +15,9 @@ from sim.catalogue import check_effect, kinds, of_drives, vocabulary
 from sim.draw import draw, draw_hidden, usual_effects
 from sim.effects import registry
 from sim.experiment import run_experiment
-from sim.records import Hidden, Noise, PlantSpec
-from sim.streams import stream
-from sim.synthetic.motion import make_motion
-from sim.synthetic.plant import Plant, true_torque
-from sim.synthetic.room import room
+from sim.quasi_static import Plant, true_torque
+from sim.records import Hidden, Noise, PlantSpec, stream
+from sim.sizes import room
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent

@@ -3,7 +3,7 @@ import pinocchio as pin
 import pytest
 
 from residual.robot.robot import load_robot
-from sim.engine.kinematics import dexterity, follow, inverse, kinematics, pose
+from sim.engine.geometry import dexterity, follow, inverse, kinematics, pose
 from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.workpiece import cell, draw_piece

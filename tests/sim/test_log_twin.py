@@ -7,8 +7,8 @@ import pytest
 
 from residual.errors import InputError
 from sim.experiment import run_experiment
-from sim.log_twin import log_twin_errors, logged_reference
 from sim.records import Noise, PlantSpec, Rates
+from sim.twin import log_twin_errors, logged_reference
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

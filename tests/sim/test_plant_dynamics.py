@@ -7,13 +7,11 @@ import pytest
 from residual.robot.dynamics import flange_placement, inertial_parameters
 from sim.catalogue import acting, changed, kinds
 from sim.draw import draw_hidden
-from sim.engine.bullet import World
+from sim.engine.bullet import World, urdf_of
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.energy import balance
-from sim.plant.urdf import urdf_of
-from sim.records import PlantSpec
-from sim.streams import stream
+from sim.records import PlantSpec, stream
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

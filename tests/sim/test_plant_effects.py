@@ -7,9 +7,8 @@ from scipy.ndimage import uniform_filter1d
 from sim.catalogue import acting
 from sim.plant import tables as at
 from sim.plant.controller import Replay
-from sim.plant.friction import slide
-from sim.plant.transmission import series_spring
-from sim.synthetic.sensors import reported
+from sim.plant.friction import series_spring, slide
+from sim.plant.sensors import reported
 from tests.sim.plant_cases import ROBOT, drive, effect, motion, standing
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

@@ -16,8 +16,7 @@ from sim.draw import draw_hidden, usual_effects
 from sim.experiment import run_experiment
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError
-from sim.records import Noise, PlantEffect, PlantSpec, Rates, Reference
-from sim.streams import stream
+from sim.records import Noise, PlantEffect, PlantSpec, Rates, Reference, stream
 from sim.twin import open_loop, track
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 

@@ -9,10 +9,9 @@ from residual.errors import InputError
 from sim.catalogue import acting
 from sim.experiment import run_experiment
 from sim.plant import tables as at
-from sim.plant.signal_faults import hold_frozen
+from sim.plant.sensors import hold_frozen, reported
 from sim.plant.stepping import DivergedError
 from sim.records import PlantSpec, Rates
-from sim.synthetic.sensors import reported
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.examples import write_hidden
+from benchmarks.synthetic.logs import LogPlan, make, standard_case, standard_plan
 from residual.robot.robot import load_robot
 from sim.draw import draw
-from sim.streams import stream
-from sim.synthetic.demo import write_demo
-from sim.synthetic.logs import LogPlan, make, standard_case, standard_plan
-from sim.synthetic.plant import Plant, true_friction
-from sim.synthetic.sensors import encoder, torque_noise
-from sim.synthetic.sizes import sizes
+from sim.plant.sensors import encoder, torque_noise
+from sim.quasi_static import Plant, true_friction
+from sim.records import stream
+from sim.sizes import sizes
 
 ROBOT = load_robot("irb140")
 SHORT = tuple(
@@ -152,7 +152,7 @@ def test_any_robot_will_do(tmp_path, effect):
 
 
 def test_a_demo_is_small_and_keeps_its_truth_apart(tmp_path):
-    paths = write_demo(tmp_path, 7, "payload")
+    paths = write_hidden(tmp_path, 7, "payload")
     names = [p.name for p in paths]
     assert names == [
         "fit_1.csv",
@@ -169,5 +169,5 @@ def test_a_demo_is_small_and_keeps_its_truth_apart(tmp_path):
 
 def test_the_shipped_example_is_the_demo(tmp_path):
     shipped = Path(__file__).parents[2] / "examples" / "hidden"
-    for path in write_demo(tmp_path, 7, "payload"):
+    for path in write_hidden(tmp_path, 7, "payload"):
         assert (shipped / path.name).read_text() == path.read_text()

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.motions import FAMILIES, make_motion
 from residual.robot.robot import load_robot
-from sim.streams import stream
-from sim.synthetic.motion import FAMILIES, make_motion
-from sim.synthetic.room import room
+from sim.records import stream
+from sim.sizes import room
 
 SPACE = room(load_robot("irb140"))
 ROBOT = load_robot("irb140")

@@ -2,18 +2,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.synthetic.motions import make_motion
 from residual.errors import InputError
-from residual.robot.dynamics import inertial_parameters
+from residual.robot.dynamics import inertial_parameters, outward
 from residual.robot.robot import load_robot
 from sim.catalogue import acting, changed, unnamed
 from sim.draw import draw, usual_effects
 from sim.effects._bristle import deflection
-from sim.records import Hidden
-from sim.streams import stream
-from sim.synthetic.body import outward, scatter
-from sim.synthetic.motion import make_motion
-from sim.synthetic.plant import Plant, true_friction, true_model, true_torque
-from sim.synthetic.room import room
+from sim.quasi_static import Plant, true_friction, true_model, true_torque
+from sim.records import Hidden, stream
+from sim.sizes import room, scatter
 
 ROBOT = load_robot("irb140")
 IN_ENGINE = ("x_dead_zone", "x_wall")

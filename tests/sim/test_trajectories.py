@@ -7,11 +7,11 @@ import pytest
 
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot
-from sim.engine.clearance import MARGIN, body, clearances
+from sim.engine.geometry import MARGIN, body, clearances
 from sim.records import TrajectorySpec
-from sim.synthetic.series import peaks
 from sim.trajectories import KINDS, make_reference
 from sim.trajectories import reference as search
+from sim.trajectories.curves import peaks
 from sim.trajectories.fourier import arena, draw, draw_any, sampled
 from sim.trajectories.limits import plan_limits
 from sim.trajectories.reference import make_plan, sample

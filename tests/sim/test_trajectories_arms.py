@@ -5,7 +5,7 @@ import pytest
 
 from residual.errors import InputError
 from residual.robot.robot import load_robot
-from sim.engine.clearance import MARGIN, body, clearances
+from sim.engine.geometry import MARGIN, body, clearances
 from sim.records import TrajectorySpec
 from sim.trajectories import KINDS, LimitError, make_reference, reference
 from sim.trajectories.excitation import excitation

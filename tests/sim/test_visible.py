@@ -6,8 +6,7 @@ import pytest
 from sim.catalogue import amount, check_effect, vocabulary
 from sim.draw import draw_hidden, usual_effects
 from sim.plant import tables as at
-from sim.records import PlantEffect, TrajectorySpec
-from sim.streams import stream
+from sim.records import PlantEffect, TrajectorySpec, stream
 from sim.trajectories import make_reference
 from sim.trajectories.given import draw_slow
 from sim.visible import MOST, VISIBLE, Stage, draw_visible, share

@@ -18,7 +18,7 @@ from residual.effects import registry
 from residual.effects.base import Effect
 from residual.errors import InputError
 from residual.robot.robot import Robot
-from sim.drawn_arm import light_arm
+from sim.draw import light_arm
 
 URDF, DECLARED, TOML = "{}.urdf", "declared.json", "robot.toml"
 

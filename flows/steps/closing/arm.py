@@ -11,8 +11,7 @@ from flows.steps.experiment import plant_of, sealed_half
 from residual.effects import reported_joints
 from residual.robot.robot import Robot
 from sim.draw import draw_hidden
-from sim.records import PlantEffect
-from sim.streams import HIDDEN, stream
+from sim.records import HIDDEN, PlantEffect, stream
 from warehouse import ids, seal
 from warehouse.origin.robots import keep_robot, robot_folder
 from warehouse.seal import sealed_hash

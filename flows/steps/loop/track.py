@@ -28,8 +28,8 @@ from residual.robot.robot import Robot
 from residual.signals.track import Filters
 from residual.threads import one_blas_thread
 from sim.records import PlantSpec, Reference, TrajectorySpec
-from sim.tracking import Driven, drive
 from sim.trajectories import make_reference
+from sim.twin import Driven, drive
 from warehouse.commit import commit_record
 from warehouse.layout import find
 from warehouse.runs import read_manifest, read_run

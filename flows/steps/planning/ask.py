@@ -18,9 +18,13 @@ from residual.diagnosis.result import Diagnosis, Verdict
 from residual.errors import InputError
 from residual.evidence.fit import Fit
 from residual.names import check_nesting
-from residual.planning.gather import open_question
-from residual.planning.question import Question
-from residual.planning.wish import Wish, parse_wish, wished_question
+from residual.planning.question import (
+    Question,
+    Wish,
+    open_question,
+    parse_wish,
+    wished_question,
+)
 from residual.robot.robot import Robot
 from warehouse.commit import read_record
 from warehouse.layout import Found, find

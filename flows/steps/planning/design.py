@@ -20,9 +20,8 @@ from flows.steps.planning.motions import (
 from residual.planning.outlook import chance
 from residual.planning.promise import told_apart
 from residual.planning.question import Place
-from sim.records import TrajectorySpec
-from sim.streams import stream
-from sim.synthetic.series import Series
+from sim.records import TrajectorySpec, stream
+from sim.trajectories.curves import Series
 from sim.trajectories.fourier import (
     FREE,
     Arena,

@@ -12,7 +12,7 @@ from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.rerun.runs import spec_of
 from residual.errors import InputError
-from residual.planning.gather import PAUSE
+from residual.planning.question import PAUSE
 from sim.records import TrajectorySpec
 from warehouse.layout import find_run
 from warehouse.origin.robots import robot_word

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.planning.columns import growing_grams, planned_gram
 from residual.planning.outlook import (
     Outlook,
     Pair,
@@ -14,11 +13,11 @@ from residual.planning.outlook import (
     outlook,
     structural_twins,
 )
+from residual.planning.promise import growing_grams, planned_gram
 from residual.planning.question import Question
 from residual.robot.robot import Robot
-from sim.records import TrajectorySpec
-from sim.streams import stream
-from sim.synthetic.series import Series
+from sim.records import TrajectorySpec, stream
+from sim.trajectories.curves import Series
 from sim.trajectories.fourier import Arena, arena, draw, sampled
 from sim.trajectories.given import written
 from sim.trajectories.plan import Plan

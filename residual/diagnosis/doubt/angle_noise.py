@@ -22,9 +22,8 @@ from residual.evidence.design import Design
 from residual.evidence.fit import Fit, System, chance_of, scaled_inverse
 from residual.evidence.states import as_model, first_design, physical
 from residual.recording import Array, Recording
-from residual.signals.encoder_noise import on_rows_of
 from residual.signals.pieces import in_pieces
-from residual.signals.track import prepare
+from residual.signals.track import on_rows_of, prepare
 
 INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
 CHANCE = 1e-3  # under which a difference is no chance

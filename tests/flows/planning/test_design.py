@@ -17,7 +17,7 @@ from flows.steps.planning.motions import (
 from flows.steps.planning.suggest import apart_by_no_motion, document
 from residual.planning.promise import promised
 from residual.robot.dynamics import inverse_dynamics
-from sim.engine.clearance import MARGIN, body, clearances
+from sim.engine.geometry import MARGIN, body, clearances
 from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.fourier import arena, draw

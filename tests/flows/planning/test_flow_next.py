@@ -59,8 +59,8 @@ def test_the_flow_fails_where_nothing_is_open(server, stored, monkeypatch):
     from flows.scheduled import settling
 
     store, diagnosis = stored
-    monkeypatch.setattr("residual.planning.gather.alternatives", lambda *_: ([], 1.0))
-    monkeypatch.setattr("residual.planning.gather._strongest", lambda *_: [])
+    monkeypatch.setattr("residual.planning.question.alternatives", lambda *_: ([], 1.0))
+    monkeypatch.setattr("residual.planning.question._strongest", lambda *_: [])
     with pytest.raises(Exception, match="leaves nothing open"):
         settling.next_experiment(diagnosis, seconds=5.0, store=str(store))
 

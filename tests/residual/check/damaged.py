@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 
+from benchmarks.synthetic.logs import LogPlan, make
 from residual.recording import Recording
-from sim.synthetic.logs import LogPlan, make
-from sim.synthetic.plant import Plant
+from sim.quasi_static import Plant
 from tests.residual.arms import arm, bare_irb140
 
 AXES = ("0 0 1", "0 1 0", "0 1 0")

@@ -5,7 +5,7 @@ import pytest
 from residual.check.check import check_logs
 from residual.check.result import Repair
 from sim.draw import draw
-from sim.streams import stream
+from sim.records import stream
 from tests.residual.arms import arm
 from tests.residual.check.damaged import clean_logs, edited, swapped, times, turned
 

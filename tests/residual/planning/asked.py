@@ -2,14 +2,13 @@
 
 from functools import cache
 
+from benchmarks.synthetic.logs import LogPlan, make
 from residual.close import close_the_loop
-from residual.planning.gather import open_question
-from residual.planning.wish import parse_wish, wished_question
+from residual.planning.question import open_question, parse_wish, wished_question
 from residual.robot.robot import load_robot
 from sim.draw import draw
-from sim.streams import stream
-from sim.synthetic.logs import LogPlan, make
-from sim.synthetic.plant import Plant
+from sim.quasi_static import Plant
+from sim.records import stream
 
 FAMILY, SECONDS = "slow_cyclic", 8.0
 

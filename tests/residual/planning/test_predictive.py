@@ -5,13 +5,16 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from residual.diagnosis.result import Place
-from residual.planning.outlook import chance, has_enough, outlook, structural_twins
-from residual.planning.predictive import (
+from residual.planning.outlook import (
     Refit,
+    chance,
     drawn_products,
     expected_nats,
     gap,
+    has_enough,
     log_evidence,
+    outlook,
+    structural_twins,
 )
 from residual.planning.question import NOTHING, Contest, Question, Rival, Signals
 

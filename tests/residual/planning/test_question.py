@@ -5,19 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.motions import make_motion
 from residual.close import close_the_loop
 from residual.diagnosis.causes.sets import Rival
 from residual.diagnosis.result import Place
 from residual.errors import InputError, UnknownNameError
-from residual.planning import gather
-from residual.planning.columns import growing_grams, logged_products, planned_gram
-from residual.planning.gather import open_question
+from residual.planning import question as gather
 from residual.planning.outlook import outlook, structural_twins
-from residual.planning.question import NOTHING, TOGETHER
-from residual.planning.wish import Wish, parse_wish
-from sim.streams import stream
-from sim.synthetic.motion import make_motion
-from sim.synthetic.room import room
+from residual.planning.promise import growing_grams, logged_products, planned_gram
+from residual.planning.question import (
+    NOTHING,
+    TOGETHER,
+    Wish,
+    open_question,
+    parse_wish,
+)
+from sim.records import stream
+from sim.sizes import room
 from tests.residual.planning.asked import SECONDS, asked, logs
 
 RATE = 50.0  # Hz
@@ -167,7 +171,7 @@ def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch
             if g.effect.name in ("offset", "coulomb_asymmetry") and g.joints == (5,)
         ][:2]
         sets = [Rival((*members[1:], *others), -1.0), Rival(tuple(members[1:]), -2.0)]
-        monkeypatch.setattr("residual.planning.gather.near_sets", lambda *_: sets)
+        monkeypatch.setattr("residual.planning.question.near_sets", lambda *_: sets)
         question = open_question(examined, fitted, named)
         seen.append((question, members[0], others))
 

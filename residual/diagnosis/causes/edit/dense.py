@@ -22,7 +22,7 @@ from residual.evidence.fit import smallest_change
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs
 from residual.recording import Array, Recording
-from residual.signals.split import session_clock
+from residual.signals.pieces import session_clock
 
 ROUNDS = 3  # of parameters and noise in turn
 

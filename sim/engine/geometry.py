@@ -1,9 +1,9 @@
-"""Joint angles for a pose of the flange, by Newton steps from a guess.
+"""Room between the arm, the floor and itself.
 
-An arm with more than six joints reaches a pose in many ways. Along a path it keeps to
-the plane, in the space of its joints, through a home posture and square to the motion
-that leaves the flange of that posture at rest. So a pose has one answer near home, and
-a closed path of poses gives a closed path of joints.
+The arm is taken as capsules between the frames of its joints, all of one thickness, a
+share of the arm's length. That is coarse: a bulky wrist, a tool or a cable is not in
+it. The floor is the plane z = 0 of the base frame, and is there for arms whose first
+axis stands on it; how an arm with a horizontal first axis is mounted nobody can tell.
 """
 
 from dataclasses import dataclass
@@ -13,11 +13,136 @@ import pinocchio as pin
 from scipy.linalg import null_space
 
 from residual.errors import InputError
-from residual.robot.dynamics import flange_frame, flange_jacobian
+from residual.recording import Array
+from residual.robot.dynamics import (
+    Chain,
+    chain_of,
+    flange_frame,
+    flange_jacobian,
+    outward,
+)
 from residual.robot.robot import Robot
-from sim.synthetic.body import outward
 
-Array = np.ndarray
+MARGIN = 0.02  # m, kept free
+_THICKNESS = 0.07  # radius as a share of the stretched arm; 8 cm for an IRB 140
+_SAME = 0.02  # of the stretched arm: frames that near are one point
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Body:
+    """The capsules of an arm and what is checked.
+
+    Attributes:
+        chain: Where the joints sit.
+        kept: Which of base, joints 1 to dof and flange (0 to dof + 1) are ends of
+            capsules; capsule i runs from end i to end i + 1.
+        radius: Radius of all capsules [m].
+        low: Ends that must stay above the floor, as indices into `kept`.
+        pairs: Capsules that must stay apart.
+        names: What each check is about, the floor first.
+    """
+
+    chain: Chain
+    kept: tuple[int, ...]
+    radius: float
+    low: tuple[int, ...]
+    pairs: tuple[tuple[int, int], ...]
+    names: tuple[str, ...]
+
+
+def body(model: pin.Model) -> Body:
+    """Return the capsules of an arm.
+
+    Neighbours are not checked, nor capsules with so little between them that they
+    always touch.
+    """
+    chain = chain_of(model)
+    at_rest = chain.origins(np.zeros((1, model.nv)))[0]
+    lengths = np.linalg.norm(np.diff(at_rest, axis=0), axis=1)
+    reach = lengths.sum()
+    kept, gap = [0], 0.0
+    for i, length in enumerate(lengths, start=1):
+        gap += length
+        if gap > _SAME * reach:
+            kept.append(i)
+            gap = 0.0
+    radius = _THICKNESS * reach
+    sizes = np.linalg.norm(np.diff(at_rest[kept], axis=0), axis=1)
+    pairs = tuple(
+        (i, j)
+        for j in range(len(sizes))
+        for i in range(j - 1)
+        if sizes[i + 1 : j].sum() > 3 * radius
+    )
+    low = tuple(k for k, frame in enumerate(kept) if frame >= 3 or frame > model.nv)
+    if not _stands(model):
+        low = ()
+    names = [f"{_end(model, kept[k])} above the floor" for k in low]
+    names += [
+        f"{_piece(model, kept, j)} from {_piece(model, kept, i)}" for i, j in pairs
+    ]
+    return Body(chain, tuple(kept), float(radius), low, pairs, tuple(names))
+
+
+def clearances(arm: Body, q: Array) -> Array:
+    """Return the room that every check of the arm has left.
+
+    Args:
+        q: Positions [rad]. Shape (n, dof).
+
+    Returns:
+        Distances between surfaces, less than 0 where they cross [m]. Shape
+        (n, checks).
+    """
+    ends = capsule_ends(arm, q)
+    columns = [ends[:, k, 2] - arm.radius for k in arm.low]
+    for i, j in arm.pairs:
+        between = _distance(ends[:, i], ends[:, i + 1], ends[:, j], ends[:, j + 1])
+        columns.append(between - 2 * arm.radius)
+    return np.array(columns).reshape(-1, len(q)).T
+
+
+def capsule_ends(arm: Body, q: Array) -> Array:
+    """Return the ends of the capsules in the base frame [m]. Shape (n, ends, 3)."""
+    return arm.chain.origins(np.asarray(q, dtype=float))[:, arm.kept]
+
+
+def _stands(model: pin.Model) -> bool:
+    """Say whether the first axis is upright in the base frame."""
+    data = model.createData()
+    jacobian = pin.computeJointJacobians(model, data, pin.neutral(model))
+    return bool(abs(jacobian[5, 0]) > 0.99)
+
+
+def _distance(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Return the distances of segments a-b and c-d. Shapes (n, 3), result (n,).
+
+    Ericson, Real-Time Collision Detection, section 5.1.9.
+    """
+    first, second, apart = b - a, d - c, a - c
+    aa, ee = _dot(first, first), _dot(second, second)
+    ab, ac, ef = _dot(first, second), _dot(first, apart), _dot(second, apart)
+    area = aa * ee - ab**2
+    s = np.where(area > 1e-12, (ab * ef - ac * ee) / np.maximum(area, 1e-12), 0.0)
+    t = (ab * np.clip(s, 0, 1) + ef) / ee
+    t = np.clip(t, 0, 1)
+    s = np.clip((ab * t - ac) / aa, 0, 1)
+    nearest = apart + s[:, None] * first - t[:, None] * second
+    return np.sqrt(_dot(nearest, nearest))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("ni,ni->n", a, b)
+
+
+def _end(model: pin.Model, frame: int) -> str:
+    return "the flange" if frame > model.nv else f"joint {frame}"
+
+
+def _piece(model: pin.Model, kept: list[int], i: int) -> str:
+    start = "the base" if kept[i] == 0 else _end(model, kept[i])
+    return f"{start} to {_end(model, kept[i + 1])}"
+
 
 POSE_JOINTS = 6
 NEAR_SINGULAR = 0.03  # least singular value of the Jacobian, of its largest

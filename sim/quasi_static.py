@@ -7,23 +7,24 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError
+from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
-from sim.background import laws
-from sim.background.draw import Background, draw_background
-from sim.background.torque import USUAL_SPEED, Added, Rubbing, added
+from sim import laws
+from sim.background import (
+    USUAL_SPEED,
+    Added,
+    Background,
+    Rubbing,
+    added,
+    draw_background,
+)
 from sim.catalogue import Acting, acting, changed
 from sim.effects._bristle import deflection
 from sim.effects.base import State
-from sim.records import CLEAN, BackgroundWord, Hidden
-from sim.streams import stream
-from sim.synthetic.body import scatter
-from sim.synthetic.motion import Motion
-from sim.synthetic.room import room
-from sim.synthetic.sensors import reported
-from sim.synthetic.sizes import sizes
-
-Array = np.ndarray
+from sim.plant.sensors import reported
+from sim.records import CLEAN, BackgroundWord, Hidden, Reference, stream
+from sim.sizes import room, scatter, sizes
 
 _RIGID_SCATTER = 0.02
 # Friction that the robot declares is off by little; that of a bare URDF is anything.
@@ -119,7 +120,7 @@ def background_of(plant: Plant) -> Background | None:
 
 def true_torque(
     plant: Plant,
-    motion: Motion,
+    motion: Reference,
     log: str,
     start: float = 0.0,
     active: bool = True,
@@ -169,7 +170,7 @@ def true_torque(
 
 
 def _drives(
-    hidden: Sequence[Acting], motion: Motion, load: Array, own: Background | None
+    hidden: Sequence[Acting], motion: Reference, load: Array, own: Background | None
 ) -> tuple[Array, Array, Array]:
     """Return position, speed and acceleration of the motors, which may lead.
 
@@ -190,7 +191,7 @@ def _drives(
 
 def _part(
     effect: Acting,
-    motion: Motion,
+    motion: Reference,
     start: float,
     arm: tuple[Array, Array, Friction],
     rng: np.random.Generator,

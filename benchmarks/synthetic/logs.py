@@ -2,23 +2,16 @@
 
 from dataclasses import dataclass, replace
 
+from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.background.torque import logged
+from sim.background import logged
 from sim.catalogue import kinds, of_drives
 from sim.draw import draw
-from sim.records import Hidden
-from sim.streams import stream
-from sim.synthetic.motion import make_motion
-from sim.synthetic.plant import (
-    Plant,
-    background_of,
-    true_friction,
-    true_torque,
-)
-from sim.synthetic.room import room
-from sim.synthetic.sensors import encoder, torque_noise
-from sim.synthetic.sizes import sizes
+from sim.plant.sensors import encoder, torque_noise
+from sim.quasi_static import Plant, background_of, true_friction, true_torque
+from sim.records import Hidden, stream
+from sim.sizes import room, sizes
 
 RATE = 250.0  # Hz
 DURATION = 20.0  # s

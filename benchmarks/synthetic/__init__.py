@@ -1,0 +1,1 @@
+"""Logs of arms whose motion is given and whose torque follows: cheap, many."""

@@ -1,0 +1,111 @@
+"""Write small cases as files: what an engineer would export.
+
+python -m benchmarks.synthetic.examples hidden FOLDER SEED EFFECT
+    the built-in arm, in SI units, and the sealed truth beside it
+python -m benchmarks.synthetic.examples workshop FOLDER SEED EFFECT JOINT KEY=VALUE...
+    the arm in FOLDER/arm, with an effect that neither URDF nor robot.toml has, as a
+    workshop writes logs: ms, degrees, motor torque, a joint backwards
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.synthetic.logs import LogPlan, make
+from residual.recording import Array
+from residual.robot.robot import load_robot
+from sim.draw import draw
+from sim.quasi_static import Plant
+from sim.records import Hidden, stream
+
+BACKWARDS = np.array([1.0, -1.0])  # joint 2 of the controller counts the other way
+ZERO = np.array([0.0, 90.0])  # deg that the controller shows where the URDF has zero
+_HIDDEN = (
+    ("fit_1", "fit", "slow_cyclic"),
+    ("fit_2", "fit", "cyclic"),
+    ("fit_3", "fit", "move_stop_move"),
+    ("held_out", "held_out", "fourier"),
+)
+_WORKSHOP = (
+    ("monday", "fit", "fourier"),
+    ("tuesday", "fit", "cyclic"),
+    ("wednesday", "fit", "slow_cyclic"),
+    ("thursday", "held_out", "move_stop_move"),
+)
+
+
+def write_hidden(folder: Path, seed: int, effect: str) -> list[Path]:
+    """Write logs of the built-in arm with one hidden effect.
+
+    Three logs to fit and one of another motion family to hold out, as CSV (t to 1 ms, q
+    to the step of the encoder and tau to 10 mN m); truth.json tells what is hidden and
+    is not for the diagnosis.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    robot = load_robot("irb140")
+    hidden = draw(robot, effect, stream(seed, f"draw/{effect}"))
+    # 125 Hz: enough for a demonstration, half the size.
+    plan = tuple(LogPlan(*log, rate=125.0) for log in _HIDDEN)
+    paths = []
+    for log in make(Plant(robot, (hidden,), seed), plan, seed):
+        paths.append(folder / f"{log.id}.csv")
+        names, formats = ("t", "q", "tau"), ("%.3f", "%.4f", "%.2f")
+        _write(paths[-1], names, formats, (log.t, log.q, log.tau), ",")
+    truth = {
+        "name": hidden.name,
+        "joints": list(hidden.joints),
+        "parameters": {k: round(float(v), 6) for k, v in hidden.parameters.items()},
+        "seed": seed,
+    }
+    paths.append(folder / "truth.json")
+    paths[-1].write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
+    return paths
+
+
+def write_workshop(folder: Path, seed: int, hidden: Hidden) -> list[Path]:
+    """Write four logs of the arm in that folder, in the controller's own units."""
+    robot = load_robot(folder / "arm")
+    plan = tuple(LogPlan(*log, duration=12.0, rate=100.0) for log in _WORKSHOP)
+    paths = []
+    for log in make(Plant(robot, (hidden,), seed), plan, seed):
+        paths.append(folder / f"{log.id}.csv")
+        torque = BACKWARDS * log.tau / np.abs(robot.gear_ratio)
+        table = (1000 * log.t, BACKWARDS * np.rad2deg(log.q) + ZERO, torque)
+        names, formats = ("Time", "J", "M"), ("%.0f", "%.3f", "%.5f")
+        _write(paths[-1], names, formats, table, ";")
+    return paths
+
+
+def _write(
+    path: Path,
+    names: tuple[str, str, str],
+    formats: tuple[str, str, str],
+    table: tuple[Array, Array, Array],
+    delimiter: str,
+) -> None:
+    """Write time, then a column per joint of positions and of torques."""
+    dof = table[1].shape[1]
+    numbers = [f"{name}{j}" for name in names[1:] for j in range(1, dof + 1)]
+    np.savetxt(
+        path,
+        np.column_stack(table),
+        fmt=[formats[0], *dof * [formats[1]], *dof * [formats[2]]],
+        delimiter=delimiter,
+        header=delimiter.join([names[0], *numbers]),
+        comments="",
+    )
+
+
+if __name__ == "__main__":
+    kind, where, number, effect, *rest = sys.argv[1:]
+    if kind == "hidden":
+        written = write_hidden(Path(where), int(number), effect)
+    else:
+        joint, *given = rest
+        pairs = (word.split("=") for word in given)
+        values = {key: float(value) for key, value in pairs}
+        hides = Hidden(effect, (int(joint),), values)
+        written = write_workshop(Path(where), int(number), hides)
+    print(*written, sep="\n")

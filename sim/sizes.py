@@ -1,0 +1,140 @@
+"""How large torques, friction and effects are on a given robot."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from residual.recording import Array
+from residual.robot.dynamics import gravity_torque, inverse_dynamics
+from residual.robot.robot import Robot
+from sim.catalogue import of_drives
+from sim.effects.base import Effect
+from sim.records import Sizes, stream
+
+_MARGIN = 0.05  # rad kept free at each end of the range
+_WIDEST = 1.3  # rad; larger sweeps add nothing and would hit a real cell
+_SHARE_OF_SPEED = 0.5
+_FASTEST = 3.0  # rad/s
+_UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Room:
+    """What a motion may use.
+
+    Attributes:
+        lower: Lower end of the positions [rad]. Shape (dof,).
+        upper: Upper end of the positions [rad]. Shape (dof,).
+        centre: Usual middle of a motion [rad]. Shape (dof,).
+        amplitude: Largest deviation from the middle of a motion [rad]. Shape (dof,).
+        velocity: Largest speed [rad/s]. Shape (dof,).
+        acceleration: Largest acceleration [rad/s^2]. Shape (dof,).
+    """
+
+    lower: Array
+    upper: Array
+    centre: Array
+    amplitude: Array
+    velocity: Array
+    acceleration: Array
+
+
+def room(robot: Robot) -> Room:
+    """Return the room of a robot, inside its limits with a margin."""
+    lower = np.maximum(robot.lower, -np.pi) + _MARGIN
+    upper = np.minimum(robot.upper, np.pi) - _MARGIN
+    amplitude = np.minimum(0.35 * (upper - lower), _WIDEST)
+    limit = np.asarray(robot.velocity_limit, dtype=float)
+    known = np.isfinite(limit) & (limit > 0)
+    velocity = np.where(known, _SHARE_OF_SPEED * limit, _UNKNOWN_SPEED)
+    velocity = np.minimum(velocity, _FASTEST)
+    acceleration = velocity / 0.15
+    if robot.acceleration_limit is not None:
+        acceleration = np.minimum(acceleration, 0.9 * robot.acceleration_limit)
+    # As near to the zero posture as the range allows: there arms carry their weight.
+    centre = np.clip(0.0, lower + amplitude, upper - amplitude)
+    return Room(lower, upper, centre, amplitude, velocity, acceleration)
+
+
+def draw_centre(space: Room, rng: np.random.Generator) -> Array:
+    """Return the middle of one motion, up to 0.3 rad off the usual one [rad]."""
+    centre = space.centre + rng.uniform(-0.3, 0.3, len(space.centre))
+    return np.clip(centre, space.lower + space.amplitude, space.upper - space.amplitude)
+
+
+# A six-axis arm of 100 kg: engineering judgement, not data of a manufacturer.
+_ARM_100_KG = dict(
+    torque=(57.0, 157.0, 54.0, 11.0, 7.0, 7.0),
+    coulomb=(12.0, 14.0, 9.0, 4.0, 3.5, 2.5),
+    viscous=(10.0, 11.0, 7.0, 2.5, 2.0, 1.5),
+    rotor=(2.0, 2.0, 1.0, 0.3, 0.3, 0.15),
+)
+
+
+def sizes(robot: Robot) -> Sizes:
+    """Return the usual sizes on that robot.
+
+    The built-in arm has a table; any other robot gets friction in proportion to the
+    torques of its rigid body. Values that the robot declares win over both.
+    """
+    states = _random_states(robot)
+    weight = np.abs(gravity_torque(robot.model, states[0], robot.model.gravity.linear))
+    weight = weight.mean(axis=0)
+    loaded = np.flatnonzero(weight >= 0.05 * max(weight.max(), 1e-12)) + 1
+    if robot.name == "irb140":
+        table = {key: np.array(value) for key, value in _ARM_100_KG.items()}
+    else:
+        table = _scaled(np.abs(inverse_dynamics(robot.model, *states)))
+    for effect in of_drives():
+        table[effect.of_drive] = declared(robot, effect, table[effect.of_drive])
+    return Sizes(**table, loaded=tuple(int(j) for j in loaded))
+
+
+def _scaled(rigid: Array) -> dict[str, Array]:
+    """Return friction in the proportions of industrial arms; wrists get a floor."""
+    torque = 1.5 * np.quantile(rigid, 0.99, axis=0)
+    torque = np.maximum(torque, 0.03 * torque.max())
+    return dict(
+        torque=torque,
+        coulomb=0.2 * torque,
+        viscous=0.15 * torque,
+        rotor=0.02 * torque,
+    )
+
+
+def declared(robot: Robot, effect: Effect, otherwise: Array) -> Array:
+    """Return what a robot declares of an effect of its drives, by joint. (dof,)."""
+    known = robot.declared.get(effect.name)
+    value = None if known is None else known.values.get(effect.amount[0])
+    if value is None:
+        return otherwise
+    return np.broadcast_to(np.asarray(value, dtype=float), (robot.dof,)).copy()
+
+
+def _random_states(robot: Robot) -> tuple[Array, Array, Array]:
+    space = room(robot)
+    rng = stream(0, "sizes")
+    unit = rng.uniform(-1, 1, (3, 300, robot.dof))
+    q = space.centre + space.amplitude * unit[0]
+    return q, space.velocity * unit[1], 0.5 * space.acceleration * unit[2]
+
+
+def scatter(model: pin.Model, relative: float, rng: np.random.Generator) -> pin.Model:
+    """Return a copy whose bodies differ a little from the nominal ones.
+
+    Mass and centre of mass are scaled, and each body is stretched about its centre:
+    the second moment S = tr(I)/2 1 - I becomes s D S D with diagonal D. So the
+    pseudo-inertia stays positive definite where it was: a body can be like that.
+    """
+    true = pin.Model(model)
+    for i in range(1, true.njoints):
+        body = true.inertias[i]
+        factors = 1.0 + relative * rng.normal(size=7)
+        mass, lever = factors[0] * body.mass, factors[1:4] * body.lever
+        stretch = np.diag(factors[4:7])
+        moment = np.trace(body.inertia) / 2 * np.eye(3) - body.inertia
+        moment = factors[0] * stretch @ moment @ stretch
+        inertia = np.trace(moment) * np.eye(3) - moment
+        true.inertias[i] = pin.Inertia(mass, lever, inertia)
+    return true
