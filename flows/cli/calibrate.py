@@ -26,7 +26,7 @@ from flows.report.words.calibration import sentences
 from flows.requests import Calibrate
 from flows.steps import calibrate as steps
 from flows.steps.loop.choose import Wanted, choose_for
-from flows.storage.calibration_json import calibration_files, document
+from flows.storage.calibration import calibration_files, document
 from residual.calibration.rows import Run
 from residual.robot.robot import Robot
 

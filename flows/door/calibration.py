@@ -8,7 +8,7 @@ from flows.inputs.logs import LogSets
 from flows.outputs import write_all
 from flows.report.page.calibration import render
 from flows.steps.check import checked
-from flows.storage.calibration_json import calibration_files
+from flows.storage.calibration import calibration_files
 from residual.calibration import calibrate as core
 from residual.calibration.calibrate import corrected_model
 from residual.calibration.methods import DEFAULT, NONE

@@ -1,27 +1,184 @@
-"""A calibration as records of the store: the tables, and the errors they leave."""
+"""A calibration as one JSON document, as files, and as records of the store."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 
 import warehouse
-from flows.storage.calibration_json import calibration_files
 from flows.storage.diagnosis import read_known, read_models, read_verdict
-from residual.calibration.calibrate import Calibration
+from residual.calibration.calibrate import Calibration, corrected_model
 from residual.calibration.scores import RUN, Score
 from residual.diagnosis.result import Finding
+from residual.export.c99 import to_c99
+from residual.export.exported import to_json
+from residual.export.numpy_file import to_numpy
 from residual.model.model import Model
 from residual.model.nominal import declared_names
 from residual.model.record import to_record
 from residual.model.term import Term
 from residual.robot.robot import Robot
 from residual.tables.crossval import relative_error
+from residual.tables.lookup import export_lookup
+from residual.tables.outliers import CLASSES
 from warehouse.commit import commit_record
 from warehouse.schema import VIEWS, arrow_schema
 
-STAGE, KIND = "calibrated", "calibration"
+STAGE, KIND, CORRECTED = "calibrated", "calibration", "corrected.json"
+
+
+def document(
+    made: Calibration,
+    words: Sequence[str],
+    warnings: Sequence[str],
+    kept: Mapping[str, str],
+) -> dict:
+    """Return all figures of a calibration; what is not known is null.
+
+    Args:
+        kept: Ids of its records by kind; empty where nothing was stored.
+    """
+    return {
+        "schema": 1,
+        "robot": made.robot,
+        "mode": made.rows.mode,
+        "declared": list(made.declared),
+        "logs": list(made.rows.labels),
+        "families": [f or None for f in made.rows.families],
+        "rows": len(made.rows.X),
+        "joints": list(made.rows.joints),
+        "variables": list(made.lookup.names),
+        "metric": "100*||tau-tau_hat||/||tau||",
+        "table": [_score(one) for one in made.scores],
+        "default": {
+            "proven": made.proven,
+            "options": [
+                {"joint": j, **_option(o)}
+                for j, o in zip(made.rows.joints, made.chosen, strict=True)
+            ],
+        },
+        "paper_form": _levels(made),
+        "components": [_components(one) for one in made.components],
+        "levels": _sweep(made),
+        "importance": _terms(made),
+        "outliers": _oddities(made),
+        "plane": _plane(made),
+        "words": list(words),
+        "notes": list(made.notes),
+        "warnings": list(warnings),
+        "stored": dict(kept) or None,
+    }
+
+
+def _levels(made: Calibration) -> dict | None:
+    """Levels and components that were chosen for the paper's form."""
+    if made.levels is None:
+        return None
+    form, names = made.levels.form, made.rows.names
+    return {
+        "levels": dict(zip(names, form.levels, strict=True)),
+        "components": made.levels.components,
+        "common": made.levels.common,
+    }
+
+
+def _score(one) -> dict:
+    return {
+        "scheme": one.scheme,
+        "model": one.model,
+        "components": one.components,
+        "rmsec": _numbers(one.rmsec),
+        "rmsev": _numbers(one.rmsev),
+        "rmsev_mean_of_subsets": _numbers(one.mean),
+        "overall": _number(one.overall),
+    }
+
+
+def _components(one) -> dict:
+    return {
+        "family": one.family,
+        "block": one.block,
+        "explained": _numbers(one.explained),
+        "surrogate_limit": _numbers(one.limit),
+        "real": one.real,
+        "real_by_permutation": one.permuted,
+        "first": [[name, round(value, 4)] for name, value in one.first],
+    }
+
+
+def _sweep(made: Calibration) -> dict | None:
+    if made.sweep is None:
+        return None
+    return {
+        "levels": list(made.sweep.levels),
+        "rmsev": {k: [_numbers(v) for v in e] for k, e in made.sweep.errors.items()},
+        "seconds": [round(s, 3) for s in made.sweep.seconds],
+        "megabytes": [round(m, 3) for m in made.sweep.megabytes],
+    }
+
+
+def _terms(made: Calibration) -> list[dict] | None:
+    if made.terms is None:
+        return None
+    sizes, by_rows = made.terms.sizes, made.terms.by_rows
+    keys = ("term", "size", "error", "error_over_rows")
+    columns = (sizes.values, sizes.errors, by_rows.errors)
+    return [
+        dict(zip(keys, (name, *map(_numbers, row)), strict=True))
+        for name, *row in zip(made.terms.names, *columns, strict=True)
+    ]
+
+
+def _plane(made: Calibration) -> dict | None:
+    """Loadings of PLSR as correlations with its first two scores."""
+    plane = made.plane
+    if plane is None:
+        return None
+    pairs = zip(plane.names, plane.loadings, strict=True)
+    return {
+        "explained": _numbers(plane.explained),
+        "loadings": {name: _numbers(values) for name, values in pairs},
+    }
+
+
+def _oddities(made: Calibration) -> list[dict] | None:
+    odd = made.oddities
+    if odd is None:
+        return None
+    keys = ("log", "x_outliers", "y_outliers", "unvisited_cells", "outside_range")
+    columns = (odd.labels, odd.x, odd.y, odd.unvisited, odd.outside)
+    by_class = [dict(zip(CLASSES, shares, strict=True)) for shares in odd.by_class]
+    return [
+        {**dict(zip(keys, row, strict=True)), "y_by_speed": shares}
+        for row, shares in zip(zip(*columns, strict=True), by_class, strict=True)
+    ]
+
+
+def _numbers(values: Iterable[float]) -> list[float | None]:
+    return [_number(v) for v in np.asarray(values).tolist()]
+
+
+def _number(value: float) -> float | None:
+    return round(value, 6) if math.isfinite(value) else None
+
+
+def calibration_files(made: Calibration) -> dict[str, bytes]:
+    """Return what a calibration is exported as, content by file name.
+
+    Returns:
+        The tables and their evaluator (`export_lookup`); where they correct a model,
+        `corrected.json` with both, and both as a file for NumPy and as a C header.
+    """
+    files = export_lookup(made.lookup)
+    whole = corrected_model(made)
+    if whole is None:
+        return files
+    (record,) = to_json(whole).files.values()
+    both = {**to_numpy(whole).files, **to_c99(whole).files}
+    return {**files, CORRECTED: record, **both}
 
 
 def store_calibration(
@@ -30,7 +187,6 @@ def store_calibration(
     """Put the tables and the errors into the store.
 
     Args:
-        made: The calibration.
         request: What was asked for, so that it can be made again: `logs`, the ids of
             the runs it is from, in order, and `diagnosis`, whose effects it has.
     """
@@ -42,7 +198,8 @@ def store_calibration(
         "request": request,
         "mode": made.rows.mode,
         "declared": list(made.declared),
-        "nominal": _nominal(made),
+        # None for the simulated twin.
+        "nominal": None if made.nominal is None else to_record(made.nominal),
         "options": [_option(o) for o in made.chosen],
         "variables": list(made.lookup.names),
         "joints": list(made.rows.joints),
@@ -171,25 +328,14 @@ def _words(effect: Finding) -> str:
     return f"{effect.name} {joints}".strip()
 
 
-def _nominal(made: Calibration) -> dict | None:
-    """The model that the tables are a correction of; None for the simulated twin."""
-    if made.nominal is None:
-        return None
-    return to_record(made.nominal)
-
-
 def _option(option) -> dict:
     return {"kind": option.kind, "ridge": option.ridge, "count": option.count}
 
 
 def _rows(score: Score, ids: Sequence[str]) -> Iterator[dict]:
     same = {"run_id": None, "trajectory": None, "stage": score.model}
-    figures = (
-        ("rmsec", score.rmsec),
-        ("rmsev", score.rmsev),
-        ("rmsev_mean", score.mean),
-    )
-    for name, values in figures:
+    figures = {"rmsec": score.rmsec, "rmsev": score.rmsev, "rmsev_mean": score.mean}
+    for name, values in figures.items():
         metric = f"{name}_{score.scheme}"
         for joint, value in enumerate(values, 1):
             yield {**same, "joint": joint, "metric": metric, "value": float(value)}

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from flows.storage.calibration_json import CORRECTED
+from flows.storage.calibration import CORRECTED
 from flows.storage.diagnosis import read_models, read_models_record
 from residual.errors import InputError
 from residual.export.exported import Whole
