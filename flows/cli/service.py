@@ -17,11 +17,11 @@ from flows.project.read import project_here
 from flows.service.api import opening_address
 from flows.service.down import down as stop
 from flows.service.down import stay
+from flows.service.request import DATABASE, ServiceRequest, checked
 from flows.service.state import store_key
 from flows.service.status import Status
 from flows.service.status import status as state_of
 from flows.service.up import up as bring_up
-from flows.service.wanted import DATABASE, Wanted, checked
 from flows.settings import PREFECT, store_folder
 from residual.errors import InputError
 from warehouse.objects.mirror import shown
@@ -72,9 +72,11 @@ def up(
     project = project_here(place)
     if project:
         port, workers = port or project.table.port, workers or project.table.workers
-    wanted = Wanted(place, host, port, workers, every, database, trust_network, project)
-    checked(wanted)
-    running, was_up = bring_up(wanted, _say)
+    request = ServiceRequest(
+        place, host, port, workers, every, database, trust_network, project
+    )
+    checked(request)
+    running, was_up = bring_up(request, _say)
     if trust_network:
         _say("warning: not encrypted; who listens in the network may run programs.")
     word = "already runs" if was_up else "is up"

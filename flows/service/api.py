@@ -16,6 +16,11 @@ from flows.report.night.look import FlowRun, History, Past
 POOL = "modelgap"
 _TRIES = 8
 ACTIVE = ("PENDING", "RUNNING", "CANCELLING")
+_AT_ONCE = 200  # that the server gives at once
+# Levels of logs that are warnings; what is worse has failed, and says so there.
+_WARNINGS = {"ge_": 30, "le_": 39}
+_LONGEST = 300  # characters of one
+_PAGE_WAIT = 10.0  # s
 INBOX = "inbox"  # name of the flow that looks into inboxes
 
 
@@ -25,7 +30,7 @@ class Api:
 
     Attributes:
         url: Its address.
-        key: What the server wants to see (`key.store_key`).
+        key: What the server wants to see (`state.store_key`).
     """
 
     url: str
@@ -119,11 +124,18 @@ def open_pool(api: Api, paused: bool = False) -> None:
 
 def active_runs(api: Api) -> list[dict]:
     """Return the flow runs of our pool that are said to run."""
-    wanted = {
-        "flow_runs": {"state": {"type": {"any_": list(ACTIVE)}}},
-        "work_pools": {"name": {"any_": [POOL]}},
-    }
-    return ask(api, "/flow_runs/filter", wanted)
+    pool = {"name": {"any_": [POOL]}}
+    return _flow_runs(api, {"any_": list(ACTIVE)}, work_pools=pool)
+
+
+def _flow_runs(
+    api: Api, types: Mapping | None, wait: float = 60, **filters: Any
+) -> list[dict]:
+    """Return flow runs; with ``types`` those whose type of state is so filtered."""
+    about = filters.pop("flow_runs", {}) | (
+        {"state": {"type": types}} if types is not None else {}
+    )
+    return ask(api, "/flow_runs/filter", {**filters, "flow_runs": about}, wait=wait)
 
 
 def end_run(api: Api, id: str, why: str) -> None:
@@ -166,16 +178,6 @@ def keep_deployments(api: Api, wanted: Sequence[Mapping]) -> None:
             ask(api, f"/deployments/{each['id']}", method="DELETE")
 
 
-def start_now(api: Api, deployment: str) -> None:
-    """Start a deployment once, beside its schedule.
-
-    Args:
-        deployment: As "flow/name".
-    """
-    id = ask(api, f"/deployments/name/{deployment}")["id"]
-    ask(api, f"/deployments/{id}/create_flow_run", {"state": {"type": "SCHEDULED"}})
-
-
 def flows_but_inbox(api: Api) -> dict:
     """Return a filter of flows: all but the one that looks into inboxes.
 
@@ -198,36 +200,27 @@ def last_runs(api: Api, most: int = 10) -> list[Mapping]:
 
 
 def _runs(api: Api, types: Mapping, most: int, flows: Mapping) -> list[Mapping]:
-    wanted = {
-        **flows,
-        "flow_runs": {"state": {"type": types}},
-        "sort": "START_TIME_DESC",
-        "limit": most,
-    }
+    found = _flow_runs(api, types, sort="START_TIME_DESC", limit=most, **flows)
     keys = ("id", "name", "start_time", "end_time", "total_run_time")
     return [
         {k: run[k] for k in keys}
         | {"state": run["state_name"], "message": (run["state"] or {}).get("message")}
-        for run in ask(api, "/flow_runs/filter", wanted)
+        for run in found
     ]
 
 
 def _due(api: Api) -> dict[str, datetime]:
-    wanted = {
-        "flow_runs": {"state": {"type": {"any_": ["SCHEDULED"]}}},
-        "sort": "EXPECTED_START_TIME_ASC",
-        "limit": 200,
-    }
+    order = {"sort": "EXPECTED_START_TIME_ASC", "limit": _AT_ONCE}
     due: dict[str, datetime] = {}
-    for run in ask(api, "/flow_runs/filter", wanted):
+    for run in _flow_runs(api, {"any_": ["SCHEDULED"]}, **order):
         if run["deployment_id"] and run["expected_start_time"]:
             when = datetime.fromisoformat(run["expected_start_time"])
             due.setdefault(run["deployment_id"], when)
     return due
 
 
-def start_flow(api: Api, deployment: str, parameters: Mapping) -> str:
-    """Start a deployment now; a worker takes it when it is its turn.
+def start_flow(api: Api, deployment: str, parameters: Mapping | None = None) -> str:
+    """Start a deployment now, beside its schedule; a worker takes it in its turn.
 
     Args:
         deployment: As "flow/name".
@@ -237,14 +230,7 @@ def start_flow(api: Api, deployment: str, parameters: Mapping) -> str:
     """
     known = ask(api, f"/deployments/name/{deployment}")
     place = f"/deployments/{known['id']}/create_flow_run"
-    return ask(api, place, {"parameters": dict(parameters)})["name"]
-
-
-_AT_ONCE = 200  # that the server gives at once
-# Levels of logs that are warnings; what is worse has failed, and says so there.
-_WARNINGS = {"ge_": 30, "le_": 39}
-_LONGEST_LINE = 300  # characters of one
-_PAGE_WAIT = 10.0  # s
+    return ask(api, place, {"parameters": dict(parameters or {})})["name"]
 
 
 def past_of(to: Api) -> Past:
@@ -264,10 +250,7 @@ def past_of(to: Api) -> Past:
             return None
         names = {run["id"]: run["name"] for run in found}
         lines = [
-            (
-                names[line["flow_run_id"]],
-                " ".join(line["message"].split())[:_LONGEST_LINE],
-            )
+            (names[line["flow_run_id"]], " ".join(line["message"].split())[:_LONGEST])
             for line in told
             if line["flow_run_id"] in names
         ]
@@ -281,23 +264,20 @@ def _runs_between(to: Api, span: Mapping) -> list[Mapping]:
 
     Of those of inboxes only what failed, and what refused a log.
     """
-    begun = _state("not_any_", "SCHEDULED", "CANCELLED")
-    wanted: tuple[Mapping, ...] = (
-        {**flows_but_inbox(to), "flow_runs": begun},
-        {"flow_runs": _state("any_", "FAILED", "CRASHED")},
-        {"flow_runs": {"name": {"like_": "refused"}}},
+    begun: tuple[Mapping, Mapping] = (
+        {"not_any_": ["SCHEDULED", "CANCELLED"]},
+        flows_but_inbox(to),
     )
+    failed = {"any_": ["FAILED", "CRASHED"]}, {}
+    refused = None, {"flow_runs": {"name": {"like_": "refused"}}}
+    order = {"sort": "START_TIME_DESC", "limit": _AT_ONCE}
     found: dict[str, Mapping] = {}
-    for filters in wanted:
-        about = {**filters["flow_runs"], "expected_start_time": span}
-        body = {**filters, "flow_runs": about, "sort": "START_TIME_DESC"}
-        rows = ask(to, "/flow_runs/filter", body | {"limit": _AT_ONCE}, wait=_PAGE_WAIT)
+    for types, filters in (begun, failed, refused):
+        about = {**filters.get("flow_runs", {}), "expected_start_time": span}
+        own = {**filters, **order, "flow_runs": about}
+        rows = _flow_runs(to, types, _PAGE_WAIT, **own)
         found |= {row["id"]: row for row in rows}
     return sorted(found.values(), key=_begun, reverse=True)
-
-
-def _state(how: str, *types: str) -> dict:
-    return {"state": {"type": {how: list(types)}}}
 
 
 def _begun(told: Mapping) -> datetime:

@@ -15,8 +15,8 @@ from pathlib import Path
 from time import monotonic, sleep
 
 from flows.service.api import answers
+from flows.service.request import code_path
 from flows.service.state import CLIENT, SERVER, store_key
-from flows.service.wanted import code_path
 from flows.settings import API
 
 _PATIENCE = 600.0  # s; the first start makes the database, on a busy machine slowly

@@ -1,4 +1,7 @@
-"""What runs for a store, written down in the store."""
+"""What runs for a store, written down in the store, and the key that opens it.
+
+Its processes outlive the command that started them, and are found again.
+"""
 
 import fcntl
 import json
@@ -17,6 +20,11 @@ from time import monotonic, sleep
 from flows.errors import RunError
 from residual.errors import InputError
 
+KEY = "key"  # in Prefect's folder of the store
+# Under these names Prefect's clients and its server take it.
+CLIENT, SERVER = "PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING"
+_SHORTEST = 32
+_FILE, _LOCK = "up.json", "up.lock"
 _PROC = Path("/proc")
 _GRACE = 15.0  # s between the request to end and the end
 
@@ -133,9 +141,6 @@ def worker_name(name: str) -> str:
     return f"{name}@{socket.gethostname()}"
 
 
-_FILE, _LOCK = "up.json", "up.lock"
-
-
 @dataclass(frozen=True, slots=True)
 class Running:
     """A server and its workers.
@@ -226,12 +231,6 @@ def one_at_a_time(home: Path) -> Iterator[None]:
         yield
 
 
-KEY = "key"  # in Prefect's folder of the store
-# Under these names Prefect's clients and its server take it.
-CLIENT, SERVER = "PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING"
-_SHORTEST = 32
-
-
 def store_key(home: Path) -> str:
     """Return the key of a store's server, made if there is none yet.
 
@@ -240,7 +239,7 @@ def store_key(home: Path) -> str:
     """
     path = home / KEY
     if not path.exists():
-        _make(path)
+        _make_key(path)
     if path.stat().st_mode & 0o077:
         raise InputError(
             f"{path} can be read by others, expected by its owner only. Delete it, "
@@ -255,7 +254,7 @@ def store_key(home: Path) -> str:
     return key
 
 
-def _make(path: Path) -> None:
+def _make_key(path: Path) -> None:
     """Write a new key, whole or not at all; of two at once the first one counts."""
     handle, draft = mkstemp(dir=path.parent, prefix=f"{path.name}.")  # 0600
     try:

@@ -13,6 +13,17 @@ from flows.errors import RunError
 from flows.project.deployments import deployments, every_of, inbox_of
 from flows.service import api
 from flows.service.api import answers
+from flows.service.request import (
+    BEAT,
+    DATABASE,
+    PORT,
+    ServiceRequest,
+    check_host,
+    port_is_free,
+    server_environment,
+    shown_database,
+    worker_environment,
+)
 from flows.service.state import (
     Process,
     Running,
@@ -25,80 +36,17 @@ from flows.service.state import (
     worker_name,
     write_running,
 )
-from flows.service.wanted import (
-    BEAT,
-    DATABASE,
-    PORT,
-    Wanted,
-    check_host,
-    port_is_free,
-    server_environment,
-    shown_database,
-    worker_environment,
-)
 from flows.settings import PROJECT, ROOT, prefect_home
 from residual.errors import InputError
 
 GONE = "Its process is gone; closed when modelgap up found it."
-_WATCH = "close flow runs without a sign of life"
-
-
-def close_stale(to: api.Api) -> list[str]:
-    """Close flow runs of our pool that no process of this machine runs.
-
-    Those of workers on other machines are left to `watch_for_stale`, which needs no
-    look at processes.
-    """
-    alive, closed = flow_processes(), []
-    if _elsewhere(to):
-        return closed
-    for run in api.active_runs(to):
-        if run["id"] not in alive:
-            api.end_run(to, run["id"], GONE)
-            closed.append(run["name"])
-    return closed
-
-
-def watch_for_stale(to: api.Api) -> None:
-    """Let the server itself close a flow run that gives no sign of life any more."""
-    wanted = {"automations": {"name": {"any_": [_WATCH]}}}
-    if api.ask(to, "/automations/filter", wanted):
-        return
-    ends = ("Completed", "Failed", "Cancelled", "Crashed")
-    beat = "prefect.flow-run.heartbeat"
-    trigger = {
-        "type": "event",
-        "match": {"prefect.resource.id": "prefect.flow-run.*"},
-        "after": [beat],
-        "expect": [beat, *(f"prefect.flow-run.{end}" for end in ends)],
-        "for_each": ["prefect.resource.id"],
-        "posture": "Proactive",
-        "threshold": 1,
-        # Two signs may get lost, and a busy machine is late.
-        "within": 4 * BEAT,
-    }
-    action = {
-        "type": "change-flow-run-state",
-        "state": "CRASHED",
-        "name": "Crashed",
-        "message": f"No sign of life for {4 * BEAT} s.",
-    }
-    rule = {"name": _WATCH, "enabled": True, "trigger": trigger, "actions": [action]}
-    about = "A killed process cannot say that it has ended."
-    api.ask(to, "/automations/", {**rule, "description": about})
-
-
-def _elsewhere(to: api.Api) -> bool:
-    here = worker_name("")
-    return any(not name.endswith(here) for name in api.workers_online(to))
-
-
 Say = Callable[[str], None]
 _EVERY = "every"  # slug of the schedule of --every
 _PATIENCE = 600.0  # s; the first start makes the database, on a busy machine slowly
+_WATCH = "close flow runs without a sign of life"
 
 
-def up(wanted: Wanted, say: Say) -> tuple[Running, bool]:
+def up(request: ServiceRequest, say: Say) -> tuple[Running, bool]:
     """Bring up what does not run yet; what runs is left as it is.
 
     Args:
@@ -108,100 +56,102 @@ def up(wanted: Wanted, say: Say) -> tuple[Running, bool]:
         What runs now, and whether all of it ran before.
 
     Raises:
-        InputError: If something runs that contradicts what is wanted.
+        InputError: If something runs that contradicts what is asked for.
         RunError: If something does not start.
     """
-    home = prefect_home(wanted.store)
+    home = prefect_home(request.store)
     with one_at_a_time(home):
         before = read_running(home)
-        running = _agreed(wanted, before)
-        count = _count(wanted, before)
-        if _complete(running, wanted, count) and wanted.every is None:
+        running = _agreed(request, before)
+        count = _count(request, before)
+        if _complete(running, request, count) and request.every is None:
             return running, True
-        running = _with_server(running, home, wanted, say)
+        running = _with_server(running, home, request, say)
         to = api.Api(running.url, store_key(home))
         api.open_pool(to)
         for closed in close_stale(to):
             say(f"closed, since nobody runs it any more: {closed}")
-        running = _with_workers(running, home, wanted, count)
-        running = _deployed(running, home, wanted, say)
-        if wanted.every is not None:
-            for name in every_of(wanted.project):
-                start_every(to, name, wanted.every)
+        running = _with_workers(running, home, request, count)
+        running = _deployed(running, home, request, say)
+        if request.every is not None:
+            for name in every_of(request.project):
+                start_every(to, name, request.every)
         watch_for_stale(to)
-        if inbox := inbox_of(wanted.project):
-            api.start_now(to, inbox)
+        if inbox := inbox_of(request.project):
+            api.start_flow(to, inbox)
         _wait(
             lambda: _online(running, to), f"No worker reports; see {home}/worker-1.log."
         )
         return running, False
 
 
-def deployed_as(wanted: Wanted) -> str:
+def deployed_as(request: ServiceRequest) -> str:
     """Return what tells whether the deployments on a server are those of now."""
-    content = _content(wanted) + str(ROOT).encode()
+    content = _content(request) + str(ROOT).encode()
     return hashlib.sha256(content).hexdigest()[:20]
 
 
-def _content(wanted: Wanted) -> bytes:
+def _content(request: ServiceRequest) -> bytes:
     # JSON is YAML too.
-    return json.dumps(deployments(wanted.project), indent=1).encode()
+    return json.dumps(deployments(request.project), indent=1).encode()
 
 
-def _agreed(wanted: Wanted, before: Running | None) -> Running:
+def _agreed(request: ServiceRequest, before: Running | None) -> Running:
     """Return the state to start from; InputError where it contradicts the wish."""
-    database = shown_database(wanted.database)
+    database = shown_database(request.database)
     if before is None:
-        host, port = wanted.host or "127.0.0.1", wanted.port or PORT
+        host, port = request.host or "127.0.0.1", request.port or PORT
         return Running(host, port, database)
-    asked = {"--host": wanted.host, "--port": wanted.port}
+    asked = {"--host": request.host, "--port": request.port}
     has = {"--host": before.host, "--port": before.port}
     for name, value in asked.items():
         if before.server and value not in (None, has[name]):
             raise InputError(
-                f"{wanted.store} is already served at {before.ui}, not with {name} "
+                f"{request.store} is already served at {before.ui}, not with {name} "
                 f"{value}. Stop it first: modelgap down."
             )
     if database != before.database and before.alive:
         raise InputError(
-            f"{wanted.store} is already served at {before.ui} with its history in "
+            f"{request.store} is already served at {before.ui} with its history in "
             f"{before.database}, not in {database}. Stop it first: modelgap down."
         )
     if before.server:
         return before
-    if database != before.database and wanted.database is None:
+    if database != before.database and request.database is None:
         raise InputError(
-            f"The history of {wanted.store} is in {before.database}. Give its address: "
-            f"${DATABASE}."
+            f"The history of {request.store} is in {before.database}. Give its "
+            f"address: ${DATABASE}."
         )
-    host, port = wanted.host or before.host, wanted.port or before.port
-    check_host(host, wanted.trust_network)
+    host, port = request.host or before.host, request.port or before.port
+    check_host(host, request.trust_network)
     # The database may be another one, or have been emptied: deployed anew.
     return Running(host, port, database, processes=before.processes)
 
 
-def _count(wanted: Wanted, before: Running | None) -> int:
+def _count(request: ServiceRequest, before: Running | None) -> int:
     known = len([p for p in before.processes if p.name != "server"]) if before else 0
     alive = len(before.workers) if before else 0
-    if wanted.workers is not None and wanted.workers < alive:
+    if request.workers is not None and request.workers < alive:
         raise InputError(
-            f"{alive} workers run for {wanted.store}, more than --workers "
-            f"{wanted.workers}. Stop them first: modelgap down."
+            f"{alive} workers run for {request.store}, more than --workers "
+            f"{request.workers}. Stop them first: modelgap down."
         )
-    return wanted.workers or known or 1
+    return request.workers or known or 1
 
 
-def _complete(running: Running, wanted: Wanted, count: int) -> bool:
+def _complete(running: Running, request: ServiceRequest, count: int) -> bool:
     return (
         running.server is not None
         and running.guarded
         and len(running.workers) == count
-        and running.deployed == deployed_as(wanted)
+        and running.deployed == deployed_as(request)
         and answers(running.url)
     )
 
 
-def _with_server(running: Running, home: Path, wanted: Wanted, say: Say) -> Running:
+def _with_server(
+    running: Running, home: Path, request: ServiceRequest, say: Say
+) -> Running:
     server = running.server
     if server and not running.guarded:
         say("starting the server anew: that of an earlier version asks for no key")
@@ -212,7 +162,7 @@ def _with_server(running: Running, home: Path, wanted: Wanted, say: Say) -> Runn
         stop(running.workers)
         _check_port(running)
         say(f"starting the server on port {running.port}")
-        env = server_environment(running, home, wanted.database)
+        env = server_environment(running, home, request.database)
         log = home / "server.log"
         server = start("server", server_command(running), env, log, umask=0o077)
         running = replace(running, processes=(server,), guarded=True)
@@ -247,8 +197,10 @@ def _wait_for_server(running: Running, server: Process, home: Path) -> None:
     _wait(ready, f"The server does not answer; see {home}/server.log.")
 
 
-def _with_workers(running: Running, home: Path, wanted: Wanted, count: int) -> Running:
-    env = worker_environment(running, wanted.store, home)
+def _with_workers(
+    running: Running, home: Path, request: ServiceRequest, count: int
+) -> Running:
+    env = worker_environment(running, request.store, home)
     taken = {p.name for p in running.workers}
     free = [n for n in (f"worker-{i}" for i in range(1, count + 1)) if n not in taken]
     made = [
@@ -267,14 +219,16 @@ def _worker_command(name: str) -> list[str]:
     return [*command, "--type", "process", "--name", worker_name(name)]
 
 
-def _deployed(running: Running, home: Path, wanted: Wanted, say: Say) -> Running:
-    wish = deployed_as(wanted)
+def _deployed(
+    running: Running, home: Path, request: ServiceRequest, say: Say
+) -> Running:
+    wish = deployed_as(request)
     if running.deployed != wish:
-        whose = PROJECT if wanted.project else "prefect.yaml"
+        whose = PROJECT if request.project else "prefect.yaml"
         say(f"putting the deployments of {whose} on it")
-        env = worker_environment(running, wanted.store, home)
+        env = worker_environment(running, request.store, home)
         file, log = home / "deployments.yaml", home / "deploy.log"
-        file.write_bytes(_content(wanted))
+        file.write_bytes(_content(request))
         command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
         command += ["--prefect-file", str(file)]
         with log.open("wb") as said:
@@ -284,7 +238,7 @@ def _deployed(running: Running, home: Path, wanted: Wanted, say: Say) -> Running
         if done.returncode:
             raise RunError(f"The deployments were refused; see {log}.")
         to = api.Api(running.url, store_key(home))
-        api.keep_deployments(to, deployments(wanted.project)["deployments"])
+        api.keep_deployments(to, deployments(request.project)["deployments"])
         running = replace(running, deployed=wish)
         write_running(home, running)
     return running
@@ -309,6 +263,56 @@ def start_every(
         when = {"interval": float(seconds)}
         new = {"schedule": when, "active": True, "slug": _EVERY}
         api.ask(to, place, [{**new, "parameters": parameters or {}}])
+
+
+def close_stale(to: api.Api) -> list[str]:
+    """Close flow runs of our pool that no process of this machine runs.
+
+    Those of workers on other machines are left to `watch_for_stale`, which needs no
+    look at processes.
+    """
+    alive, closed = flow_processes(), []
+    if _elsewhere(to):
+        return closed
+    for run in api.active_runs(to):
+        if run["id"] not in alive:
+            api.end_run(to, run["id"], GONE)
+            closed.append(run["name"])
+    return closed
+
+
+def watch_for_stale(to: api.Api) -> None:
+    """Let the server itself close a flow run that gives no sign of life any more."""
+    filters = {"automations": {"name": {"any_": [_WATCH]}}}
+    if api.ask(to, "/automations/filter", filters):
+        return
+    ends = ("Completed", "Failed", "Cancelled", "Crashed")
+    beat = "prefect.flow-run.heartbeat"
+    trigger = {
+        "type": "event",
+        "match": {"prefect.resource.id": "prefect.flow-run.*"},
+        "after": [beat],
+        "expect": [beat, *(f"prefect.flow-run.{end}" for end in ends)],
+        "for_each": ["prefect.resource.id"],
+        "posture": "Proactive",
+        "threshold": 1,
+        # Two signs may get lost, and a busy machine is late.
+        "within": 4 * BEAT,
+    }
+    action = {
+        "type": "change-flow-run-state",
+        "state": "CRASHED",
+        "name": "Crashed",
+        "message": f"No sign of life for {4 * BEAT} s.",
+    }
+    rule = {"name": _WATCH, "enabled": True, "trigger": trigger, "actions": [action]}
+    about = "A killed process cannot say that it has ended."
+    api.ask(to, "/automations/", {**rule, "description": about})
+
+
+def _elsewhere(to: api.Api) -> bool:
+    here = worker_name("")
+    return any(not name.endswith(here) for name in api.workers_online(to))
 
 
 def _online(running: Running, to: api.Api) -> bool:

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pyarrow as pa
-from residual.quantity import plain
 
 from residual.identification.prove import Identified
 from residual.model.record import to_record
+from residual.quantity import plain
 from warehouse.commit import commit_record
 from warehouse.schema import VIEWS, arrow_schema
 

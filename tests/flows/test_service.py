@@ -12,6 +12,16 @@ import pytest
 from flows.cli import main
 from flows.errors import RunError
 from flows.service import api, up
+from flows.service.request import (
+    DATABASE,
+    ServiceRequest,
+    checked,
+    database_url,
+    port_is_free,
+    server_environment,
+    shown_database,
+    worker_environment,
+)
 from flows.service.state import (
     CLIENT,
     SERVER,
@@ -25,16 +35,6 @@ from flows.service.state import (
     stop,
     store_key,
     write_running,
-)
-from flows.service.wanted import (
-    DATABASE,
-    Wanted,
-    checked,
-    database_url,
-    port_is_free,
-    server_environment,
-    shown_database,
-    worker_environment,
 )
 from residual.errors import InputError
 
@@ -119,15 +119,15 @@ def test_an_address_is_one_that_a_browser_can_open():
 )
 def test_what_cannot_be_or_must_be_said_twice_is_refused(tmp_path, wish, words):
     with pytest.raises(InputError) as caught:
-        checked(Wanted(tmp_path, **wish))
+        checked(ServiceRequest(tmp_path, **wish))
     assert words in str(caught.value)
     assert "s3cret" not in str(caught.value)
 
 
 def test_the_network_is_open_once_it_is_said_so(tmp_path):
-    checked(Wanted(tmp_path, host="0.0.0.0", trust_network=True))
+    checked(ServiceRequest(tmp_path, host="0.0.0.0", trust_network=True))
     for host in ("127.0.0.1", "::1", "localhost"):
-        checked(Wanted(tmp_path, host=host))
+        checked(ServiceRequest(tmp_path, host=host))
 
 
 def test_a_password_goes_to_the_server_and_nowhere_else(tmp_path, monkeypatch):
@@ -193,7 +193,7 @@ def test_a_second_up_must_not_contradict_the_first(tmp_path, sleeper):
     write_running(home, Running("127.0.0.1", 4300, "sqlite", "", (sleeper,)))
     for wish in ({"port": 4301}, {"host": "::1"}, {"database": SECRET}):
         with pytest.raises(InputError, match=r"served at .*4300.*modelgap down"):
-            up.up(Wanted(tmp_path, **wish), print)
+            up.up(ServiceRequest(tmp_path, **wish), print)
 
 
 def test_a_history_elsewhere_is_not_silently_begun_anew(tmp_path):
@@ -201,7 +201,7 @@ def test_a_history_elsewhere_is_not_silently_begun_anew(tmp_path):
     home.mkdir()
     write_running(home, Running("127.0.0.1", 4300, shown_database(SECRET)))
     with pytest.raises(InputError, match=r"db\.lab:5432.*MODELGAP_DATABASE_URL"):
-        up.up(Wanted(tmp_path), print)
+        up.up(ServiceRequest(tmp_path), print)
 
 
 def test_status_of_nothing_is_1_and_down_of_nothing_is_0(tmp_path, capsys):

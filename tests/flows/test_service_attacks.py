@@ -17,9 +17,9 @@ from websockets.sync.client import connect
 from flows.errors import RunError
 from flows.service import api
 from flows.service.api import answers
+from flows.service.request import server_environment
 from flows.service.state import Running, start, stop, store_key
 from flows.service.up import server_command
-from flows.service.wanted import server_environment
 from flows.settings import prefect_home
 from tests.flows.browser import PROGRAM, browser
 from tests.waiting import until

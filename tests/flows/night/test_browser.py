@@ -8,9 +8,9 @@ import pytest
 
 from flows.service import api
 from flows.service.api import answers
+from flows.service.request import server_environment
 from flows.service.state import Running, start, stop, store_key
 from flows.service.up import server_command
-from flows.service.wanted import server_environment
 from flows.settings import prefect_home
 from tests.flows.browser import PROGRAM, browser
 from tests.flows.night.stores import fill

@@ -8,8 +8,8 @@ import pytest
 from flows.project.deployments import deployments, every_of, inbox_of
 from flows.project.read import project_here, read_project
 from flows.service import api
+from flows.service.request import ServiceRequest
 from flows.service.up import deployed_as
-from flows.service.wanted import Wanted
 from flows.settings import ROOT, store_folder
 
 TEXT = """schema = 1
@@ -99,11 +99,11 @@ def test_up_in_its_folder_serves_it_and_takes_a_change_over(project):
     assert here is not None
     assert here.folder == project.folder
     assert project_here(project.folder / "another") is None
-    before = deployed_as(Wanted(here.store, project=here))
-    assert before != deployed_as(Wanted(here.store))
+    before = deployed_as(ServiceRequest(here.store, project=here))
+    assert before != deployed_as(ServiceRequest(here.store))
     (project.folder / "modelgap.toml").write_text(TEXT.replace("30 3", "31 3"))
     changed = project_here(here.store)
-    assert deployed_as(Wanted(here.store, project=changed)) != before
+    assert deployed_as(ServiceRequest(here.store, project=changed)) != before
 
 
 def test_deployments_that_are_not_wanted_any_more_go(monkeypatch):

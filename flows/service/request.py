@@ -24,7 +24,7 @@ BEAT = 30  # s between signs of life of a flow run; the least that Prefect takes
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class ServiceRequest:
     """What shall run.
 
     Attributes:
@@ -49,21 +49,21 @@ class Wanted:
     project: Project | None = None
 
 
-def checked(wanted: Wanted) -> None:
+def checked(request: ServiceRequest) -> None:
     """Refuse what cannot be, or what must be said twice.
 
     Raises:
         InputError: With what was expected.
     """
-    if wanted.port is not None and not 1 <= wanted.port <= 65535:
-        raise InputError(f"--port {wanted.port}: expected 1 to 65535.")
-    if wanted.workers is not None and not 1 <= wanted.workers <= 64:
-        raise InputError(f"--workers {wanted.workers}: expected 1 to 64.")
-    if wanted.every is not None and wanted.every != 0 and wanted.every < 10:
-        raise InputError(f"--every {wanted.every}: expected 10 seconds or more, or 0.")
-    if wanted.database is not None:
-        database_url(wanted.database)
-    check_host(wanted.host or "127.0.0.1", wanted.trust_network)
+    if request.port is not None and not 1 <= request.port <= 65535:
+        raise InputError(f"--port {request.port}: expected 1 to 65535.")
+    if request.workers is not None and not 1 <= request.workers <= 64:
+        raise InputError(f"--workers {request.workers}: expected 1 to 64.")
+    if request.every is not None and request.every != 0 and request.every < 10:
+        raise InputError(f"--every {request.every}: expected 10 seconds or more, or 0.")
+    if request.database is not None:
+        database_url(request.database)
+    check_host(request.host or "127.0.0.1", request.trust_network)
 
 
 def check_host(host: str, trust_network: bool) -> None:
