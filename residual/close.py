@@ -8,17 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from residual.diagnosis.conclude import Case, conclude
-from residual.diagnosis.doubt.angle_noise import noise_notes
-from residual.diagnosis.doubt.held_out import Verdicts, three_models, unproven
-from residual.diagnosis.doubt.impossible import contradictions
-from residual.diagnosis.doubt.standing import Standing, stand
 from residual.diagnosis.examine import (
     Examined,
     Progress,
     examine,
 )
-from residual.diagnosis.findings import Named, clouds
-from residual.diagnosis.fold import folded
+from residual.diagnosis.findings import Named, clouds, folded
 from residual.diagnosis.least_squares import (
     Plain,
     given_constants,
@@ -26,15 +21,18 @@ from residual.diagnosis.least_squares import (
     plain_fit,
     plain_names,
 )
-from residual.diagnosis.leftover.examine import Remains, examine_leftover
-from residual.diagnosis.null_key import key_of
-from residual.diagnosis.null_record import Null, choose_null, null_sentences
+from residual.diagnosis.null_record import Null, choose_null, key_of, null_sentences
 from residual.diagnosis.result import PLAIN, Diagnosis
-from residual.diagnosis.task import Rules
+from residual.diagnosis.unexplained import Remains, examine_leftover
+from residual.diagnosis.validation.angle_noise import noise_notes
+from residual.diagnosis.validation.held_out import Verdicts, three_models, unproven
+from residual.diagnosis.validation.impossible import contradictions
+from residual.diagnosis.validation.standing import Standing, stand
 from residual.diagnosis.warnings import signal_notes, warnings
 from residual.epochs.compare import Asked, compared
 from residual.errors import InputError
 from residual.evidence.fit import Fit
+from residual.evidence.rules import Rules
 from residual.model.compare import (
     Errors,
     HeldOutLog,

@@ -16,7 +16,7 @@ from flows.blind.score import Name, Said, members
 from flows.blind.sums import wilson
 from residual.close import close_the_loop
 from residual.diagnosis.examine import examine
-from residual.diagnosis.task import Rules
+from residual.evidence.rules import Rules
 from residual.evidence.states import as_model
 from residual.model.compare import prepare_held_out
 from residual.model.nominal import declared_names, prepare_logs, start_nominal

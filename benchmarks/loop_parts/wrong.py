@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.figures import Figures, figure
 from benchmarks.loop_parts.tracked_arms import Case
-from residual.diagnosis.doubt.worth import worth
+from residual.diagnosis.validation.worth import worth
 from residual.model.control import Use, feed_forward
 from residual.model.model import Model
 from residual.model.term import Term

@@ -15,8 +15,8 @@ from benchmarks.changes_parts.make import make
 from benchmarks.measured_parts.arms import KR300, LWR4, SPLITS, UR10, UR10E, read_split
 from residual import close
 from residual.diagnosis import conclude, examine
-from residual.diagnosis.doubt import angle_noise, held_out, standing
 from residual.diagnosis.result import Verdict
+from residual.diagnosis.validation import angle_noise, held_out, standing
 from residual.recording import Recording
 from residual.robot.robot import Robot
 
@@ -144,7 +144,6 @@ _gains = held_out._gains
 
 RULES: dict[str, tuple[Switch, ...]] = {
     "resembles": ((examine, "_resembles", lambda *_: False),),
-    "only_curves": ((examine, "only_curves", _nothing),),
     "wrong_form": ((examine, "wrong_forms", _nothing),),
     "angle_noise": ((standing, "drop_noise", _no_noise),),
     "unlikely_or_nothing": ((standing, "_weak", _nothing),),

@@ -12,7 +12,7 @@ from flows.report.page.next import motion_chart
 from flows.report.words.staged import Hidden, Staged
 from flows.report.words.verdict import sentences
 from flows.storage.diagnosis import read_outcome, store_report
-from residual.diagnosis.causes.edit.edits import Edit
+from residual.diagnosis.result import Edit
 from residual.diagnosis.verdict import to_json
 from sim.engine.render import gif_of
 from warehouse.commit import read_record

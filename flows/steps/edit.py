@@ -14,8 +14,8 @@ from flows.inputs.robots import load
 from flows.steps.experiment import reference_of
 from flows.storage.diagnosis import read_models, read_verdict
 from residual.diagnosis.causes.edit.dense import dense_model
-from residual.diagnosis.causes.edit.edits import Edit, sealed_edit
-from residual.diagnosis.result import Place, Verdict
+from residual.diagnosis.causes.edit.edits import sealed_edit
+from residual.diagnosis.result import Edit, Place, Verdict
 from residual.effects import registry, reported_joints
 from residual.model.model import Model
 from residual.model.term import Term

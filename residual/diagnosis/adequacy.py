@@ -7,13 +7,10 @@ import numpy as np
 
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
+from residual.evidence.rules import RULES
 from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.track import Track
-
-FLAG = 0.05  # structured residual, as a share of torque rms, that voids names
-DOUBT, NOISES = 0.02, 3.0  # share of torque rms, and of noise, that is not nothing
-REPEAT = 0.02  # two stretches are a repeat if q differs by less than this share
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,12 +58,12 @@ def adequacy(
     flagged = [
         j
         for j in range(design.dof)
-        if (structured[j] > FLAG and structured[j] > 0.5 * first[j])
-        or structured[j] > 2 * FLAG
+        if (structured[j] > RULES.flag and structured[j] > 0.5 * first[j])
+        or structured[j] > 2 * RULES.flag
     ]
     periods = [repeat(track) for track in tracks]
     kinds = tuple(_kind(design, periods, after, noise, j) for j in range(design.dof))
-    least = np.maximum(DOUBT, NOISES * noise)
+    least = np.maximum(RULES.doubt, RULES.noises * noise)
     doubted = sorted({*flagged, *np.flatnonzero(structured > least).tolist()})
     kinds = tuple(k if j in doubted else None for j, k in enumerate(kinds))
     return Adequacy(structured, first, noise, kinds, tuple(flagged), tuple(doubted))
@@ -104,7 +101,7 @@ def repeat(track: Track) -> int | None:
     q = track.q[:: track.step]
     m = len(q)
     spread = np.maximum(q.std(axis=0), 1e-6)
-    best, period = REPEAT, None
+    best, period = RULES.repeat, None
     for lag in range(int(0.2 * m), int(0.8 * m)):
         gap = np.abs(q[lag:] - q[:-lag])[5:-5].mean(axis=0)
         worst = float(np.max(gap / spread)) if m - lag > 20 else np.inf

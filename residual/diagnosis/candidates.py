@@ -9,10 +9,10 @@ import numpy as np
 
 from residual.effects import registry
 from residual.effects.base import Effect, Span
+from residual.evidence.columns import union
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import FEWEST_ROWS
-from residual.evidence.group import union
 from residual.evidence.priors import forbidden, priors
+from residual.evidence.rules import RULES
 from residual.model.nominal import Nominal
 from residual.recording import Array
 
@@ -164,4 +164,4 @@ def every_candidate(
     kept = [g for g in every.groups if not any(p.effect.name in given for p in g.parts)]
     every = replace(every, groups=tuple(kept))
     # Of joints that hardly move the logs say nothing.
-    return every.closing(np.flatnonzero(design.rows < FEWEST_ROWS), bodies=False)
+    return every.closing(np.flatnonzero(design.rows < RULES.fewest_rows), bodies=False)

@@ -5,36 +5,38 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.causes.alternative import LOAD, MOTION, Alternative, Place
 from residual.diagnosis.causes.changes import changes
 from residual.diagnosis.causes.sets import rivals
 from residual.diagnosis.detectable import minimum_detectable
-from residual.diagnosis.doubt.held_out import Verdicts, judgement
-from residual.diagnosis.doubt.splits import Splits
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
-from residual.diagnosis.leftover.leftover import Leftover, depends_on
 from residual.diagnosis.prior_scale import neighbours
 from residual.diagnosis.result import (
+    LOAD,
+    MOTION,
     PLAIN,
     STAGES,
+    Alternative,
     Detectable,
     ErrorTables,
     Evidence,
     Finding,
     Number,
     Parameter,
+    Place,
     Unexplained,
     Verdict,
 )
 from residual.diagnosis.uncertainty import doubtful
+from residual.diagnosis.unexplained import Leftover, depends_on
+from residual.diagnosis.validation.held_out import Splits, Verdicts, judgement
 from residual.effects import registry
 from residual.evidence.priors import Space, inertial_precision
+from residual.evidence.rules import RULES
 from residual.model.compare import Errors
 from residual.quantity import plain
 from residual.robot.dynamics import inertial_parameters
 
-SURE_OF_LINK = 4.0  # deviations, as of a name (`doubt.standing`)
 METRIC = "100*||tau-tau_hat||/||tau||"
 
 
@@ -107,7 +109,9 @@ def _clear_links(examined: Examined, least: list[Detectable]) -> list[Detectable
     pull = inertial_precision(examined.logs.robot) @ np.diag(bodies)
     rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
     return [
-        replace(d, value=max(d.value, SURE_OF_LINK * float(rough[d.joints[0] - 1])))
+        replace(
+            d, value=max(d.value, RULES.sure_of_link * float(rough[d.joints[0] - 1]))
+        )
         if registry()[d.name].of_link and d.value is not None
         else d
         for d in least

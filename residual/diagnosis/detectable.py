@@ -12,13 +12,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.diagnosis.expected_gain import Bench, Expected, expected, found
-from residual.diagnosis.gate import CLASS
 from residual.diagnosis.result import Detectable, Place
-from residual.diagnosis.task import Task
+from residual.diagnosis.search import Task
 from residual.effects.base import Effect
 from residual.evidence.design import Group
-from residual.evidence.fit import Fit, Prior, System
-from residual.evidence.limits import limits_of
+from residual.evidence.fit import Fit, Prior, System, limits_of
+from residual.evidence.rules import RULES
 from residual.evidence.screen import overlap, stacks
 from residual.recording import Array
 
@@ -61,7 +60,9 @@ def lookalikes(
                 key = (other.effect.name, other.joints)
                 lost[key] = min(lost.get(key, np.inf), 0.5 * float(every - part))
         own = (group.effect.name, group.joints)
-        near = sorted((x, key) for key, x in lost.items() if x < CLASS and key != own)
+        near = sorted(
+            (x, key) for key, x in lost.items() if x < RULES.class_nats and key != own
+        )
         out.append(tuple(Place(n, tuple(j + 1 for j in js)) for _, (n, js) in near))
     return out
 
@@ -89,7 +90,6 @@ def _root(information: Array) -> Array:
 
 WIDEST, STEPS = 300.0, 24  # times the size that is worth a nat: where to look
 FINER = 128  # steps from one of those to the next
-CLEAR = 3.0  # times the smallest size: where a name should be sure
 CLIPS = (0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the largest torque: plateaus to try
 
 
@@ -116,7 +116,9 @@ def minimum_detectable(
         least = _least(bench, groups)
         if least is not None:
             sizes.append(least)
-    alike = lookalikes(task, fitted, [(x.group, CLEAR * x.theta) for x in sizes])
+    alike = lookalikes(
+        task, fitted, [(x.group, RULES.clear_size * x.theta) for x in sizes]
+    )
     return [
         Detectable(
             name=x.group.effect.name,

@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr
 
-from residual.diagnosis.gate import MOST_FOLDS, left_out
-from residual.diagnosis.prior_scale import PER_NAME
-from residual.diagnosis.task import Task
+from residual.diagnosis.gate import left_out
+from residual.diagnosis.search import Task
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, System, fit, scaled_inverse
+from residual.evidence.rules import RULES
 from residual.recording import Array
-
-HOPELESS = 60.0  # nats that a prior may be behind and still be turned to
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -152,7 +150,7 @@ def found(bench: Bench, one: Expected, sizes: Array) -> Array:
     paid = one.occam + 0.5 * square * one.held - 0.5 * one.count
     net = lost - paid - one.cost
     scores = np.array(bench.scores)
-    named = scores - paid - one.cost - PER_NAME
+    named = scores - paid - one.cost - RULES.per_name
     others = np.max(scores - lost, axis=1, keepdims=True)
     wins = (net >= rules.threshold) & (named >= others)
     by_fit = _lowers(bench, fall) & _confirmed(bench, one, square)
@@ -191,7 +189,7 @@ def _confirmed(bench: Bench, one: Expected, square: Array) -> Array:
     folds = one.out > 1e-3 * np.maximum(one.out.max(axis=0), 1e-300)
     better = np.where(folds, ndtr(0.5 * sure), 0).sum(axis=1)
     better = better / np.maximum(folds.sum(axis=0), 1)
-    return np.any(enough & (better >= MOST_FOLDS), axis=1, keepdims=True)
+    return np.any(enough & (better >= RULES.most_folds), axis=1, keepdims=True)
 
 
 def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
@@ -200,7 +198,9 @@ def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]
     scores = [
         fit(design, p, fitted.members, fitted.counted, rounds=4).score for p in every
     ]
-    near = [i for i, s in enumerate(scores) if i == 0 or s > max(scores) - HOPELESS]
+    near = [
+        i for i, s in enumerate(scores) if i == 0 or s > max(scores) - RULES.hopeless
+    ]
     return [every[i] for i in near], [scores[i] for i in near]
 
 

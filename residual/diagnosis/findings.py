@@ -5,18 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.doubt.angle_noise import Checked
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested, alternatives
 from residual.diagnosis.uncertainty import Doubt, standard_deviations
+from residual.diagnosis.validation.angle_noise import Checked
 from residual.effects.base import Effect
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit
+from residual.evidence.rules import RULES
 from residual.model.compare import Cloud
 from residual.recording import Array
 
-DETERMINED = 0.5  # of the standard deviation before the logs
-SHOWN = 0.005  # of the torque of a joint: less of an effect is not worth a picture
 EXPLAINED = "torque that it explains [N m]"
 
 
@@ -40,7 +39,7 @@ class Sureness:
     @property
     def determined(self) -> Array:
         """Which parameters are known better than before the logs. (parameters,)."""
-        return self.doubt.std < DETERMINED * self.doubt.prior
+        return self.doubt.std < RULES.determined * self.doubt.prior
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -215,7 +214,7 @@ def _combined(examined: Examined, member: Tested, sizes, sure, known) -> dict:
     for key, (value, unit) in effect.combined(theta, robot).items():
         share = np.array([one[key][0] for one in units])
         after, before = np.sqrt((share * sure.doubt.theta) ** 2 @ np.ones(len(theta)))
-        if after < DETERMINED * before:
+        if after < RULES.determined * before:
             out[key] = (value, float(after), unit)
     return out
 
@@ -250,7 +249,7 @@ def _drawn_on(design: Design, fitted: Fit, tested: Tested) -> Sequence[int]:
         for j, torque in torques.items()
         if len(torque)  # a joint may log no torque
     }
-    return [j for j in shares if shares[j] > SHOWN] or [tested.joint]
+    return [j for j in shares if shares[j] > RULES.shown] or [tested.joint]
 
 
 def _cloud(examined: Examined, fitted: Fit, tested: Tested, j: int) -> Cloud:
@@ -280,3 +279,32 @@ def _variable(
             values.append(x[:: track.step][rows])
         labels.append(np.full(int(rows.sum()), track.id))
     return np.concatenate(values) if values else None, label, np.concatenate(labels)
+
+
+def folded(
+    named: Sequence[Named], dof: int
+) -> tuple[tuple[Named, ...], tuple[Named, ...]]:
+    """Part the findings into those to be listed and those to be folded.
+
+    Folded is friction or ripple of a size that the joints have anyway, beside something
+    much larger, where half of the joints have such: one alone is a finding.
+
+    Returns:
+        What is listed, and what is folded, in the same order.
+    """
+    if not named:
+        return tuple(named), ()
+    largest = max(f.torque.max() for f in named)
+    small = [f for f in named if _is_usual(f, RULES.beside * largest)]
+    if len({j for f in small for j in f.joints}) < max(
+        RULES.usual_joints * dof, RULES.usual_few
+    ):
+        small = []
+    return tuple(f for f in named if f not in small), tuple(small)
+
+
+def _is_usual(found: Named, least: float) -> bool:
+    effect = found.effect
+    if not (effect.brakes or effect.repeats) or effect.scope != "local":
+        return False
+    return bool(np.all(found.torque < min(RULES.usual, least)))

@@ -1,21 +1,18 @@
 """The gate: a name must lower the error of logs that were left out of the fit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.search import best, least, spares_model
-from residual.diagnosis.task import Task
+from residual.diagnosis.search import Task, best, least, spares_model
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, System, gain
-from residual.evidence.limits import possible
+from residual.evidence.fit import Fit, System, gain, possible
+from residual.evidence.rules import RULES
 from residual.recording import Array
+from residual.signals.track import Track
 
-CLASS = 6.0  # nats within which an alternative cannot be told from the name
-KIN = 0.95  # share of what a member explains that makes its family an alternative
-SIMPLER = 3.0  # nats within which the simpler of two names is taken
-SILENT = 1e-3  # share of its power in one fold under which an effect is not in another
-MOST_FOLDS = 0.6  # share of left-out folds that must improve
+BINS, FEWEST = 16, 8  # of a curve; rows of a bin and log that count
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -83,7 +80,7 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     by = None
     if nats < least(task, fitted.members, group) or not possible(design, fitted, group):
         pass
-    elif np.any(rules.lower(relative, share) & (improved >= MOST_FOLDS)):
+    elif np.any(rules.lower(relative, share) & (improved >= RULES.most_folds)):
         by = "fit"
     elif spares_model(task, group, nats, big, small):
         by = "plausibility"
@@ -101,7 +98,7 @@ def _acting(design: Design, fitted: Fit, group: Group) -> Array:
         place, have = design.present(j, group.ids)
         gram, _ = design.fold_sums(j, place)
         power += (gram @ theta[have]) @ theta[have] / design.rms[j] ** 2
-    return power > SILENT * power.max()
+    return power > RULES.silent_fold * power.max()
 
 
 def passed(task: Task, fitted: Fit) -> tuple[Fit, list[Tested]]:
@@ -149,8 +146,8 @@ def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], f
         fall = (without.sse[joint] - big.sse[joint]) / had[joint]
         kin = other.effect.family and other.effect.family == group.effect.family
         if kin:
-            return fall > KIN * removed[joint]
-        return own - value < CLASS and fall > 0.5 * removed[joint]
+            return fall > RULES.kin * removed[joint]
+        return own - value < RULES.class_nats and fall > 0.5 * removed[joint]
 
     near = [g for value, g, big in ranked if stands_in(value, g, big)]
     far = [value for value, g, _ in ranked if g not in near]
@@ -171,7 +168,7 @@ def simplest(task: Task, fitted: Fit) -> Fit:
         # Priced as if alone: one of several joints has no lead over its alternative.
         own = task.net_gain(fitted, without, replace(group, fellows=1))
         for value, other, _ in best(task, without, instead=group):
-            if own - value < SIMPLER and _size(other) < _size(group):
+            if own - value < RULES.simpler and _size(other) < _size(group):
                 stand_in = replace(other, fellows=group.fellows)
                 fitted = task.settle(task.fit((*rest, stand_in), without))
                 break
@@ -182,3 +179,61 @@ def _size(group: Group) -> float:
     """Number of free numbers of a group, and how far-fetched it is beside others."""
     shape = group.effect.refine is not None
     return len(group.ids) + shape + group.effect.far_fetched
+
+
+def wrong_forms(
+    design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[Tested]
+) -> list[Tested]:
+    """Return the names that leave a third of their own curve or more unexplained."""
+    return [t for t in tested if _is_wrong(design, tracks, fitted, t)]
+
+
+def _is_wrong(
+    design: Design, tracks: Sequence[Track], fitted: Fit, tested: Tested
+) -> bool:
+    group = tested.group
+    if not group.effect.of_one_variable:
+        return False
+    (j,) = group.joints
+    place, have = design.present(j, group.ids)
+    drawn = design.columns(j, place) @ fitted.of(group)[have]
+    left = design.residual(j, fitted.ids, fitted.theta)
+    x, log = _variable(design, tracks, tested, j)
+    curve = _repeated(x, left, log)
+    return curve > max(RULES.own_curve * np.std(drawn), RULES.own_least * design.rms[j])
+
+
+def _variable(
+    design: Design, tracks: Sequence[Track], tested: Tested, j: int
+) -> tuple[Array, Array]:
+    """What the name is drawn against on the rows of a joint, and each row's log."""
+    values, logs = [], []
+    for i, (track, state) in enumerate(zip(tracks, design.states, strict=True)):
+        x, _ = tested.group.effect.variable(state, j)
+        rows = track.moving[:, j]
+        values.append(x[:: track.step][rows])
+        logs.append(np.full(int(rows.sum()), i))
+    return np.concatenate(values), np.concatenate(logs)
+
+
+def _repeated(x: Array, y: Array, log: Array) -> float:
+    """Rms of the curve of y over x that one log has from the others [of y].
+
+    Products of the means of one bin in different logs: noise, which no two logs share,
+    averages out instead of adding up.
+    """
+    edges = np.quantile(x, np.linspace(0, 1, BINS + 1)[1:-1])
+    place = np.searchsorted(edges, x)
+    total, weight = 0.0, 0.0
+    for b in range(BINS):
+        mine = place == b
+        counts = np.bincount(log[mine])
+        sums = np.bincount(log[mine], y[mine], minlength=len(counts))
+        enough = counts >= FEWEST
+        means = sums[enough] / counts[enough]
+        if len(means) > 1:
+            pairs = len(means) * (len(means) - 1)
+            product = (means.sum() ** 2 - (means**2).sum()) / pairs
+            total += mine.sum() * product
+            weight += mine.sum()
+    return float(np.sqrt(max(total / weight, 0.0))) if weight else 0.0

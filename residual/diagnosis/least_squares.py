@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.diagnosis.gate import leave_out
-from residual.diagnosis.task import Task
+from residual.diagnosis.search import Task
 from residual.effects import registry
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, System, smallest_change

@@ -11,14 +11,14 @@ import numpy as np
 
 from residual.diagnosis.candidates import Candidates
 from residual.diagnosis.examine import Examined
-from residual.diagnosis.search import refined
-from residual.diagnosis.task import Rules, Task
+from residual.diagnosis.search import Task, refined
 from residual.effects import registry
 from residual.effects.base import Effect, Joints
+from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, fit
-from residual.evidence.group import Group
 from residual.evidence.priors import priors
+from residual.evidence.rules import Rules
 from residual.evidence.states import as_model, first_design, physical
 from residual.model.compare import Errors, compare, prepare_held_out
 from residual.model.model import Model

@@ -11,17 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.search import search
-from residual.diagnosis.task import Rules, Task
+from residual.diagnosis.search import Task, search
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.priors import WIDTHS, Space
+from residual.evidence.rules import RULES, Rules
 from residual.recording import Array
-
-DOUBT = 6.0  # nats within which two scales cannot be told apart
-LEAST_WIDE = 0.1
-PER_NAME = 2.0  # nats a name costs when scales are compared
-ROUNDS = 3  # looks at the widths of single kinds
-HILL = 50.0  # nats that given values may yet make up for
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -119,14 +113,15 @@ def _even(runs: _Runs) -> Iterable[Prior]:
     tops = [
         scale
         for i, scale in enumerate(scales)
-        if worth[i] >= max(walls[i], walls[i + 2]) and worth[i] > max(worth) - HILL
+        if worth[i] >= max(walls[i], walls[i + 2])
+        and worth[i] > max(worth) - RULES.hill
     ]
     return [runs.space.at(s, widths) for s in tops for widths in runs.space.even]
 
 
 def _by_kind(runs: _Runs) -> Iterable[Prior]:
     """Widths of single kinds, by the evidence with the best run's names held."""
-    for _ in range(ROUNDS):
+    for _ in range(RULES.width_rounds):
         best = runs.best
         if not runs.space.free or len(best.wide.widths) < 2:
             return
@@ -169,7 +164,7 @@ def _widest(runs: _Runs, run: Selection) -> Prior:
     near = [
         p
         for p, score in zip(alike, scores, strict=True)
-        if score > max(scores) - DOUBT or p.scale == LEAST_WIDE
+        if score > max(scores) - RULES.alike_scales or p.scale == RULES.least_wide
     ]
     return max(near, key=lambda p: p.scale)
 
@@ -193,4 +188,4 @@ def _worth(run: Selection, counted: Array) -> float:
     """Evidence of a run with rows counted alike for all, less the price of names."""
     task, members = run.task, run.fit.members
     common = fit(task.design, task.prior, members, counted, rounds=4)
-    return common.score - sum(task.candidates.cost(g) + PER_NAME for g in members)
+    return common.score - sum(task.candidates.cost(g) + RULES.per_name for g in members)

@@ -5,16 +5,157 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from residual.check.result import LogCheck
-from residual.diagnosis.causes.alternative import Alternative, Place
-from residual.diagnosis.causes.change import Change
-from residual.diagnosis.causes.edit.edits import Edit
-from residual.diagnosis.drift import Drift
-from residual.diagnosis.leftover.remainder import Number, Unexplained
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.names import joints_listed
 from residual.quantity import measured, percent
+
+Number = float | None  # None where it is not known
+
+
+@dataclass(frozen=True, slots=True)
+class Dependence:
+    """What the remainder of one joint varies with.
+
+    Attributes:
+        joint: Whose remainder, from 1.
+        on: "q", "qd", "qdd", "tau", "t" or "frequency".
+        of: Whose q, qd, qdd or tau, from 1.
+        form: "curve", "by direction", "sum" or "difference".
+        share: Of the squared remainder beyond noise.
+        frequency: Of a line [Hz], else None.
+    """
+
+    joint: int
+    on: str
+    of: tuple[int, ...]
+    form: str
+    share: float
+    frequency: Number
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """What remains after everything that was named.
+
+    Attributes:
+        joints: Joints from 1 on which more than noise remains.
+        fraction, noise_floor: Of the torque, that nothing explains; that is noise.
+        depends_on: What the remainder of these joints varies with.
+        kind: "repeatable", "time-driven", or None.
+        per_joint: Fraction of every joint.
+        noise_model: Where the noise level is from.
+    """
+
+    joints: tuple[int, ...]
+    fraction: Number
+    noise_floor: Number
+    depends_on: tuple[Dependence, ...]
+    kind: str | None
+    per_joint: tuple[Number, ...]
+    noise_model: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """A change of all friction, held against the baseline's.
+
+    Attributes:
+        factor: Friction now over that of the baseline.
+        std: Its standard deviation.
+        joints: Joints from 1 whose friction moved that way beyond two deviations.
+        clock: "recording time", where baseline and logs share one; else "order".
+    """
+
+    factor: Number
+    std: Number
+    joints: tuple[int, ...]
+    clock: str
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """Errors on logs of the arm without an effect, after it was taken out [%].
+
+    Attributes:
+        name, joints: The effect and where, joints from 1.
+        error: Of the augmented model without it.
+        kept: Of the same model with it, on the same logs.
+        least_squares: Of dense least squares with its parameters set back (``dense``);
+            None where it has none to set back.
+        reference: Of the best there is: the true parameters where they are known, the
+            baseline's own model where they are not.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    error: Number
+    kept: Number
+    least_squares: Number
+    reference: Number
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One value of the nominal model beside the same as the logs have it.
+
+    Attributes:
+        name: The declared effect; "inertial" for what the motion tells of the body.
+        joints: Joints from 1; of the body the link that leads.
+        parameter: Key of the effect's parameter; of the body the sum that it is.
+        nominal: As given; with a baseline, as that has it.
+        identified: As these logs have it, what was named included.
+        std: Standard deviation of the difference.
+        unit: SI unit.
+        sigma: The difference in standard deviations.
+        beyond: Whether it is beyond chance and by more than 5 %.
+        explained: Whether that is said by a finding already.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    parameter: str
+    nominal: Number
+    identified: Number
+    std: Number
+    unit: str
+    sigma: Number
+    beyond: bool
+    explained: bool = False
+
+
+MOTION, LOAD = "motion", "load"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """An effect and the joints that it sits on.
+
+    Attributes:
+        name: Its name.
+        joints: Joints from 1; empty for the whole arm.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """A set as good as the named one.
+
+    Attributes:
+        set: Its effects, one joint each where they are local.
+        nats: Its evidence less the price of its names, over that of the named set.
+        separated_by: "motion" where another motion would tell; "load" where the two are
+            bodies that move alike: weigh the load, or log the arm without it.
+    """
+
+    set: tuple[Place, ...]
+    nats: Number
+    separated_by: str
+
 
 STAGES = ("nominal", "identified", "augmented", "plsr")
 PLAIN = "least_squares"  # the reference that anyone has at hand, and no model of ours

@@ -1,23 +1,54 @@
 """Search for the set of effects with the most evidence: add, refine, swap, delete."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.task import Task
+from residual.diagnosis.candidates import Candidates
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, System, fit, gain
-from residual.evidence.limits import possible
+from residual.evidence.fit import (
+    Fit,
+    Prior,
+    System,
+    fit,
+    gain,
+    possible,
+    settled,
+    start,
+)
+from residual.evidence.priors import widened
+from residual.evidence.rules import RULES, Rules
 from residual.evidence.screen import acting, screen
-from residual.evidence.wide import widened
 from residual.recording import Array
 
-HARMONIC = 1.5  # ratio of orders from which two ripples are two
-# Shares of quick evidence under which no exact look is taken:
-# of a member, whose place nothing may take with less; of the best, to be the best.
-RIVAL, FAINT = 0.5, 0.3
-CLEAR = 20.0  # nats of the best, from which on that holds
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Task:
+    """What a search works on: data, prior, candidates and rules."""
+
+    design: Design
+    prior: Prior
+    candidates: Candidates
+    rules: Rules
+
+    def fit(self, members: Sequence[Group], like: Fit, rounds: int = 3) -> Fit:
+        """Fit a set with the row counts and noise of another fit to start from."""
+        counted, variance = like.counted, like.variance
+        return fit(self.design, self.prior, members, counted, variance, rounds)
+
+    def settle(self, fitted: Fit) -> Fit:
+        """Count rows anew by the fit's own residual and fit again."""
+        return settled(self.design, self.prior, fitted)
+
+    def start(self) -> Fit:
+        """Fit of the nominal structure alone."""
+        return start(self.design, self.prior)
+
+    def net_gain(self, big: Fit, small: Fit, group: Group) -> float:
+        """Evidence of ``big`` over ``small`` less the price of the group [nats]."""
+        value, _, _ = gain(self.design, self.prior, big, small)
+        return value - self.candidates.cost(group)
 
 
 def search(task: Task, members: Sequence[Group] = ()) -> Fit:
@@ -97,10 +128,10 @@ def _shortlist(
         beside = acting(task.design, groups, rows_of(task, instead))
         values = np.where(beside & ~task.candidates.unions, values, -np.inf)
         alike = values[[key == instead.key for key in task.candidates.keys]]
-        floor = max(floor, RIVAL * alike.max(initial=0.0))
+        floor = max(floor, RULES.rival * alike.max(initial=0.0))
     values = values - task.candidates.costs
-    if instead is None and (top := values.max(initial=0.0)) > CLEAR:
-        floor = max(floor, FAINT * top)
+    if instead is None and (top := values.max(initial=0.0)) > RULES.clear_best:
+        floor = max(floor, RULES.faint * top)
     taken = {g.key for g in base.members if not g.effect.repeats}
     if instead is not None:
         taken.add(instead.key)
@@ -127,7 +158,7 @@ def _neighbours(one: Group, other: Group) -> bool:
     if one.effect is not other.effect or one.joints != other.joints or not one.shape:
         return False
     ratio = one.shape[0] / other.shape[0]
-    return 1 / HARMONIC < ratio < HARMONIC
+    return 1 / RULES.harmonic < ratio < RULES.harmonic
 
 
 def _overlaps(group: Group, taken: set) -> bool:

@@ -8,13 +8,13 @@ from dataclasses import asdict
 
 from residual.check.result import LogCheck
 from residual.check.result import from_json as read_report
-from residual.diagnosis.causes.alternative import Alternative
-from residual.diagnosis.causes.change import Change
-from residual.diagnosis.causes.edit.edits import Edit
-from residual.diagnosis.drift import Drift
-from residual.diagnosis.leftover.remainder import Dependence
 from residual.diagnosis.result import (
+    Alternative,
+    Change,
+    Dependence,
     Detectable,
+    Drift,
+    Edit,
     ErrorTables,
     Evidence,
     Finding,

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual.diagnosis.doubt.standing import Withdrawn
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested
-from residual.evidence.priors import ROUGH
+from residual.diagnosis.validation.standing import Withdrawn
+from residual.evidence.rules import RULES
 from residual.model.model import Model
 from residual.model.nominal import Logs
 from residual.names import joints_listed, listed
@@ -19,7 +19,6 @@ from residual.signals.track import sample_rate
 QUIET = (
     0.02  # high-band density, as a share of the middle band, that white noise never has
 )
-LEAST_DELAY = 0.004  # s
 SHIFTS = 0.002 * np.arange(-15, 16)  # s
 
 
@@ -74,7 +73,7 @@ def delayed_at_source(model: Model, logs: Logs) -> str | None:
         return None
     delay = float(np.median(shifts))
     agree = np.mean(np.abs(np.array(shifts) - delay) < max(abs(delay) / 3, 1e-3))
-    if abs(delay) < LEAST_DELAY or agree < 0.5:
+    if abs(delay) < RULES.least_delay or agree < 0.5:
         return None
     return (
         f"torque seems {'late' if delay > 0 else 'early'} against position by "
@@ -107,7 +106,7 @@ def warnings(
             "the proof is weak, since it is the same run"
         )
     scale = examined.task.prior.scale
-    if scale > ROUGH:
+    if scale > RULES.rough:
         off = "100 % or more" if scale >= 1 else f"about {100 * scale:.0f} %"
         out.append(
             f"the inertias of the nominal model are off by {off}: too rough to blame a "

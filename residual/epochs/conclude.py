@@ -6,17 +6,18 @@ from itertools import product
 
 import numpy as np
 
-from residual.diagnosis.causes.alternative import Place
 from residual.diagnosis.conclude import error_tables
-from residual.diagnosis.drift import Drift
-from residual.diagnosis.leftover.remainder import Dependence, Unexplained
 from residual.diagnosis.result import (
     PLAIN,
     STAGES,
+    Dependence,
     Detectable,
+    Drift,
     Evidence,
     Finding,
     Parameter,
+    Place,
+    Unexplained,
     Verdict,
 )
 from residual.effects.base import Effect

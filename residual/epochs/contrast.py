@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.epochs.joint import Joint, Piece
-from residual.evidence.group import Group
+from residual.evidence.columns import Group
 from residual.recording import Array
 
 MODEL = 15.0  # blocks that independent errors of each joint's size count as, and

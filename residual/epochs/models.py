@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.causes.change import Change
+from residual.diagnosis.result import Change
 from residual.epochs.rows import JointFit, joint_fit, without
 from residual.epochs.search import Found
 from residual.evidence.fit import Fit

@@ -18,7 +18,7 @@ from residual.epochs.rows import Both, beside, both_epochs
 from residual.epochs.rules import Rules
 from residual.epochs.search import WIDTHS, Change, Found
 from residual.epochs.unrest import basics, first_noise, joints_of
-from residual.evidence.group import Group
+from residual.evidence.columns import Group
 from residual.model.compare import Errors, compare, prepare_held_out
 
 

@@ -11,7 +11,7 @@ from residual.epochs.contrast import Candidate, Contrast, Table
 from residual.epochs.joint import Joint
 from residual.epochs.rows import Both, beside
 from residual.epochs.unrest import Warmth, basics, first_noise, is_basic, joints_of
-from residual.evidence.limits import limits_of
+from residual.evidence.fit import limits_of
 from residual.recording import Array
 
 WIDTHS = (1.0, 0.4, 0.15)  # of the reach of an effect: how far a shape is refined

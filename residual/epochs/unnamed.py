@@ -16,7 +16,7 @@ from residual.effects.base import Effect, State
 from residual.epochs.contrast import Candidate
 from residual.epochs.joint import Joint
 from residual.epochs.search import Found
-from residual.evidence.group import Group, sound
+from residual.evidence.columns import Group, sound
 from residual.recording import Array
 
 KNOTS = 7  # of a free curve

@@ -15,8 +15,8 @@ from residual.epochs.contrast import Noise
 from residual.epochs.joint import Joint, Piece
 from residual.epochs.pursuit import joined
 from residual.epochs.rows import Both, Layout
+from residual.evidence.columns import Group
 from residual.evidence.fit import autocorrelation_time
-from residual.evidence.group import Group
 from residual.recording import Array
 
 TOLD = 3.0  # deviations from which on warmth is told

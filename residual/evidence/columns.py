@@ -5,13 +5,16 @@ columns may be taken back, those of shapes that were tried.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from tempfile import TemporaryFile
 
 import numpy as np
 
-from residual.effects.base import Joints
+from residual.effects.base import Effect, Joints, Shape
 from residual.recording import Array
+from residual.signals.pieces import logs_of
+from residual.signals.track import Track
 
 
 class ColumnCache:
@@ -174,3 +177,109 @@ class Sums:
         self.gram[j][fold, :, first:] += block
         self.gram[j][fold, first:, :first] += block[:first].T
         self.cross[j][fold, first:] += rows[first:] @ y
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Group:
+    """Columns that stand or fall together: one candidate finding.
+
+    Attributes:
+        effect, joints, shape: What they are; joints from 0.
+        ids: Their column numbers. Shape (k,).
+        precision: Prior precision of their coefficients. Shape (k, k).
+        log_det: Log determinant of the precision.
+        parts: For one effect on all joints at once, the groups of the single joints.
+        fellows: How many came together with this one in such a group.
+        label: Name of the candidate; the effect's own where empty.
+    """
+
+    effect: Effect
+    joints: Joints
+    shape: Shape
+    ids: Array
+    precision: Array
+    log_det: float
+    parts: tuple["Group", ...] = ()
+    fellows: int = 1
+    label: str = ""
+
+    @property
+    def key(self) -> tuple:
+        """Identity apart from a searched shape: one candidate finding per key."""
+        fixed = self.shape if self.effect.refine is None else ()
+        return (self.label or self.effect.name, self.joints, fixed)
+
+
+def sound(precision: Array) -> tuple[Array, float]:
+    """A precision that has an inverse, and its log determinant. (k, k) as given."""
+    scale = np.sqrt(np.maximum(np.diag(precision), 1e-12))
+    precision = precision + 1e-6 * np.diag(scale**2)
+    log_det = 2 * np.log(scale).sum()
+    log_det += np.linalg.slogdet(precision / np.outer(scale, scale))[1]
+    return precision, float(log_det)
+
+
+def union(parts: Sequence[Group], label: str = "") -> Group:
+    """One candidate of several groups, such as an effect on all joints."""
+    parts = [replace(g, fellows=len(parts)) for g in parts]
+    sizes = [len(g.ids) for g in parts]
+    precision = np.zeros((sum(sizes), sum(sizes)))
+    start = 0
+    for g, k in zip(parts, sizes, strict=True):
+        precision[start : start + k, start : start + k] = g.precision
+        start += k
+    return Group(
+        effect=parts[0].effect,
+        joints=tuple(sorted({j for g in parts for j in g.joints})),
+        shape=parts[0].shape,
+        ids=np.concatenate([g.ids for g in parts]),
+        precision=precision,
+        log_det=sum(g.log_det for g in parts),
+        parts=tuple(parts),
+        label=label,
+    )
+
+
+BLOCKS_OF_ONE_LOG, BLOCKS_OF_A_LOG, ENOUGH_LOGS = 6, 3, 4
+
+
+def fold_labels(tracks: Sequence[Track]) -> list[Array]:
+    """Fold of each row of the logs: a log, or blocks of it where logs are few."""
+    logs, blocks = logs_of([track.id for track in tracks]), 1
+    if len(logs) < ENOUGH_LOGS:
+        blocks = BLOCKS_OF_ONE_LOG if len(logs) == 1 else BLOCKS_OF_A_LOG
+    out = []
+    for k, pieces in enumerate(logs):
+        for i, number in enumerate(pieces):
+            m = len(tracks[number].tau)
+            # A piece of a log lies in one block of it (``signals.pieces``).
+            within = (np.arange(m) if len(pieces) == 1 else np.full(m, i)) * blocks
+            out.append(k * blocks + within // (m if len(pieces) == 1 else len(pieces)))
+    return out
+
+
+def rows_that_count(tracks: Sequence[Track]) -> list[Array]:
+    """Rows on which each joint moves, in logs of a live torque. Shapes (m, dof)."""
+    out = []
+    for pieces in logs_of([t.id for t in tracks]):
+        own = [tracks[i] for i in pieces]
+        alive = np.any([np.ptp(t.tau, axis=0) > 0 for t in own], axis=0)
+        out += [t.moving & alive for t in own]
+    return out
+
+
+def squares_per_fold(
+    values: Sequence[Array], labels: Sequence[Array], folds: int
+) -> Array:
+    """Sum of squares per fold and joint, of rows and folds. Shape (folds, dof)."""
+    pairs = zip(labels, values, strict=True)
+    sums = [np.bincount(own, x**2, minlength=folds) for own, x in pairs]
+    return np.stack(sums, axis=1)
+
+
+def runs(labels: Array) -> Iterator[tuple[int, slice]]:
+    """Folds of rows with their rows, which follow each other."""
+    folds, starts = np.unique(labels, return_index=True)
+    counts = np.bincount(labels)[folds]
+    for fold, start, count in zip(folds, starts, counts, strict=True):
+        yield int(fold), slice(int(start), int(start + count))

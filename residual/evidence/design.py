@@ -15,16 +15,23 @@ from dataclasses import replace
 import numpy as np
 
 from residual.effects.base import Effect, Joints, Shape, State
-from residual.evidence.columns import ColumnCache, Sums
-from residual.evidence.folds import fold_labels, rows_that_count, runs, squares_per_fold
-from residual.evidence.group import Group, sound
+from residual.evidence.columns import (
+    ColumnCache,
+    Group,
+    Sums,
+    fold_labels,
+    rows_that_count,
+    runs,
+    sound,
+    squares_per_fold,
+)
+from residual.evidence.rules import RULES
 from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.dynamics import links_of
 from residual.signals.pieces import is_cut, spread
 from residual.signals.track import Track
 
-AMPLITUDE = 0.3  # prior size of an effect's torque, as a share of torque rms
 LAGS = 80  # rows over which noise is asked whether it remembers
 QUICK = 256  # a time line of a multiple of it has a quick Fourier transform
 
@@ -251,7 +258,7 @@ class Design:
         if effect.prior_sd is not None:
             precision = np.diag(1 / effect.prior_sd(self.model.robot) ** 2)
         else:
-            precision = self.unit_information(ids, rows) / AMPLITUDE**2
+            precision = self.unit_information(ids, rows) / RULES.amplitude**2
         return Group(effect, joints, shape, ids, *sound(precision))
 
     def unit_information(self, ids: Array, rows: Joints) -> Array:

@@ -11,11 +11,13 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.special import chdtrc
 
+from residual.effects.base import Limits
 from residual.evidence.design import LAGS, Design, Group
+from residual.evidence.rules import RULES
+from residual.model.term import with_slots
 from residual.recording import Array
+from residual.robot.dynamics import reach
 
-NOISE_FLOOR = 0.003  # of torque rms: no log is believed to be cleaner
-FEWEST_ROWS = 5.0
 CUT = 1e-10  # eigenvalues of a scaled Gram below this share tell nothing
 
 
@@ -107,7 +109,7 @@ def fit(
         system: The normal equations of these members, where they are known already.
     """
     system = system or System.of(design, prior, members)
-    floor = (NOISE_FLOOR * design.rms) ** 2
+    floor = (RULES.noise_floor * design.rms) ** 2
     sigma = system.power / design.rows + floor if variance is None else variance
     for _ in range(rounds):
         theta, lower = system.solve(counted / design.rows / sigma)
@@ -284,7 +286,7 @@ def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
     for j in joints:
         left = design.residual(j, fitted.ids, fitted.theta)
         slow = autocorrelation_time(design.line(j, left))
-        out[j] = min(max(design.rows[j] / slow, FEWEST_ROWS), design.rows[j])
+        out[j] = min(max(design.rows[j] / slow, RULES.fewest_rows), design.rows[j])
     return out
 
 
@@ -333,3 +335,58 @@ def settled(design: Design, prior: Prior, fitted: Fit) -> Fit:
 def start(design: Design, prior: Prior) -> Fit:
     """Fit of the nominal structure alone."""
     return settled(design, prior, fit(design, prior, (), design.rows / 5, rounds=4))
+
+
+BODY = 10  # inertial parameters of a link
+
+
+def possible(design: Design, fitted: Fit, group: Group) -> bool:
+    """Whether an arm can have an effect as it came out of a fit.
+
+    Of an effect on several joints at once every part is asked later, alone.
+    """
+    if group.parts:
+        return True
+    limits = limits_of(design, fitted, group)
+    return group.effect.possible(fitted.of(group), group.shape, limits)
+
+
+def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
+    """Return what the arm can do at the joints of a group.
+
+    Args:
+        fitted: The fit that the group is, or would be, a member of.
+    """
+    robot = design.model.robot
+    on = list(group.joints) or list(range(design.dof))
+    return Limits(
+        torque=float(_torque(design)[on].max()),
+        lower=float(robot.lower[on].min()),
+        upper=float(robot.upper[on].max()),
+        speed=float(design.speed[on].max()),
+        weight=float(sum(body.mass for body in robot.model.inertias)),
+        reach=reach(robot.model),
+        had=_had(design, fitted, group),
+    )
+
+
+def _torque(design: Design) -> Array:
+    """Largest torque of each joint [N m]; what was logged shows a limit wrong."""
+    seen, limit = design.peak, design.model.robot.torque_limit
+    known = np.isfinite(limit) & (limit > 0)
+    return np.where(known, np.maximum(limit, seen), RULES.unknown_limit * seen)
+
+
+def _had(design: Design, fitted: Fit, group: Group) -> Array:
+    """What the model has of the effect, as the fit moved it. Shape (k,)."""
+    model, count = design.model, len(design.nominal)
+    now = model.coefficients() + fitted.theta[:count]
+    if group.effect.carries == "body":
+        end = BODY * design.dof
+        return now[end - BODY : end]
+    out = np.zeros(len(group.ids))
+    for term, own in with_slots(model.terms, len(model.inertial)):
+        same = term.effect.name == group.effect.name and term.joints == group.joints
+        if same and term.shape == group.shape:
+            out = out + now[own]
+    return out

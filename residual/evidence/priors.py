@@ -9,7 +9,8 @@ import numpy as np
 from residual.effects import registry
 from residual.effects.base import Joints
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Prior
+from residual.evidence.fit import Fit, Prior
+from residual.evidence.rules import RULES
 from residual.model.model import Model
 from residual.model.nominal import ASSUMED, GIVEN, Nominal
 from residual.model.term import with_slots
@@ -17,7 +18,6 @@ from residual.recording import Array
 from residual.robot.robot import Robot
 
 SCALES = (0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
-ROUGH = 0.1  # a nominal worse than this is too rough to blame a payload
 # How good values of one kind are, given or assumed: the logs of all joints tell.
 WIDTHS = (0.01, 0.03, GIVEN, 0.3, ASSUMED)
 TINY = 1e-9
@@ -171,7 +171,7 @@ def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
         settled = given is not None and prior.widths[term.effect.name] < ASSUMED
         if not (settled and term.effect.is_parameter):
             out.add(term.effect.name)
-    if prior.scale > ROUGH:
+    if prior.scale > RULES.rough:
         out |= {e.name for e in registry().values() if e.needs_known_body}
     return out
 
@@ -197,3 +197,21 @@ def held_at(prior: Prior, slots: Array) -> Prior:
     stiff = np.zeros(len(prior.precision))
     stiff[slots] = HELD * np.diag(prior.precision)[slots]
     return replace(prior, precision=prior.precision + np.diag(stiff))
+
+
+PRICE = float(np.log(20))  # nats: one effect in twenty is not of usual size
+
+
+def widened(fitted: Fit, group: Group) -> Group | None:
+    """Return a group with the prior of its own size; None where it is usual."""
+    if group.parts:
+        return None
+    theta, count = fitted.of(group), len(group.ids)
+    size = float(theta @ group.precision @ theta) / count
+    if size < RULES.far**2:
+        return None
+    return replace(
+        group,
+        precision=group.precision / size,
+        log_det=group.log_det - count * np.log(size) - 2 * PRICE,
+    )

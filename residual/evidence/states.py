@@ -5,11 +5,10 @@ from dataclasses import replace
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, start
 from residual.evidence.priors import relative_prior
+from residual.evidence.rules import RULES
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
 from residual.model.term import Term
-
-ROUGH_SCALE = 0.1  # prior of the first fit, which only feeds model-based features
 
 
 def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
@@ -20,7 +19,7 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
     """
     design = Design(logs.tracks, nominal.model)
     if named is None:
-        prior = relative_prior(design, nominal, ROUGH_SCALE)
+        prior = relative_prior(design, nominal, RULES.first_scale)
         named = as_model(nominal, start(design, prior))
     design.show_torque(named)
     return design

@@ -16,13 +16,12 @@ import numpy as np
 from residual.diagnosis.candidates import Candidates, every_candidate
 from residual.diagnosis.gate import passed, simplest
 from residual.diagnosis.prior_scale import select
-from residual.diagnosis.search import _shortlist
-from residual.diagnosis.task import Rules, Task
+from residual.diagnosis.search import Task, _shortlist
 from residual.evidence.colour import coloured
 from residual.evidence.design import Design
-from residual.evidence.fit import Fit, System, fit, gain
-from residual.evidence.limits import possible
+from residual.evidence.fit import Fit, System, fit, gain, possible
 from residual.evidence.priors import Space
+from residual.evidence.rules import Rules
 from residual.evidence.states import first_design
 from residual.model.nominal import Logs, Nominal, prepare_logs
 from residual.null.source import Source, null_recordings, redrawn

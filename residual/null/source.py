@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.examine import examine
-from residual.diagnosis.null_key import Key, key_of
-from residual.diagnosis.task import Rules
+from residual.diagnosis.null_record import Key, key_of
 from residual.evidence.colour import autocovariance
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
 from residual.evidence.priors import inertial_precision
+from residual.evidence.rules import Rules
 from residual.model.model import Model
 from residual.model.nominal import (
     Logs,

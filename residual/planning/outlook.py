@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from residual.diagnosis.gate import KIN
+from residual.evidence.rules import RULES
 from residual.planning.question import Contest, Question, Rival
 from residual.recording import Array
 
@@ -232,7 +232,7 @@ def _parted(contest: Contest, gram: Array, a: int, b: Refit) -> float:
     true, none = contest.rivals[a], Refit.of(contest.nothing, gram)
     apart = gap(gram, true, b) / 2 + max(true.explained - b.rival.explained, 0.0)
     whole = gap(gram, true, none) / 2 + max(true.explained, 0.0)
-    return apart / max(whole, 1e-300) / (1 - KIN)
+    return apart / max(whole, 1e-300) / (1 - RULES.kin)
 
 
 def realised(

@@ -12,7 +12,7 @@ from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
 from residual.diagnosis.gate import CLASS, alternatives
 from residual.diagnosis.result import Place
-from residual.diagnosis.task import Task
+from residual.diagnosis.search import Task
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, Shape
 from residual.errors import InputError

@@ -18,7 +18,7 @@ from flows.report.terminal.diagnosis import print_truth
 from flows.report.words.staged import Hidden, Staged, baseline_sentences, judge
 from flows.requests import Demo
 from flows.steps import demo as steps
-from residual.diagnosis.causes.edit.edits import Edit
+from residual.diagnosis.result import Edit
 from sim.draw import draw_hidden
 from sim.records import HIDDEN, stream
 from sim.trajectories import make_reference

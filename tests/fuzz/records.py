@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from flows.storage.diagnosis import checked_verdict
 from flows.storage.null import null_json, read_null
-from residual.diagnosis.null_key import Key
-from residual.diagnosis.null_record import Null
+from residual.diagnosis.null_record import Key, Null
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
 from residual.model.corrected import Corrected

@@ -12,7 +12,7 @@ from residual.close import close_the_loop
 from residual.diagnosis.examine import Examined, examine
 from residual.diagnosis.findings import Named, findings
 from residual.diagnosis.result import Diagnosis
-from residual.diagnosis.task import Rules
+from residual.evidence.rules import Rules
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.task import Rules, Task
+from residual.diagnosis.search import Task
 from residual.effects.base import Effect, State, local
+from residual.evidence.columns import union
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Prior
-from residual.evidence.group import union
+from residual.evidence.rules import Rules
 from residual.model.model import Model
 from residual.signals.track import Track
 from tests.residual.arms import arm

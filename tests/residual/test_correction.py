@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from residual.diagnosis.examine import examine
-from residual.diagnosis.leftover.examine import corrected, shared_source
-from residual.diagnosis.leftover.leftover import leftovers
-from residual.diagnosis.task import Rules
+from residual.diagnosis.unexplained import corrected, leftovers, shared_source
+from residual.evidence.rules import Rules
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.signals.pieces import session_clock

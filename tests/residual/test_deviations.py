@@ -10,8 +10,8 @@ from residual.diagnosis.adequacy import carried
 from residual.diagnosis.candidates import Candidates, renewed
 from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, local
+from residual.evidence.columns import union
 from residual.evidence.design import Design
-from residual.evidence.group import union
 from residual.model.model import Model
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.signals.track import Filters, prepare, shaken

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from residual.evidence.fit import NOISE_FLOOR, System, effective_rows, fit, gain
-from residual.evidence.group import union
+from residual.evidence.columns import union
+from residual.evidence.fit import System, effective_rows, fit, gain
+from residual.evidence.rules import RULES
 from residual.evidence.screen import screen
 from tests.residual.linear import (
     DOF,
@@ -109,7 +110,7 @@ def test_evidence_is_the_difference_of_log_marginal_likelihoods(which, rng):
 
 def test_profiled_variance_is_what_is_left_per_row_and_a_floor(problem):
     fitted = every_row_counts(problem, [], rounds=30)
-    floor = (NOISE_FLOOR * problem.design.rms) ** 2
+    floor = (RULES.noise_floor * problem.design.rms) ** 2
     left = fitted.sse / problem.design.rows
     np.testing.assert_allclose(fitted.variance, left + floor, rtol=1e-9)
 

@@ -7,18 +7,18 @@ import pytest
 
 from residual.close import close_the_loop
 from residual.diagnosis.detectable import lookalikes
-from residual.diagnosis.doubt import angle_noise as instruments
-from residual.diagnosis.doubt import held_out as holdout
-from residual.diagnosis.doubt.angle_noise import (
+from residual.diagnosis.gate import Tested
+from residual.diagnosis.result import Place
+from residual.diagnosis.validation import angle_noise as instruments
+from residual.diagnosis.validation import held_out as holdout
+from residual.diagnosis.validation.angle_noise import (
     EFFECTIVE,
     INSTRUMENTS,
     Checked,
     drop_noise,
     noise_notes,
 )
-from residual.diagnosis.doubt.held_out import Verdicts
-from residual.diagnosis.gate import Tested
-from residual.diagnosis.result import Place
+from residual.diagnosis.validation.held_out import Verdicts
 from residual.evidence.fit import fit
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics

@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 
-from residual.diagnosis.leftover.curves import (
+from residual.diagnosis.patterns import (
     DIRECTION,
     PLAIN,
     SUM,
+    Line,
     Rows,
     Variable,
     curves,
+    drift_of,
+    line_of,
 )
-from residual.diagnosis.leftover.leftover import depends_on
-from residual.diagnosis.leftover.time import Line, drift_of, line_of
+from residual.diagnosis.unexplained import depends_on
 
 LOGS, LENGTH, STEP = 5, 20.0, 0.05
 N = int(LENGTH / STEP)

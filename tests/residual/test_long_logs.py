@@ -9,9 +9,8 @@ from numpy.testing import assert_allclose
 from residual.close import close_the_loop
 from residual.effects import registry
 from residual.errors import RecordingError
-from residual.evidence.columns import ColumnCache
+from residual.evidence.columns import ColumnCache, fold_labels
 from residual.evidence.design import Design
-from residual.evidence.folds import fold_labels
 from residual.identification.identify import identify
 from residual.identification.prove import acceleration_error
 from residual.model.compare import compare, prepare_held_out

@@ -14,7 +14,7 @@ import pytest
 from benchmarks.synthetic.logs import Case
 from residual.close import close_the_loop
 from residual.diagnosis.examine import examine
-from residual.diagnosis.task import Rules
+from residual.evidence.rules import Rules
 from residual.evidence.states import as_model
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.robot.robot import load_robot

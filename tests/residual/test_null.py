@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from residual.diagnosis.null_key import Key
-from residual.diagnosis.null_record import Null, choose_null, from_record, to_record
+from residual.diagnosis.null_record import (
+    Key,
+    Null,
+    choose_null,
+    from_record,
+    to_record,
+)
 from residual.errors import InputError
 from residual.evidence.colour import LONGEST, autocovariance, coloured
 from residual.null import draws

@@ -9,7 +9,6 @@ import pytest
 
 from residual.diagnosis.candidates import collect
 from residual.diagnosis.detectable import minimum_detectable
-from residual.diagnosis.doubt import held_out as holdout
 from residual.diagnosis.findings import findings
 from residual.diagnosis.gate import alternatives, gate, leave_out, passed, simplest
 from residual.diagnosis.prior_scale import select
@@ -23,12 +22,13 @@ from residual.diagnosis.search import (
     spares_model,
     torque_share,
 )
-from residual.diagnosis.task import Rules
 from residual.diagnosis.uncertainty import standard_deviations
+from residual.diagnosis.validation import held_out as holdout
 from residual.effects import registry
 from residual.effects.base import Effect, Refinement, Span, local
 from residual.evidence.design import Design
 from residual.evidence.fit import fit
+from residual.evidence.rules import Rules
 from tests.residual.arms import arm
 from tests.residual.linear import (
     DOF,

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from flows.steps.null import Made
-from residual.diagnosis.task import Rules
+from residual.evidence.rules import Rules
 from warehouse.objects.mirror import shown
 
 

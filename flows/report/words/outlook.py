@@ -12,10 +12,16 @@ from flows.report.words.phrases import (
     phrase,
     sentence_case,
 )
-from residual.diagnosis.causes.alternative import LOAD, Alternative
-from residual.diagnosis.causes.change import Change
-from residual.diagnosis.leftover.remainder import Dependence, Number, Unexplained
-from residual.diagnosis.result import Place, Verdict
+from residual.diagnosis.result import (
+    LOAD,
+    Alternative,
+    Change,
+    Dependence,
+    Number,
+    Place,
+    Unexplained,
+    Verdict,
+)
 from residual.names import joints_listed
 from residual.planning.question import NOTHING, TOGETHER
 from residual.quantity import (

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from flows.report.words.phrases import effect_named, phrase, sentence_case
-from residual.diagnosis.causes.edit.edits import Edit
-from residual.diagnosis.result import Finding, Place, Verdict
+from residual.diagnosis.result import Edit, Finding, Place, Verdict
 from residual.quantity import MISSING, known, measured, percent
 
 

@@ -20,8 +20,7 @@ from flows.steps.planning.design import Design, design
 from flows.steps.planning.motions import FOURIER, Search, with_twins
 from flows.steps.planning.request import Next
 from flows.storage.diagnosis import read_verdict
-from residual.diagnosis.causes.alternative import Alternative
-from residual.diagnosis.result import Finding, Place, Verdict
+from residual.diagnosis.result import Alternative, Finding, Place, Verdict
 from residual.names import joints_listed
 from residual.quantity import percent
 from residual.threads import one_blas_thread

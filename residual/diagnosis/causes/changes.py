@@ -13,19 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from residual.diagnosis.causes.change import Change
 from residual.diagnosis.examine import Examined
+from residual.diagnosis.result import Change
 from residual.diagnosis.uncertainty import between_logs, values_jacobian
 from residual.effects.base import Effect
 from residual.evidence.fit import Fit, scaled_inverse
 from residual.evidence.priors import inertial_sd
+from residual.evidence.rules import RULES
 from residual.model.term import Term, with_slots
 from residual.quantity import plain
 from residual.recording import Array
 from residual.robot.base_parameters import base_parameters
 
-LEAST = 0.05  # of a value: less is no news
-CHANCE = 0.01  # of one false word in a whole table
 LOOSE = 1e-4  # of the prior's information: what stays, so that nothing is infinite
 BODY = "inertial"
 
@@ -55,7 +54,7 @@ def changes(examined: Examined, fitted: Fit) -> tuple[Change, ...]:
     every = sum(len(a.names) for a in asked)
     if not every:
         return ()
-    sure = -float(ndtri(CHANCE / every / 2))
+    sure = -float(ndtri(RULES.change_chance / every / 2))
     state = _State.of(examined, fitted)
     return tuple(c for a in asked for c in _told(state, a, sure))
 
@@ -99,7 +98,7 @@ def _told(state: _State, asked: _Asked, sure: float) -> Iterator[Change]:
     own = asked.slope @ state.theta[:p]  # of the gap what no finding says
     for i, (name, joints, parameter, unit) in enumerate(asked.names):
         sd = float(np.sqrt(variance[i]))
-        least = max(LEAST * asked.size[i], sure * sd)
+        least = max(RULES.least_change * asked.size[i], sure * sd)
         yield Change(
             name=name,
             joints=joints,

@@ -16,22 +16,16 @@ from itertools import combinations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.diagnosis.gate import CLASS
 from residual.diagnosis.result import Detectable
-from residual.diagnosis.search import best, refined, rows_of
-from residual.diagnosis.task import Task
+from residual.diagnosis.search import Task, best, refined, rows_of
 from residual.evidence.design import Group
-from residual.evidence.fit import Fit, System
-from residual.evidence.limits import possible
+from residual.evidence.fit import Fit, System, possible
+from residual.evidence.rules import RULES
 from residual.evidence.screen import overlap, stacks
 from residual.recording import Array
 
-ROUNDS = 3
-BETTER = 1.0  # nats that a move must win
 FIRST, SECOND = 2, 1  # candidates tried for the first place and for the second
-FAR = 2 * CLASS  # nats from where a set is not worth a closer look
-TAKEN = 0.3  # of what the logs hold of a body: less is left of it beside another
-USUAL = 0.2  # of a body: what logs should tell from a change of another
+FAR = 2 * RULES.class_nats  # nats from where a set is not worth a closer look
 
 Members = tuple[Group, ...]
 
@@ -55,10 +49,10 @@ def best_set(task: Task, fitted: Fit) -> Fit:
     """Move to a better set near the one found, as long as there is one."""
     if any(g.fellows > 1 for g in fitted.members):
         return fitted
-    for _ in range(ROUNDS if fitted.members else 0):
+    for _ in range(RULES.set_rounds if fitted.members else 0):
         own = _score(task, fitted)
         top = max(_near(task, fitted), key=lambda f: _score(task, f), default=fitted)
-        if _score(task, top) < own + BETTER or not _admitted(task, top):
+        if _score(task, top) < own + RULES.better or not _admitted(task, top):
             break
         fitted = task.settle(task.fit(top.members, top))
     return fitted
@@ -89,7 +83,7 @@ def _near_sets(task: Task, fitted: Fit) -> list[Rival]:
     for other in _near(task, fitted):
         gap = _score(task, other) - own
         key = _places(other.members)
-        if gap > -CLASS and key != _places(fitted.members):
+        if gap > -RULES.class_nats and key != _places(fitted.members):
             known = found.get(key)
             if known is None or gap > known.nats:
                 found[key] = Rival(other.members, gap)
@@ -170,7 +164,10 @@ def _twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
     for other, before, after in zip(others, alone, beside, strict=True):
         cost = task.candidates.cost(other) + task.rules.threshold
         # Clear without the named bodies, which take it up: not to be found beside them.
-        clear, taken_up = 0.5 * USUAL**2 * before > cost, after < TAKEN * before
+        clear, taken_up = (
+            0.5 * RULES.told_apart**2 * before > cost,
+            after < RULES.taken * before,
+        )
         if clear and taken_up and _unseen(other, least):
             out.append(Rival((*fitted.members, other), -cost, twin=True))
     return out
@@ -180,7 +177,7 @@ def _unseen(other: Group, least: Sequence[Detectable]) -> bool:
     """Whether a usual change of a body would not be found."""
     place = other.effect.name, tuple(j + 1 for j in other.joints)
     sizes = [d.value for d in least if (d.name, d.joints) == place]
-    return not any(size is not None and size < USUAL for size in sizes)
+    return not any(size is not None and size < RULES.told_apart for size in sizes)
 
 
 def _information(

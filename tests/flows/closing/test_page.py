@@ -9,8 +9,14 @@ from flows.report.words.closed import FALSE, MISSED, RIGHT, headline, pairs
 from flows.steps.closing import close
 from flows.steps.closing.act import summary
 from flows.steps.closing.close import begun
-from residual.diagnosis.causes.alternative import MOTION, Alternative
-from residual.diagnosis.result import Evidence, Finding, Parameter, Place
+from residual.diagnosis.result import (
+    MOTION,
+    Alternative,
+    Evidence,
+    Finding,
+    Parameter,
+    Place,
+)
 from tests.flows.closing import scripted
 from tests.flows.report_outcomes import one_effect
 

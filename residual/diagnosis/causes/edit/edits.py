@@ -9,11 +9,10 @@ sides through the identification filter, on logs of the arm that never had it.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 from residual.diagnosis.causes.edit.dense import set_back
-from residual.diagnosis.leftover.remainder import Number
+from residual.diagnosis.result import Edit, Number
 from residual.model.compare import compare, prepare_held_out
 from residual.model.model import Model
 from residual.quantity import plain
@@ -32,28 +31,6 @@ class Placed(Protocol):
     @property
     def joints(self) -> tuple[int, ...]:
         """Its joints from 1; empty for the whole arm."""
-
-
-@dataclass(frozen=True, slots=True)
-class Edit:
-    """Errors on logs of the arm without an effect, after it was taken out [%].
-
-    Attributes:
-        name, joints: The effect and where, joints from 1.
-        error: Of the augmented model without it.
-        kept: Of the same model with it, on the same logs.
-        least_squares: Of dense least squares with its parameters set back (``dense``);
-            None where it has none to set back.
-        reference: Of the best there is: the true parameters where they are known, the
-            baseline's own model where they are not.
-    """
-
-    name: str
-    joints: tuple[int, ...]
-    error: Number
-    kept: Number
-    least_squares: Number
-    reference: Number
 
 
 def edited(model: Model, effects: Sequence[Placed]) -> Model:

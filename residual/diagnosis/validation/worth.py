@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.doubt.held_out import SURE
 from residual.errors import InputError
+from residual.evidence.rules import RULES
 from residual.model.chance import rises
 from residual.model.compare import (
     HeldOutLog,
@@ -24,9 +24,6 @@ from residual.model.model import Model
 from residual.model.term import Term
 from residual.names import joints_listed
 from residual.recording import Array, Recording
-
-LEAST, MOST = 0.7, 1.4  # of an effect: what held-out motion may show of it
-SILENT = 1e-3  # of a joint's torque: what held-out motion can say nothing of
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +44,12 @@ class Shown:
     @property
     def doubt(self) -> str | None:
         """Why it is not as the model has it, None where nothing speaks against it."""
-        if self.part is None or LEAST <= self.part <= MOST:
+        if self.part is None or RULES.least_shown <= self.part <= RULES.most_shown:
             return None
         where = f" on {joints_listed(self.joints)}" if self.joints else ""
         return (
             f"held-out motion shows {self.part:.2f} times the {self.name}{where} of "
-            f"the model, expected {LEAST:g} to {MOST:g}"
+            f"the model, expected {RULES.least_shown:g} to {RULES.most_shown:g}"
         )
 
 
@@ -106,7 +103,7 @@ def _no_better(after: Array, before: Array) -> list[str]:
     """Whether the error falls by more than chance, over the seconds of the logs."""
     change = (before - after).sum(axis=1)
     scatter = float(np.sqrt(((change - change.mean()) ** 2).sum()))
-    if change.sum() > SURE * scatter:
+    if change.sum() > RULES.sure_spared * scatter:
         return []
     factor = float(np.sqrt(after.sum() / max(before.sum(), 1e-30)))
     return [
@@ -136,7 +133,9 @@ def _shown(model: Model, term: Term, logs: Sequence[HeldOutLog]) -> Shown:
     # Each joint counts by how well the model knows it.
     weight = 1 / np.maximum(np.mean((gap - effect) ** 2, axis=0), 1e-12)
     torque = np.sqrt(moving_power(logs) / len(effect))
-    seen = np.sqrt(np.mean(effect**2, axis=0)) > SILENT * np.maximum(torque, 1e-12)
+    seen = np.sqrt(np.mean(effect**2, axis=0)) > RULES.silent * np.maximum(
+        torque, 1e-12
+    )
     joints = tuple(j + 1 for j in term.joints)
     if not seen.any():
         return Shown(term.effect.name, joints, None)

@@ -10,15 +10,13 @@ import numpy as np
 
 from residual.diagnosis.examine import Examined
 from residual.evidence.fit import Fit
+from residual.evidence.rules import RULES
 from residual.model.compare import Errors
 from residual.names import joints_listed
 from residual.recording import Array
 from residual.robot.dynamics import regressor
 
-BEYOND = 5.0  # standard deviations
 PLACES = 20  # positions at which the inertia is looked at
-FAR_WORSE = 1.3  # times: from there it casts doubt on finding nothing
-LEAST = 0.02  # of the power that the joint moves: friction that may as well be zero
 
 
 def contradictions(
@@ -40,7 +38,7 @@ def contradictions(
             "which no body has: are signs, units and the order of the joints right?"
         )
     before, after = (errors[k].overall("moving") for k in ("nominal", "identified"))
-    if after > FAR_WORSE * before:
+    if after > RULES.far_worse * before:
         out.append(
             "the refit predicts held-out motion worse than the model as it was given "
             f"({before:.1f} to {after:.1f} % while moving): these logs do not "
@@ -62,7 +60,7 @@ def _driving(examined: Examined, fitted: Fit) -> list[int]:
         along[have[mine]] = design.columns(j, place[mine]).T @ speed
         power, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
         moved = np.abs(speed) @ np.abs(design.tau[j])
-        if power < -BEYOND * sd and power < -LEAST * moved:
+        if power < -RULES.beyond * sd and power < -RULES.least_power * moved:
             out.append(j + 1)
     return out
 
@@ -87,7 +85,7 @@ def _negative(examined: Examined, fitted: Fit) -> list[int]:
         along = rotors.astype(float)
         along[: rows.shape[1]] = rows.mean(axis=0)
         own, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
-        if own < -BEYOND * sd and own < 0:
+        if own < -RULES.beyond * sd and own < 0:
             out.append(j + 1)
     return out
 

@@ -7,18 +7,17 @@ import numpy as np
 
 from residual.diagnosis.examine import Examined, refit
 from residual.diagnosis.gate import Tested
-from residual.diagnosis.search import least
-from residual.evidence.fit import Fit
+from residual.diagnosis.result import Splits
+from residual.diagnosis.search import Task, admissible, best, least, torque_share
+from residual.evidence.design import Design, Group
+from residual.evidence.fit import Fit, gain
 from residual.evidence.priors import given_slots, held_at
+from residual.evidence.rules import RULES
 from residual.model.chance import rise
 from residual.model.compare import Errors, HeldOutLog
 from residual.model.model import Model
 from residual.recording import Array
 
-CONFIRMED = 0.01  # gain above which a name counts as confirmed
-STANDING = 0.02  # share of moving rows under which a joint counts as standing
-STRANGE, STRANGE_LEAST = 4.0, 0.03  # held-out error beyond that of the fit logs
-SURE = 2.0  # standard errors
 ROUND = 3  # gains are compared to 0.1 %
 
 
@@ -105,7 +104,7 @@ def judgement(gain: float) -> str:
     """The verdict's word for a gain."""
     if gain < 0:
         return "refuted"
-    return "confirmed" if gain >= CONFIRMED else "neutral"
+    return "confirmed" if gain >= RULES.confirmed else "neutral"
 
 
 def three_models(examined: Examined, judged: Verdicts) -> dict[str, Model]:
@@ -126,11 +125,11 @@ def unproven(examined: Examined, augmented: Errors) -> list[str]:
     fit = np.sqrt(examined.fit.sse / design.rows) / design.rms
     held = augmented.per_joint("moving") / 100
     for j in range(design.dof):
-        if design.rows[j] < STANDING * every:
+        if design.rows[j] < RULES.standing * every:
             out.append(
                 f"joint {j + 1} hardly moves in the fit logs: nothing can be said of it"
             )
-        elif held[j] > max(STRANGE * fit[j], STRANGE_LEAST):
+        elif held[j] > max(RULES.strange * fit[j], RULES.strange_least):
             out.append(
                 f"joint {j + 1}: the error on held-out moving samples "
                 f"({100 * held[j]:.1f} %) is {held[j] / max(fit[j], 1e-6):.0f} times "
@@ -156,7 +155,7 @@ def _gains(
         rest = refit(examined, [t for t in tested if t is not one])
         less = examined.error(rest, held_out)
         fall = _fall(one, with_all, less, rms)
-        if fall < CONFIRMED and (stiff := _at_nominal(examined, tested, one)):
+        if fall < RULES.confirmed and (stiff := _at_nominal(examined, tested, one)):
             # The refit imitates it: then it is held against the value as given.
             fall = _fall(one, with_all, examined.error(stiff, held_out), rms)
         out.append(round(fall, ROUND))
@@ -193,6 +192,54 @@ def _fall(one: Tested, with_it: Array, without: Array, rms: Array) -> float:
     if change.sum() < 0:
         return -rise(a, b)
     scatter = np.sqrt(((change - change.mean()) ** 2).sum())
-    if one.by == "plausibility" and change.sum() < SURE * scatter:
+    if one.by == "plausibility" and change.sum() < RULES.sure_spared * scatter:
         return 0.0
     return float(1 - np.sqrt(a.sum() / b.sum())) if b.sum() > 0 else 0.0
+
+
+PARTS = 3
+SHARE = 1 - 1 / PARTS  # of the evidence that is left in what remains
+
+
+def found_again(task: Task, fitted: Fit, tested: Sequence[Tested]) -> list[Splits]:
+    """Leave out each third of the data and let each name win its place anew.
+
+    Beside the other names it must again carry its threshold's share, help as a name
+    must, and have no better rival than what cannot be told from it.
+    """
+    if not tested:
+        return []
+    found, of = np.zeros(len(tested), dtype=int), np.zeros(len(tested), dtype=int)
+    for out in np.array_split(np.arange(task.design.folds), PARTS):
+        part = task.design.part(np.setdiff1d(np.arange(task.design.folds), out))
+        rules = replace(task.rules, threshold=SHARE * task.rules.threshold)
+        one = replace(task, design=part, rules=rules)
+        again = one.settle(one.fit(fitted.members, fitted, rounds=4))
+        for i, t in enumerate(tested):
+            shown = _shown(task.design, part, fitted, t.group)
+            of[i] += shown
+            found[i] += shown and _wins(one, again, t.group)
+    return [Splits(int(k), int(n)) for k, n in zip(found, of, strict=True)]
+
+
+def _wins(task: Task, fitted: Fit, group: Group) -> bool:
+    """Whether a member would be named on these logs, beside the others."""
+    rest = [g for g in fitted.members if g is not group]
+    without = task.settle(task.fit(rest, fitted))
+    value, big, small = gain(task.design, task.prior, fitted, without)
+    own = value - task.candidates.cost(group)
+    if own < task.rules.threshold or not admissible(task, group, value, big, small):
+        return False
+    rivals = best(task, without, instead=group)
+    family = group.effect.family
+    other = [v for v, g, _ in rivals if not family or g.effect.family != family]
+    return max(other, default=-np.inf) < own + RULES.class_nats
+
+
+def _shown(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
+    """Whether a part of the logs has a fair share of an effect."""
+    own, every = (
+        np.sum(torque_share(design, fitted, group) ** 2 * design.rows)
+        for design in (part, whole)
+    )
+    return bool(own > RULES.shown_in_part * every)

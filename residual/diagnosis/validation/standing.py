@@ -10,14 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.doubt.angle_noise import Checked, drop_noise
-from residual.diagnosis.doubt.held_out import (
-    Verdicts,
-    harmful,
-    judge_held_out,
-    without,
-)
-from residual.diagnosis.doubt.splits import found_again
 from residual.diagnosis.examine import (
     Examined,
     Progress,
@@ -29,11 +21,18 @@ from residual.diagnosis.findings import Named, findings
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.result import Splits
 from residual.diagnosis.search import least
+from residual.diagnosis.validation.angle_noise import Checked, drop_noise
+from residual.diagnosis.validation.held_out import (
+    Verdicts,
+    found_again,
+    harmful,
+    judge_held_out,
+    without,
+)
 from residual.evidence.design import Group
+from residual.evidence.rules import RULES
 from residual.model.compare import HeldOutLog
 from residual.recording import Recording
-
-SURE = 3.0  # standard errors, over the seconds of the held-out logs
 
 
 def substitutes(
@@ -84,14 +83,8 @@ def _is_proven(
     joints = sorted({*one.group.effect.rows(one.group.joints, len(rms)), one.seen})
     fall = ((before - after) / rms**2)[:, joints].sum(axis=1)
     scatter = np.sqrt(((fall - fall.mean()) ** 2).sum())
-    return bool(fall.sum() >= SURE * scatter)
+    return bool(fall.sum() >= RULES.sure_late * scatter)
 
-
-ROUNDS = 6  # searches at most; after the last, names fall and none takes their place
-HALF = 0.5  # probability under which a name is not the likeliest
-NOTHING = 0.0455  # chance of a size beyond two standard deviations
-# Beyond four: of all links of an arm one is always the worst of its description.
-OF_A_LINK = 6.3e-5
 
 NOISE = "withdrawn: noise of the angles makes all of it, or too much to believe it"
 ALONE = "withdrawn: it carries too little alone, now that others are refuted"
@@ -160,12 +153,12 @@ def stand(
     """
     gone: list[Withdrawn] = []
     first = {_place(t) for t in (*examined.tested, *examined.withdrawn)}
-    for turn in range(1, ROUNDS + 1):
-        last = turn == ROUNDS
+    for turn in range(1, RULES.rounds + 1):
+        last = turn == RULES.rounds
         history = _History(first, [w.tested.group for w in gone if w.explains], last)
         now = _doubted(examined, proof, recordings, history)
         gone += now.withdrawn
-        tell("proof", turn / (ROUNDS + 1))
+        tell("proof", turn / (RULES.rounds + 1))
         if not now.withdrawn or last:
             break
         kin = [w.tested.group for w in gone if w.with_kin]
@@ -235,9 +228,11 @@ def _weak(
         for tested, sure in zip(finding.tested, finding.sureness, strict=True):
             if tested in company:
                 continue
-            if sure.probability < HALF:
+            if sure.probability < RULES.half:
                 out.append((tested, "withdrawn: something else is likelier"))
-            elif sure.chance > (OF_A_LINK if tested.group.effect.of_link else NOTHING):
+            elif sure.chance > (
+                RULES.of_a_link if tested.group.effect.of_link else RULES.nothing
+            ):
                 why = "withdrawn: its size may as well be nothing"
                 out.append((tested, why))
     return out

@@ -15,21 +15,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.diagnosis.doubt.held_out import Verdicts, without
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested
+from residual.diagnosis.validation.held_out import Verdicts, without
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, System, chance_of, scaled_inverse
+from residual.evidence.rules import RULES
 from residual.evidence.states import as_model, first_design, physical
 from residual.recording import Array, Recording
 from residual.signals.pieces import in_pieces
 from residual.signals.track import on_rows_of, prepare
 
 INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
-CHANCE = 1e-3  # under which a difference is no chance
-NOTHING = 0.05  # above which what is left of an effect may be nothing
-QUARTER = 0.25  # of an effect
-MOST = 0.9  # of the information in one direction that is taken for noise at most
 FLAT = 1e-9  # of the largest singular value: a column that moves nothing
 LEAST = 1e-3  # of its variance: what a difference is never known better than
 
@@ -59,7 +56,7 @@ class Checked:
     def differs(self, tested: Tested) -> bool:
         """Whether the fit without the noise is another one, beyond chance."""
         shift, slots = self._shift(tested)
-        return chance_of(shift, self._spread(slots), LEAST) < CHANCE
+        return chance_of(shift, self._spread(slots), LEAST) < RULES.noise_chance
 
     def is_noise(self, tested: Tested) -> bool:
         """Whether the effect is made of the noise, or too much of it to believe.
@@ -71,10 +68,10 @@ class Checked:
             return False
         shift, slots = self._shift(tested)
         own = self.covariance[np.ix_(slots, slots)]
-        nothing = chance_of(self.theta[slots], own, LEAST) > NOTHING
+        nothing = chance_of(self.theta[slots], own, LEAST) > RULES.noise_nothing
         sd = np.sqrt(np.diag(self.fit.covariance())[slots])
         part = np.linalg.norm(shift / sd) / np.linalg.norm(self.fit.theta[slots] / sd)
-        return nothing or (self.how == EFFECTIVE and bool(part > QUARTER))
+        return nothing or (self.how == EFFECTIVE and bool(part > RULES.noise_part))
 
     def estimate(self, tested: Tested) -> tuple[Array, Array]:
         """Coefficients of a member, and their doubt beside the fit's. (k,), (k, k).
@@ -218,7 +215,7 @@ def _by_redrawing(examined: Examined, fitted: Fit, tracks) -> Checked:
     half = solve_triangular(lower, noise, lower=True)
     values, vectors = np.linalg.eigh(solve_triangular(lower, half.T, lower=True))
     turned = solve_triangular(lower, vectors, lower=True, trans=1)
-    left = 1 - np.clip(values, 0, MOST)
+    left = 1 - np.clip(values, 0, RULES.noise_most)
     pull = vectors.T @ (lower.T @ fitted.theta) + values * (vectors.T @ lower.T @ start)
     covariance = (turned / left) @ turned.T
     return Checked(

@@ -1,1 +1,0 @@
-"""Every doubt that a name has to survive before it is said."""

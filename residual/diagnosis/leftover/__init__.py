@@ -1,1 +1,0 @@
-"""What remains after the findings, and what it depends on."""

@@ -1,0 +1,1 @@
+"""Doubts of what was found: each name, and the model as a whole."""
