@@ -10,7 +10,7 @@ import numpy as np
 from residual.diagnosis.causes.sets import near_sets
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
-from residual.diagnosis.gate import CLASS, alternatives
+from residual.diagnosis.gate import alternatives
 from residual.diagnosis.result import Place
 from residual.diagnosis.search import Task
 from residual.effects import registry
@@ -18,6 +18,7 @@ from residual.effects.base import Effect, Joints, Shape
 from residual.errors import InputError
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System
+from residual.evidence.rules import RULES
 from residual.evidence.screen import screen
 from residual.evidence.states import as_model, physical
 from residual.model.model import Model
@@ -252,7 +253,7 @@ class Basis:
         pairs = permutations(families, 2)
         kin = {(a, b) for (a, x), (b, y) in pairs if x and x == y}
         rivals = (*found, none) if nothing else tuple(found)
-        enough = self.task.rules.threshold if nothing else CLASS
+        enough = self.task.rules.threshold if nothing else RULES.class_nats
         return Contest(rivals, enough, joint, frozenset(kin), none)
 
 
@@ -304,7 +305,7 @@ def _of_sets(basis: Basis, swap: Swap, seen: Mapping[Group, int]) -> Contest:
         basis.rival((*rest, *own), own, joint, without) for own in (gone, *swap.instead)
     ]
     none = basis.rival(rest, (), joint, without)
-    return Contest(tuple(found), CLASS, joint, frozenset(), none)
+    return Contest(tuple(found), RULES.class_nats, joint, frozenset(), none)
 
 
 def _place(own: Sequence[Group]) -> Place:
