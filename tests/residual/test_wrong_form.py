@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from residual.diagnosis.examine import _repeated
+from residual.diagnosis.gate import _repeated
 
 LOGS = np.repeat(np.arange(4), 2000)
 
