@@ -1,7 +1,7 @@
 """Build hook: a wheel remembers the commit that it was built from.
 
 Everything else is in pyproject.toml. `modelgap --version` reads what this writes
-(`warehouse/origin/version.py`).
+(`warehouse/provenance.py`).
 """
 
 import subprocess
@@ -35,7 +35,7 @@ class BuildWithCommit(build_py):
         """Copy the packages, then write the file; an editable install has git."""
         super().run()
         if not self.editable_mode:
-            place = Path(self.build_lib, "warehouse", "origin", "commit.txt")
+            place = Path(self.build_lib, "warehouse", "commit.txt")
             place.write_text(commit(), encoding="ascii")
 
 

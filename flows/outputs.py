@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
-kinds = Lazy("warehouse.kinds")
+kinds = Lazy("warehouse.schema")
 
 
 def json_text(document: Mapping) -> str:

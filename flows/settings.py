@@ -9,7 +9,7 @@ from pathlib import Path
 
 from residual.errors import InputError
 from residual.lazy import Lazy
-from warehouse.objects.address import is_address
+from warehouse.objects.bucket import is_address
 
 mirror = Lazy("warehouse.objects.mirror")
 

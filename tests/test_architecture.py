@@ -56,11 +56,9 @@ NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
 # loaded before its settings are known; thirty in all.
 LATE = {
     "residual/identification/consistency.py": {"clarabel", "cvxpy"},
-    "warehouse/logs/formats/bag.py": {"rosbags"},
-    "warehouse/logs/formats/mcap.py": {"mcap", "mcap_ros2"},
+    "warehouse/logs/ros.py": {"mcap", "mcap_ros2", "rosbags"},
     "flows/workers/runner.py": {"distributed"},
-    "warehouse/objects/bucket.py": {"obstore"},
-    "warehouse/objects/access.py": {"botocore"},
+    "warehouse/objects/bucket.py": {"botocore", "obstore"},
     # Its library is a slow import, and of no use to a store in a folder.
     "warehouse/query/store.py": {"warehouse"},
     "warehouse/__init__.py": {"warehouse"},

@@ -2,8 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from residual.errors import InputError
 from residual.names import check_keys, check_name
 from residual.recording import Recording
 from warehouse import ids
+from warehouse.catalogue import remember
 from warehouse.files import (
     publish,
     read_parquet,
@@ -23,19 +25,37 @@ from warehouse.files import (
     to_table,
     write_parquet,
 )
-from warehouse.kinds import KINDS, SAMPLES_FILE
-from warehouse.layout import find, record_folder
+from warehouse.ids import record_folder
 from warehouse.objects.mirror import bucket_of, is_copied
-from warehouse.origin.made_with import keep_made_with
-from warehouse.origin.provenance import Provenance, as_record, provenance
-from warehouse.query.catalogue import remember
-from warehouse.runs import Parents, about_run, lineage_rows
-from warehouse.schema import SIGNALS
-from warehouse.seal import Sealed, commit_seal, sealed_hash
+from warehouse.provenance import about_origin, keep_made_with, provenance
+from warehouse.schema import KINDS, SAMPLES_FILE, SEALED, SIGNALS
 
 Array = np.ndarray
+Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
 
+SPEC, TRUTH = "spec.json", "truth.parquet"
 _LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sealed:
+    """The hidden half of a simulated run: hashed before, opened only afterwards.
+
+    A diagnosis must not be able to look at what was planted. The hash in the run's
+    manifest shows later that the truth was not changed to fit the verdict.
+
+    Attributes:
+        spec: The hidden half of the spec: effects, scatter, noise, salt.
+        truth: Channels that no robot logs. Shapes (n,) or (n, k).
+    """
+
+    spec: Mapping
+    truth: Mapping[str, Array] = field(default_factory=dict)
+
+
+def sealed_hash(spec: object) -> str:
+    """Return the hash of a hidden half; its salt keeps it from being guessed."""
+    return ids.digest(spec)
 
 
 def commit_run(
@@ -48,9 +68,14 @@ def commit_run(
     """Put a run into the store; one of the same id that is there already stays.
 
     Args:
-        manifest: How it came to be (keys: ``warehouse.runs``). With ``spec``, the
-            open half, it is a simulated run; without, a measured one, which needs
-            ``robot_hash``.
+        manifest: How it came to be. Keys that a caller gives: ``spec`` (the open half:
+            robot, trajectory, declared effects, rates, reference seed), ``source``,
+            ``kind``, ``trajectory``, ``seed``, ``robot_hash``, ``seed_streams``,
+            ``timings``, ``parents``; of a measured run ``serial``, ``recorded_at`` (of
+            its first sample, ISO 8601, UTC) and ``tags`` (texts), where they are
+            known; others are kept as they are. The commit adds ``sealed_sha256``,
+            ``provenance``, ``data_hash``, ``truth_hash`` and ``units``. With ``spec``
+            it is a simulated run; without, a measured one, which needs ``robot_hash``.
 
     Raises:
         InputError: If the manifest or a channel is not usable.
@@ -64,7 +89,7 @@ def commit_run(
         writing = beside.submit(_write_samples, folder, arrays, units, flush)
         full = {
             **ids.plain(manifest),
-            "provenance": as_record(provenance()),
+            "provenance": asdict(provenance()),
             "data_hash": ids.data_hash(arrays),
             "sealed_sha256": sealed and sealed_hash(sealed.spec),
             "truth_hash": sealed and ids.data_hash(sealed.truth),
@@ -85,11 +110,16 @@ def commit_run(
     return id
 
 
-def _write_samples(folder: Path, arrays: Mapping, units: Mapping, flush: bool) -> None:
-    path = folder / SAMPLES_FILE
-    write_parquet(path, to_table(arrays, units))
-    if flush:
-        sync(path)
+def commit_seal(store: Path, run_id: str, sealed: Sealed) -> None:
+    """Put a hidden half into the store; one that is there already stays."""
+    target = store / SEALED / f"run_id={ids.check_id(run_id)}"
+    if is_copied(target):
+        return
+    units = {name: SIGNALS[name].unit for name in sealed.truth if name in SIGNALS}
+    with staged(store, f"sealed-{run_id}") as folder:
+        (folder / SPEC).write_bytes(ids.canonical(sealed.spec))
+        write_parquet(folder / TRUTH, to_table(sealed.truth, units))
+        publish(folder, target)
 
 
 def imported_run_id(recording: Recording, robot_hash: str) -> str:
@@ -122,44 +152,102 @@ def commit_record(
     """
     if check_name(kind, KINDS, "kind of record") == "runs":
         raise InputError("Runs are committed by commit_run, other records here.")
-    known, tables, files = KINDS[kind], dict(tables or {}), dict(files or {})
+    tables, files = dict(tables or {}), dict(files or {})
     record, lineage = ids.plain(record), lineage_rows(parents)
     sums = {name: table_hash(table) for name, table in tables.items()}
     sums |= {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     id = ids.digest(kind, record, lineage, sums)[: ids.ID_DIGITS]
-    target = record_folder(store, kind, id)
-    if _is_there(target, kind):
-        return id
-    row = row_of(kind, id, provenance(), record) | {"lineage": lineage}
-    for view in set(known.lists) - {"lineage"}:
-        row[view] = tables.pop(view).to_pylist() if view in tables else []
-    told = {"record": record, "provenance": as_record(provenance())}
-    texts = {k: json.dumps(v, ensure_ascii=False) for k, v in told.items()}
-    made = one_row(kind, row, texts)
-    keep_made_with(store)
-    with staged(store, id) as folder:
-        for name, table in tables.items():
-            write_parquet(folder / f"{_plain_name(name)}.parquet", table)
-        for name, data in files.items():
-            (folder / _plain_name(name)).write_bytes(data)
-        write_parquet(folder / known.row, made)
-        if publish(folder, target):
-            remember(store, known, made)
+    if not _is_there(record_folder(store, kind, id), kind):
+        views = set(KINDS[kind].lists) - {"lineage"}
+        lists = {v: tables.pop(v).to_pylist() if v in tables else [] for v in views}
+        beside = {f"{_plain_name(name)}.parquet": t for name, t in tables.items()}
+        beside |= {_plain_name(name): data for name, data in files.items()}
+        commit_row(store, kind, id, record, {**lists, "lineage": lineage}, beside)
     return id
 
 
-def read_record(store: Path, id: str) -> dict:
-    """Return what a record was committed with.
+def commit_row(
+    store: Path,
+    kind: str,
+    id: str,
+    record: Mapping,
+    lists: Mapping[str, Sequence[Mapping]],
+    beside: Mapping[str, pa.Table | bytes] | None = None,
+) -> bool:
+    """Put a record of a known id into the store, with its one catalogue row.
 
     Args:
-        id: Id of a model, diagnosis, validation or report, or its beginning.
+        record: As JSON holds it; what has the name of a column becomes one.
+        lists: Rows of the views that lie nested in its own row.
+        beside: Its other files by name.
 
-    Raises:
-        InputError: If there is none, or it is damaged.
+    Returns:
+        Whether it is this one; False if the id was taken.
     """
-    found = find(store, id)
-    column = "manifest" if found.kind == "runs" else "record"
-    return json.loads(read_parquet(found.row, [column]).column(column)[0].as_py())
+    known, told = KINDS[kind], asdict(provenance())
+    row = {name: record.get(name) for name in known.fields.names} | _own(kind, id)
+    texts = {"record": record, "provenance": told}
+    texts = {k: json.dumps(v, ensure_ascii=False) for k, v in texts.items()}
+    table = _one_row(kind, {**row, **lists}, texts)
+    keep_made_with(store)
+    with staged(store, f"{kind}-{id}") as folder:
+        for name, content in (beside or {}).items():
+            if isinstance(content, pa.Table):
+                write_parquet(folder / name, content)
+            else:
+                (folder / name).write_bytes(content)
+        write_parquet(folder / known.row, table)
+        # Of two with one id the second is told no.
+        if not publish(folder, record_folder(store, kind, id)):
+            return False
+        remember(store, known, table)
+    return True
+
+
+def lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
+    """Return parents as rows of the view ``lineage``, without the child.
+
+    Args:
+        parents: Ids, pairs of id and role, or lists of ids by role.
+    """
+    if isinstance(parents, Mapping):
+        pairs = [(id, name) for name, given in parents.items() for id in given]
+    else:
+        pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
+    rows = [{"parent": ids.check_id(id), "role": str(name)} for id, name in pairs]
+    if len({tuple(row.values()) for row in rows}) < len(rows):
+        raise InputError("A parent is given twice in one role, expected it once.")
+    return rows
+
+
+def about_run(manifest: Mapping) -> dict:
+    """Return the columns of ``runs`` that the manifest decides."""
+    spec = manifest.get("spec") or {}
+    motion = spec.get("trajectory") or {}
+    motion = motion.get("kind") if isinstance(motion, Mapping) else motion
+    simulated = "spec" in manifest
+    recorded = manifest.get("recorded_at")
+    return {
+        "serial": manifest.get("serial"),
+        "recorded_at": recorded and _parse_moment(recorded),
+        "tags": list(manifest.get("tags") or ()),
+        "source": manifest.get("source", "simulated" if simulated else "imported"),
+        "kind": manifest.get("kind", "experiment" if simulated else "log"),
+        "trajectory": manifest.get("trajectory", motion),
+        "seed": manifest.get("seed", spec.get("seed")),
+        **about_origin(manifest),
+    }
+
+
+def _parse_moment(text: str) -> datetime:
+    """Return the moment of a record, UTC without saying so, as columns hold it."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"'{text}' is no moment in ISO 8601, such as 2026-11-22T10:30:00Z."
+        ) from error
+    return moment.astimezone(UTC).replace(tzinfo=None)
 
 
 def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Array]:
@@ -172,6 +260,13 @@ def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Arr
                 f"{name} has shape {np.shape(array)}, expected {recording.q.shape}."
             )
     return arrays
+
+
+def _write_samples(folder: Path, arrays: Mapping, units: Mapping, flush: bool) -> None:
+    path = folder / SAMPLES_FILE
+    write_parquet(path, to_table(arrays, units))
+    if flush:
+        sync(path)
 
 
 def _run_id(full: Mapping) -> str:
@@ -195,7 +290,9 @@ def _is_there(target: Path, kind: str) -> bool:
 
 def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> pa.Table:
     about = about_run(full)
-    row = row_of("runs", id, provenance(), about) | {
+    row = {
+        **about,
+        **_own("runs", id),
         "robot": recording.robot,
         "duration_s": recording.duration,
         "rows": len(recording.t),
@@ -210,7 +307,7 @@ def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> p
         "sealed_sha256": full["sealed_sha256"],
         "manifest": json.dumps(full, ensure_ascii=False, allow_nan=False),
     }
-    return one_row("runs", row, extra)
+    return _one_row("runs", row, extra)
 
 
 def _twin_errors(id: str, trajectory: str | None, arrays: Mapping) -> list[dict]:
@@ -224,26 +321,20 @@ def _twin_errors(id: str, trajectory: str | None, arrays: Mapping) -> list[dict]
     ]
 
 
-def row_of(kind: str, id: str, known: Provenance, record: Mapping) -> dict:
-    """Return the columns that every kind has, and those that the record gives."""
-    row = {name: record.get(name) for name in KINDS[kind].fields.names}
-    return row | {
+def _own(kind: str, id: str) -> dict:
+    """Return the columns that the rows of every kind have."""
+    return {
         KINDS[kind].key: id,
         "created": datetime.now(UTC).replace(tzinfo=None),
-        "code_hash": known.code_hash,
-        "dirty": known.dirty,
+        "code_hash": provenance().code_hash,
+        "dirty": provenance().dirty,
     }
 
 
-def one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Table:
-    """Return a catalogue row as the file of a record has it.
-
-    Raises:
-        InputError: If a value is of another type than its column.
-    """
-    schema = KINDS[kind].fields
+def _one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Table:
+    """Return a catalogue row as the file of a record has it."""
     try:
-        table = pa.Table.from_pylist([dict(row)], schema=schema)
+        table = pa.Table.from_pylist([dict(row)], schema=KINDS[kind].fields)
     except (pa.ArrowException, TypeError) as error:
         raise InputError(
             f"A record of {kind} does not fit its view: {error}"

@@ -1,15 +1,18 @@
-"""Ids that say what a record is: hashes of its content, and nothing a path minds."""
+"""Ids that say what a record is, hashes of its content, and where it lies by its id."""
 
 import hashlib
 import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from residual.errors import InputError
+from residual.names import check_name
+from warehouse.schema import KINDS
 
 Array = np.ndarray
 
@@ -136,3 +139,16 @@ def check_slug(text: str) -> str:
             f"'{text}' is not a robot's name: expected 1 to 40 of a-z, 0-9, _ and -."
         )
     return text
+
+
+def record_folder(store: Path, kind: str, id: str, robot: str = "") -> Path:
+    """Return the folder of a record; a run's is below its robot's.
+
+    Raises:
+        InputError: If the id or the name of the robot is not safe in a path.
+    """
+    known = KINDS[check_name(kind, KINDS, "kind of record")]
+    base = store / known.folder
+    if kind == "runs":
+        base = base / f"robot={check_slug(robot)}"
+    return base / f"{known.key}={check_id(id)}"

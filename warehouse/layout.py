@@ -1,15 +1,16 @@
 """Where things are in a store, and how an id is found there without any index."""
 
+import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from residual.errors import InputError
-from residual.names import check_name
-from warehouse.ids import ID_DIGITS, check_id, check_slug
-from warehouse.kinds import KINDS
+from warehouse.files import read_cell
+from warehouse.ids import ID_DIGITS, check_id
 from warehouse.objects.listing import listed_ids
 from warehouse.objects.mirror import SUMS, bucket_of, is_there, shown
+from warehouse.schema import KINDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,19 +31,6 @@ class Found:
     def row(self) -> Path:
         """The file with its catalogue row."""
         return self.folder / KINDS[self.kind].row
-
-
-def record_folder(store: Path, kind: str, id: str, robot: str = "") -> Path:
-    """Return the folder of a record; a run's is below its robot's.
-
-    Raises:
-        InputError: If the id or the name of the robot is not safe in a path.
-    """
-    known = KINDS[check_name(kind, KINDS, "kind of record")]
-    base = store / known.folder
-    if kind == "runs":
-        base = base / f"robot={check_slug(robot)}"
-    return base / f"{known.key}={check_id(id)}"
 
 
 def list_folders(store: Path, kind: str) -> dict[str, str]:
@@ -95,6 +83,18 @@ def find_run(store: Path, id: str) -> Found:
     if found.kind != "runs":
         raise InputError(f"{found.id} is in {found.kind}, expected the id of a run.")
     return found
+
+
+def read_record(store: Path, id: str) -> dict:
+    """Return what a record was committed with; of a run, its manifest.
+
+    Args:
+        id: Id of a record of any kind, or its beginning.
+    """
+    found = find(store, id)
+    return json.loads(
+        read_cell(found.row, "manifest" if found.kind == "runs" else "record")
+    )
 
 
 def _copied(store: Path, id: str) -> list[Found]:

@@ -1,108 +1,34 @@
-"""Runs back out of the store: their samples, their manifest, their tombstones.
-
-Keys that a caller gives: ``spec`` (the open half: robot, trajectory, declared effects,
-rates, reference seed), ``source``, ``kind``, ``trajectory``, ``seed``, ``robot_hash``,
-``seed_streams``, ``timings``, ``parents``; of a measured run ``serial``,
-``recorded_at`` (of its first sample, ISO 8601, UTC) and ``tags`` (texts), where they
-are known; others are kept as they are. The commit adds
-``sealed_sha256``, ``provenance``, ``data_hash``, ``truth_hash`` and ``units``.
-"""
+"""Runs back out of the store: their samples, their manifest, seals and tombstones."""
 
 import json
-from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 from residual.errors import InputError
 from residual.recording import Recording
-from warehouse.files import read_parquet, replace_file, to_arrays
+from warehouse.commit import SPEC, TRUTH, Sealed, sealed_hash
+from warehouse.files import (
+    check_file,
+    read_cell,
+    read_parquet,
+    replace_file,
+    to_arrays,
+)
 from warehouse.ids import ID_DIGITS, check_id, data_hash
-from warehouse.kinds import KINDS, QUARANTINE, SAMPLES_FILE
 from warehouse.layout import find_run
-from warehouse.objects.mirror import at_hand, names_in
+from warehouse.objects.mirror import at_hand, is_there, names_in, shown
+from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE, SEALED
 
-Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
+_OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
 
 
 def read_manifest(store: Path, run_id: str) -> dict:
-    """Return the manifest of a run.
-
-    Raises:
-        InputError: If there is no such run, or it is damaged.
-    """
+    """Return the manifest of a run (`commit.commit_run` says what is in it)."""
     return _manifest(find_run(store, run_id).folder)
 
 
 def _manifest(folder: Path) -> dict:
-    row = read_parquet(folder / KINDS["runs"].row, ["manifest"])
-    return json.loads(row.column("manifest")[0].as_py())
-
-
-def lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
-    """Return parents as rows of the view ``lineage``, without the child.
-
-    Args:
-        parents: Ids, pairs of id and role, or lists of ids by role.
-
-    Raises:
-        InputError: If an id is none.
-    """
-    if isinstance(parents, Mapping):
-        pairs = [(id, name) for name, ids in parents.items() for id in ids]
-    else:
-        pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
-    rows = [{"parent": check_id(id), "role": str(name)} for id, name in pairs]
-    if len({tuple(row.values()) for row in rows}) < len(rows):
-        raise InputError("A parent is given twice in one role, expected it once.")
-    return rows
-
-
-def about_run(manifest: Mapping) -> dict:
-    """Return the columns of ``runs`` that the manifest decides."""
-    spec = manifest.get("spec") or {}
-    motion = spec.get("trajectory") or {}
-    motion = motion.get("kind") if isinstance(motion, Mapping) else motion
-    simulated = "spec" in manifest
-    recorded = manifest.get("recorded_at")
-    return {
-        "serial": manifest.get("serial"),
-        "recorded_at": recorded and parse_moment(recorded),
-        "tags": list(manifest.get("tags") or ()),
-        "source": manifest.get("source", "simulated" if simulated else "imported"),
-        "kind": manifest.get("kind", "experiment" if simulated else "log"),
-        "trajectory": manifest.get("trajectory", motion),
-        "seed": manifest.get("seed", spec.get("seed")),
-        **about_origin(manifest),
-    }
-
-
-def about_origin(manifest: Mapping) -> dict:
-    """Return the columns of ``runs`` that say what code made it, where, for what."""
-    made = manifest.get("provenance") or {}
-    return {
-        "commit": made.get("commit"),
-        "version": (made.get("versions") or {}).get("modelgap"),
-        "machine": made.get("machine"),
-        "campaign": manifest.get("campaign"),
-    }
-
-
-def parse_moment(text: str) -> datetime:
-    """Return the moment of a record, UTC without saying so, as columns hold it.
-
-    Raises:
-        InputError: If it is none.
-    """
-    try:
-        moment = datetime.fromisoformat(text)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"'{text}' is no moment in ISO 8601, such as 2026-11-22T10:30:00Z."
-        ) from error
-    return moment.astimezone(UTC).replace(tzinfo=None)
-
-
-_OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
+    return json.loads(read_cell(folder / KINDS["runs"].row, "manifest"))
 
 
 def read_run(store: Path, run_id: str) -> Recording:
@@ -112,18 +38,14 @@ def read_run(store: Path, run_id: str) -> Recording:
         InputError: If there is no such run, or its samples are damaged.
     """
     run = find_run(store, run_id)
-    channels = read_channels(store, run.id)
+    channels = check_samples(run.folder)
     robot = run.folder.parent.name.removeprefix("robot=")
     logged = {name: channels[name] for name in _OF_RECORDING if name in channels}
     return Recording(id=run.id, robot=robot, **logged)
 
 
 def read_channels(store: Path, run_id: str) -> dict:
-    """Return all channels of a run by name, the errors of the twin among them.
-
-    Raises:
-        InputError: If there is no such run, or its samples are damaged.
-    """
+    """Return all channels of a run by name, the errors of the twin among them."""
     return check_samples(find_run(store, run_id).folder)
 
 
@@ -143,6 +65,43 @@ def check_samples(folder: Path) -> dict:
     return arrays
 
 
+def has_seal(store: Path, run_id: str) -> bool:
+    """Return whether the hidden half of a run is in the store."""
+    return is_there(_seal(store, run_id))
+
+
+def open_seal(store: Path, run_id: str) -> Sealed:
+    """Open the hidden half of a run: for reruns and for judging verdicts, only.
+
+    Raises:
+        InputError: If the run has no seal, or the seal is not the one that was hashed.
+    """
+    run = find_run(store, run_id)
+    folder = _seal(store, run.id)
+    check_file(folder / SPEC)
+    try:
+        spec = json.loads((folder / SPEC).read_bytes())
+    except FileNotFoundError as error:
+        raise InputError(
+            f"Run {run.id} has no sealed half in {shown(store)}."
+        ) from error
+    except ValueError as error:
+        raise InputError(f"{folder / SPEC} is damaged: it is no JSON.") from error
+    manifest = _manifest(run.folder)
+    truth = to_arrays(read_parquet(folder / TRUTH))
+    hashed = manifest["sealed_sha256"], manifest["truth_hash"]
+    if (sealed_hash(spec), data_hash(truth)) != hashed:
+        raise InputError(
+            f"The seal of run {run.id} is broken: {folder} is not the seal that was "
+            "hashed when the run was made."
+        )
+    return Sealed(spec, truth)
+
+
+def _seal(store: Path, run_id: str) -> Path:
+    return store / SEALED / f"run_id={check_id(run_id)}"
+
+
 def quarantine(store: Path, run_id: str, reason: str) -> Path:
     """Say that a run should not be used; nothing of it is deleted or changed.
 
@@ -155,7 +114,7 @@ def quarantine(store: Path, run_id: str, reason: str) -> Path:
     if not reason.strip():
         raise InputError("A quarantine needs a reason, for those who find it later.")
     id = find_run(store, run_id).id
-    target = store / QUARANTINE / f"run_id={id}.json"
+    target = _tombstone(store, id)
     at_hand(target)
     if not target.exists():
         told = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
@@ -173,7 +132,7 @@ def quarantined(store: Path) -> frozenset[str]:
 
 def tombstone(store: Path, run_id: str) -> str | None:
     """Return why a run should not be used, None where it may be."""
-    path = store / QUARANTINE / f"run_id={check_id(run_id)}.json"
+    path = _tombstone(store, run_id)
     at_hand(path)
     try:
         return str(json.loads(path.read_bytes()).get("reason"))
@@ -181,3 +140,7 @@ def tombstone(store: Path, run_id: str) -> str | None:
         return None
     except (ValueError, AttributeError):
         return "its tombstone cannot be read"
+
+
+def _tombstone(store: Path, run_id: str) -> Path:
+    return store / QUARANTINE / f"run_id={check_id(run_id)}.json"

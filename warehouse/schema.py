@@ -1,6 +1,6 @@
 """Every column that SQL shows, with type, unit and meaning: said here and only here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import pyarrow as pa
 
@@ -326,3 +326,79 @@ def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
 def nested(view: str) -> pa.DataType:
     """Return the type of a record's own rows of a view: without its own id."""
     return pa.list_(pa.struct([column.field for column in VIEWS[view][1:]]))
+
+
+STAGING, INDEX, SEALED, QUARANTINE = "_staging", "_index", "sealed", "quarantine"
+SAMPLES_FILE = "part-0.parquet"
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of record.
+
+    Attributes:
+        name: Its name, which is that of its view.
+        folder: Folder in the store.
+        key: Column with its id.
+        row: File with its one catalogue row.
+        lists: Views whose rows lie nested in that row.
+        fields: The catalogue row: columns of the view, then the nested ones.
+    """
+
+    name: str
+    folder: str
+    key: str
+    row: str
+    lists: tuple[str, ...] = ("errors", "lineage")
+    fields: pa.Schema = field(init=False, compare=False)
+
+    def __post_init__(self) -> None:
+        own = [c.field for c in VIEWS[self.name] if c.name != "quarantined"]
+        if self.name == "runs":
+            own.append(pa.field("signals", pa.list_(TEXT)))
+        rows = (pa.field(view, nested(view)) for view in self.lists)
+        object.__setattr__(self, "fields", pa.schema([*own, *rows]))
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("runs", "samples", "run_id", "_run.parquet"),
+        Kind(
+            "models",
+            "models",
+            "model_id",
+            "_model.parquet",
+            ("parameters", "errors", "lineage"),
+        ),
+        Kind(
+            "diagnoses",
+            "diagnoses",
+            "diagnosis_id",
+            "_diagnosis.parquet",
+            ("effects", "errors", "lineage"),
+        ),
+        Kind(
+            "validations",
+            "validations",
+            "validation_id",
+            "_validation.parquet",
+            ("errors", "alarms", "lineage", "blind"),
+        ),
+        Kind("reports", "reports", "report_id", "_report.parquet"),
+        # Its id is its number: nobody else can have taken that.
+        Kind(
+            "adoptions", "adoptions", "adoption_id", "_adoption.parquet", ("lineage",)
+        ),
+        # Its id is made of its loop and its number, for the same reason.
+        Kind(
+            "decisions", "decisions", "decision_id", "_decision.parquet", ("lineage",)
+        ),
+    )
+}
+
+# All that a store has, by the names of its folders; nobody else writes there.
+FOLDERS = frozenset(
+    {STAGING, INDEX, SEALED, QUARANTINE, "made_with", "robots", "_prefect", "_watch"}
+    | {kind.folder for kind in KINDS.values()}
+)

@@ -1,22 +1,48 @@
-"""Whether a record is what its id says: the hash of its content, taken once more."""
+"""Whether records are what their ids say, one by one or a whole store, byte for byte.
+
+A record is as it was committed where the hash of its content, taken once more, is its
+id. A whole store is verified over a backend: the folder as it is, or the bucket, from
+which each thing is fetched anew into a folder of its own, and never from its mirror.
+"""
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from itertools import chain, combinations
 from pathlib import Path
 
 import pyarrow as pa
 
-from residual.errors import InputError
+from residual.errors import InputError, ModelgapError
+from residual.robot.robot import load_robot
 from warehouse import ids
-from warehouse.files import read_parquet, table_hash, to_arrays
-from warehouse.kinds import KINDS, SAMPLES_FILE
-from warehouse.layout import Found
-from warehouse.objects.mirror import brought
-from warehouse.schema import SIGNALS, VIEWS, arrow_schema
-from warehouse.sums import SUMS, file_faults
+from warehouse.files import file_faults, read_parquet, staged, table_hash, to_arrays
+from warehouse.layout import Found, list_folders
+from warehouse.objects.listing import all_records, read_listing
+from warehouse.objects.mirror import (
+    SUMS,
+    brought,
+    bucket_of,
+    names_in,
+    object_key,
+    sums_in,
+)
+from warehouse.provenance import MADE_WITH, check_kept
+from warehouse.robots import ROBOTS
+from warehouse.runs import open_seal
+from warehouse.schema import (
+    KINDS,
+    QUARANTINE,
+    SAMPLES_FILE,
+    SEALED,
+    SIGNALS,
+    VIEWS,
+    arrow_schema,
+)
 
+_OPEN_TO_OTHERS = 0o077
 _OTHER_FORM = (
     KeyError,
     TypeError,
@@ -130,27 +156,22 @@ def _faults_of_record(found: Found, row: Mapping) -> Iterator[str]:
     yield f"{found.folder.name}: its content is not the one that its id is the hash of"
 
 
-def _faults_of_adoption(found: Found, row: Mapping) -> Iterator[str]:
+def _faults_of_numbered(found: Found, row: Mapping) -> Iterator[str]:
     record = json.loads(row["record"])
-    for key in ("robot", "serial", "model_id", "parent"):
+    for key in _SAME[found.kind]:
         if record[key] != row[key]:
             yield f"{found.row.name} has another {key} than its record"
-
-
-def _faults_of_decision(found: Found, row: Mapping) -> Iterator[str]:
-    record = json.loads(row["record"])
-    for key in ("loop", "number", "action", "reason", "made"):
-        if record[key] != row[key]:
-            yield f"{found.row.name} has another {key} than its record"
-    if ids.decision_id(record["loop"], record["number"]) != found.id:
+    own = found.kind != "decisions" or ids.decision_id(record["loop"], record["number"])
+    if own not in (True, found.id):
         yield f"{found.folder.name}: its id is not that of its loop and number"
 
 
-_CHECKS = {
-    "runs": _faults_of_run,
-    "adoptions": _faults_of_adoption,
-    "decisions": _faults_of_decision,
+# Columns of the records with a number for an id, which must be those of the record.
+_SAME = {
+    "adoptions": ("robot", "serial", "model_id", "parent"),
+    "decisions": ("loop", "number", "action", "reason", "made"),
 }
+_CHECKS = {"runs": _faults_of_run, **dict.fromkeys(_SAME, _faults_of_numbered)}
 
 
 def _subsets(items: Mapping[str, str]) -> Iterator[dict[str, str]]:
@@ -163,3 +184,165 @@ def _sum(path: Path) -> str:
     if path.suffix == ".parquet":
         return table_hash(read_parquet(path))
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """One thing in a store.
+
+    Attributes:
+        kind: Kind of record, or the folder of the store that it is in.
+        id: Its id, or the name of its file.
+        faults: What is not as it was committed, a line each.
+        summed: Whether every byte of it was held against a sum; otherwise its values
+            were held against the hash in its record, which an earlier version wrote.
+    """
+
+    kind: str
+    id: str
+    faults: tuple[str, ...]
+    summed: bool = True
+
+
+class _Folder:
+    """The parts of a store by their names in it, where they lie."""
+
+    def __init__(self, store: Path) -> None:
+        self._store = store
+
+    def records(self) -> dict[str, dict[str, str]]:
+        """Return the folder of every record by kind and id."""
+        return {kind: list_folders(self._store, kind) for kind in KINDS}
+
+    def names(self, folder: str) -> list[str]:
+        return names_in(self._store, folder)
+
+    def content(self, name: str) -> bytes:
+        return (self._store / name).read_bytes()
+
+    @contextmanager
+    def fetched(self, folder: str, run: str | None = None) -> Iterator[Path]:
+        """Give a store in which a folder is, and the row of a run."""
+        yield self._store
+
+    def misplaced(self, records: Mapping) -> Iterator[Verified]:
+        """Give what a catalogue that others rely on says otherwise than the records."""
+        yield from ()
+
+
+class _Bucket(_Folder):
+    def records(self) -> dict[str, dict[str, str]]:
+        return all_records(self._store)
+
+    def content(self, name: str) -> bytes:
+        return bucket_of(self._store).get(name) or b""
+
+    @contextmanager
+    def fetched(self, folder: str, run: str | None = None) -> Iterator[Path]:
+        with staged(self._store, "verify") as scratch:
+            self._fetch(scratch, folder)
+            if run:
+                self._fetch(scratch, run, only=KINDS["runs"].row)
+            yield scratch
+
+    def misplaced(self, records: Mapping) -> Iterator[Verified]:
+        for kind, found in read_listing(self._store).places.items():
+            # One that was committed since the records were listed.
+            more = set(found) - set(records[kind])
+            gone = [id for id in more if not self.content(f"{found[id]}/{SUMS}")]
+            for id in sorted(gone):
+                yield Verified(kind, id, ("it is listed and not in the bucket",))
+            for id in sorted(set(records[kind]) - set(found)):
+                why = "it is in no catalogue: modelgap compact makes that again"
+                yield Verified(kind, id, (why,))
+
+    def _fetch(self, scratch: Path, folder: str, only: str | None = None) -> None:
+        """Write the files of a record as the bucket has them, whatever is in them."""
+        bucket, place = bucket_of(self._store), scratch / folder
+        place.mkdir(parents=True)
+        sums = bucket.get(f"{folder}/{SUMS}")
+        if sums is None:
+            return
+        (place / SUMS).write_bytes(sums)
+        # Of a damaged list nothing is fetched: who reads it says so.
+        with suppress(InputError, KeyError, TypeError, AttributeError):
+            for name, known in sums_in(place).items():
+                key = object_key(folder, name, known["sha256"])
+                data = bucket.get(key) if only in (None, name) else None
+                if data is not None:
+                    (place / Path(name).name).write_bytes(data)
+
+
+def verify_all(store: Path) -> Iterator[Verified]:
+    """Verify every record, seal, robot, patch and tombstone of a store, one by one."""
+    place = _Bucket(store) if bucket_of(store) else _Folder(store)
+    records, whole = place.records(), {}
+    for kind, found in records.items():
+        for id, folder in found.items():
+            with place.fetched(folder) as root:
+                wrong = faults(Found(kind, id, root / folder))
+                yield Verified(kind, id, wrong, _has_sums(root / folder))
+            if kind == "runs" and not wrong:
+                whole[id] = folder
+    yield from _verify_other(place, whole)
+    yield from place.misplaced(records)
+
+
+def _verify_other(place: _Folder, runs: Mapping[str, str]) -> Iterator[Verified]:
+    """Verify what is no record of its own; `runs` are those that are whole."""
+    for name in place.names(SEALED):
+        id, folder = name.removeprefix("run_id="), f"{SEALED}/{name}"
+        with place.fetched(folder, runs.get(id)) as root:
+            # Of a run that is damaged or gone only the bytes of its seal are verified.
+            opened = _complaint(open_seal, root, id) if id in runs else ()
+            wrong = file_faults(root / folder) or opened
+            yield Verified(SEALED, id, wrong, _has_sums(root / folder))
+    for name in place.names(ROBOTS):
+        folder = f"{ROBOTS}/{name}"
+        with place.fetched(folder) as root:
+            robot = root / folder
+            wrong = file_faults(robot) or _complaint(check_robot, robot)
+            yield Verified(ROBOTS, name, wrong, _has_sums(robot))
+    for top, check in ((MADE_WITH, check_kept), (QUARANTINE, _check_tombstone)):
+        for name in place.names(top):
+            yield Verified(
+                top, name, _complaint(_check_content, place, top, name, check)
+            )
+
+
+def open_to_others(store: Path) -> bool:
+    """Return whether other users of this machine may look into a store."""
+    return bool(store.stat().st_mode & _OPEN_TO_OTHERS)
+
+
+def check_robot(folder: Path) -> None:
+    """Check that a kept robot is the one that its folder names.
+
+    Raises:
+        ValueError: If it is another.
+    """
+    if load_robot(folder).content_hash != folder.name.removeprefix("sha256="):
+        raise ValueError(f"{folder.name} describes another robot than its name says")
+
+
+def _check_content(place: _Folder, top: str, name: str, check: Callable) -> None:
+    check(name, place.content(f"{top}/{name}"))
+
+
+def _check_tombstone(name: str, content: bytes) -> None:
+    """Check that a tombstone is about the run that its name says."""
+    if f"run_id={json.loads(content)['run_id']}.json" != name:
+        raise ValueError(f"{name} is about another run than its name says")
+
+
+def _complaint(check: Callable, *about: object) -> tuple[str, ...]:
+    """Return what a check says against something, whatever is wrong with it."""
+    try:
+        check(*about)
+    except (ModelgapError, OSError, ValueError, KeyError, RecursionError) as error:
+        return (" ".join(str(error).split()),)
+    return ()
+
+
+def _has_sums(folder: Path) -> bool:
+    return (folder / SUMS).is_file()

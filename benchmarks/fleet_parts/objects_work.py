@@ -14,15 +14,14 @@ from time import perf_counter
 
 import warehouse
 from benchmarks.store_parts.made import small, synthetic
-from warehouse.commit import commit_run
+from warehouse import catalogue
+from warehouse.commit import Sealed, commit_run
 from warehouse.files import to_table, write_parquet
 from warehouse.layout import list_folders
 from warehouse.objects.bucket import Bucket
 from warehouse.objects.mirror import CACHE, bucket_of, forget, mirror_of
-from warehouse.query import catalogue
 from warehouse.runs import read_run
-from warehouse.seal import Sealed
-from warehouse.verify_all import verify_all
+from warehouse.verify import verify_all
 
 _ROWS = 5_000  # 20 s at 250 Hz, 43 columns
 _FILLERS = 4

@@ -12,8 +12,7 @@ import pyarrow.parquet as pq
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.hardening_parts.made import answers, damaged, filled, records, run
 from benchmarks.store_parts.made import folder
-from warehouse.exchange.bundle import write_bundle
-from warehouse.exchange.unbundle import read_bundle
+from warehouse.bundle import read_bundle, write_bundle
 from warehouse.query.store import open_store
 
 FULL = 10

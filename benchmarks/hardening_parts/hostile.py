@@ -17,7 +17,7 @@ from benchmarks.hardening_parts.values import (
 from residual.robot.robot import load_robot
 from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
-from warehouse.exchange.bundle import write_bundle
+from warehouse.bundle import write_bundle
 
 SEEDS = 12  # random edits of each file
 

@@ -14,10 +14,9 @@ from benchmarks.hardening_parts.reruns import old_runs, rerun_old
 from benchmarks.store_parts.kills import kill_figures as campaign_figures
 from benchmarks.store_parts.made import DOF, folder, small
 from residual.recording import Recording
+from warehouse.bundle import read_bundle, write_bundle
 from warehouse.commit import commit_run
-from warehouse.exchange.bundle import write_bundle
-from warehouse.exchange.unbundle import read_bundle
-from warehouse.origin.provenance import provenance
+from warehouse.provenance import provenance
 from warehouse.query.store import open_store
 
 FULL = 200

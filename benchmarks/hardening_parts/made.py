@@ -7,11 +7,9 @@ import pyarrow as pa
 
 import warehouse
 from benchmarks.store_parts.made import small
-from warehouse.commit import commit_record, commit_run
-from warehouse.kinds import KINDS, SEALED
-from warehouse.schema import all_views
-from warehouse.seal import Sealed
-from warehouse.verify_all import verify_all
+from warehouse.commit import Sealed, commit_record, commit_run
+from warehouse.schema import KINDS, SEALED, all_views
+from warehouse.verify import verify_all
 
 
 def run(store: Path, seed: int) -> str:

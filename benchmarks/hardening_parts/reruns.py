@@ -14,7 +14,7 @@ from flows.steps import experiment
 from flows.steps.rerun.rerun import rerun
 from residual.recording import Recording
 from warehouse import commit
-from warehouse.origin.provenance import provenance
+from warehouse.provenance import provenance
 
 _OTHER = "f" * 64  # hash of the code of that version
 _RUNS, _ROWS = 6, 400

@@ -50,7 +50,7 @@ class Sleepers:
         """Yield jobs as they are done (`flows.workers.pool.Pool.run`)."""
         from flows.steps.experiment import run_id_of
         from flows.workers.pool import Done
-        from warehouse.layout import record_folder
+        from warehouse.ids import record_folder
 
         for done in self._pool.run(sleep, [_NAP] * len(jobs)):
             spec, store = jobs[done.index]

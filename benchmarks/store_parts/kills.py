@@ -22,9 +22,8 @@ from flows.steps.campaign import run_all
 from flows.workers.pool import Here
 from residual.recording import Recording
 from warehouse.layout import list_folders
-from warehouse.origin.provenance import provenance
-from warehouse.runs import read_run
-from warehouse.seal import open_seal
+from warehouse.provenance import provenance
+from warehouse.runs import open_seal, read_run
 
 RUNS, ROWS, FULL = 12, 400, 200
 # So many kills meet one store, so that every stage of a campaign is met.

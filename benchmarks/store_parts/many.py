@@ -10,8 +10,8 @@ import numpy as np
 import warehouse
 from benchmarks.figures import Figures, figure, partial
 from benchmarks.store_parts.made import folder, small
+from warehouse.catalogue import flush
 from warehouse.commit import commit_run
-from warehouse.query.catalogue import flush
 from warehouse.query.store import Store
 from warehouse.runs import read_run
 

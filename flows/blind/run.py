@@ -20,7 +20,8 @@ from flows.workers.pool import Here, Pool
 from residual.diagnosis.result import Detectable
 from residual.errors import InputError, ModelgapError
 from sim.records import CLEAN, BackgroundWord
-from warehouse.commit import commit_record, read_record
+from warehouse.commit import commit_record
+from warehouse.layout import read_record
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,8 @@ from residual.quantity import plain
 from residual.threads import one_blas_thread
 from sim.records import PlantEffect, stream
 from warehouse import seal
-from warehouse.commit import commit_record, read_record
+from warehouse.commit import commit_record
+from warehouse.layout import read_record
 from warehouse.query.store import open_store
 from warehouse.runs import read_run
 from warehouse.schema import VIEWS, arrow_schema

@@ -14,7 +14,7 @@ from cyclopts import App, Group
 
 from residual.lazy import Lazy
 
-origin = Lazy("warehouse.origin.version")
+origin = Lazy("warehouse.provenance")
 
 _HELP = """Find what a robot's dynamic model is missing.
 

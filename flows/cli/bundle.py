@@ -5,8 +5,7 @@ from pathlib import Path
 from flows.cli.options import Flag
 from flows.outputs import check_outside
 from flows.settings import store_folder
-from warehouse.exchange.bundle import write_bundle
-from warehouse.exchange.unbundle import read_bundle
+from warehouse.bundle import read_bundle, write_bundle
 from warehouse.objects.mirror import shown
 
 

@@ -7,7 +7,7 @@ from flows.cli.options import Flag
 from flows.report.terminal.diff import as_record, print_diff, print_tree
 from flows.settings import store_folder
 from flows.steps import diff as steps
-from warehouse.origin.lineage import tree
+from warehouse.lineage import tree
 from warehouse.query.store import open_store
 
 Shown = Literal["table", "json"]

@@ -25,10 +25,10 @@ from flows.report.terminal.answers import (
 from flows.settings import store_folder
 from residual.errors import InputError
 from residual.names import check_name
-from warehouse.query.attach import attach as write_views
 from warehouse.query.guard import LONGEST
 from warehouse.query.named import NAMED
 from warehouse.query.store import Store, open_store
+from warehouse.query.views import attach as write_views
 
 with suppress(ImportError):
     import readline  # noqa: F401  gives the prompt its arrow keys

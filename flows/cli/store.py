@@ -14,13 +14,12 @@ from flows.report.terminal.diff import record_lines
 from flows.settings import store_folder
 from flows.steps import verify as steps
 from residual.errors import InputError
-from warehouse.commit import read_record
-from warehouse.layout import find
+from warehouse.catalogue import rebuild
+from warehouse.layout import find, read_record
+from warehouse.lineage import move_away, old_runs
 from warehouse.objects.mirror import bucket_of
-from warehouse.query.bucket_catalogue import rebuild
 from warehouse.query.store import Store, open_store
 from warehouse.query.views import text as quoted
-from warehouse.retention import move_away, old_runs
 from warehouse.runs import read_manifest, tombstone
 
 Format = Literal["table", "csv", "json", "parquet"]

@@ -14,8 +14,14 @@ import numpy as np
 
 from residual.check.result import Repair
 from residual.robot.robot import Robot
-from warehouse.logs.columns import LOGGED_UNITS, TIME_UNITS, UNITS, ColumnMap, SignalMap
-from warehouse.logs.select import default_signal
+from warehouse.logs.columns import (
+    LOGGED_UNITS,
+    TIME_UNITS,
+    UNITS,
+    ColumnMap,
+    SignalMap,
+    default_signal,
+)
 
 _EARTH = 9.81  # m/s^2
 _SAME = 1e-6  # relative: a factor so near to a unit is that unit

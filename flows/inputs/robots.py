@@ -13,7 +13,7 @@ from residual.lazy import Lazy
 from residual.names import check_name
 from residual.robot.robot import Robot, load_robot, with_serial
 
-origin = Lazy("warehouse.origin.robots")
+origin = Lazy("warehouse.robots")
 stored = Lazy("warehouse.runs")
 
 _INSTEAD: ContextVar[Mapping[str, str]] = ContextVar("instead", default={})  # noqa: B039

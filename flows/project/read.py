@@ -18,7 +18,7 @@ from residual.errors import InputError
 from residual.robot.robot import Robot, built_in_robots, with_serial
 from residual.robot.toml import SERIAL, SLUG
 from warehouse.logs import ColumnMap, load_columns
-from warehouse.objects.address import is_address
+from warehouse.objects.bucket import is_address
 from warehouse.toml import faults, read_toml
 
 _TABLE = ConfigDict(extra="forbid")

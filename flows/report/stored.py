@@ -15,7 +15,7 @@ from flows.storage.diagnosis import read_outcome, store_report
 from residual.diagnosis.result import Edit
 from residual.diagnosis.verdict import to_json
 from sim.engine.render import gif_of
-from warehouse.commit import read_record
+from warehouse.layout import read_record
 from warehouse.runs import read_run
 
 CLIP = 6.0  # s of motion in the picture

@@ -12,7 +12,7 @@ from flows.outputs import say
 from flows.report.made import made_of
 from flows.report.page.study import headline, lines, render
 from warehouse.commit import commit_record
-from warehouse.layout import record_folder
+from warehouse.ids import record_folder
 
 
 def store_page(asked: Asked, study: Study, store: Path) -> Path:

@@ -19,13 +19,11 @@ from sim.experiment import run_experiment
 from sim.records import NAMES, Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse import ids
-from warehouse.commit import commit_run
-from warehouse.ids import plain
-from warehouse.layout import record_folder
+from warehouse.commit import Sealed, commit_run, sealed_hash
+from warehouse.ids import plain, record_folder
 from warehouse.objects.mirror import is_there
-from warehouse.origin.provenance import plant_code_hash
-from warehouse.origin.robots import keep_robot
-from warehouse.seal import Sealed, sealed_hash
+from warehouse.provenance import plant_code_hash
+from warehouse.robots import keep_robot
 
 _LATER = ("background", "worked_before")
 

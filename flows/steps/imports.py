@@ -18,11 +18,11 @@ from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_serial
 from warehouse.commit import commit_run, imported_run_id
-from warehouse.layout import record_folder
+from warehouse.ids import record_folder
 from warehouse.logs import ColumnMap, Understood, load_columns, read_any, unique_ids
-from warehouse.logs.moment import iso, parse
+from warehouse.logs.file import iso, parse
 from warehouse.objects.mirror import is_there
-from warehouse.origin.robots import keep_robot
+from warehouse.robots import keep_robot
 from warehouse.runs import read_manifest
 
 LONGEST = 60

@@ -14,8 +14,8 @@ from residual.errors import InputError
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, to_record
 from residual.recording import Array, Recording
 from residual.threads import one_blas_thread
-from warehouse.commit import commit_record, read_record
-from warehouse.layout import find_run
+from warehouse.commit import commit_record
+from warehouse.layout import find_run, read_record
 from warehouse.query.store import open_store
 from warehouse.runs import read_run, tombstone
 

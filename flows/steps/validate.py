@@ -31,11 +31,10 @@ from sim.plant.stepping import DivergedError, simulate
 from sim.records import PlantSpec, Reference, TrajectorySpec, motion_label
 from sim.trajectories import make_reference
 from sim.twin import open_loop, track, twin_of
-from warehouse.commit import commit_record
-from warehouse.origin.provenance import plant_code_hash
-from warehouse.runs import about_run, read_manifest, read_run
+from warehouse.commit import about_run, commit_record
+from warehouse.provenance import plant_code_hash
+from warehouse.runs import has_seal, open_seal, read_manifest, read_run
 from warehouse.schema import VIEWS, arrow_schema
-from warehouse.seal import has_seal, open_seal
 
 Array = np.ndarray
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from flows.errors import RunError
 from residual.errors import InputError
 from warehouse.objects.mirror import bucket_of, shown
-from warehouse.verify_all import open_to_others, verify_all
+from warehouse.verify import open_to_others, verify_all
 
 
 def verify(place: Path) -> Iterator[str]:

@@ -8,8 +8,7 @@ from residual.errors import InputError
 from residual.export.exported import Whole
 from residual.model.record import from_record, load_model
 from residual.names import check_name
-from warehouse.commit import read_record
-from warehouse.layout import find
+from warehouse.layout import find, read_record
 
 USUAL = "augmented"
 # Keys of the record of a model, as identify and calibrate write them.

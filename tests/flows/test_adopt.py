@@ -16,9 +16,8 @@ from flows.storage.diagnosis import read_known, read_models, read_verdict
 from residual.diagnosis.validation.worth import worth
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, diagnosed, night
-from warehouse.adoptions import adopted
-from warehouse.commit import read_record
-from warehouse.layout import find
+from warehouse.layout import find, read_record
+from warehouse.numbered import adopted
 from warehouse.query.store import open_store
 from warehouse.runs import read_run
 

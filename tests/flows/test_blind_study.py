@@ -14,7 +14,7 @@ from flows.workers.pool import Here
 from tests.flows.blind_rows import row
 from tests.verdict_documents import whole
 from warehouse import seal
-from warehouse.commit import read_record
+from warehouse.layout import read_record
 from warehouse.query.store import open_store
 
 # Short motions that need no optimisation, so that all of it takes some seconds.

@@ -14,7 +14,7 @@ from residual.model.record import load_model
 from residual.names import DEEPEST, check_nesting
 from residual.robot.toml import parse_toml
 from tests.warehouse import store_samples as made
-from warehouse.exchange.bundle import write_bundle
+from warehouse.bundle import write_bundle
 from warehouse.layout import find_run, list_folders
 from warehouse.query.guard import LONGEST
 from warehouse.toml import LARGEST, read_toml

@@ -17,9 +17,8 @@ from residual.robot.robot import load_robot
 from sim.records import Hidden, PlantRun
 from tests.residual.arms import short_case, urdf_text
 from tests.verdict_documents import typed
-from warehouse.commit import read_record
-from warehouse.runs import read_channels, read_manifest, read_run
-from warehouse.seal import open_seal
+from warehouse.layout import read_record
+from warehouse.runs import open_seal, read_channels, read_manifest, read_run
 
 EFFECT = {"name": "spring", "joints": [2], "stiffness": 4.0}
 SPEC = """
@@ -144,8 +143,7 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
 
 @pytest.mark.slow
 def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
-    from warehouse.commit import commit_run
-    from warehouse.seal import Sealed
+    from warehouse.commit import Sealed, commit_run
 
     (tmp_path / "arm").mkdir()
     (tmp_path / "arm" / "arm.urdf").write_text(urdf_text())

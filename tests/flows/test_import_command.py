@@ -16,8 +16,8 @@ from residual.robot.robot import with_serial
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from tests.warehouse import log_files as files
-from warehouse.commit import read_record
-from warehouse.origin.robots import keep_robot, robot_of_hash
+from warehouse.layout import read_record
+from warehouse.robots import keep_robot, robot_of_hash
 from warehouse.runs import read_run
 
 JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]

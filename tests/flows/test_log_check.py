@@ -18,7 +18,7 @@ from residual.errors import InputError
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from tests.verdict_documents import typed
-from warehouse.commit import read_record
+from warehouse.layout import read_record
 
 NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 LINE = 'tau = {columns = ["tau1", "tau2", "tau3"], sign = [1, -1, 1]}'

@@ -21,7 +21,7 @@ from residual.monitoring.monitor import from_record
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from tests.verdict_documents import typed
-from warehouse.commit import read_record
+from warehouse.layout import read_record
 from warehouse.query.store import open_store
 from warehouse.runs import read_run
 

@@ -10,7 +10,7 @@ from flows.steps.loop.choose import in_force
 from flows.steps.loop.judge import judge
 from flows.steps.loop.propose import keep_proposal, known_already, proposal_of
 from tests.flows.adopted_arm import ROBOT, diagnosed, night
-from warehouse.adoptions import adopted
+from warehouse.numbered import adopted
 
 pytestmark = [pytest.mark.prefect, pytest.mark.slow]
 

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -22,17 +22,14 @@ from residual.recording import Recording
 from sim.records import PlantRun
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples
-from warehouse.commit import commit_run, read_record
-from warehouse.exchange.bundle import write_bundle
-from warehouse.exchange.unbundle import read_bundle
-from warehouse.files import write_parquet
-from warehouse.layout import find, list_folders
-from warehouse.origin import provenance
-from warehouse.origin.lineage import RERUN_OF
+from warehouse import provenance
+from warehouse.bundle import read_bundle, write_bundle
+from warehouse.commit import commit_run
+from warehouse.files import write_parquet, write_sums
+from warehouse.layout import find, list_folders, read_record
+from warehouse.lineage import RERUN_OF
 from warehouse.query.store import open_store
-from warehouse.runs import read_manifest
-from warehouse.seal import open_seal
-from warehouse.sums import write_sums
+from warehouse.runs import open_seal, read_manifest
 
 EFFECTS = [
     {"name": "payload", "joints": [6], "mass": 4, "com_x": 1 / 3, "onset": 0.5},
@@ -74,7 +71,7 @@ def other_code(monkeypatch):
     def change():
         known = provenance.provenance()
         told = replace(known, code_hash="f" * 64, program_hash="e" * 64)
-        for place in ("warehouse.origin.provenance", "flows.steps.experiment"):
+        for place in ("warehouse.provenance", "flows.steps.experiment"):
             hash = f"{place}.plant_code_hash"
             monkeypatch.setattr(hash, lambda: told.code_hash)
         for place in ("flows.steps.rerun.rerun", "warehouse.commit"):
@@ -177,7 +174,7 @@ def test_a_value_that_was_tampered_with_is_found(tmp_path, plant):
 
 
 def test_libraries_and_machine_are_causes_by_name(tmp_path):
-    now = provenance.as_record(provenance.provenance())
+    now = asdict(provenance.provenance())
     then = {**now, "environment_hash": "0" * 64}
     then["versions"] = {**now["versions"], "numpy": "1.0"}
     found = cause_of(then, now, "code_hash", (), tmp_path)

@@ -31,7 +31,8 @@ from residual.robot.robot import load_robot
 from sim.plant.controller import maker_of
 from sim.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
 from sim.trajectories import make_reference
-from warehouse.commit import commit_record, read_record
+from warehouse.commit import commit_record
+from warehouse.layout import read_record
 from warehouse.query.store import open_store
 from warehouse.runs import read_manifest
 

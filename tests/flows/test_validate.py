@@ -17,8 +17,9 @@ from residual.recording import Recording
 from residual.robot.robot import load_robot
 from sim.plant.stepping import DivergedError
 from sim.records import Noise, PlantEffect, PlantSpec
-from warehouse.commit import commit_run, read_record
+from warehouse.commit import commit_run
 from warehouse.ids import canonical
+from warehouse.layout import read_record
 from warehouse.query.store import open_store
 from warehouse.runs import read_manifest, read_run
 

@@ -13,7 +13,7 @@ from residual.errors import InputError
 from residual.monitoring.stream.rows import Samples
 from tests.residual.arms import urdf_text
 from tests.residual.monitored import healthy, spoilt
-from warehouse.commit import read_record
+from warehouse.layout import read_record
 from warehouse.query.store import open_store
 from warehouse.runs import read_manifest, read_run
 

@@ -11,7 +11,7 @@ import numpy as np
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from tests.warehouse.conftest import NAMES, URDF
-from warehouse.logs.convert import Understood
+from warehouse.logs.read import Understood
 
 Array = np.ndarray
 

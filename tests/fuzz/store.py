@@ -18,11 +18,10 @@ from residual.errors import InputError
 from tests.checkout import listing
 from tests.fuzz.mutation import Draw, changed, flipped, mutated
 from tests.fuzz.reader import Reader
-from warehouse.exchange.bundle import CONTENTS, write_bundle
-from warehouse.exchange.unbundle import read_bundle
+from warehouse.bundle import CONTENTS, read_bundle, write_bundle
 from warehouse.layout import list_folders
 from warehouse.query.store import Store, open_store
-from warehouse.verify_all import verify_all
+from warehouse.verify import verify_all
 
 _QUERIES = [
     text.encode()

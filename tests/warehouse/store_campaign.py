@@ -1,7 +1,7 @@
 """A campaign to be killed; importing it prepares all that is slow the first time."""
 
 from tests.warehouse import store_samples as made
-from warehouse.origin.provenance import provenance
+from warehouse.provenance import provenance
 
 RUNS = 6
 

@@ -7,7 +7,9 @@ from itertools import pairwise
 import pyarrow as pa
 import pytest
 
-from warehouse.adoptions import (
+from warehouse.commit import commit_record
+from warehouse.layout import Found, list_folders
+from warehouse.numbered import (
     ADOPTED,
     ROLLED_BACK,
     Adoption,
@@ -16,8 +18,6 @@ from warehouse.adoptions import (
     commit_adoption,
     read_adoption,
 )
-from warehouse.commit import commit_record
-from warehouse.layout import Found, list_folders
 from warehouse.query.named import NAMED
 from warehouse.query.store import open_store
 from warehouse.schema import VIEWS, arrow_schema

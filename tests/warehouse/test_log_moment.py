@@ -8,7 +8,7 @@ import pytest
 from residual.errors import InputError
 from tests.warehouse import log_files as files
 from warehouse.logs import read_log
-from warehouse.logs.moment import iso, parse
+from warehouse.logs.file import iso, parse
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 START = 1_763_647_380  # 2025-11-20 14:03:00 UTC

@@ -12,14 +12,11 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse.commit import read_record
-from warehouse.exchange.bundle import CONTENTS, kind_of, write_bundle
-from warehouse.exchange.unbundle import read_bundle
+from warehouse.bundle import CONTENTS, kind_of, read_bundle, write_bundle
 from warehouse.files import read_parquet, write_parquet
-from warehouse.layout import find
+from warehouse.layout import find, read_record
 from warehouse.query.store import open_store
-from warehouse.runs import read_run
-from warehouse.seal import open_seal
+from warehouse.runs import open_seal, read_run
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse.origin import changes, made_with
-from warehouse.origin.made_with import about_changes, check_kept
+from warehouse import provenance
+from warehouse.provenance import about_changes, check_kept
 from warehouse.runs import read_manifest
 
 GIT = ("git", "-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
@@ -22,7 +22,7 @@ def git(root, *words):
 
 
 def captured(root):
-    return changes.uncommitted.__wrapped__(root)  # past the cache
+    return provenance.uncommitted.__wrapped__(root)  # past the cache
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def root(tmp_path):
 
 def test_a_clean_checkout_has_no_changes(root):
     (root / "notes.txt").write_text("not code")
-    assert captured(root) == changes.Changes((), b"", None)
+    assert captured(root) == provenance.Changes((), b"", None)
 
 
 def test_without_a_checkout_the_changes_are_unknown(tmp_path):
@@ -64,7 +64,7 @@ def test_the_patch_puts_every_change_back(root):
 
 
 def test_a_large_change_keeps_only_its_hash(root):
-    (root / "sim/big.py").write_text("# x\n" * changes.LARGEST)
+    (root / "sim/big.py").write_text("# x\n" * provenance.LARGEST)
     found = captured(root)
     told = found.as_record()
     assert (told["kept"], len(told["sha256"])) == (False, 64)
@@ -75,18 +75,18 @@ def test_a_large_change_keeps_only_its_hash(root):
 def test_the_change_is_kept_once_and_named_by_its_runs(tmp_path, monkeypatch):
     patch = b"diff --git a/x b/x\n"
     hash = hashlib.sha256(patch).hexdigest()
-    found = changes.Changes(("x",), patch, hash)
-    monkeypatch.setattr(made_with, "uncommitted", lambda: found)
-    made_with._own.cache_clear()
+    found = provenance.Changes(("x",), patch, hash)
+    monkeypatch.setattr(provenance, "uncommitted", lambda: found)
+    provenance._own.cache_clear()
     for seed in range(3):
         id = made.commit(tmp_path, seed)
-    made_with._own.cache_clear()
+    provenance._own.cache_clear()
     kept = [p for p in (tmp_path / "made_with").iterdir() if "changes" in p.name]
     assert [p.name for p in kept] == [f"changes-{hash}.patch.gz"]
     assert gzip.decompress(kept[0].read_bytes()) == patch
     check_kept(kept[0].name, kept[0].read_bytes())
     known = read_manifest(tmp_path, id)["provenance"]
-    assert made_with.read_packages(tmp_path, known)["numpy"]
+    assert provenance.read_packages(tmp_path, known)["numpy"]
     known["uncommitted"] = found.as_record()
     assert kept[0].name in about_changes(tmp_path, known)
 

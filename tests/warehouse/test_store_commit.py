@@ -15,12 +15,11 @@ import pytest
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse import ids, schema
-from warehouse.commit import commit_record, commit_run, read_record
-from warehouse.layout import find, find_run
-from warehouse.origin.provenance import plant_code_hash
-from warehouse.runs import read_channels, read_manifest, read_run
-from warehouse.seal import Sealed, open_seal, sealed_hash
-from warehouse.sums import write_sums
+from warehouse.commit import Sealed, commit_record, commit_run, sealed_hash
+from warehouse.files import write_sums
+from warehouse.layout import find, find_run, read_record
+from warehouse.provenance import plant_code_hash
+from warehouse.runs import open_seal, read_channels, read_manifest, read_run
 
 
 def tree(store):

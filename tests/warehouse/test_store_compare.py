@@ -8,11 +8,10 @@ import pytest
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.compare import compare, differing, values_apart
-from warehouse.files import read_parquet, write_parquet
+from warehouse.files import read_parquet, write_parquet, write_sums
 from warehouse.layout import find
-from warehouse.origin.lineage import needed, tree
+from warehouse.lineage import needed, tree
 from warehouse.query.store import open_store
-from warehouse.sums import write_sums
 from warehouse.verify import faults
 
 T = np.arange(100) / 50

@@ -6,15 +6,12 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse.exchange.bundle import write_bundle
-from warehouse.exchange.unbundle import read_bundle
+from warehouse.bundle import read_bundle, write_bundle
+from warehouse.files import BLOCK, SUMS, sums_of, write_sums
 from warehouse.layout import find, find_run
 from warehouse.query.store import Watched
-from warehouse.runs import quarantine, read_run
-from warehouse.seal import open_seal
-from warehouse.sums import BLOCK, SUMS, sums_of, write_sums
-from warehouse.verify import faults
-from warehouse.verify_all import verify_all
+from warehouse.runs import open_seal, quarantine, read_run
+from warehouse.verify import faults, verify_all
 
 SUM = "SELECT sum(q1) AS s FROM samples WHERE run_id = $id"
 

@@ -9,9 +9,9 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
+from warehouse import catalogue as segments
 from warehouse.commit import commit_run
 from warehouse.layout import find_run, list_folders
-from warehouse.query import catalogue as segments
 from warehouse.query.store import open_store
 from warehouse.schema import DEFAULT_DOF, NUMBER, WHOLE, all_views
 
@@ -38,7 +38,7 @@ def rows_read(monkeypatch):
         read.append(path.name)
         return real(path, *more)
 
-    monkeypatch.setattr("warehouse.query.rows.read_parquet", spy)
+    monkeypatch.setattr("warehouse.catalogue.read_parquet", spy)
     return lambda: read.count("_run.parquet")
 
 
@@ -178,7 +178,7 @@ def test_a_full_disk_does_not_stop_questions(tmp_path):
 
 
 def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("warehouse.query.connection.memory", lambda: 400_000_000)
+    monkeypatch.setattr("warehouse.query.guard.memory", lambda: 400_000_000)
     with warehouse.open(tmp_path) as store:
         with pytest.raises(
             InputError, match=r"larger than 0\.093 GB, a quarter of .* Ask"

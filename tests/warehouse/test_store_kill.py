@@ -11,8 +11,7 @@ from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as made
 from tests.warehouse.store_campaign import RUNS, campaign
 from warehouse.layout import list_folders
-from warehouse.runs import read_run
-from warehouse.seal import open_seal
+from warehouse.runs import open_seal, read_run
 
 KILLS = 20
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from warehouse.origin.provenance import ROOT, plant_code_hash, plant_files, provenance
+from warehouse.provenance import ROOT, plant_code_hash, plant_files, provenance
 
 FILES = {
     "sim/__init__.py": "",

@@ -12,10 +12,10 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse import schema
 from warehouse.commit import commit_record, commit_run
+from warehouse.files import write_sums
 from warehouse.layout import find_run
 from warehouse.query.named import NAMED, TAKES
 from warehouse.runs import quarantine, tombstone
-from warehouse.sums import write_sums
 
 
 def ask(store, query, values=None):
@@ -449,7 +449,7 @@ def test_what_is_in_the_index_is_not_read_again(store, monkeypatch):
     read = []
     real = warehouse.query.rows.read_parquet
     monkeypatch.setattr(
-        "warehouse.query.rows.read_parquet",
+        "warehouse.catalogue.read_parquet",
         lambda path: read.append(path) or real(path),
     )
     assert len(ask(store, "FROM runs")) == len(rows) + 1

@@ -6,7 +6,7 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse.commit import read_record
+from warehouse.layout import read_record
 from warehouse.query.named import NAMED, TAKES
 
 MODEL = {"theta": [1.0, 2.0], "effects": [{"name": "payload", "joints": [2]}]}

@@ -3,8 +3,7 @@
 import re
 
 from flows.cli import main
-from warehouse.origin.changes import ROOT, git
-from warehouse.origin.version import commit
+from warehouse.provenance import ROOT, commit, git
 
 
 def test_a_checkout_says_the_commit_of_git(capsys):

@@ -2,8 +2,7 @@
 
 from warehouse.logs.check import Doubt
 from warehouse.logs.columns import ColumnMap, load_columns
-from warehouse.logs.convert import Understood
-from warehouse.logs.read import read_any, read_log
+from warehouse.logs.read import Understood, read_any, read_log
 from warehouse.logs.window import check_distinct, unique_ids
 
 __all__ = [

@@ -1,16 +1,20 @@
 """COLUMNS.toml: which column is what, in which unit. Nothing is converted by guess."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import field, replace
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import ConfigDict, Field, model_validator
-from pydantic.dataclasses import dataclass
+from pydantic.dataclasses import dataclass as table
 
 from residual.errors import InputError
 from residual.names import check_name
+from residual.robot.robot import Robot
 from warehouse.toml import checked, read_toml
 
 JOINT_SIGNALS = ("q", "tau", "qd", "qdd", "q_ref")
@@ -33,7 +37,7 @@ _Numbers = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...]
 _TABLE = ConfigDict(extra="forbid")
 
 
-@dataclass(frozen=True, slots=True, config=_TABLE)
+@table(frozen=True, slots=True, config=_TABLE)
 class SignalMap:
     """One signal of all joints.
 
@@ -68,7 +72,7 @@ class SignalMap:
         return self
 
 
-@dataclass(frozen=True, slots=True, config=_TABLE)
+@table(frozen=True, slots=True, config=_TABLE)
 class CsvFormat:
     """How a text log is written.
 
@@ -91,7 +95,7 @@ class CsvFormat:
         return self
 
 
-@dataclass(frozen=True, slots=True, config=_TABLE)
+@table(frozen=True, slots=True, config=_TABLE)
 class BagFormat:
     """What of a bag is read.
 
@@ -112,7 +116,7 @@ class BagFormat:
         return self
 
 
-@dataclass(frozen=True, slots=True, config=_TABLE)
+@table(frozen=True, slots=True, config=_TABLE)
 class ColumnMap:
     """The checked content of a COLUMNS.toml.
 
@@ -138,14 +142,14 @@ class ColumnMap:
         return TIME_UNITS[self.time_unit] * self.time_scale
 
 
-@dataclass(frozen=True, slots=True, config=_TABLE)
+@table(frozen=True, slots=True, config=_TABLE)
 class _Time:
     column: str = "t"
     unit: Literal["s", "ms", "us"] = "s"
     scale: Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)] = 1.0
 
 
-@dataclass(frozen=True, slots=True, config=_TABLE)
+@table(frozen=True, slots=True, config=_TABLE)
 class _File:
     """The tables of a COLUMNS.toml."""
 
@@ -186,3 +190,243 @@ def _in_unit(key: str, signal: SignalMap, where: str) -> SignalMap:
     unit = signal.unit or next(iter(UNITS[key]))
     check_name(unit, UNITS[key], f"unit of {key} in {where}")
     return replace(signal, unit=unit)
+
+
+def shorten(columns: Iterable[str]) -> str:
+    """Return names in one line: q1 q2 q3 tau1 tau2 as "q1..3 tau1..2"."""
+    words: list[str] = []
+    first, last = "", ("", None)  # of the word that the next number may go on from
+    for name in columns:
+        stem, number = _split(name)
+        # Goes on where the last word ended: q1..3 and q4 are q1..4.
+        if number is not None and last == (stem, number - 1):
+            words[-1] = f"{first}..{number}"
+        else:
+            words.append(name)
+            first = name
+        last = stem, number
+    return " ".join(words)
+
+
+def _split(name: str) -> tuple[str, int | None]:
+    stem = name.rstrip("0123456789")
+    digits = name[len(stem) :]
+    # A leading zero would be lost: "J01" stays as it is.
+    if not 0 < len(digits) < 10 or not stem or digits != str(int(digits)):
+        return name, None
+    return stem, int(digits)
+
+
+_NEEDED = ("q", "tau")
+_JOINT_COLUMN = re.compile(r"(q|tau|qd|qdd|q_ref)(\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The columns of a log that are read.
+
+    Attributes:
+        time: Column of time.
+        signals: Signals found, by name.
+        ignored: Columns that are not read.
+    """
+
+    time: str
+    signals: Mapping[str, SignalMap]
+    ignored: tuple[str, ...]
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        """Columns that are read, time first."""
+        joints = (c for signal in self.signals.values() for c in signal.columns)
+        return (self.time, *joints)
+
+
+def select(
+    columns: tuple[str, ...], column_map: ColumnMap, dof: int, where: str
+) -> Selection:
+    """Find the columns of every signal.
+
+    Raises:
+        InputError: If a needed column is missing or doubled, or there is a joint column
+            beyond the robot's joints.
+    """
+    signals = {}
+    for name in JOINT_SIGNALS:
+        signal = column_map.signals.get(name)
+        if signal is not None and len(signal.columns) != dof:
+            raise InputError(
+                f"The map names {len(signal.columns)} columns of {name}, the robot has "
+                f"{dof} joints."
+            )
+        if signal is None:
+            signal = default_signal(name, dof)
+            # An optional signal is read where it is whole, else ignored and named.
+            if name not in _NEEDED and not set(signal.columns) <= set(columns):
+                continue
+        signals[name] = signal
+    chosen = Selection(column_map.time, signals, ())
+    _check_there(chosen.used, columns, where)
+    _check_beyond(set(columns) - set(chosen.used), dof, where)
+    ignored = tuple(c for c in columns if c not in chosen.used and c)
+    return Selection(column_map.time, signals, ignored)
+
+
+def check_units(
+    chosen: Selection, time_unit: str, stated: Mapping[str, str], where: str
+) -> None:
+    """Compare the units of the map, or the usual ones, with those of the file.
+
+    Raises:
+        InputError: If they differ.
+    """
+    meant = {chosen.time: ("time", time_unit)}
+    for name, signal in chosen.signals.items():
+        unit = "N m" if signal.unit == "Nm" else signal.unit
+        meant |= dict.fromkeys(signal.columns, (name, unit))
+    for column, (name, unit) in meant.items():
+        said = stated.get(column, unit)
+        if said != unit:
+            key = "column" if name == "time" else "columns"
+            raise InputError(
+                f"{where}: column '{column}' is in {said} by the file, in {unit} by "
+                f"the map.\nSay so in --map: {name} = {{{key} = ..., unit = '{said}'}}."
+            )
+
+
+def default_signal(name: str, dof: int) -> SignalMap:
+    """Return what is meant by a signal that no map names: q1, q2, ... in SI units.
+
+    Args:
+        name: "q", "qd", "qdd", "q_ref" or "tau".
+    """
+    columns = tuple(f"{name}{i}" for i in range(1, dof + 1))
+    return SignalMap(columns=columns, unit=next(iter(UNITS[name])))
+
+
+def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) -> None:
+    missing = [c for c in used if c not in columns]
+    if missing:
+        near = get_close_matches(missing[0], columns, n=1, cutoff=0.5)
+        hint = f" (near: '{near[0]}')" if near else ""
+        found = shorten(columns)
+        found = found if len(found) < 80 else f"{found[:77]}..."
+        raise InputError(
+            f"{where}: missing column {shorten(missing)}{hint}; found {found}.\n"
+            "Rename the columns, or say which is which with --map COLUMNS.toml."
+        )
+    for column in used:
+        if columns.count(column) > 1 or used.count(column) > 1:
+            raise InputError(
+                f"{where}: column '{column}' stands twice, expected once. "
+                "Rename one of them."
+            )
+
+
+def _check_beyond(rest: set[str], dof: int, where: str) -> None:
+    for column in sorted(rest):
+        match = _JOINT_COLUMN.fullmatch(column)
+        # Python reads no number of thousands of digits.
+        if match and (len(match[2]) > 9 or not 1 <= int(match[2]) <= dof):
+            raise InputError(
+                f"{where}: column '{column}' is beyond the robot's joints 1 to {dof}. "
+                "Is --robot the right one? Else remove or rename the column."
+            )
+
+
+Array = np.ndarray
+
+
+def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Array:
+    """Convert one signal of all joints.
+
+    Positions and their derivatives: scale * unit * sign * (reading - zero), then from
+    motor to joint by the inverse of the transmission. Torques: from motor to joint by
+    its transpose, since both sides carry the same power.
+
+    Args:
+        name: "q", "qd", "qdd", "q_ref" or "tau".
+        raw: Readings. Shape (n, dof).
+        robot: Gears and torque per logged unit.
+
+    Returns:
+        Values in SI units, link side. Shape (n, dof).
+
+    Raises:
+        InputError: If the robot lacks a gear ratio or torque per unit that is needed.
+    """
+    values = raw
+    if signal.zero:
+        values = values - np.array(signal.zero)
+    factor = UNITS[name][signal.unit]
+    if factor != 1 or signal.sign:
+        values = values * (factor * np.array(signal.sign or 1.0))
+    if signal.scale:
+        values = values * np.array(signal.scale)
+    if name == "tau":
+        return _torque(values, signal, robot)
+    if signal.side == "motor":
+        return np.linalg.solve(_transmission(name, robot), values.T).T
+    return values
+
+
+def _torque(values: Array, signal: SignalMap, robot: Robot) -> Array:
+    logged = signal.unit in LOGGED_UNITS
+    if logged:
+        if robot.torque_per_unit is None:
+            raise InputError(
+                f"tau is in {signal.unit}: robot.toml of '{robot.name}' needs "
+                "torque_per_unit under [joints], N m at the link per logged unit."
+            )
+        values = values * robot.torque_per_unit
+    if signal.side == "link":
+        return values
+    # torque_per_unit holds at the link already; only couplings are left to apply.
+    if logged and robot.motor_from_joint is None:
+        return values
+    transmission = _transmission("tau", robot)
+    if logged:
+        values = values / np.diag(transmission)
+    return values @ transmission
+
+
+def _transmission(name: str, robot: Robot) -> Array:
+    if robot.transmission is None:
+        raise InputError(
+            f"{name} is on the motor side: robot.toml of '{robot.name}' needs "
+            "gear_ratio under [joints] (or [couplings] motor_from_joint)."
+        )
+    return robot.transmission
+
+
+def channels_of(name: str, signal: SignalMap) -> list[tuple[str, str, str, str]]:
+    """Return channel, column, unit and what is done to it, joint by joint."""
+    out = []
+    for i, column in enumerate(signal.columns):
+        done = ["from motor side"] if signal.side == "motor" else []
+        if signal.sign and signal.sign[i] < 0:
+            done.append("sign turned")
+        if signal.scale and signal.scale[i] != 1:
+            done.append(f"times {signal.scale[i]:.6g}")
+        if signal.zero and signal.zero[i]:
+            done.append(f"zero at {signal.zero[i]:g}")
+        out.append((f"{name}{i + 1}", column, signal.unit, ", ".join(done)))
+    return out
+
+
+def describe(name: str, signal: SignalMap) -> str | None:
+    """Return in words what was converted, None for nothing."""
+    units = [unit for unit, factor in UNITS[name].items() if factor == 1]
+    parts = []
+    if signal.unit not in units or signal.unit in LOGGED_UNITS:
+        parts.append(f"{signal.unit} to {units[0]}")
+    if signal.side == "motor":
+        parts.append("motor to link side")
+    if any(s < 0 for s in signal.sign):
+        turned = [str(i) for i, s in enumerate(signal.sign, start=1) if s < 0]
+        parts.append(f"sign turned on joint {', '.join(turned)}")
+    if any(value != 1 for value in signal.scale):
+        parts.append(f"times {', '.join(f'{value:.6g}' for value in signal.scale)}")
+    if any(signal.zero):
+        parts.append("zero moved")
+    return f"{name}: {', '.join(parts)}" if parts else None

@@ -11,16 +11,22 @@ import numpy as np
 import pyarrow as pa
 
 from residual.errors import InputError, RecordingError
-from residual.lazy import Lazy
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs.check import Doubt, check_samples, check_time, odd
-from warehouse.logs.columns import ColumnMap
-from warehouse.logs.convert import Understood, channels_of, describe, to_link_side
-from warehouse.logs.file import LogFile
-from warehouse.logs.formats.csv import HEAD, CsvLog, find_layout
-from warehouse.logs.moment import from_seconds, later
-from warehouse.logs.select import Selection, check_units, select
+from warehouse.logs.columns import (
+    ColumnMap,
+    Selection,
+    channels_of,
+    check_units,
+    describe,
+    select,
+    shorten,
+    to_link_side,
+)
+from warehouse.logs.file import LogFile, from_seconds, later
+from warehouse.logs.ros import open_bag, open_mcap
+from warehouse.logs.tables import HEAD, CsvLog, ParquetLog, find_layout
 from warehouse.logs.window import Window, split_spec
 
 Array = np.ndarray
@@ -108,10 +114,6 @@ def put_away(values: Array) -> Array:
     return values
 
 
-bag = Lazy("warehouse.logs.formats.bag")
-mcap = Lazy("warehouse.logs.formats.mcap")
-parquet = Lazy("warehouse.logs.formats.parquet")
-
 _SQLITE = b"SQLite format 3\0"
 _ROS1 = b"#ROSBAG V"
 _BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")  # control characters
@@ -130,11 +132,11 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
     """
     head = b"" if path.is_dir() else _head(path)
     if path.is_dir() or head.startswith((_SQLITE, _ROS1)):
-        return bag.open_bag(path, joints, columns.bag)
+        return open_bag(path, joints, columns.bag)
     if head.startswith(b"\x89MCAP"):
-        return mcap.open_mcap(path, joints, columns.bag)
+        return open_mcap(path, joints, columns.bag)
     if head.startswith(b"PAR1"):
-        return parquet.ParquetLog(path)
+        return ParquetLog(path)
     if _BINARY.search(head):
         raise InputError(
             f"{path.name} is binary but not Parquet, a ROS bag or MCAP, expected one "
@@ -152,6 +154,53 @@ def _head(path: Path) -> bytes:
     if not head.strip():
         raise InputError(f"{path.name} is empty, expected a log with samples.")
     return head
+
+
+@dataclass(frozen=True, slots=True)
+class Understood:
+    """What was read, what was not, and what was converted.
+
+    Attributes:
+        id: Label of the recording.
+        file: File as the user wrote it, without the window.
+        window: Window as the user wrote it, None for the whole log.
+        rows: Number of samples.
+        rate: Mean sample rate [Hz].
+        duration: From the first to the last sample [s].
+        used: Columns read.
+        ignored: Columns not read.
+        conversions: Every change of unit, side, sign or zero, in words.
+        warnings: What is odd but usable.
+        notes: What was understood of the file beyond its columns.
+        channels: Channel, column, unit and what else is done to it, one by one.
+        doubts: Why the samples can be none of this arm; empty for a usable log.
+        recorded_at: When the first sample was taken, UTC; None where that is not said.
+    """
+
+    id: str
+    file: str
+    window: str | None
+    rows: int
+    rate: float
+    duration: float
+    used: tuple[str, ...]
+    ignored: tuple[str, ...]
+    conversions: tuple[str, ...]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    channels: tuple[tuple[str, str, str, str], ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+    recorded_at: datetime | None = None
+
+    @property
+    def text(self) -> str:
+        """One line for the terminal."""
+        size = f"{self.rows} samples, {self.rate:.4g} Hz, {self.duration:.4g} s"
+        parts = [f"{self.id}: {size}", f"read {shorten(self.used)}"]
+        if self.ignored:
+            parts.append(f"ignored {shorten(self.ignored)}")
+        parts += [*self.conversions, *self.notes]
+        return "; ".join(parts)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

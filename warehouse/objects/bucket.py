@@ -1,14 +1,172 @@
 """The few things that a store asks of object storage, through obstore."""
 
-from collections.abc import Iterator, Sequence
+import ipaddress
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
+from urllib.parse import urlsplit
 
 from residual.errors import InputError
-from warehouse.objects.access import settings
-from warehouse.objects.address import Address
+
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):/")
+_BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
+# No sign that a URL, a key or a pattern of file names takes for something else.
+_PART = re.compile(r"[A-Za-z0-9_=.-]{1,100}")
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """A place in a bucket.
+
+    Attributes:
+        bucket: Name of the bucket.
+        prefix: What the keys of the store begin with, without a slash at the end.
+    """
+
+    bucket: str
+    prefix: str
+
+    @property
+    def url(self) -> str:
+        """As --store takes it."""
+        return f"s3://{self.bucket}/{self.prefix}".rstrip("/")
+
+
+def is_address(word: str) -> bool:
+    """Return whether a word is an address rather than a folder: "scheme:/..."."""
+    return _SCHEME.match(word) is not None
+
+
+def parse(word: str) -> Address:
+    """Return the address in a word.
+
+    Args:
+        word: As s3://bucket/prefix.
+
+    Raises:
+        InputError: If it is another scheme, or no bucket and prefix.
+    """
+    found = _SCHEME.match(word)
+    if found is None or found[1].lower() != "s3" or not word[3:].startswith("//"):
+        raise InputError(
+            f"--store {word}: expected a folder, or s3://BUCKET/PREFIX for object "
+            f"storage. A folder of that name is ./{word}."
+        )
+    bucket, _, rest = word[5:].partition("/")
+    prefix = rest.rstrip("/")
+    parts = prefix.split("/") if prefix else []
+    if not _BUCKET.fullmatch(bucket):
+        raise InputError(
+            f"--store {word}: '{bucket}' is no name of a bucket. Expected "
+            "s3://BUCKET/PREFIX with 3 to 63 small letters, digits, dots and hyphens."
+        )
+    if any(p in (".", "..") or not _PART.fullmatch(p) for p in parts):
+        raise InputError(
+            f"--store {word}: the prefix may have letters, digits and . _ = - between "
+            "its slashes."
+        )
+    return Address(bucket, prefix)
+
+
+_SCALE = "Object storage needs the extra: pip install '.[scale]' in the checkout."
+# A profile may renew its keys; they are asked for again after this time.
+_FRESH = timedelta(minutes=10)
+
+
+def settings() -> dict:
+    """Return what `obstore.store.S3Store` takes beside bucket and prefix.
+
+    Raises:
+        InputError: If there are no credentials, the extra is not installed, or the
+            endpoint would be talked to in the open.
+    """
+    profile = None if os.environ.get("AWS_ACCESS_KEY_ID") else _Profile()
+    endpoint = endpoint_url() or (profile and profile.endpoint)
+    region = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
+    region = region or (profile and profile.region) or "us-east-1"
+    asked: dict = {"region": region, **_endpoint(endpoint)}
+    if profile:
+        asked["credential_provider"] = profile.provider()
+    return asked
+
+
+def endpoint_url() -> str | None:
+    """Return the endpoint that the variables name, None for that of AWS."""
+    names = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")
+    return next((os.environ[name] for name in names if os.environ.get(name)), None)
+
+
+def _endpoint(url: str | None) -> dict:
+    if not url:
+        return {}
+    parts = urlsplit(url)
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise InputError(
+            f"AWS_ENDPOINT_URL is '{url}', expected https://HOST or http://127.0.0.1:PORT."
+        )
+    if parts.scheme == "https":
+        return {"endpoint": url}
+    said = os.environ.get("AWS_ALLOW_HTTP", "").lower() in ("1", "true")
+    if not said and not _is_loopback(parts.hostname):
+        raise InputError(
+            f"The endpoint {url} is not encrypted and on another machine: runs and "
+            "keys would cross the network in the open. Use https, or say that it may "
+            "be so: AWS_ALLOW_HTTP=true."
+        )
+    return {"endpoint": url, "client_options": {"allow_http": True}}
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class _Profile:
+    """Keys, region and endpoint of the user's profile.
+
+    Raises:
+        InputError: If there is none with keys.
+    """
+
+    def __init__(self) -> None:
+        try:
+            from botocore.exceptions import BotoCoreError
+            from botocore.session import Session
+        except ImportError as error:
+            raise InputError(_SCALE) from error
+        try:
+            session = Session()
+            self._found = session.get_credentials()
+            self.region = session.get_config_variable("region")
+            self.endpoint = session.get_scoped_config().get("endpoint_url")
+        except BotoCoreError as error:
+            raise InputError(f"The AWS profile is not usable: {error}") from error
+        if self._found is None:
+            raise InputError(
+                "There are no keys for the object storage. Set AWS_ACCESS_KEY_ID and "
+                "AWS_SECRET_ACCESS_KEY, or AWS_PROFILE."
+            )
+
+    def provider(self) -> Callable[[], dict]:
+        """Return what gives the keys of the moment, as obstore asks for them."""
+
+        def keys() -> dict:
+            now = self._found.get_frozen_credentials()
+            return {
+                "access_key_id": now.access_key,
+                "secret_access_key": now.secret_key,
+                "token": now.token,
+                "expires_at": datetime.now(UTC) + _FRESH,
+            }
+
+        return keys
+
 
 _RETRIES = {"max_retries": 4, "retry_timeout": timedelta(seconds=60)}
 # So many keys go in one request to delete.

@@ -1,4 +1,4 @@
-"""The folder of this machine beside a store on object storage.
+"""The folder of this machine beside a store on object storage, and records into it.
 
 Every part of the program takes a store as a folder. Of a store in a bucket that folder
 is a mirror: it holds copies of what was read, what is being written, and what makes no
@@ -9,6 +9,14 @@ Prefect remembers.
 A file of a record lies in the bucket under a key with its hash in it, and its list of
 sums, which is written last, says which that is. So two writers of one record never
 write into each other's files, whatever is in them.
+
+The order is what makes a commit safe: a note that the record may come (`note_key`), its
+files, and then its list of sums, under the condition that there is none. Before the
+last of these nothing is visible; after it everything is. What a kill leaves are objects
+that nothing names.
+
+Whatever asks the bucket raises InputError where it does not answer, or gives what is
+damaged.
 """
 
 import hashlib
@@ -17,18 +25,32 @@ import os
 import shutil
 import uuid
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
+from time import monotonic
 
 from residual.errors import InputError
-from warehouse.kinds import FOLDERS, INDEX, KINDS, QUARANTINE, STAGING
-from warehouse.objects.access import endpoint_url
-from warehouse.objects.address import parse
-from warehouse.objects.bucket import Bucket, open_bucket
+from warehouse.objects.bucket import Bucket, endpoint_url, open_bucket, parse
+from warehouse.schema import (
+    FOLDERS,
+    INDEX,
+    KINDS,
+    QUARANTINE,
+    SAMPLES_FILE,
+    SEALED,
+    STAGING,
+)
 
 IDENTITY = "_store.json"
+TAIL = f"{INDEX}/tail"
+NOBODY = "-"  # stands for the robot of what is no run
+_FOLDERS = {kind.folder: kind for kind in KINDS.values()}
 _FORM = 1
+_AT_ONCE = 8
+# A writer that slept for so long writes its note again: it may have been cleared away.
+_LONG = 3600.0
 
 
 def identity_of(bucket: Bucket) -> str | None:
@@ -252,6 +274,81 @@ def keep(path: Path, data: bytes) -> None:
         draft.unlink(missing_ok=True)
 
 
+def note_of(kind: str, id: str, robot: str) -> str:
+    """Return the key of the note of a record.
+
+    Args:
+        robot: Robot of a run; of other kinds it is not looked at.
+    """
+    return f"{TAIL}/{kind}/{robot if kind == 'runs' else NOBODY}/{id}"
+
+
+def note_key(folder: str) -> str | None:
+    """Return the key of the note of a record, None for what is in no list.
+
+    Args:
+        folder: Its folder in the store, as samples/robot=arm/run_id=0f.
+    """
+    top, _, rest = folder.partition("/")
+    if top not in _FOLDERS:
+        return None
+    parts = [part.partition("=")[2] for part in rest.split("/")]
+    return note_of(_FOLDERS[top].name, parts[-1], parts[0])
+
+
+def upload(folder: Path, target: Path) -> bool:
+    """Make a staged folder a record of a bucket, whole or not at all.
+
+    Args:
+        folder: The folder, all files and sums written; it is used up.
+
+    Returns:
+        Whether it is this one; False if another writer was faster.
+
+    Raises:
+        InputError: If the bucket does not answer, or its server ignores conditions.
+    """
+    store, key = place_of(target)
+    bucket, begun = writable(store), monotonic()
+    sums = (folder / SUMS).read_bytes()
+    objects = _objects(folder, key)
+    note = note_key(key)
+
+    def put(name: str, path: Path) -> None:
+        bucket.put(name, path.read_bytes())
+
+    with ThreadPoolExecutor(_AT_ONCE) as beside:
+        noted = [beside.submit(bucket.put, note, b"")] if note else []
+        puts = [beside.submit(put, *each) for each in objects.items()]
+        for each in (*noted, *puts):
+            each.result()
+    won = _commit(bucket, f"{key}/{SUMS}", sums)
+    if won and note and monotonic() - begun > _LONG:
+        bucket.put(note, b"")
+    if won:
+        _copy(folder, target)
+    return won
+
+
+def upload_file(path: Path, target: Path) -> bool:
+    """Put a file by itself into a bucket; one that is there already stays.
+
+    Returns:
+        Whether it goes into a bucket; False where its place is in a folder only.
+
+    Raises:
+        InputError: If the bucket does not answer, or its server ignores conditions.
+    """
+    place = place_of(target)
+    if place is None:
+        return False
+    data = path.read_bytes()
+    if not writable(place[0]).put_if_absent(place[1], data):
+        data = writable(place[0]).get(place[1]) or data
+    keep(target, data)
+    return True
+
+
 def _file_of_record(bucket: Bucket, path: Path, key: str) -> bytes | None:
     if not is_there(path.parent):
         return None
@@ -312,6 +409,35 @@ def _renew(mirror: Path, card: Mapping) -> None:
     if card["identity"]:
         mirror.mkdir(PRIVATE, parents=True, exist_ok=True)
     _write_card(mirror, card)
+
+
+def _objects(folder: Path, key: str) -> Mapping[str, Path]:
+    return {
+        object_key(key, name, known["sha256"]): folder / name
+        for name, known in sums_in(folder).items()
+    }
+
+
+def _commit(bucket: Bucket, key: str, sums: bytes) -> bool:
+    while True:
+        if bucket.put_if_absent(key, sums):
+            return True
+        there = bucket.get(key)
+        # None: refused only because another was at it, who then failed. The same: the
+        # answer to our own put was lost, and it was sent once more.
+        if there is not None:
+            return there == sums
+
+
+def _copy(folder: Path, target: Path) -> None:
+    """Keep small files as copies; samples and what is sealed are fetched when read."""
+    if target.parent.name == SEALED:
+        return
+    target.mkdir(PRIVATE, parents=True, exist_ok=True)
+    for path in folder.iterdir():
+        if path.name != SAMPLES_FILE:
+            os.replace(path, target / path.name)
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def forget() -> None:

@@ -17,9 +17,9 @@ from threading import Lock
 from fsspec import AbstractFileSystem
 
 from residual.errors import InputError
-from warehouse.kinds import SAMPLES_FILE
+from warehouse.files import BLOCK, block_sums, crc
 from warehouse.objects.mirror import bucket_of, is_there, object_key, sums_in
-from warehouse.sums import BLOCK, block_sums, crc
+from warehouse.schema import SAMPLES_FILE
 
 PROTOCOL = "modelgap"
 _HELD = 256 << 20  # bytes of blocks that are held

@@ -15,11 +15,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from residual.errors import InputError
-from warehouse.files import parquet_options, read_parquet, replace_file, staged, sync
-from warehouse.kinds import INDEX
+from warehouse.files import (
+    check_file,
+    parquet_options,
+    read_parquet,
+    replace_file,
+    staged,
+    sums_of,
+    sync,
+)
 from warehouse.runs import check_samples
-from warehouse.schema import SIGNALS
-from warehouse.sums import check_file, sums_of
+from warehouse.schema import INDEX, SIGNALS
 
 LIST = "packed.json"
 # Samples in one row group: the part of a file that is read for one run.

@@ -9,24 +9,24 @@ import duckdb
 import pyarrow as pa
 
 from residual.errors import InputError
+from warehouse.catalogue import read_catalogue
 from warehouse.files import read_parquet
-from warehouse.kinds import SAMPLES_FILE
-from warehouse.objects.address import is_address
+from warehouse.objects.bucket import is_address
 from warehouse.objects.mirror import bucket_of, mirror_of, shown
-from warehouse.query.catalogue import read_catalogue
-from warehouse.query.connection import (
+from warehouse.query.guard import (
+    check_reads_only,
     collected,
     explain,
     is_of_files,
     limited,
     lock,
     reads_only,
+    table_names,
 )
-from warehouse.query.guard import check_reads_only, table_names
 from warehouse.query.packs import Held, Pack, Packed, read_packs, write_packs
 from warehouse.query.views import catalogue_views, samples_view, signal_rows
 from warehouse.runs import quarantined
-from warehouse.schema import TEXT
+from warehouse.schema import SAMPLES_FILE, TEXT
 
 if TYPE_CHECKING:
     from warehouse.query.bucket_samples import BucketSamples
@@ -37,10 +37,9 @@ from collections import defaultdict
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 
-from warehouse.kinds import KINDS
+from warehouse.files import BLOCK, check_blocks, check_file, damaged
 from warehouse.runs import check_samples
-from warehouse.schema import VIEWS
-from warehouse.sums import BLOCK, check_blocks, check_file, damaged
+from warehouse.schema import KINDS, VIEWS
 
 _READS = """
     SELECT message FROM duckdb_logs

@@ -26,7 +26,7 @@ from flows.steps.closing.close import (
     closed,
     decided,
 )
-from warehouse.decisions import Decision
+from warehouse.numbered import Decision
 
 _BUDGET = 100  # experiments
 

@@ -9,10 +9,14 @@ import numpy as np
 from residual.errors import InputError
 from residual.monitoring.stream.rows import Samples
 from residual.robot.robot import Robot
-from warehouse.logs.columns import TIME_UNITS, ColumnMap
-from warehouse.logs.convert import to_link_side
-from warehouse.logs.formats.csv import is_number, sniff, split
-from warehouse.logs.select import Selection, select
+from warehouse.logs.columns import (
+    TIME_UNITS,
+    ColumnMap,
+    Selection,
+    select,
+    to_link_side,
+)
+from warehouse.logs.tables import is_number, sniff, split
 
 _LISTS = ("q", "tau")
 

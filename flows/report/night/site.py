@@ -26,12 +26,12 @@ from flows.report.night.look import (
 )
 from flows.report.page.base import environment
 from residual.errors import InputError
-from warehouse.ids import ID_DIGITS
-from warehouse.layout import find, record_folder
+from warehouse.files import check_file
+from warehouse.ids import ID_DIGITS, record_folder
+from warehouse.layout import find
 from warehouse.objects.mirror import bucket_of
-from warehouse.origin.version import version_text
+from warehouse.provenance import version_text
 from warehouse.query.store import Store, open_store
-from warehouse.sums import check_file
 from warehouse.verify import other_files
 
 _ID = f"[0-9a-f]{{6,{ID_DIGITS}}}"

@@ -11,8 +11,8 @@ from flows.steps.closing.rule import ADOPT, DIAGNOSE, DRIVE, STOP
 from residual.diagnosis.result import Verdict
 from residual.quantity import MISSING
 from warehouse.commit import commit_record
-from warehouse.decisions import Decision
-from warehouse.layout import record_folder
+from warehouse.ids import record_folder
+from warehouse.numbered import Decision
 
 KIND = "close"
 _COLUMNS = ("model", "effects", "error", "path")  # of the table of models

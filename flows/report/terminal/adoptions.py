@@ -8,7 +8,7 @@ from rich.table import Table
 from flows.steps.loop.judge import Judged
 from residual.names import joints_listed
 from residual.quantity import percent
-from warehouse.adoptions import Adoption
+from warehouse.numbered import Adoption
 
 _HEADS = ("no.", "since", "robot", "model", "held-out error", "what", "who", "note")
 

@@ -5,7 +5,7 @@ from rich.table import Table
 
 from flows.steps.imports import Log
 from residual.robot.robot import Robot
-from warehouse.logs.convert import shorten
+from warehouse.logs.columns import shorten
 
 
 def table(log: Log) -> Table:

@@ -25,7 +25,7 @@ from residual.names import joints_listed
 from residual.quantity import percent
 from residual.threads import one_blas_thread
 from sim.records import TrajectorySpec
-from warehouse.decisions import Decision
+from warehouse.numbered import Decision
 
 _AMPLE = 1.5  # times the expected length: how long a designed motion is run
 _SHORTEST = 8.0  # s, of a designed motion: its filter has to settle

@@ -13,8 +13,8 @@ from residual.robot.robot import Robot
 from sim.draw import draw_hidden
 from sim.records import HIDDEN, PlantEffect, stream
 from warehouse import ids, seal
-from warehouse.origin.robots import keep_robot, robot_folder
-from warehouse.seal import sealed_hash
+from warehouse.commit import sealed_hash
+from warehouse.robots import keep_robot, robot_folder
 
 MOST = 3  # effects
 PAUSE = 10.0  # s between experiments

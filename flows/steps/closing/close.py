@@ -13,7 +13,7 @@ from flows.steps.closing.rule import Asked, Step, next_step
 from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.result import Verdict
 from residual.errors import InputError
-from warehouse.decisions import Decision, commit_decision, read_decisions
+from warehouse.numbered import Decision, commit_decision, read_decisions
 
 LEAST = 3  # experiments: one to fit, one held out, one to see whether anything is left
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from warehouse.decisions import Decision
+from warehouse.numbered import Decision
 
 RUN = "run"
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from flows.steps.closing.known import RUN, Known
-from warehouse.decisions import Decision
+from warehouse.numbered import Decision
 
 DIAGNOSE, ADOPT, DRIVE, STOP = "diagnose", "adopt", "drive", "stop"
 # Why a loop ends; the first is the only one that more experiments would change.

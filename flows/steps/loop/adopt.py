@@ -8,7 +8,10 @@ from flows.inputs.robots import load
 from flows.settings import store_folder
 from flows.steps.loop.judge import Judged, judge
 from residual.errors import InputError
-from warehouse.adoptions import (
+from warehouse.files import read_parquet
+from warehouse.ids import record_folder
+from warehouse.layout import list_folders
+from warehouse.numbered import (
     ADOPTED,
     FORCED,
     KIND,
@@ -18,10 +21,8 @@ from warehouse.adoptions import (
     commit_adoption,
     read_adoption,
 )
-from warehouse.files import read_parquet
-from warehouse.kinds import KINDS
-from warehouse.layout import list_folders, record_folder
 from warehouse.objects.mirror import shown
+from warehouse.schema import KINDS
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from residual.lazy import Lazy
 from residual.robot.robot import Robot
 
 keep = Lazy("flows.storage.diagnosis")
-adoptions = Lazy("warehouse.adoptions")
+numbered = Lazy("warehouse.numbered")
 commit = Lazy("warehouse.commit")
 sql = Lazy("warehouse.query.store")
 layout = Lazy("warehouse.layout")
@@ -77,7 +77,7 @@ def choose(robot: Robot, wanted: Wanted) -> Choice:
         return Choice(id, f"model: that of diagnosis {id[:8]}, as --model says")
     runs = wanted.logs and all(map(is_run, wanted.logs))
     in_store = wanted.store is not None or runs
-    last = in_store and adoptions.adopted(
+    last = in_store and numbered.adopted(
         store_folder(wanted.store), robot.name, robot.serial
     )
     if not last or last[1].diagnosis_id is None:
@@ -178,7 +178,7 @@ def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:
         )
 
 
-def _named(robot: Robot, id: str, made: "adoptions.Adoption") -> str:
+def _named(robot: Robot, id: str, made: "numbered.Adoption") -> str:
     serial = f" {robot.serial}" if robot.serial else ""
     forced = ", against the gate" if made.action == "forced" else ""
     return (
@@ -187,7 +187,7 @@ def _named(robot: Robot, id: str, made: "adoptions.Adoption") -> str:
     )
 
 
-def _nominal(robot: Robot, last: "tuple[str, adoptions.Adoption] | None") -> str | None:
+def _nominal(robot: Robot, last: "tuple[str, numbered.Adoption] | None") -> str | None:
     """Nothing is said of a robot that never had another model."""
     if last is None:
         return None

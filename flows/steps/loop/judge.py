@@ -9,8 +9,8 @@ from residual.diagnosis.result import Verdict
 from residual.diagnosis.validation.worth import Worth, worth
 from residual.model.model import Model
 from residual.threads import one_blas_thread
-from warehouse.adoptions import Adoption, adopted
-from warehouse.commit import read_record
+from warehouse.layout import read_record
+from warehouse.numbered import Adoption, adopted
 from warehouse.runs import read_run
 
 # Times the error of the baseline's own model: what a model may leave of its logs once

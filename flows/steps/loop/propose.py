@@ -6,8 +6,7 @@ from pathlib import Path
 from flows.steps.loop.judge import Judged
 from flows.storage.diagnosis import read_verdict, store_report
 from residual.diagnosis.result import Verdict
-from warehouse.commit import read_record
-from warehouse.layout import list_folders
+from warehouse.layout import list_folders, read_record
 
 KIND = "proposal"
 

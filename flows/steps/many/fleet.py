@@ -21,7 +21,7 @@ from flows.workers.runner import Cluster
 from residual.errors import InputError, ModelgapError
 from warehouse.layout import find_run
 from warehouse.objects.mirror import shown
-from warehouse.origin.robots import robot_word
+from warehouse.robots import robot_word
 from warehouse.runs import read_manifest
 
 Workers = Pool | Here | Cluster

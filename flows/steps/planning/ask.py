@@ -26,9 +26,8 @@ from residual.planning.question import (
     wished_question,
 )
 from residual.robot.robot import Robot
-from warehouse.commit import read_record
-from warehouse.layout import Found, find
-from warehouse.origin.robots import robot_word
+from warehouse.layout import Found, find, read_record
+from warehouse.robots import robot_word
 
 SHORTEST, LONGEST = 4.0, 600.0  # s, of a motion
 

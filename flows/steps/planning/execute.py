@@ -15,9 +15,8 @@ from residual.errors import InputError
 from residual.planning.question import PAUSE
 from sim.records import TrajectorySpec
 from warehouse.layout import find_run
-from warehouse.origin.robots import robot_word
-from warehouse.runs import read_manifest
-from warehouse.seal import has_seal, open_seal
+from warehouse.robots import robot_word
+from warehouse.runs import has_seal, open_seal, read_manifest
 
 
 def execute(request: Diagnose, motion: TrajectorySpec) -> str:

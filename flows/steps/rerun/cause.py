@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from warehouse.origin.made_with import read_packages
+from warehouse.provenance import read_packages
 
 CODE = "code"
 ENVIRONMENT = "environment"

@@ -24,16 +24,16 @@ from flows.steps.monitor import monitor
 from flows.steps.twin import with_twins
 from flows.steps.validate import validate
 from residual.errors import InputError
-from warehouse.commit import commit_record, read_record
+from warehouse.commit import commit_record
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.files import read_parquet, table_hash
 from warehouse.ids import ID_DIGITS
-from warehouse.kinds import SEALED
-from warehouse.layout import Found, find, list_folders
+from warehouse.layout import Found, find, list_folders, read_record
+from warehouse.lineage import RERUN_OF, needed
 from warehouse.objects.mirror import brought, is_there
-from warehouse.origin.lineage import RERUN_OF, needed
-from warehouse.origin.robots import robot_word
+from warehouse.robots import robot_word
 from warehouse.runs import read_manifest
+from warehouse.schema import SEALED
 from warehouse.verify import list_tables, other_files, read_row
 
 

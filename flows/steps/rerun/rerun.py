@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from flows.steps import experiment
@@ -13,12 +13,11 @@ from warehouse.commit import commit_record
 from warehouse.compare import Channel, compare, differing
 from warehouse.files import read_parquet, to_arrays
 from warehouse.ids import data_hash
-from warehouse.kinds import SAMPLES_FILE
 from warehouse.layout import Found, find
-from warehouse.origin.lineage import RERUN_OF
-from warehouse.origin.made_with import about_changes
-from warehouse.origin.provenance import as_record, provenance
+from warehouse.lineage import RERUN_OF
+from warehouse.provenance import about_changes, provenance
 from warehouse.runs import read_manifest
+from warehouse.schema import SAMPLES_FILE
 from warehouse.verify import faults, read_row
 
 KIND = "rerun"
@@ -78,7 +77,7 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
         InputError: If there is no such record or it cannot be made again: a measured
             run, a report, or a run whose sealed half is not there.
     """
-    found, now = find(store, id), as_record(provenance())
+    found, now = find(store, id), asdict(provenance())
     if found.kind == "runs":
         return _rerun_run(found, store, now, verify)
     return _rerun_record(found, store, now, verify)

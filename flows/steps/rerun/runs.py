@@ -15,8 +15,8 @@ from flows.steps.experiment import (
 )
 from residual.errors import InputError
 from warehouse.ids import plain
-from warehouse.origin.robots import robot_word
-from warehouse.seal import open_seal
+from warehouse.robots import robot_word
+from warehouse.runs import open_seal
 
 _OTHER = (
     "its spec is of another version of this program than this one. Check out the "

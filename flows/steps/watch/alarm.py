@@ -13,7 +13,7 @@ from residual.monitoring.stream.watch import Change
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.commit import commit_record, commit_run
-from warehouse.origin.robots import keep_robot
+from warehouse.robots import keep_robot
 from warehouse.schema import VIEWS
 
 ENOUGH = 8.0  # s of samples that a diagnosis needs

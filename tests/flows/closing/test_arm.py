@@ -5,9 +5,8 @@ import pytest
 from flows.report.page.close import render
 from flows.steps.closing import close
 from flows.steps.closing.arm import Close
-from warehouse.adoptions import adopted
-from warehouse.decisions import read_decisions
 from warehouse.layout import list_folders
+from warehouse.numbered import adopted, read_decisions
 
 pytestmark = [pytest.mark.slow, pytest.mark.long]
 

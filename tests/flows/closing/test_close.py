@@ -15,8 +15,8 @@ from flows.steps.closing.arm import Close, loop_id, make_arm
 from residual.errors import InputError
 from sim.records import TrajectorySpec
 from tests.flows.closing import scripted
-from warehouse.decisions import commit_decision, read_decisions
 from warehouse.layout import Found, list_folders
+from warehouse.numbered import commit_decision, read_decisions
 from warehouse.query.store import open_store
 from warehouse.verify import faults
 

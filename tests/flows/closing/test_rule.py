@@ -16,7 +16,7 @@ from flows.steps.closing.rule import (
     next_step,
 )
 from tests.flows.closing.scripted import OFFSET, QUIET, SPRING, found
-from warehouse.decisions import Decision
+from warehouse.numbered import Decision
 
 MANY = Asked(budget=20)
 

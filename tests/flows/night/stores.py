@@ -8,8 +8,9 @@ import pyarrow as pa
 from flows.steps.monitor import _schema as alarm_schema
 from flows.storage.diagnosis import store_report
 from tests.warehouse import store_samples as made
-from warehouse.adoptions import ADOPTED, Adoption, commit_adoption
-from warehouse.commit import commit_record, read_record
+from warehouse.commit import commit_record
+from warehouse.layout import read_record
+from warehouse.numbered import ADOPTED, Adoption, commit_adoption
 
 EVIL = '"><img src=x onerror=alert(1)>&'
 STORED = b'<!doctype html><title>stored</title><h1 id="kept">A stored page</h1>'

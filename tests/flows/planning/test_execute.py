@@ -21,8 +21,7 @@ from sim.records import TrajectorySpec
 from sim.trajectories.fourier import arena, draw
 from sim.trajectories.given import written
 from warehouse.commit import commit_run
-from warehouse.runs import read_manifest, read_run
-from warehouse.seal import open_seal
+from warehouse.runs import open_seal, read_manifest, read_run
 
 SPRING = {"name": "spring", "joints": [3], "stiffness": 6.0, "rest": -0.4}
 

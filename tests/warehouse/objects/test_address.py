@@ -5,8 +5,8 @@ import pytest
 import warehouse
 from flows.settings import store_folder
 from residual.errors import InputError
-from warehouse.objects import access
-from warehouse.objects.address import Address, is_address, parse
+from warehouse.objects import bucket
+from warehouse.objects.bucket import Address, is_address, parse
 
 
 @pytest.fixture(autouse=True)
@@ -79,19 +79,19 @@ def test_a_folder_is_a_folder(word):
 def test_without_encryption_only_this_machine(host, monkeypatch):
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "a")
     monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://{host}")
-    assert access.settings()["client_options"] == {"allow_http": True}
+    assert bucket.settings()["client_options"] == {"allow_http": True}
 
 
 def test_another_machine_without_encryption_must_be_said(monkeypatch):
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "a")
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://10.0.0.5:9000")
     with pytest.raises(InputError, match="AWS_ALLOW_HTTP=true"):
-        access.settings()
+        bucket.settings()
     monkeypatch.setenv("AWS_ALLOW_HTTP", "true")
-    assert access.settings()["endpoint"] == "http://10.0.0.5:9000"
+    assert bucket.settings()["endpoint"] == "http://10.0.0.5:9000"
     monkeypatch.setenv("AWS_ENDPOINT_URL", "ftp://10.0.0.5")
     with pytest.raises(InputError, match="expected https"):
-        access.settings()
+        bucket.settings()
 
 
 def test_a_profile_gives_keys_region_and_endpoint(tmp_path, monkeypatch):
@@ -102,7 +102,7 @@ def test_a_profile_gives_keys_region_and_endpoint(tmp_path, monkeypatch):
         "[profile cell]\nregion = eu-1\nendpoint_url = http://127.0.0.1:9\n"
     )
     monkeypatch.setenv("AWS_PROFILE", "cell")
-    made = access.settings()
+    made = bucket.settings()
     keys = made["credential_provider"]()
     assert (keys["access_key_id"], keys["secret_access_key"]) == ("mine", "secret")
     assert (made["region"], made["endpoint"]) == ("eu-1", "http://127.0.0.1:9")

@@ -7,11 +7,11 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import mirror_for
+from warehouse import catalogue
+from warehouse.catalogue import Catalogue
 from warehouse.layout import list_folders
-from warehouse.objects import compact, mirror
+from warehouse.objects import listing, mirror
 from warehouse.objects.listing import HEADS, TAIL, note_key, read_head
-from warehouse.query import bucket_catalogue, catalogue
-from warehouse.query.rows import Catalogue
 
 
 def fill(store, count, start=0):
@@ -58,7 +58,7 @@ def test_a_writer_adds_its_rows_and_clears_its_notes(store, memory, began, monke
 def test_a_writer_adds_nothing_that_a_reader_has_added(
     store, memory, began, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(bucket_catalogue, "_SPARE", 1)
+    monkeypatch.setattr(catalogue, "_SPARE", 1)
     more = fill(store, 2, 3)
     assert listed(mirror_for(memory, tmp_path / "cache" / "other")) == began | more
     catalogue.flush()
@@ -66,7 +66,7 @@ def test_a_writer_adds_nothing_that_a_reader_has_added(
 
 
 def test_a_reader_adds_what_it_had_to_read(store, memory, began, tmp_path, monkeypatch):
-    monkeypatch.setattr(bucket_catalogue, "_SPARE", 2)
+    monkeypatch.setattr(catalogue, "_SPARE", 2)
     more = fill(store, 3, 3)
     assert listed(mirror_for(memory, tmp_path / "cache" / "other")) == began | more
     assert keys(memory, TAIL) == []
@@ -132,7 +132,7 @@ def test_a_damaged_catalogue_says_how_it_is_made_again(store, memory, began, tmp
     other = mirror_for(memory, tmp_path / "cache" / "other")
     with pytest.raises(InputError, match="modelgap compact"):
         warehouse.open(other)
-    made_again, done = bucket_catalogue.rebuild(other)
+    made_again, done = catalogue.rebuild(other)
     assert done
     assert isinstance(made_again, Catalogue)
     assert listed(other) == began
@@ -142,12 +142,12 @@ def test_files_of_one_size_are_joined_and_old_ones_cleared_away(
     store, memory, began, monkeypatch
 ):
     monkeypatch.setattr(catalogue, "SIZE", 1)
-    monkeypatch.setattr(compact, "_OLD_FILE", compact._OLD_FILE * 0)
+    monkeypatch.setattr(listing, "_OLD_FILE", listing._OLD_FILE * 0)
     more = fill(store, 20, 3)
     files = read_head(memory).files["runs"]
     assert sum(count for _, count in files) == 23
-    assert len(files) < compact._FAN
-    assert len(keys(memory, HEADS)) == compact._HEADS_KEPT
+    assert len(files) < listing._FAN
+    assert len(keys(memory, HEADS)) == listing._HEADS_KEPT
     # Those of the last heads, and none of the twenty before.
     assert len(keys(memory, "_index/files")) < 15
     mirror.forget()
@@ -159,8 +159,8 @@ def test_rows_of_another_version_are_read_from_their_records(
 ):
     head = read_head(memory)
     (name, _), *_ = head.files["runs"]
-    rows = compact.read_rows(store, head, catalogue.KINDS["runs"])
-    (made_,) = compact._write(memory, "runs", rows.drop_columns(["seed"]))
+    rows = listing.read_rows(store, head, catalogue.KINDS["runs"])
+    (made_,) = listing._write(memory, "runs", rows.drop_columns(["seed"]))
     key = f"_index/files/{name}.parquet"
     memory.put(key, memory.get(f"_index/files/{made_[0]}.parquet"))
     other = mirror_for(memory, tmp_path / "cache" / "other")

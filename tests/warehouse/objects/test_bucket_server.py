@@ -8,9 +8,8 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.objects import mirror
-from warehouse.objects.address import parse
-from warehouse.objects.bucket import BucketError, open_bucket
-from warehouse.verify_all import verify_all
+from warehouse.objects.bucket import BucketError, open_bucket, parse
+from warehouse.verify import verify_all
 
 
 def test_of_eight_writers_of_one_key_one_wins(bucket_store):

@@ -10,17 +10,22 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, mirror_for
-from warehouse.adoptions import ADOPTED, Adoption, MeanwhileError, commit_adoption
-from warehouse.commit import commit_record, commit_run, read_record
-from warehouse.exchange.bundle import write_bundle
-from warehouse.exchange.unbundle import read_bundle
-from warehouse.layout import find, list_folders
+from warehouse import catalogue
+from warehouse.bundle import read_bundle, write_bundle
+from warehouse.commit import commit_record, commit_run
+from warehouse.layout import find, list_folders, read_record
+from warehouse.numbered import ADOPTED, Adoption, MeanwhileError, commit_adoption
 from warehouse.objects import mirror
 from warehouse.objects.mirror import IDENTITY
-from warehouse.query import catalogue
-from warehouse.runs import quarantine, quarantined, read_run, tombstone
-from warehouse.seal import has_seal, open_seal
-from warehouse.verify_all import verify_all
+from warehouse.runs import (
+    has_seal,
+    open_seal,
+    quarantine,
+    quarantined,
+    read_run,
+    tombstone,
+)
+from warehouse.verify import verify_all
 
 ALL = ("runs", "models", "diagnoses")
 

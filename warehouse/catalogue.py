@@ -12,23 +12,163 @@ copies: what a kill takes is read from the records themselves.
 """
 
 import atexit
+import json
 import os
 import threading
 import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
 
 from residual.errors import InputError
 from warehouse.files import read_parquet, replace_file, sweep_staging, write_parquet
-from warehouse.kinds import INDEX, KINDS, Kind
 from warehouse.layout import list_folders
-from warehouse.objects.compact import append, still_noted
+from warehouse.objects.listing import (
+    all_records,
+    append,
+    bring_rows,
+    read_listing,
+    read_rows,
+    replace,
+    still_noted,
+)
 from warehouse.objects.mirror import bucket_of
-from warehouse.query.bucket_catalogue import read_bucket
-from warehouse.query.rows import Catalogue, read_new
+from warehouse.provenance import about_origin
+from warehouse.schema import INDEX, KINDS, Kind
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Catalogue:
+    """All records of a store at one moment.
+
+    Attributes:
+        folders: Folder of every record, by kind and id.
+        rows: Catalogue rows by kind, oldest first.
+        damaged: Messages about records whose row cannot be read, by kind; these are
+            left out.
+    """
+
+    folders: Mapping[str, Mapping[str, str]]
+    rows: Mapping[str, pa.Table]
+    damaged: Mapping[str, Sequence[str]]
+
+
+def read_new(
+    ids: Sequence[str], kind: Kind, folders: Mapping[str, str]
+) -> tuple[list[pa.Table], list[str]]:
+    """Return rows that are read from the records, and what is damaged of them.
+
+    Args:
+        folders: Their folders, by id.
+    """
+    new, damaged = [], []
+    for id in ids:
+        try:
+            new.append(_read_row(Path(folders[id]) / kind.row, kind))
+        except InputError as error:
+            damaged.append(str(error))
+    return new, damaged
+
+
+def _read_row(path: Path, kind: Kind) -> pa.Table:
+    """Read one catalogue row; columns of another version are left out or null."""
+    table = (
+        _with_origin(read_parquet(path))
+        if kind.name == "runs"
+        else (read_parquet(path))
+    )
+    columns = [
+        table.column(field.name).cast(field.type)
+        if field.name in table.column_names
+        else pa.nulls(len(table), field.type)
+        for field in kind.fields
+    ]
+    return pa.table(columns, schema=kind.fields)
+
+
+def _with_origin(table: pa.Table) -> pa.Table:
+    """Add what rows of an earlier version say of the code in their manifest alone."""
+    if "commit" in table.column_names or "manifest" not in table.column_names:
+        return table
+    made = [about_origin(json.loads(m)) for m in table.column("manifest").to_pylist()]
+    for name in made[0] if made else ():
+        table = table.append_column(
+            name, pa.array([m[name] for m in made], pa.string())
+        )
+    return table
+
+
+# So many rows may be outside of the catalogue files before who reads them adds them.
+_SPARE = 32
+
+Places = Mapping[str, Mapping[str, str]]
+Rows = Mapping[str, pa.Table]
+
+
+def read_bucket(store: Path, before: Catalogue | None = None) -> Catalogue:
+    """List a store, and bring its catalogue up to date where that pays.
+
+    Args:
+        before: What was read earlier; it is given back if nothing has changed.
+
+    Raises:
+        InputError: If the bucket does not answer, or its catalogue is damaged.
+    """
+    listing = read_listing(store)
+    if not listing.head.number:
+        return rebuild(store)[0]
+    if before is not None and before.folders == _folders(store, listing.places):
+        return before
+    known = {k: read_rows(store, listing.head, kind) for k, kind in KINDS.items()}
+    catalogue, new = _filled(store, listing.places, known)
+    if sum(map(len, new.values())) > _SPARE:
+        # Who may only read is served too, only slower.
+        with suppress(InputError):
+            append(store, new)
+    return catalogue
+
+
+def rebuild(store: Path) -> tuple[Catalogue, bool]:
+    """Make the catalogue of a store again, from its records.
+
+    Returns:
+        The catalogue, and whether it could be written.
+
+    Raises:
+        InputError: If the bucket does not answer.
+    """
+    none = {name: kind.fields.empty_table() for name, kind in KINDS.items()}
+    catalogue, rows = _filled(store, all_records(store), none)
+    with suppress(InputError):
+        return catalogue, replace(store, rows)
+    return catalogue, False
+
+
+def _folders(store: Path, places: Places) -> dict[str, dict[str, str]]:
+    base = str(store)
+    return {
+        kind: {id: f"{base}/{folder}" for id, folder in found.items()}
+        for kind, found in places.items()
+    }
+
+
+def _filled(store: Path, places: Places, known: Rows) -> tuple[Catalogue, Rows]:
+    """Return the catalogue, and those of its rows that were read from records."""
+    folders, rows, new, damaged = _folders(store, places), {}, {}, {}
+    for name, kind in KINDS.items():
+        missing = folders[name].keys() - set(known[name].column(kind.key).to_pylist())
+        wanted = sorted(missing)
+        bring_rows(store, [(name, id) for id in wanted], places)
+        read, bad = read_new(wanted, kind, folders[name])
+        new[name] = pa.concat_tables([kind.fields.empty_table(), *read])
+        both = pa.concat_tables([known[name], new[name]]).combine_chunks()
+        rows[name] = both.sort_by([("created", "ascending"), (kind.key, "ascending")])
+        damaged[name] = tuple(bad)
+    return Catalogue(folders, rows, damaged), new
+
 
 # So many rows in one file: writing it costs what one commit does, once in so many.
 SIZE = 64
@@ -109,7 +249,6 @@ os.register_at_fork(after_in_child=forget_waiting)
 
 # So many rows may be outside the index before it is written again: reading one costs
 # about a millisecond, writing all of them as much as reading some dozens.
-_SPARE = 32
 
 
 def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:

@@ -1,18 +1,23 @@
-"""Messages of joint states, as ROS has them, in columns of the robot's joints.
+"""ROS bags and MCAP files: messages of joint states in columns of the robot's joints.
 
 A message has names, positions, velocities and efforts of joints in any order. Joints
-are found by their names in the URDF, or by those of the map.
+are found by their names in the URDF, or by those of the map. Bags are of ROS 1 or of
+ROS 2 with either storage; the messages of an MCAP file are encoded as in ROS 2 or as
+JSON.
 """
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from residual.errors import InputError
 from warehouse.logs.columns import BagFormat
-from warehouse.logs.file import LogFile
-from warehouse.logs.moment import from_seconds
+from warehouse.logs.file import LogFile, from_seconds
 
 Array = np.ndarray
 
@@ -99,7 +104,74 @@ class JointStateLog(LogFile):
             self._table[column] = np.array(values, dtype=float)
 
 
-def choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
+def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
+    """Open a bag: a .bag or .db3 file, or the folder of a ROS 2 bag.
+
+    Args:
+        joints: Names of the robot's joints in the URDF, joint 1 first.
+
+    Raises:
+        InputError: If the extra is not installed or the bag is not usable.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise _extra_needed(f"Reading {path.name}, a ROS bag,") from error
+    hint = (
+        " A file needs its own ending (.bag, .db3, .mcap), a ROS 2 bag may be its "
+        "folder."
+    )
+    with _readable(path, "ROS bag", hint):
+        # Bags of before ROS 2 Iron do not say what a message looks like.
+        usual = get_typestore(Stores.ROS2_HUMBLE)
+        with AnyReader([path], default_typestore=usual) as reader:
+            ours = [c for c in reader.connections if c.msgtype in TYPES]
+            topic = _choose_topic([c.topic for c in ours], form, path.name)
+            wanted = [c for c in ours if c.topic == topic]
+            messages = (
+                _message(_fields(reader.deserialize(data, each.msgtype)), recorded)
+                for each, recorded, data in reader.messages(connections=wanted)
+            )
+            return JointStateLog(path.name, topic, messages, joints, form)
+
+
+def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
+    """Open an MCAP file.
+
+    Args:
+        joints: Names of the robot's joints in the URDF, joint 1 first.
+
+    Raises:
+        InputError: If the extra is not installed or the file is not usable.
+    """
+    try:
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError as error:
+        raise _extra_needed(f"Reading {path.name}, an MCAP file,") from error
+    with _readable(path, "MCAP file"), path.open("rb") as file:
+        reader = make_reader(file)
+        topic = _choose_topic(_topics(reader, path.name), form, path.name)
+        messages = _messages(reader, topic, DecoderFactory())
+        return JointStateLog(path.name, topic, messages, joints, form)
+
+
+@contextmanager
+def _readable(path: Path, what: str, hint: str = "") -> Iterator[None]:
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        # What a damaged file makes a parser raise is not on any list.
+        why = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(
+            f"{path.name} is not a readable {what} ({why}).{hint}"
+        ) from error
+
+
+def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
     """Return the topic to read.
 
     Raises:
@@ -124,12 +196,75 @@ def choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
     return form.topic or found[0]
 
 
-def extra_needed(what: str) -> InputError:
+def _extra_needed(what: str) -> InputError:
     """Return the error for a library that is not installed."""
     return InputError(
         f"{what} needs the extra [bags]: pip install '.[bags]' in the checkout.\n"
         "Or export the log as CSV or Parquet."
     )
+
+
+def _topics(reader, name: str) -> list[str]:
+    summary = reader.get_summary()
+    if summary is None:
+        raise InputError(
+            f"{name} has no summary: its recording was cut off. Repair it with "
+            "mcap recover."
+        )
+    schemas = {id: schema.name for id, schema in summary.schemas.items()}
+    return [
+        channel.topic
+        for channel in summary.channels.values()
+        if schemas.get(channel.schema_id) in TYPES
+    ]
+
+
+def _messages(reader, topic: str, factory) -> Iterator[Message]:
+    for schema, channel, message in reader.iter_messages(topics=[topic]):
+        if schema is None or schema.name not in TYPES:
+            continue
+        if channel.message_encoding == "json":
+            told: Any = json.loads(message.data)
+        else:
+            told = _decoded(factory, schema, channel, message)
+        yield _message(told, message.log_time)
+
+
+def _decoded(factory, schema, channel, message) -> Mapping:
+    decode = factory.decoder_for(channel.message_encoding, schema)
+    if decode is not None:
+        return _fields(decode(message.data))
+    raise InputError(
+        f"Joint states on {channel.topic} are encoded as '{channel.message_encoding}', "
+        "expected cdr (ROS 2) or json. Convert the file to one of them."
+    )
+
+
+def _fields(told: Any) -> dict:
+    stamp = told.header.stamp
+    return {
+        "header": {"stamp": {"sec": stamp.sec, "nanosec": stamp.nanosec}},
+        "name": told.name,
+        "position": told.position,
+        "velocity": told.velocity,
+        "effort": told.effort,
+    }
+
+
+def _message(told: Mapping, recorded: int) -> Message:
+    stamp = told["header"]["stamp"]
+    # JSON of ROS 1 tools says nsec.
+    rest = stamp.get("nanosec", stamp.get("nsec", 0))
+    return Message(
+        stamp=int(stamp["sec"]) * 1_000_000_000 + int(rest),
+        recorded=recorded,
+        names=tuple(told["name"]),
+        values=tuple(_sent(told.get(field)) for field, _ in _FIELDS),
+    )
+
+
+def _sent(values: Sequence[float] | None) -> Sequence[float]:
+    return () if values is None else values
 
 
 def _complete(

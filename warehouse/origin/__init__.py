@@ -1,1 +1,0 @@
-"""Which code, packages, robots and records a record was made with."""

@@ -1,0 +1,435 @@
+"""Which code and which libraries made a record."""
+
+import ast
+import gzip
+import hashlib
+import platform
+import re
+import subprocess
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, distributions, version
+from pathlib import Path
+
+from residual.errors import InputError
+from warehouse.files import replace_file
+from warehouse.objects.mirror import at_hand
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("flows", "residual", "sim", "warehouse")
+# What decides a result: our code, and the versions that were asked for.
+WATCHED = (*PACKAGES, "pyproject.toml", "requirements.lock", "requirements-dev.lock")
+LARGEST = 1_000_000  # bytes of a patch that is still kept
+_NAMED = 20  # files that are named; the others are counted
+_PLAIN = re.compile(r"[\w./@+-]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """How the code differs from its commit.
+
+    Attributes:
+        files: Files that differ, by their path in the checkout.
+        patch: What `git apply` puts onto the commit; empty where nothing differs.
+        sha256: Hash of the patch, 64 hex digits; None where nothing differs.
+    """
+
+    files: tuple[str, ...]
+    patch: bytes
+    sha256: str | None
+
+    @property
+    def kept(self) -> bool:
+        """Whether the patch is small enough to be kept, not only its hash."""
+        return 0 < len(self.patch) <= LARGEST
+
+    def as_record(self) -> dict:
+        """Return what a manifest says of it."""
+        return {
+            "sha256": self.sha256,
+            "bytes": len(self.patch),
+            "kept": self.kept,
+            "count": len(self.files),
+            "files": list(self.files[:_NAMED]),
+        }
+
+
+def is_checkout(root: Path = ROOT) -> bool:
+    """Whether this is a checkout of ours, not one of a project that has us inside."""
+    return bool(git(root, "ls-files", "--", "warehouse/__init__.py"))
+
+
+@cache
+def uncommitted(root: Path = ROOT) -> Changes | None:
+    """Return the changes as they were when first asked for; None for no checkout."""
+    if not is_checkout(root):
+        return None
+    plain = ("--no-ext-diff", "--no-textconv", "--no-color", "--relative")
+    paths = ("--", *WATCHED)
+    patch = git(root, "diff", "--binary", "--full-index", *plain, "HEAD", *paths)
+    changed = git(root, "diff", "--name-only", "--relative", "-z", "HEAD", *paths)
+    new = git(root, "ls-files", "--others", "--exclude-standard", "-z", *paths)
+    if patch is None or changed is None or new is None:
+        return None
+    added = sorted(name for name in new.decode("utf-8", "replace").split("\0") if name)
+    whole = patch + b"".join(_as_new(root, name) for name in added)
+    files = (*filter(None, changed.decode("utf-8", "replace").split("\0")), *added)
+    sha256 = hashlib.sha256(whole).hexdigest() if whole else None
+    return Changes(tuple(files), whole, sha256)
+
+
+def git(root: Path, *words: str) -> bytes | None:
+    """Return what git says; None where there is none, or it refuses."""
+    try:
+        done = subprocess.run(
+            ["git", "--no-optional-locks", "-C", str(root), *words],
+            capture_output=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout
+
+
+def _as_new(root: Path, name: str) -> bytes:
+    """Return a file that git does not know, as a patch that adds it."""
+    try:
+        content = (root / name).read_bytes()
+    except OSError:
+        return b""
+    if not content:
+        return f"diff --git a/{name} b/{name}\nnew file mode 100644\n".encode()
+    if b"\0" in content or not _PLAIN.fullmatch(name):
+        # A remark between two patches, which git passes over.
+        told = hashlib.sha256(content).hexdigest()
+        return f"not in this patch: {name}, sha256 {told}\n".encode()
+    lines = content.split(b"\n")
+    whole = not lines[-1]
+    lines = lines[:-1] if whole else lines
+    head = (
+        f"diff --git a/{name} b/{name}\nnew file mode 100644\n"
+        f"--- /dev/null\n+++ b/{name}\n@@ -0,0 +1,{len(lines)} @@\n"
+    )
+    body = b"".join(b"+" + line + b"\n" for line in lines)
+    return head.encode() + body + (b"" if whole else b"\\ No newline at end of file\n")
+
+
+# Named in the manifest; all others are in the hash of the environment.
+_TOLD = (
+    "modelgap",
+    "numpy",
+    "scipy",
+    "numba",
+    "pin",
+    "pybullet",
+    "pyarrow",
+    "duckdb",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Code and environment of this process.
+
+    Attributes:
+        code_hash: Hash of the plant's code, part of the id of every run.
+        commit: Commit in git, None where this is no checkout.
+        dirty: Whether the code differs from that commit; None where there is none.
+        lock_hash: Hash of requirements.lock, None where there is none.
+        environment_hash: Hash of all installed packages and their versions.
+        versions: Versions of Python, of this program and the libraries that compute.
+        program_hash: Hash of all our code, which decides what derived records say.
+        uncommitted: How the code differs from the commit (``Changes.as_record``);
+            None where that is unknown, for there is no checkout.
+        machine: Kind of system and processor.
+    """
+
+    code_hash: str
+    commit: str | None
+    dirty: bool | None
+    lock_hash: str | None
+    environment_hash: str
+    versions: dict[str, str]
+    program_hash: str
+    uncommitted: Mapping | None
+    machine: str
+
+
+@cache
+def provenance() -> Provenance:
+    """Return code and environment as they were when first asked for.
+
+    Not again later: what runs is what was loaded, not what was edited since.
+    """
+    installed, changes = _installed(), uncommitted()
+    lock = ROOT / "requirements.lock"
+    told = {name: installed[name] for name in _TOLD if name in installed}
+    return Provenance(
+        code_hash=plant_code_hash(),
+        commit=_commit(),
+        dirty=_dirty(),
+        lock_hash=_sha256(lock.read_bytes()) if lock.is_file() else None,
+        environment_hash=_sha256(packages()),
+        versions={"python": platform.python_version(), **told},
+        program_hash=program_hash(),
+        uncommitted=changes and changes.as_record(),
+        machine=_machine(),
+    )
+
+
+def about_origin(manifest: Mapping) -> dict:
+    """Return the columns of ``runs`` that say what code made it, where, for what."""
+    made = manifest.get("provenance") or {}
+    return {
+        "commit": made.get("commit"),
+        "version": (made.get("versions") or {}).get("modelgap"),
+        "machine": made.get("machine"),
+        "campaign": manifest.get("campaign"),
+    }
+
+
+@cache
+def packages() -> bytes:
+    """Return all installed packages, one line each as in name==version."""
+    found = sorted(_installed().items())
+    return "\n".join(f"{name}=={version}" for name, version in found).encode()
+
+
+@cache
+def program_hash(root: Path = ROOT) -> str:
+    """Return the hash of all our code, 64 hex digits."""
+    files = {p for name in PACKAGES for p in (root / name).rglob("*") if _counts(p)}
+    return _hash_files(files, root)
+
+
+@cache
+def plant_code_hash(root: Path = ROOT) -> str:
+    """Return the hash of all that decides what a simulated run is, 64 hex digits.
+
+    That is ``sim/`` and the modules of ``residual/`` that it imports, directly or
+    through others. Libraries are not in it: an upgrade makes no run a new one.
+    """
+    return _hash_files(plant_files(root), root)
+
+
+def _hash_files(files: Iterable[Path], root: Path) -> str:
+    total = hashlib.sha256()
+    for path in sorted(files, key=lambda p: p.relative_to(root).as_posix()):
+        total.update(f"{path.relative_to(root).as_posix()}\0".encode())
+        total.update(hashlib.sha256(path.read_bytes()).digest())
+    return total.hexdigest()
+
+
+def plant_files(root: Path = ROOT) -> tuple[Path, ...]:
+    """Return the files that ``plant_code_hash`` is of, in order."""
+    files = {p for p in (root / "sim").rglob("*") if _counts(p)}
+    todo = [p for p in files if p.suffix == ".py"]
+    while todo:
+        new = _imported(todo.pop(), root) - files
+        files |= new
+        todo += new
+    return tuple(sorted(files, key=lambda p: p.relative_to(root).as_posix()))
+
+
+def _counts(path: Path) -> bool:
+    return path.is_file() and "__pycache__" not in path.parts
+
+
+def _imported(path: Path, root: Path) -> set[Path]:
+    """Return the files of ``residual`` that one file imports anywhere in it."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= _from_names(node, path, root)
+    ours = {name for name in names if name.split(".")[0] == "residual"}
+    return {file for name in ours for file in _files_of(name, root)}
+
+
+def _from_names(node: ast.ImportFrom, path: Path, root: Path) -> set[str]:
+    base = path.relative_to(root).parent.parts
+    above = base[: len(base) - node.level + 1] if node.level else ()
+    module = ".".join([*above, *([node.module] if node.module else [])])
+    return {module, *(f"{module}.{alias.name}" for alias in node.names)}
+
+
+def _files_of(name: str, root: Path) -> list[Path]:
+    """Return the files that are run when a module is imported: packages first."""
+    parts = name.split(".")
+    packages = [
+        root.joinpath(*parts[:k], "__init__.py") for k in range(1, len(parts) + 1)
+    ]
+    module = root.joinpath(*parts).with_suffix(".py")
+    return [path for path in [*packages, module] if path.is_file()]
+
+
+@cache
+def _installed() -> dict[str, str]:
+    found = ((d.metadata["Name"], d.version) for d in distributions())
+    return {name.lower(): version for name, version in found if name}
+
+
+def _commit() -> str | None:
+    if not is_checkout():
+        return None
+    return _git_answer("rev-parse", "HEAD") or None
+
+
+def _dirty() -> bool | None:
+    if _commit() is None:
+        return None
+    changes = _git_answer("status", "--porcelain", "--", *PACKAGES)
+    return None if changes is None else bool(changes)
+
+
+def _git_answer(*words: str) -> str | None:
+    answer = git(ROOT, *words)
+    return None if answer is None else answer.decode("utf-8", "replace").strip()
+
+
+def _machine() -> str:
+    """Say which processor: linear algebra takes another path on another one."""
+    kind = f"{platform.system()} {platform.machine()}"
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return kind
+    names = [line.partition(":")[2] for line in lines if line.startswith("model name")]
+    return f"{kind}, {names[0].strip()}" if names else kind
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+BUILT = Path(__file__).with_name("commit.txt")
+
+
+def commit(root: Path = ROOT, built: Path = BUILT) -> str | None:
+    """Return the commit of the code that runs; None where nobody knows it."""
+    if is_checkout(root):
+        answer = git(root, "rev-parse", "HEAD")
+        return answer.decode("ascii").strip() if answer else None
+    try:
+        return built.read_text(encoding="ascii").strip() or None
+    except OSError:
+        return None
+
+
+def version_text() -> str:
+    """Return '0.1.0 (commit 1234567)', as `modelgap --version` prints it."""
+    try:
+        number = version("modelgap")
+    except PackageNotFoundError:
+        number = "not installed"
+    known = commit()
+    return f"{number} (commit {known[:12] if known else 'unknown'})"
+
+
+MADE_WITH = "made_with"
+
+
+def keep_made_with(store: Path) -> None:
+    """Put into the store what this process makes records with; costs two looks."""
+    for name, content in _own().items():
+        target = store / MADE_WITH / name
+        if not target.is_file():
+            replace_file(store, target, content)
+
+
+def files_of(store: Path, known: Mapping | None) -> list[Path]:
+    """Return the kept files that a record's provenance names, those that are there."""
+    changes = ((known or {}).get("uncommitted") or {}).get("sha256")
+    names = [
+        name
+        for hash, name in (
+            (changes, _patch(changes)),
+            ((known or {}).get("environment_hash"), _list(known)),
+        )
+        if hash
+    ]
+    paths = [store / MADE_WITH / name for name in names]
+    for path in paths:
+        at_hand(path)
+    return [path for path in paths if path.is_file()]
+
+
+def read_packages(store: Path, known: Mapping | None) -> dict[str, str] | None:
+    """Return versions by package; None where they were not kept."""
+    path = store / MADE_WITH / _list(known)
+    at_hand(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return None
+    if hashlib.sha256(text.encode()).hexdigest() != (known or {})["environment_hash"]:
+        return None
+    return dict(line.split("==", 1) for line in text.splitlines() if "==" in line)
+
+
+def check_kept(name: str, content: bytes) -> None:
+    """Check that a file is what its name says.
+
+    Raises:
+        InputError: If it is not, or is larger than this program keeps.
+    """
+    hash = name.split("-", 1)[1].split(".", 1)[0]
+    if name.endswith(".gz"):
+        content = _unzipped(name, content)
+    if hashlib.sha256(content).hexdigest() != hash:
+        raise InputError(f"{name} is damaged: its content has another hash.")
+
+
+def about_changes(store: Path, known: Mapping | None) -> str:
+    """Say which uncommitted change a record was made with, in one line."""
+    known = known or {}
+    changes, commit = known.get("uncommitted"), (known.get("commit") or "")[:12]
+    if changes is None:
+        return "uncommitted changes: unknown, the code was no git checkout"
+    if not changes["sha256"]:
+        return f"uncommitted changes: none, the code was that of commit {commit}"
+    some = ", ".join(changes["files"][:4])
+    more = changes["count"] - len(changes["files"][:4])
+    told = f"{some} and {more} more" if more > 0 else some
+    place = store / MADE_WITH / _patch(changes["sha256"])
+    at_hand(place)
+    if not changes["kept"]:
+        where = f"{changes['bytes']} bytes, too large to be kept"
+    else:
+        kept = f"{MADE_WITH}/{place.name}"
+        where = kept if place.is_file() else f"{place.name} is not in this store"
+    return f"uncommitted changes: {told}, on commit {commit} ({where})"
+
+
+@cache
+def _own() -> dict[str, bytes]:
+    known, changes = provenance(), uncommitted()
+    content = {f"packages-{known.environment_hash}.txt": packages()}
+    if changes and changes.kept:
+        # No time in it, so that all writers write the same.
+        content[_patch(changes.sha256)] = gzip.compress(changes.patch, mtime=0)
+    return content
+
+
+def _patch(sha256: str | None) -> str:
+    return f"changes-{sha256}.patch.gz"
+
+
+def _list(known: Mapping | None) -> str:
+    return f"packages-{(known or {}).get('environment_hash')}.txt"
+
+
+def _unzipped(name: str, content: bytes) -> bytes:
+    opened = zlib.decompressobj(wbits=31)
+    try:
+        # Never more than we would have written: a small file can unfold to a huge one.
+        out = opened.decompress(content, LARGEST + 1)
+    except zlib.error as error:
+        raise InputError(f"{name} is damaged: {error}.") from error
+    if len(out) > LARGEST:
+        raise InputError(f"{name} unfolds to more than {LARGEST} bytes.")
+    return out
