@@ -184,7 +184,7 @@ def _floors() -> Iterator[tuple[str, dict[str, int]]]:
 
 def test_a_folder_is_a_floor_and_imports_only_what_lies_below_it():
     rooms = dict(_floors())
-    assert set(rooms) == {"residual", "flows"}
+    assert {"residual", "flows", "warehouse"} <= set(rooms)
     wrong = []
     for name, others in _edges().items():
         room, _, rest = name.partition(".")

@@ -81,6 +81,7 @@ _COMMANDS = {
         "compact": ("store:compact", None),
         "verify": ("store:verify", None),
         "prune": ("store:prune", None),
+        "quarantine": ("store:quarantine", "RUN --reason TEXT"),
     },
     "Schedule": {
         "init": ("projects.init:init", "[DIR]"),

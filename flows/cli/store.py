@@ -1,4 +1,4 @@
-"""modelgap runs, show, compact, verify and prune: what the store remembers."""
+"""modelgap runs, show, compact, verify, prune, quarantine: what the store remembers."""
 
 import json
 import sys
@@ -20,6 +20,7 @@ from warehouse.lineage import move_away, old_runs
 from warehouse.objects.mirror import bucket_of
 from warehouse.query.store import Store, open_store
 from warehouse.query.views import text as quoted
+from warehouse.runs import quarantine as set_aside
 from warehouse.runs import read_manifest, tombstone
 
 Format = Literal["table", "csv", "json", "parquet"]
@@ -149,6 +150,33 @@ def prune(
     word = "moved" if move else "to move with --move FOLDER"
     size = sum(old.size for old in found)
     print(f"{len(found)} runs of {size / 1e6:.1f} MB {word}")
+
+
+def quarantine(id: str, /, *, reason: str, store: _Store = None) -> None:
+    """Say that a run should not be used, and why; nothing of it is changed.
+
+    ```
+    modelgap quarantine 3f2a --reason "the gripper was loose"
+    ```
+
+    SQL has the run with quarantined = true, monitor refuses it, and the inbox and the
+    night leave it out; by its id it is read as before. The first reason stays. No
+    command takes it back: the mark is the file quarantine/run_id=ID.json of the store,
+    and a run is as good as new without it.
+
+    Args:
+        id: Id of the run; the beginning is enough.
+        reason: Why, for those who find it later.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    with open_store(store_folder(store)) as opened:
+        found = find(opened.path, id).id
+        known = tombstone(opened.path, found)
+        set_aside(opened.path, found, reason)
+    told = (
+        f"was in quarantine already: {known}" if known else f"in quarantine: {reason}"
+    )
+    print(f"{found} {told}")
 
 
 def show(

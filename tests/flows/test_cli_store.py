@@ -133,6 +133,38 @@ def test_the_schema_needs_no_store(run, monkeypatch):
     assert run("sql", "--schema")[0] == 0
 
 
+def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):
+    store = tmp_path / "store"
+    id = made.commit(store, 0)
+    before = {p: p.read_bytes() for p in (store / "samples").rglob("*.parquet")}
+    given = ("quarantine", id[:8], "--store", str(store), "--reason")
+    code, out, err = run(*given, "bumped into")
+    assert (code, out, err) == (0, f"{id} in quarantine: bumped into\n", "")
+    assert run(*given, "another")[1] == f"{id} was in quarantine already: bumped into\n"
+    marked = answer(run, "sql", "SELECT quarantined FROM runs", "--store", str(store))
+    assert marked == [{"quarantined": True}]
+    assert before == {p: p.read_bytes() for p in before}
+    # Undone by hand, as docs/store.md says.
+    (store / "quarantine" / f"run_id={id}.json").unlink()
+    assert answer(run, "runs", "--store", str(store))[0]["quarantined"] is False
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["0", "--reason", " "], "needs a reason"),
+        (["ffffffff", "--reason", "x"], "Nothing in"),
+        (["../x", "--reason", "x"], "is not an id"),
+        (["DIAGNOSIS", "--reason", "x"], "expected the id of a run"),
+    ],
+)
+def test_only_a_run_is_set_aside_and_for_a_reason(run, ids, words, told):
+    first = {"0": ids["runs"][0], "DIAGNOSIS": ids["diagnosis"]}.get(words[0], words[0])
+    code, _, err = run("quarantine", first, *words[1:])
+    assert code == 2
+    assert told in err
+
+
 def test_a_record_is_shown_by_the_beginning_of_its_id(run, ids):
     id = ids["runs"][2]
     told = answer(run, "show", id[:10])

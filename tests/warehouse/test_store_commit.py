@@ -4,8 +4,11 @@ import json
 import os
 import shutil
 import stat
+import subprocess
+import sys
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -20,6 +23,8 @@ from warehouse.files import write_sums
 from warehouse.layout import find, find_run, read_record
 from warehouse.provenance import plant_code_hash
 from warehouse.runs import open_seal, read_channels, read_manifest, read_run
+
+ROOT = Path(__file__).parents[2]
 
 
 def tree(store):
@@ -47,6 +52,31 @@ def test_a_run_lies_where_the_layout_says(tmp_path):
         f"sealed/run_id={id}/truth.parquet",
     ]
     assert list((tmp_path / "_staging").iterdir()) == []
+
+
+ENTERED = """
+import sys, threading
+from pathlib import Path
+from tests.warehouse import store_samples as made
+
+log, entered = made.recording(), set()
+def see(frame, event, argument):
+    entered.add(frame.f_globals.get("__name__", ""))
+threading.setprofile(see)
+sys.setprofile(see)
+made.commit_run(Path(sys.argv[1]), log, made.manifest(), made.sealed())
+sys.setprofile(None)
+ours = ("flows.", "residual.", "sim.", "warehouse.")
+print(*sorted(name for name in entered if name.startswith(ours)))
+"""
+
+
+def test_a_commit_is_read_in_eight_files(tmp_path):
+    asked = [sys.executable, "-c", ENTERED, str(tmp_path / "store")]
+    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True)
+    names = done.stdout.split()
+    assert "warehouse.commit" in names
+    assert len(names) <= 8, names
 
 
 def test_the_id_is_the_rule_of_the_design(tmp_path):

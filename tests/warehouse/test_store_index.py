@@ -32,7 +32,7 @@ def fill(store, count, start=0):
 def rows_read(monkeypatch):
     """Names of the catalogue rows that are read one by one."""
     read = []
-    real = warehouse.query.rows.read_parquet
+    real = warehouse.catalogue.read_parquet
 
     def spy(path, *more):
         read.append(path.name)

@@ -447,7 +447,7 @@ def test_what_is_in_the_index_is_not_read_again(store, monkeypatch):
     rows = ask(store, "FROM runs")
     made.commit(store, 5)
     read = []
-    real = warehouse.query.rows.read_parquet
+    real = warehouse.catalogue.read_parquet
     monkeypatch.setattr(
         "warehouse.catalogue.read_parquet",
         lambda path: read.append(path) or real(path),

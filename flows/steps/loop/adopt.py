@@ -13,8 +13,8 @@ from warehouse.ids import record_folder
 from warehouse.layout import list_folders
 from warehouse.numbered import (
     ADOPTED,
+    ADOPTIONS,
     FORCED,
-    KIND,
     ROLLED_BACK,
     Adoption,
     adopted,
@@ -133,7 +133,7 @@ def list_adoptions(
     place = store_folder(store)
     wanted = None if word is None else _named(place, word)
     out = []
-    for id in list_folders(place, KIND):
+    for id in list_folders(place, ADOPTIONS):
         made = read_adoption(place, id)
         if wanted is None or (made.robot, made.serial) in wanted:
             out.append((id, made, _created(place, id)))
@@ -143,7 +143,7 @@ def list_adoptions(
 def _gone_back_to(store: Path, robot: str, serial: str | None) -> Adoption | None:
     """The version under the one in force: what was rolled back is off the pile."""
     pile: list[Adoption] = []
-    for id in list_folders(store, KIND):
+    for id in list_folders(store, ADOPTIONS):
         made = read_adoption(store, id)
         if (made.robot, made.serial) != (robot, serial):
             continue
@@ -180,7 +180,7 @@ def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
 
 
 def _created(store: Path, id: str) -> str:
-    path = record_folder(store, KIND, id) / KINDS[KIND].row
+    path = record_folder(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
     created = read_parquet(path, ["created"]).column("created")[0].as_py()
     return f"{created:%Y-%m-%d %H:%M}"
 

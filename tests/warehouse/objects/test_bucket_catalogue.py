@@ -11,7 +11,8 @@ from warehouse import catalogue
 from warehouse.catalogue import Catalogue
 from warehouse.layout import list_folders
 from warehouse.objects import listing, mirror
-from warehouse.objects.listing import HEADS, TAIL, note_key, read_head
+from warehouse.objects.listing import HEADS, read_head
+from warehouse.objects.mirror import TAIL, note_key
 
 
 def fill(store, count, start=0):
