@@ -33,7 +33,7 @@ from residual.effects import registry, reported_joints
 from residual.quantity import plain
 from residual.threads import one_blas_thread
 from sim.records import PlantEffect, stream
-from warehouse import seal
+from warehouse import runs as stored
 from warehouse.commit import commit_record
 from warehouse.layout import read_record
 from warehouse.query.store import open_store
@@ -160,7 +160,7 @@ def judge(
     # The verdict as it was committed: without one there is nothing to judge.
     verdict = read_outcome(store, ids[1]).verdict
     robot, draft = load(asked.robot), case.draft
-    sealed = seal.open_seal(store, runs["fit"][0]).spec
+    sealed = stored.open_seal(store, runs["fit"][0]).spec
     plant = experiment.plant_of(sealed)
     hidden = [measured(e, case.minimum, robot, _unit(e)) for e in plant.effects]
     oracle = None if draft.drawn == UNKNOWN else _oracle(asked, runs, hidden, store)

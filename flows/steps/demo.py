@@ -29,7 +29,7 @@ from sim.records import BACKGROUNDS, HIDDEN, PlantEffect, TrajectorySpec, stream
 from sim.trajectories import make_reference
 from sim.trajectories.given import draw_slow
 from sim.visible import Stage, draw_visible
-from warehouse import seal
+from warehouse import runs as stored
 
 ROBOT = "irb140"
 NOTHING = "none"  # as --effect: hide nothing
@@ -101,7 +101,7 @@ def open_seal(runs: Runs, diagnosis: str, store: Path) -> list[dict]:
         test (`flows.steps.edit`) where it was named, else None.
     """
     dof = load(ROBOT).dof
-    plant = plant_of(seal.open_seal(store, runs["fit"][0]).spec)
+    plant = plant_of(stored.open_seal(store, runs["fit"][0]).spec)
     edits = sealed_edits(runs, diagnosis, plant, store)
     return [
         {

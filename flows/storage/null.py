@@ -14,7 +14,6 @@ from residual.errors import InputError
 from residual.lazy import Lazy
 from residual.robot.robot import Robot
 
-commit = Lazy("warehouse.commit")
 sql = Lazy("warehouse.query.store")
 layout = Lazy("warehouse.layout")
 
@@ -120,7 +119,7 @@ def null_records(store: Path) -> list[tuple[str, Mapping]]:
     )
     with sql.open_store(store) as opened:
         ids = opened.sql(query).column(0).to_pylist()
-    return [(id, commit.read_record(store, id)) for id in ids]
+    return [(id, layout.read_record(store, id)) for id in ids]
 
 
 _JUDGES = ("steps.py", "row.py", "score.py", "size.py")

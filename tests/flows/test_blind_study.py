@@ -13,7 +13,7 @@ from flows.report.page.study import render
 from flows.workers.pool import Here
 from tests.flows.blind_rows import row
 from tests.verdict_documents import whole
-from warehouse import seal
+from warehouse import runs as stored
 from warehouse.layout import read_record
 from warehouse.query.store import open_store
 
@@ -65,7 +65,7 @@ def test_a_study_from_end_to_end_killed_on_its_way(
     short, unsealed, monkeypatch, tmp_path
 ):
     store, opened, begun = tmp_path / "store", [], []
-    open_seal, run_case = seal.open_seal, steps.run_case
+    open_seal, run_case = stored.open_seal, steps.run_case
 
     def watched(place, run_id):
         with open_store(place) as there:
@@ -81,7 +81,7 @@ def test_a_study_from_end_to_end_killed_on_its_way(
         begun.append(job[1].draft.index)
         return run_case(job)
 
-    monkeypatch.setattr(seal, "open_seal", watched)
+    monkeypatch.setattr(stored, "open_seal", watched)
     monkeypatch.setattr(steps, "run_case", counted)
     with pytest.raises(KeyboardInterrupt):
         blind_run.run_study(ASKED, store, pool=_Stopped(1))

@@ -12,7 +12,8 @@ from residual.effects import reported_joints
 from residual.robot.robot import Robot
 from sim.draw import draw_hidden
 from sim.records import HIDDEN, PlantEffect, stream
-from warehouse import ids, seal
+from warehouse import ids
+from warehouse import runs as stored
 from warehouse.commit import sealed_hash
 from warehouse.robots import keep_robot, robot_folder
 
@@ -110,7 +111,7 @@ def open_seal(store: Path, run: str, dof: int) -> list[dict]:
             "joints": list(reported_joints(effect.name, effect.joints, dof)),
             "parameters": dict(effect.parameters),
         }
-        for effect in plant_of(seal.open_seal(store, run).spec).effects
+        for effect in plant_of(stored.open_seal(store, run).spec).effects
     ]
 
 

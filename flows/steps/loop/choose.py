@@ -13,7 +13,6 @@ from residual.robot.robot import Robot
 
 keep = Lazy("flows.storage.diagnosis")
 numbered = Lazy("warehouse.numbered")
-commit = Lazy("warehouse.commit")
 sql = Lazy("warehouse.query.store")
 layout = Lazy("warehouse.layout")
 
@@ -141,7 +140,7 @@ def diagnosis_of(store: Path, word: str) -> str:
     """
     found = layout.find(store, word)
     if found.kind == "adoptions":
-        id = commit.read_record(store, found.id)["diagnosis_id"]
+        id = layout.read_record(store, found.id)["diagnosis_id"]
         if id is None:
             raise InputError(f"Adoption {found.id} went back to the nominal model.")
         return id
