@@ -113,9 +113,6 @@ def read_bucket(store: Path, before: Catalogue | None = None) -> Catalogue:
 
     Args:
         before: What was read earlier; it is given back if nothing has changed.
-
-    Raises:
-        InputError: If the bucket does not answer, or its catalogue is damaged.
     """
     listing = read_listing(store)
     if not listing.head.number:
@@ -136,9 +133,6 @@ def rebuild(store: Path) -> tuple[Catalogue, bool]:
 
     Returns:
         The catalogue, and whether it could be written.
-
-    Raises:
-        InputError: If the bucket does not answer.
     """
     none = {name: kind.fields.empty_table() for name, kind in KINDS.items()}
     catalogue, rows = _filled(store, all_records(store), none)

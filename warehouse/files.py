@@ -1,4 +1,11 @@
-"""Parquet files as the store writes them, and files that survive a kill."""
+"""Files of the store: Parquet as it writes it, their sums, and commits that survive.
+
+The checksums of Parquet cover its pages and not what lies around them, and DuckDB
+looks at none of them. So every record has ``_sums.json`` beside its files: of each file
+the SHA-256, which ``verify`` takes again, and the CRC-32 of every 64 KB, which a reader
+of a part takes again for that part. It ends with its own SHA-256. A record of an
+earlier version has none.
+"""
 
 import errno
 import hashlib
@@ -23,12 +30,21 @@ from warehouse.objects.mirror import (
     SUMS,
     at_hand,
     bucket_of,
+    damaged,
     place_of,
+    sums_in,
+    sums_text,
     upload,
     upload_file,
     writable,
 )
 from warehouse.schema import SEALED, STAGING
+
+Array = np.ndarray
+
+_PRIVATE_FILE = 0o600
+_READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
+_WIDTHS = b"modelgap.widths"
 
 BLOCK = 1 << 16
 _CRC = 8  # hex digits
@@ -37,7 +53,7 @@ _CRC = 8  # hex digits
 def write_sums(folder: Path) -> None:
     """Write the sums of all files of a folder into it."""
     paths = sorted(p for p in folder.iterdir() if p.is_file() and p.name != SUMS)
-    text = _text({path.name: sums_of(path) for path in paths})
+    text = sums_text({path.name: sums_of(path) for path in paths})
     (folder / SUMS).write_bytes(text)
 
 
@@ -53,26 +69,12 @@ def sums_of(path: Path) -> dict:
 
 
 def read_sums(folder: Path) -> Mapping[str, Mapping] | None:
-    """Return the sums of a folder's files by name; None where it has none.
-
-    Raises:
-        InputError: If the list itself is damaged.
-    """
+    """Return the sums of a folder's files by name; None where it has none."""
     at_hand(folder / SUMS)
     try:
-        text = (folder / SUMS).read_bytes()
+        return sums_in(folder)
     except FileNotFoundError:
         return None
-    except OSError as error:
-        raise _damaged(folder / SUMS, str(error)) from error
-    try:
-        sums = json.loads(text)["files"]
-        whole = _text(sums) == text
-    except (ValueError, KeyError, TypeError, RecursionError):
-        whole = False
-    if not whole:
-        raise _damaged(folder / SUMS, "it is not the list that was written")
-    return sums
 
 
 def check_file(path: Path, blocks: Collection[int] | None = None) -> bool:
@@ -83,44 +85,37 @@ def check_file(path: Path, blocks: Collection[int] | None = None) -> bool:
 
     Returns:
         Whether there are sums; without any nothing was checked.
-
-    Raises:
-        InputError: If it is damaged; the message names it.
     """
     sums = read_sums(path.parent)
     if sums is None:
         return False
     at_hand(path)
     if path.name not in sums:
-        raise _damaged(path, f"it is not in {SUMS}")
+        raise damaged(path, f"it is not in {SUMS}")
     check_blocks(path, sums[path.name], blocks)
     return True
 
 
 def check_blocks(path: Path, known: Mapping, blocks: Collection[int] | None) -> None:
-    """Check blocks of a file against its sums (`sums_of`).
-
-    Raises:
-        InputError: If one of them is damaged.
-    """
+    """Check blocks of a file against its sums (`sums_of`)."""
     size, sums = known["bytes"], known["blocks"]
     count = len(sums) // _CRC
     try:
         handle = os.open(path, os.O_RDONLY)
         try:
             if os.fstat(handle).st_size != size:
-                raise _damaged(path, f"it had {size} bytes when it was written")
+                raise damaged(path, f"it had {size} bytes when it was written")
             for number in range(count) if blocks is None else blocks:
                 given = crc(os.pread(handle, BLOCK, number * BLOCK))
                 if (
                     number < count
                     and given != sums[number * _CRC : (number + 1) * _CRC]
                 ):
-                    raise _damaged(path, "its bytes are not those that were written")
+                    raise damaged(path, "its bytes are not those that were written")
         finally:
             os.close(handle)
     except OSError as error:
-        raise _damaged(path, error.strerror or str(error)) from error
+        raise damaged(path, error.strerror or str(error)) from error
 
 
 def block_sums(known: Mapping) -> list[str]:
@@ -150,32 +145,9 @@ def file_faults(folder: Path) -> tuple[str, ...]:
     return tuple(told)
 
 
-def _text(sums: Mapping) -> bytes:
-    made = json.dumps(sums, sort_keys=True, separators=(",", ":"))
-    own = hashlib.sha256(made.encode()).hexdigest()
-    return f'{{"files":{made},"sha256":"{own}"}}\n'.encode()
-
-
 def crc(block: bytes) -> str:
     """Return the CRC-32 of a block as sums have it."""
     return f"{zlib.crc32(block):08x}"
-
-
-def _damaged(path: Path, what: str) -> InputError:
-    return InputError(damaged(path, what))
-
-
-def damaged(path: Path, what: object) -> str:
-    """Return one line that names a damaged file."""
-    text = " ".join(str(what).split())
-    return f"{path} is damaged ({text[:120]}). Take its folder out of the store."
-
-
-Array = np.ndarray
-
-_PRIVATE_FILE = 0o600
-_READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
-_WIDTHS = b"modelgap.widths"
 
 
 def write_parquet(path: Path, table: pa.Table) -> None:
@@ -203,17 +175,13 @@ def parquet_options(schema: pa.Schema) -> dict:
 
 
 def read_parquet(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """Read a file of the store, checked against its sums.
-
-    Raises:
-        InputError: If it is not there or damaged; the message names it.
-    """
+    """Read a file of the store, checked against its sums."""
     check_file(path)
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             return file.read(columns=columns)
     except (pa.ArrowException, OSError) as error:
-        raise InputError(damaged(path, error)) from error
+        raise damaged(path, error) from error
 
 
 def read_cell(row: Path, column: str) -> str:
@@ -227,9 +195,6 @@ def to_table(arrays: Mapping[str, Array], units: Mapping[str, str]) -> pa.Table:
     Args:
         arrays: Values by name. Shapes (n,) or (n, k).
         units: Unit by name; it becomes metadata of the fields.
-
-    Raises:
-        InputError: If an array has another shape or another number of rows.
     """
     fields, columns, widths = [], [], {}
     rows = {name: np.shape(array)[:1] for name, array in arrays.items()}

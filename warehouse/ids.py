@@ -47,11 +47,7 @@ def canonical(value: object) -> bytes:
 
 
 def plain(value: object) -> Any:
-    """Return a value as the plain types that JSON knows.
-
-    Raises:
-        InputError: If there is no such form.
-    """
+    """Return a value as the plain types that JSON knows."""
     if is_dataclass(value) and not isinstance(value, type):
         return plain(asdict(value))
     if isinstance(value, Mapping):
@@ -115,11 +111,7 @@ def data_hash(arrays: Mapping[str, Array]) -> str:
 
 
 def check_id(text: str) -> str:
-    """Return an id, or its beginning, if it is safe to use in a path.
-
-    Raises:
-        InputError: If it is anything but hex digits.
-    """
+    """Return an id, or its beginning, if it is safe to use in a path."""
     if not _ID.fullmatch(str(text)):
         raise InputError(
             f"'{text}' is not an id: expected up to {ID_DIGITS} hex digits, as "
@@ -129,11 +121,7 @@ def check_id(text: str) -> str:
 
 
 def check_slug(text: str) -> str:
-    """Return the name of a robot if it is safe to use in a path.
-
-    Raises:
-        InputError: If it is not 1 to 40 of a-z, 0-9, "_" and "-".
-    """
+    """Return the name of a robot if it is safe to use in a path."""
     if not _SLUG.fullmatch(str(text)):
         raise InputError(
             f"'{text}' is not a robot's name: expected 1 to 40 of a-z, 0-9, _ and -."
@@ -142,11 +130,7 @@ def check_slug(text: str) -> str:
 
 
 def record_folder(store: Path, kind: str, id: str, robot: str = "") -> Path:
-    """Return the folder of a record; a run's is below its robot's.
-
-    Raises:
-        InputError: If the id or the name of the robot is not safe in a path.
-    """
+    """Return the folder of a record; a run's is below its robot's."""
     known = KINDS[check_name(kind, KINDS, "kind of record")]
     base = store / known.folder
     if kind == "runs":

@@ -74,11 +74,7 @@ def find(store: Path, id: str) -> Found:
 
 
 def find_run(store: Path, id: str) -> Found:
-    """Find a run by its id or the beginning of it.
-
-    Raises:
-        InputError: If there is no such run.
-    """
+    """Find a run by its id or the beginning of it."""
     found = find(store, id)
     if found.kind != "runs":
         raise InputError(f"{found.id} is in {found.kind}, expected the id of a run.")

@@ -44,11 +44,7 @@ class Relative:
 
 
 def tree(store: Store, id: str, down: bool = False) -> Relative:
-    """Return what a record was made from, or what was made from it, all the way.
-
-    Raises:
-        InputError: If there is no such record.
-    """
+    """Return what a record was made from, or what was made from it, all the way."""
     found = find(store.path, id)
     near, far = ("parent", "child") if down else ("child", "parent")
     links: dict[str, list[tuple[str, str]]] = {}
@@ -66,11 +62,7 @@ def tree(store: Store, id: str, down: bool = False) -> Relative:
 
 
 def needed(store: Path, id: str) -> list[Found]:
-    """Return a record after all that it was made from: parents stand first.
-
-    Raises:
-        InputError: If the record or one that it was made from is not in the store.
-    """
+    """Return a record after all that it was made from: parents stand first."""
     order: dict[str, Found] = {}
     path: set[str] = set()
 

@@ -372,11 +372,7 @@ def read_packages(store: Path, known: Mapping | None) -> dict[str, str] | None:
 
 
 def check_kept(name: str, content: bytes) -> None:
-    """Check that a file is what its name says.
-
-    Raises:
-        InputError: If it is not, or is larger than this program keeps.
-    """
+    """Check that a file is what its name says."""
     hash = name.split("-", 1)[1].split(".", 1)[0]
     if name.endswith(".gz"):
         content = _unzipped(name, content)

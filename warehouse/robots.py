@@ -69,11 +69,7 @@ def _toml_text(path: Path, robot: Robot) -> str | None:
 
 
 def robot_of_hash(store: Path, content_hash: str) -> str:
-    """Return the word for the robot of a hash: a built-in name, or its kept folder.
-
-    Raises:
-        InputError: If no description of it was kept.
-    """
+    """Return the word for the robot of a hash: a built-in name, or its kept folder."""
     for name in built_in_robots():
         if load_robot(name).content_hash == content_hash:
             return name
@@ -114,11 +110,7 @@ def robot_word(store: Path, word: str, content_hash: str | None) -> str:
 
 
 def robot_folder(store: Path, content_hash: str) -> Path:
-    """Return where a description is kept.
-
-    Raises:
-        InputError: If the hash is none.
-    """
+    """Return where a description is kept."""
     if len(content_hash) != 64 or set(content_hash) - set("0123456789abcdef"):
         raise InputError(f"'{content_hash}' is not the hash of a robot.")
     return store / ROBOTS / f"sha256={content_hash}"

@@ -32,11 +32,7 @@ def _manifest(folder: Path) -> dict:
 
 
 def read_run(store: Path, run_id: str) -> Recording:
-    """Return what was logged in a run, bit for bit as it was committed.
-
-    Raises:
-        InputError: If there is no such run, or its samples are damaged.
-    """
+    """Return what was logged in a run, bit for bit as it was committed."""
     run = find_run(store, run_id)
     channels = check_samples(run.folder)
     robot = run.folder.parent.name.removeprefix("robot=")
@@ -50,11 +46,7 @@ def read_channels(store: Path, run_id: str) -> dict:
 
 
 def check_samples(folder: Path) -> dict:
-    """Return the channels in the folder of a run, held against the hash of its record.
-
-    Raises:
-        InputError: If they are damaged.
-    """
+    """Return the channels in a folder of a run, held against its record's hash."""
     path = folder / SAMPLES_FILE
     arrays = to_arrays(read_parquet(path))
     if data_hash(arrays) != _manifest(folder)["data_hash"]:

@@ -25,11 +25,7 @@ _EXPECTED = {
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises:
-        InputError: If it is not there, too large, not text, not TOML or nested deep.
-    """
+    """Read a TOML file."""
     try:
         with Path(path).open("rb") as file:
             data = file.read(LARGEST + 1)
@@ -51,9 +47,6 @@ def checked(record: type[Record], content: dict[str, Any], where: str) -> Record
 
     Args:
         record: What the file must hold: a model or dataclass of pydantic.
-
-    Raises:
-        InputError: On the first fault; an unknown key gets the nearest valid one.
     """
     for words, _ in faults(record, content):
         raise InputError(f"{where}: {words}")

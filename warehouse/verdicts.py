@@ -47,9 +47,6 @@ def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> st
 
     Returns:
         The id of the diagnosis; the same one on the same runs has the same.
-
-    Raises:
-        InputError: If a run is not in the store, or something is not usable.
     """
     roles = {role: list(ids) for role, ids in runs.items() if ids}
     motions = {id: _trajectory(store, id) for ids in roles.values() for id in ids}

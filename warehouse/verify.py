@@ -74,11 +74,7 @@ def faults(found: Found) -> tuple[str, ...]:
 
 
 def read_row(found: Found) -> dict:
-    """Return the row of a record, everything in it.
-
-    Raises:
-        InputError: If it is damaged.
-    """
+    """Return the row of a record, everything in it."""
     table = read_parquet(found.row)
     if len(table) != 1:
         raise InputError(f"{found.row} has {len(table)} rows, expected 1.")
@@ -316,11 +312,7 @@ def open_to_others(store: Path) -> bool:
 
 
 def check_robot(folder: Path) -> None:
-    """Check that a kept robot is the one that its folder names.
-
-    Raises:
-        ValueError: If it is another.
-    """
+    """Check that a kept robot is the one that its folder names."""
     if load_robot(folder).content_hash != folder.name.removeprefix("sha256="):
         raise ValueError(f"{folder.name} describes another robot than its name says")
 

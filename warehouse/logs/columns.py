@@ -164,12 +164,7 @@ class _File:
 
 
 def load_columns(path: str | Path) -> ColumnMap:
-    """Read a COLUMNS.toml.
-
-    Raises:
-        InputError: If the file is not usable.
-        UnknownNameError: On a unit that is not known.
-    """
+    """Read a COLUMNS.toml."""
     name = Path(path).name
     file = checked(_File, read_toml(path), name)
     given = {key: getattr(file, key) for key in JOINT_SIGNALS}
@@ -245,12 +240,7 @@ class Selection:
 def select(
     columns: tuple[str, ...], column_map: ColumnMap, dof: int, where: str
 ) -> Selection:
-    """Find the columns of every signal.
-
-    Raises:
-        InputError: If a needed column is missing or doubled, or there is a joint column
-            beyond the robot's joints.
-    """
+    """Find the columns of every signal."""
     signals = {}
     for name in JOINT_SIGNALS:
         signal = column_map.signals.get(name)
@@ -275,11 +265,7 @@ def select(
 def check_units(
     chosen: Selection, time_unit: str, stated: Mapping[str, str], where: str
 ) -> None:
-    """Compare the units of the map, or the usual ones, with those of the file.
-
-    Raises:
-        InputError: If they differ.
-    """
+    """Compare the units of the map, or the usual ones, with those of the file."""
     meant = {chosen.time: ("time", time_unit)}
     for name, signal in chosen.signals.items():
         unit = "N m" if signal.unit == "Nm" else signal.unit
@@ -351,9 +337,6 @@ def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Arra
 
     Returns:
         Values in SI units, link side. Shape (n, dof).
-
-    Raises:
-        InputError: If the robot lacks a gear ratio or torque per unit that is needed.
     """
     values = raw
     if signal.zero:

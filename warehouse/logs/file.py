@@ -52,9 +52,6 @@ def parse(text: str, what: str) -> datetime:
 
     Args:
         text: ISO 8601 with a zone, such as 2026-11-20T14:03:00+01:00.
-
-    Raises:
-        InputError: If it is something else.
     """
     moment = _parsed(text)
     if moment is None or not _EARLIEST <= moment < _LATEST:
@@ -104,8 +101,4 @@ class LogFile(ABC):
 
     @abstractmethod
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
-        """Return the values of some columns, NaN where empty.
-
-        Raises:
-            InputError: If a value is not a number.
-        """
+        """Return the values of some columns, NaN where empty."""

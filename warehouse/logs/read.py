@@ -126,9 +126,6 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
         path: An existing file, or the folder of a ROS 2 bag.
         columns: How text is written, and what of a bag is read.
         joints: Names of the robot's joints in the URDF, joint 1 first.
-
-    Raises:
-        InputError: If the file is empty or of no known format.
     """
     head = b"" if path.is_dir() else _head(path)
     if path.is_dir() or head.startswith((_SQLITE, _ROS1)):

@@ -109,9 +109,6 @@ def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLo
 
     Args:
         joints: Names of the robot's joints in the URDF, joint 1 first.
-
-    Raises:
-        InputError: If the extra is not installed or the bag is not usable.
     """
     try:
         from rosbags.highlevel import AnyReader
@@ -141,9 +138,6 @@ def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateL
 
     Args:
         joints: Names of the robot's joints in the URDF, joint 1 first.
-
-    Raises:
-        InputError: If the extra is not installed or the file is not usable.
     """
     try:
         from mcap.reader import make_reader
@@ -172,11 +166,7 @@ def _readable(path: Path, what: str, hint: str = "") -> Iterator[None]:
 
 
 def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
-    """Return the topic to read.
-
-    Raises:
-        InputError: If there is none, or there are several and none is named.
-    """
+    """Return the topic to read."""
     found = sorted(set(topics))
     listed = ", ".join(found)
     if not found:

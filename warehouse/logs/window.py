@@ -43,9 +43,6 @@ class Window:
 
         Args:
             t: Sample times, strictly increasing [s]. Shape (n,).
-
-        Raises:
-            InputError: If the window is empty or reaches beyond the log.
         """
         step = float(np.median(np.diff(t)))
         # One step longer than last minus first, so that 100 % has the last sample.
@@ -76,9 +73,6 @@ def split_spec(spec: str) -> tuple[Path, Window | None]:
 
     Returns:
         The file, and the window or None.
-
-    Raises:
-        InputError: If there is no such file or the window is not understood.
     """
     path = Path(spec)
     # Those of os.path, which say no of a name that no file can have.

@@ -46,9 +46,6 @@ def parse(word: str) -> Address:
 
     Args:
         word: As s3://bucket/prefix.
-
-    Raises:
-        InputError: If it is another scheme, or no bucket and prefix.
     """
     found = _SCHEME.match(word)
     if found is None or found[1].lower() != "s3" or not word[3:].startswith("//"):
@@ -128,11 +125,7 @@ def _is_loopback(host: str) -> bool:
 
 
 class _Profile:
-    """Keys, region and endpoint of the user's profile.
-
-    Raises:
-        InputError: If there is none with keys.
-    """
+    """Keys, region and endpoint of the user's profile."""
 
     def __init__(self) -> None:
         try:
@@ -207,11 +200,7 @@ class Bucket:
         self._obstore = _library()
 
     def put_if_absent(self, key: str, data: bytes) -> bool:
-        """Write an object if there is none; whether it is this one.
-
-        Raises:
-            BucketError: If it cannot be written.
-        """
+        """Write an object if there is none; whether it is this one."""
         with self._told("write"):
             try:
                 # In one request: of several parts the condition would stand at none.
@@ -223,20 +212,12 @@ class Bucket:
         return True
 
     def put(self, key: str, data: bytes) -> None:
-        """Write an object, or a new version of it.
-
-        Raises:
-            BucketError: If it cannot be written.
-        """
+        """Write an object, or a new version of it."""
         with self._told("write"):
             self._obstore.put(self._store, key, data)
 
     def get(self, key: str) -> bytes | None:
-        """Return an object, None where there is none.
-
-        Raises:
-            BucketError: If it cannot be read.
-        """
+        """Return an object, None where there is none."""
         with self._told("read"):
             try:
                 return bytes(self._obstore.get(self._store, key).bytes())
@@ -246,11 +227,7 @@ class Bucket:
                 return None
 
     def get_range(self, key: str, start: int, end: int) -> bytes:
-        """Return the bytes of an object from `start` to before `end`.
-
-        Raises:
-            BucketError: If it is not there, or cannot be read.
-        """
+        """Return the bytes of an object from `start` to before `end`."""
         with self._told("read"):
             return bytes(
                 self._obstore.get_range(self._store, key, start=start, end=end)
@@ -261,9 +238,6 @@ class Bucket:
 
         Args:
             prefix: Whole parts of a key, such as "_index/tail".
-
-        Raises:
-            BucketError: If they cannot be listed.
         """
         with self._told("list"):
             pages = self._obstore.list(self._store, prefix)
@@ -275,21 +249,13 @@ class Bucket:
         return sorted(found, key=lambda each: each.key)
 
     def folders(self, prefix: str) -> list[str]:
-        """Return the names that stand after a folder's name in keys, each once.
-
-        Raises:
-            BucketError: If they cannot be listed.
-        """
+        """Return the names that stand after a folder's name in keys, each once."""
         with self._told("list"):
             found = self._obstore.list_with_delimiter(self._store, prefix)
         return sorted(each.rpartition("/")[2] for each in found["common_prefixes"])
 
     def delete(self, keys: Sequence[str]) -> None:
-        """Remove objects; one that is gone already is no error.
-
-        Raises:
-            BucketError: If they cannot be removed.
-        """
+        """Remove objects; one that is gone already is no error."""
         with self._told("delete"):
             for first in range(0, len(keys), _AT_ONCE):
                 self._obstore.delete(self._store, list(keys[first : first + _AT_ONCE]))
@@ -314,11 +280,7 @@ class Bucket:
 
 
 def open_bucket(address: Address) -> Bucket:
-    """Return a bucket of S3, or of what speaks like it; nothing is asked of it yet.
-
-    Raises:
-        InputError: If there are no credentials, or the extra is not installed.
-    """
+    """Return a bucket of S3, or of what speaks like it; nothing is asked of it yet."""
     make, prefix = _library().store.S3Store, address.prefix or None
     store = make(address.bucket, prefix=prefix, retry_config=_RETRIES, **settings())
     return Bucket(store, address.url)

@@ -83,11 +83,7 @@ def folder_of(note: str) -> str | None:
 
 
 def read_listing(store: Path, kinds: Sequence[str] = tuple(KINDS)) -> Listing:
-    """List the records of a store in a bucket.
-
-    Raises:
-        InputError: If the bucket does not answer.
-    """
+    """List the records of a store in a bucket."""
     bucket = bucket_of(store)
     notes = [each.key for each in bucket.objects(TAIL)]
     head = read_head(bucket)
@@ -115,11 +111,7 @@ def listed_ids(store: Path, kind: str) -> dict[str, str]:
 
 
 def read_head(bucket: Bucket) -> Head:
-    """Return the catalogue that holds now.
-
-    Raises:
-        InputError: If it is damaged, or the bucket does not answer.
-    """
+    """Return the catalogue that holds now."""
     while heads := bucket.objects(HEADS):
         key = heads[-1].key
         text = bucket.get(key)
@@ -140,11 +132,7 @@ def head_text(head: Head) -> bytes:
 
 
 def read_rows(store: Path, head: Head, kind: Kind) -> pa.Table:
-    """Return the catalogue rows of a kind, each record once.
-
-    Raises:
-        InputError: If a catalogue file is missing or damaged.
-    """
+    """Return the catalogue rows of a kind, each record once."""
     tables = [_table(store, name) for name, _ in head.files.get(kind.name, ())]
     tables = [table for table in tables if table.schema.equals(kind.fields)]
     rows = pa.concat_tables([kind.fields.empty_table(), *tables])
@@ -213,11 +201,7 @@ def _table(store: Path, name: str, columns: list[str] | None = None) -> pa.Table
 
 
 def parse_head(key: str, text: bytes) -> Head:
-    """Return a head from its object.
-
-    Raises:
-        InputError: If it is damaged.
-    """
+    """Return a head from its object."""
     try:
         files = json.loads(text)["files"]
         known = {
@@ -261,9 +245,6 @@ def append(store: Path, rows: Mapping[str, pa.Table]) -> bool:
     Returns:
         Whether it was done; False where there is no catalogue yet, which only
         `replace` makes, or others were faster again and again.
-
-    Raises:
-        InputError: If the bucket does not answer or may not be written.
     """
     bucket = bucket_of(store)
     if not any(map(len, rows.values())):
@@ -294,9 +275,6 @@ def replace(store: Path, rows: Mapping[str, pa.Table]) -> bool:
 
     Returns:
         Whether it was done; False where somebody else wrote one meanwhile.
-
-    Raises:
-        InputError: If the bucket does not answer or may not be written.
     """
     bucket = bucket_of(store)
     # Of a damaged head the number is still known.
@@ -312,11 +290,7 @@ def replace(store: Path, rows: Mapping[str, pa.Table]) -> bool:
 
 
 def all_records(store: Path) -> dict[str, dict[str, str]]:
-    """Return the folder of every record by kind and id, from the records themselves.
-
-    Raises:
-        InputError: If the bucket does not answer.
-    """
+    """Return the folder of every record by kind and id, from the records themselves."""
     bucket, out = bucket_of(store), {}
     for kind in KINDS.values():
         keys = (each.key for each in bucket.objects(kind.folder))

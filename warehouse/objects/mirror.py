@@ -54,11 +54,7 @@ _LONG = 3600.0
 
 
 def identity_of(bucket: Bucket) -> str | None:
-    """Return the identity of the store in a bucket, None where there is no store.
-
-    Raises:
-        InputError: If there is one of another form, or the bucket does not answer.
-    """
+    """Return the identity of the store in a bucket, None where there is no store."""
     text = bucket.get(IDENTITY)
     if text is None:
         return None
@@ -72,11 +68,7 @@ def identity_of(bucket: Bucket) -> str | None:
 
 
 def make_identity(bucket: Bucket, shown: str) -> str:
-    """Make a store in a bucket, if there is none, and try the condition of its server.
-
-    Raises:
-        InputError: If the server ignores the condition of a put.
-    """
+    """Make a store in a bucket if there is none, and try its server's condition."""
     told = {"schema": _FORM, "store": uuid.uuid4().hex}
     bucket.put_if_absent(IDENTITY, json.dumps(told).encode())
     text = bucket.get(IDENTITY)
@@ -110,9 +102,6 @@ def mirror_of(word: str) -> Path:
 
     Args:
         word: As s3://bucket/prefix.
-
-    Raises:
-        InputError: If it is none, or the bucket does not answer.
     """
     address = parse(word)
     named = f"{endpoint_url() or ''} {address.url}"
@@ -139,11 +128,7 @@ def bucket_of(store: Path) -> Bucket | None:
 
 
 def writable(store: Path) -> Bucket:
-    """Return the bucket of a mirror, made a store, and known to keep conditions.
-
-    Raises:
-        InputError: If its server ignores the condition of a put.
-    """
+    """Return the bucket of a mirror, made a store, and known to keep conditions."""
     bucket = bucket_of(store)
     if str(store) not in _writable:
         identity = make_identity(bucket, shown(store))
@@ -177,9 +162,6 @@ def at_hand(path: Path) -> None:
     Args:
         path: A file of any store; nothing is done for one in a folder, nor for one
             that the bucket does not have.
-
-    Raises:
-        InputError: If the bucket does not answer, or what it gives is damaged.
     """
     place = place_of(path)
     if place is None or path.exists():
@@ -195,11 +177,7 @@ def at_hand(path: Path) -> None:
 
 
 def brought(folder: Path) -> bool:
-    """Copy all files of a record into the mirror; whether there is such a record.
-
-    Raises:
-        InputError: If the bucket does not answer, or what it gives is damaged.
-    """
+    """Copy all files of a record into the mirror; whether there is such a record."""
     if place_of(folder) is None:
         return folder.is_dir()
     if not is_there(folder):
@@ -231,9 +209,6 @@ def names_in(store: Path, folder: str) -> list[str]:
     Args:
         folder: A folder of it whose files lie in a bucket by their own names, or one
             of folders; it need not be there.
-
-    Raises:
-        InputError: If the bucket does not answer.
     """
     bucket = bucket_of(store)
     if bucket is None:
@@ -244,17 +219,35 @@ def names_in(store: Path, folder: str) -> list[str]:
 
 
 def sums_in(folder: Path) -> Mapping[str, Mapping]:
-    """Return the sums of a record's files by name, as its list in a mirror has them.
-
-    Raises:
-        InputError: If the list is damaged.
-    """
+    """Return the sums of a record's files by name, as the list beside them has them."""
     try:
-        return json.loads((folder / SUMS).read_bytes())["files"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"{folder / SUMS} is damaged: it is no list of sums."
-        ) from error
+        text = (folder / SUMS).read_bytes()
+        sums = json.loads(text)["files"]
+        if sums_text(sums) == text:
+            return sums
+        why = "it is not the list that was written"
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        why = str(error)
+    except (ValueError, KeyError, TypeError, RecursionError):
+        why = "it is not the list that was written"
+    raise damaged(folder / SUMS, why)
+
+
+def sums_text(sums: Mapping) -> bytes:
+    """Return a list of sums as its file has it: it ends with its own SHA-256."""
+    made = json.dumps(sums, sort_keys=True, separators=(",", ":"))
+    own = hashlib.sha256(made.encode()).hexdigest()
+    return f'{{"files":{made},"sha256":"{own}"}}\n'.encode()
+
+
+def damaged(path: Path, what: object) -> InputError:
+    """Return the error, in one line, that names a damaged file."""
+    text = " ".join(str(what).split())
+    return InputError(
+        f"{path} is damaged ({text[:120]}). Take its folder out of the store."
+    )
 
 
 def object_key(folder: str, name: str, sha256: str) -> str:
@@ -304,9 +297,6 @@ def upload(folder: Path, target: Path) -> bool:
 
     Returns:
         Whether it is this one; False if another writer was faster.
-
-    Raises:
-        InputError: If the bucket does not answer, or its server ignores conditions.
     """
     store, key = place_of(target)
     bucket, begun = writable(store), monotonic()
@@ -335,9 +325,6 @@ def upload_file(path: Path, target: Path) -> bool:
 
     Returns:
         Whether it goes into a bucket; False where its place is in a folder only.
-
-    Raises:
-        InputError: If the bucket does not answer, or its server ignores conditions.
     """
     place = place_of(target)
     if place is None:

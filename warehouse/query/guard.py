@@ -230,11 +230,7 @@ def memory() -> int:
 
 
 def collected(reader: pa.RecordBatchReader) -> pa.Table:
-    """Return an answer as a whole if that can be held.
-
-    Raises:
-        InputError: If it is too large.
-    """
+    """Return an answer as a whole if that can be held."""
     batches, size, most = [], 0, LARGEST * memory()
     # Closed also where it is too large: what is not read would hold the transaction.
     with reader:
@@ -258,9 +254,6 @@ def limited(
 
     Args:
         seconds: How long it may take [s]; None for ever.
-
-    Raises:
-        InputError: If it took longer.
     """
     if seconds is None:
         yield

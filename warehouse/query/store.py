@@ -1,6 +1,10 @@
 """The store as a database: open it and ask in SQL."""
 
-from collections.abc import Mapping
+import json
+import os
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,9 +14,9 @@ import pyarrow as pa
 
 from residual.errors import InputError
 from warehouse.catalogue import read_catalogue
-from warehouse.files import read_parquet
+from warehouse.files import BLOCK, check_blocks, check_file, read_parquet
 from warehouse.objects.bucket import is_address
-from warehouse.objects.mirror import bucket_of, mirror_of, shown
+from warehouse.objects.mirror import bucket_of, damaged, mirror_of, shown
 from warehouse.query.guard import (
     check_reads_only,
     collected,
@@ -25,21 +29,11 @@ from warehouse.query.guard import (
 )
 from warehouse.query.packs import Held, Pack, Packed, read_packs, write_packs
 from warehouse.query.views import catalogue_views, samples_view, signal_rows
-from warehouse.runs import quarantined
-from warehouse.schema import SAMPLES_FILE, TEXT
+from warehouse.runs import check_samples, quarantined
+from warehouse.schema import KINDS, SAMPLES_FILE, TEXT, VIEWS
 
 if TYPE_CHECKING:
     from warehouse.query.bucket_samples import BucketSamples
-
-import json
-import os
-from collections import defaultdict
-from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
-
-from warehouse.files import BLOCK, check_blocks, check_file, damaged
-from warehouse.runs import check_samples
-from warehouse.schema import KINDS, VIEWS
 
 _READS = """
     SELECT message FROM duckdb_logs
@@ -87,7 +81,7 @@ class Watched:
         try:
             about = os.stat(file)
         except OSError as error:
-            return damaged(Path(file), error.strerror)
+            return str(damaged(Path(file), error.strerror))
         key = (file, about.st_ino, about.st_size, about.st_mtime_ns)
         new = blocks - self._whole[key]
         if not new:
@@ -140,9 +134,6 @@ def open_store(path: Path | str) -> "Store":
 
     Args:
         path: Folder of the store, or its address in a bucket.
-
-    Raises:
-        InputError: If there is none.
     """
     word = str(path)
     folder = mirror_of(word) if is_address(word) else Path(path).resolve()
