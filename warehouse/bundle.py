@@ -46,6 +46,12 @@ _OTHER = (
 )
 
 
+_READERS = (ValueError, KeyError, TypeError, OSError, RecursionError)
+# Of the disk and not of the bundle.
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_UNFOLDED = 8 << 30  # bytes that a Parquet file may unfold to
+
+
 def _forms() -> dict[str, re.Pattern]:
     rows = {name: re.escape(kind.row) for name, kind in KINDS.items()}
     forms = {
@@ -200,12 +206,6 @@ def _member(name: str, size: int) -> tarfile.TarInfo:
     member = tarfile.TarInfo(name)
     member.size, member.mode = size, 0o644
     return member
-
-
-_READERS = (ValueError, KeyError, TypeError, OSError, RecursionError)
-# Of the disk and not of the bundle.
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-_UNFOLDED = 8 << 30  # bytes that a Parquet file may unfold to
 
 
 class _Form(BaseModel):

@@ -39,6 +39,15 @@ from warehouse.objects.mirror import bucket_of
 from warehouse.provenance import about_origin
 from warehouse.schema import INDEX, KINDS, Kind
 
+# So many rows may be outside of the catalogue files before who reads them adds them.
+_SPARE = 32
+Places = Mapping[str, Mapping[str, str]]
+Rows = Mapping[str, pa.Table]
+# So many rows in one file: writing it costs what one commit does, once in so many.
+SIZE = 64
+_waiting: dict[tuple[str, str], list[pa.Table]] = {}
+_lock = threading.Lock()
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Catalogue:
@@ -101,13 +110,6 @@ def _with_origin(table: pa.Table) -> pa.Table:
     return table
 
 
-# So many rows may be outside of the catalogue files before who reads them adds them.
-_SPARE = 32
-
-Places = Mapping[str, Mapping[str, str]]
-Rows = Mapping[str, pa.Table]
-
-
 def read_bucket(store: Path, before: Catalogue | None = None) -> Catalogue:
     """List a store, and bring its catalogue up to date where that pays.
 
@@ -162,13 +164,6 @@ def _filled(store: Path, places: Places, known: Rows) -> tuple[Catalogue, Rows]:
         rows[name] = both.sort_by([("created", "ascending"), (kind.key, "ascending")])
         damaged[name] = tuple(bad)
     return Catalogue(folders, rows, damaged), new
-
-
-# So many rows in one file: writing it costs what one commit does, once in so many.
-SIZE = 64
-
-_waiting: dict[tuple[str, str], list[pa.Table]] = {}
-_lock = threading.Lock()
 
 
 def remember(store: Path, kind: Kind, row: pa.Table) -> None:

@@ -1,13 +1,16 @@
 """Two sets of values side by side, bit for bit: where they part, and how far."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
 from warehouse.schema import SIGNALS, channel_names
 
 Array = np.ndarray
+
+
+_GONE = object()
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +38,6 @@ class Channel:
     largest: float | None = None
     rms: float | None = None
     note: str = ""
-
-    def as_record(self) -> dict:
-        """Return it as JSON can hold it."""
-        return asdict(self)
 
     @property
     def words(self) -> str:
@@ -103,9 +102,6 @@ def values_apart(one: object, two: object, at: str = "") -> list[Channel]:
         pairs = zip(one, two, strict=True)
         return [c for i, (a, b) in enumerate(pairs) for c in _item(a, b, f"{at}[{i}]")]
     return _item(one, two, at)
-
-
-_GONE = object()
 
 
 def _item(one: object, two: object, at: str) -> list[Channel]:

@@ -18,6 +18,19 @@ from warehouse.schema import KINDS, SEALED
 RERUN_OF = "rerun of"
 
 
+LOOKED_AT = ("batch", "watched")
+_QUERY = """
+    SELECT run_id FROM runs
+    WHERE coalesce(recorded_at, created) < $before
+      AND ($robot IS NULL OR robot = $robot)
+      AND NOT list_has_any(coalesce(tags, []), $keep)
+      AND run_id NOT IN
+          (SELECT parent FROM lineage WHERE NOT list_contains($looked_at, role))
+      AND run_id NOT IN (SELECT run_id FROM alarms WHERE run_id IS NOT NULL)
+    ORDER BY coalesce(recorded_at, created), run_id
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class Relative:
     """A record in a tree of relatives.
@@ -127,19 +140,6 @@ def _grown(
     shown.add(id)
     relatives = tuple(_grown(far, r, links, kinds, shown) for far, r in below)
     return Relative(id, kind, role, relatives)
-
-
-LOOKED_AT = ("batch", "watched")
-_QUERY = """
-    SELECT run_id FROM runs
-    WHERE coalesce(recorded_at, created) < $before
-      AND ($robot IS NULL OR robot = $robot)
-      AND NOT list_has_any(coalesce(tags, []), $keep)
-      AND run_id NOT IN
-          (SELECT parent FROM lineage WHERE NOT list_contains($looked_at, role))
-      AND run_id NOT IN (SELECT run_id FROM alarms WHERE run_id IS NOT NULL)
-    ORDER BY coalesce(recorded_at, created), run_id
-"""
 
 
 @dataclass(frozen=True, slots=True)

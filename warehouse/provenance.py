@@ -26,6 +26,21 @@ _NAMED = 20  # files that are named; the others are counted
 _PLAIN = re.compile(r"[\w./@+-]+")
 
 
+# Named in the manifest; all others are in the hash of the environment.
+_TOLD = (
+    "modelgap",
+    "numpy",
+    "scipy",
+    "numba",
+    "pin",
+    "pybullet",
+    "pyarrow",
+    "duckdb",
+)
+BUILT = Path(__file__).with_name("commit.txt")
+MADE_WITH = "made_with"
+
+
 @dataclass(frozen=True, slots=True)
 class Changes:
     """How the code differs from its commit.
@@ -117,19 +132,6 @@ def _as_new(root: Path, name: str) -> bytes:
     return head.encode() + body + (b"" if whole else b"\\ No newline at end of file\n")
 
 
-# Named in the manifest; all others are in the hash of the environment.
-_TOLD = (
-    "modelgap",
-    "numpy",
-    "scipy",
-    "numba",
-    "pin",
-    "pybullet",
-    "pyarrow",
-    "duckdb",
-)
-
-
 @dataclass(frozen=True, slots=True)
 class Provenance:
     """Code and environment of this process.
@@ -169,8 +171,8 @@ def provenance() -> Provenance:
     told = {name: installed[name] for name in _TOLD if name in installed}
     return Provenance(
         code_hash=plant_code_hash(),
-        commit=_commit(),
-        dirty=_dirty(),
+        commit=commit() if is_checkout() else None,
+        dirty=_dirty() if is_checkout() else None,
         lock_hash=_sha256(lock.read_bytes()) if lock.is_file() else None,
         environment_hash=_sha256(packages()),
         versions={"python": platform.python_version(), **told},
@@ -273,22 +275,9 @@ def _installed() -> dict[str, str]:
     return {name.lower(): version for name, version in found if name}
 
 
-def _commit() -> str | None:
-    if not is_checkout():
-        return None
-    return _git_answer("rev-parse", "HEAD") or None
-
-
 def _dirty() -> bool | None:
-    if _commit() is None:
-        return None
-    changes = _git_answer("status", "--porcelain", "--", *PACKAGES)
-    return None if changes is None else bool(changes)
-
-
-def _git_answer(*words: str) -> str | None:
-    answer = git(ROOT, *words)
-    return None if answer is None else answer.decode("utf-8", "replace").strip()
+    changes = git(ROOT, "status", "--porcelain", "--", *PACKAGES)
+    return None if changes is None else bool(changes.strip())
 
 
 def _machine() -> str:
@@ -304,9 +293,6 @@ def _machine() -> str:
 
 def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-BUILT = Path(__file__).with_name("commit.txt")
 
 
 def commit(root: Path = ROOT, built: Path = BUILT) -> str | None:
@@ -328,9 +314,6 @@ def version_text() -> str:
         number = "not installed"
     known = commit()
     return f"{number} (commit {known[:12] if known else 'unknown'})"
-
-
-MADE_WITH = "made_with"
 
 
 def keep_made_with(store: Path) -> None:

@@ -9,6 +9,12 @@ TIME = pa.timestamp("us")
 JOINT = pa.int32()
 
 
+# The view samples has columns for at least as many joints, null where there are fewer.
+DEFAULT_DOF = 6
+STAGING, INDEX, SEALED, QUARANTINE = "_staging", "_index", "sealed", "quarantine"
+SAMPLES_FILE = "part-0.parquet"
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
     """One column of a view.
@@ -60,8 +66,6 @@ SIGNALS = {
     "e_qdd": Signal("rad/s^2", True, "acceleration minus that of the nominal twin"),
     "e_tau": Signal("N m", True, "torque minus that of the nominal twin"),
 }
-# The view samples has columns for at least as many joints, null where there are fewer.
-DEFAULT_DOF = 6
 
 # How a run came to be.
 _ORIGIN = (
@@ -326,10 +330,6 @@ def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
 def nested(view: str) -> pa.DataType:
     """Return the type of a record's own rows of a view: without its own id."""
     return pa.list_(pa.struct([column.field for column in VIEWS[view][1:]]))
-
-
-STAGING, INDEX, SEALED, QUARANTINE = "_staging", "_index", "sealed", "quarantine"
-SAMPLES_FILE = "part-0.parquet"
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,6 +53,13 @@ _OTHER_FORM = (
 )
 
 
+# Columns of the records with a number for an id, which must be those of the record.
+_SAME = {
+    "adoptions": ("robot", "serial", "model_id", "parent"),
+    "decisions": ("loop", "number", "action", "reason", "made"),
+}
+
+
 def faults(found: Found) -> tuple[str, ...]:
     """Return what is not as it was committed, a line each; empty for a good record."""
     brought(found.folder)
@@ -162,11 +169,6 @@ def _faults_of_numbered(found: Found, row: Mapping) -> Iterator[str]:
         yield f"{found.folder.name}: its id is not that of its loop and number"
 
 
-# Columns of the records with a number for an id, which must be those of the record.
-_SAME = {
-    "adoptions": ("robot", "serial", "model_id", "parent"),
-    "decisions": ("loop", "number", "action", "reason", "made"),
-}
 _CHECKS = {"runs": _faults_of_run, **dict.fromkeys(_SAME, _faults_of_numbered)}
 
 

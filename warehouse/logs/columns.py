@@ -37,6 +37,11 @@ _Numbers = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...]
 _TABLE = ConfigDict(extra="forbid")
 
 
+_NEEDED = ("q", "tau")
+_JOINT_COLUMN = re.compile(r"(q|tau|qd|qdd|q_ref)(\d+)")
+Array = np.ndarray
+
+
 @table(frozen=True, slots=True, config=_TABLE)
 class SignalMap:
     """One signal of all joints.
@@ -212,10 +217,6 @@ def _split(name: str) -> tuple[str, int | None]:
     return stem, int(digits)
 
 
-_NEEDED = ("q", "tau")
-_JOINT_COLUMN = re.compile(r"(q|tau|qd|qdd|q_ref)(\d+)")
-
-
 @dataclass(frozen=True, slots=True)
 class Selection:
     """The columns of a log that are read.
@@ -318,9 +319,6 @@ def _check_beyond(rest: set[str], dof: int, where: str) -> None:
                 f"{where}: column '{column}' is beyond the robot's joints 1 to {dof}. "
                 "Is --robot the right one? Else remove or rename the column."
             )
-
-
-Array = np.ndarray
 
 
 def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Array:

@@ -26,12 +26,18 @@ from warehouse.logs.columns import (
 )
 from warehouse.logs.file import LogFile, from_seconds, later
 from warehouse.logs.ros import open_bag, open_mcap
-from warehouse.logs.tables import HEAD, CsvLog, ParquetLog, find_layout
+from warehouse.logs.tables import HEAD, CsvLog, ParquetLog
 from warehouse.logs.window import Window, split_spec
 
 Array = np.ndarray
 
 LARGEST = 1e30  # in any SI unit: no sensor measures more, and sums of squares overflow
+
+
+LARGE = 1 << 26  # bytes of one signal: some twenty minutes at 1 kHz
+_SQLITE = b"SQLite format 3\0"
+_ROS1 = b"#ROSBAG V"
+_BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")  # control characters
 
 
 def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
@@ -89,9 +95,6 @@ def _share(keep: Array) -> str:
     return f"{int(np.sum(~keep))} of {len(keep)} samples are such."
 
 
-LARGE = 1 << 26  # bytes of one signal: some twenty minutes at 1 kHz
-
-
 def put_away(values: Array) -> Array:
     """Return the same values where they need no memory, if they are many.
 
@@ -114,11 +117,6 @@ def put_away(values: Array) -> Array:
     return values
 
 
-_SQLITE = b"SQLite format 3\0"
-_ROS1 = b"#ROSBAG V"
-_BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")  # control characters
-
-
 def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
     """Open a log.
 
@@ -139,7 +137,7 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
             f"{path.name} is binary but not Parquet, a ROS bag or MCAP, expected one "
             "of them or CSV text (UTF-8). Export the log as one of them."
         )
-    return CsvLog(path, head, columns.csv, find_layout)
+    return CsvLog(path, head, columns.csv)
 
 
 def _head(path: Path) -> bytes:
@@ -200,16 +198,6 @@ class Understood:
         return "; ".join(parts)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Meant:
-    """What the columns of a file stand for."""
-
-    file: str
-    chosen: Selection
-    columns: ColumnMap
-    robot: Robot
-
-
 def read_log(
     spec: str, robot: Robot, columns: ColumnMap | None = None, label: str | None = None
 ) -> tuple[Recording, Understood]:
@@ -251,10 +239,11 @@ def read_any(
     log = open_log(path, columns, tuple(robot.model.names)[1:])
     chosen = select(log.columns, columns, robot.dof, path.name)
     check_units(chosen, columns.time_unit, log.units, path.name)
-    meant = _Meant(path.name, chosen, columns, robot)
     table = log.read(chosen.used)
     first = _first(table[chosen.time]) * columns.time_unit_seconds
-    recording, doubts = _samples(table, meant, label, window)
+    recording, doubts = _samples(
+        table, chosen, columns, robot, label, path.name, window
+    )
     understood = Understood(
         id=label,
         file=str(path),
@@ -287,10 +276,20 @@ def _moment(log: LogFile, first: float, recording: Recording) -> datetime | None
 
 
 def _samples(
-    table: dict[str, Array], meant: "_Meant", label: str, window: Window | None
+    table: dict[str, Array],
+    chosen: Selection,
+    columns: ColumnMap,
+    robot: Robot,
+    label: str,
+    name: str,
+    window: Window | None,
 ) -> tuple[Recording, tuple[Doubt, ...]]:
-    """Return the samples that are numbers, and what is wrong with the log."""
-    name, chosen, columns, robot = meant.file, meant.chosen, meant.columns, meant.robot
+    """Return the samples that are numbers, and what is wrong with the log.
+
+    Args:
+        table: Columns of the file by name; used up.
+        name: Name of the file, as messages begin.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         t = table[chosen.time] * columns.time_unit_seconds
     keep, doubts = whole_rows(t, name)

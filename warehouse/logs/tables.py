@@ -8,7 +8,7 @@ nothing: they are compared with those of the map, and a difference is an error.
 
 import csv
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,6 +25,39 @@ Array = np.ndarray
 
 HEAD = 1 << 16  # bytes in which the names of a file's columns must end
 _SEPARATORS = ";\t,|"
+
+
+# How units are written, and what a map calls them.
+UNITS = {
+    "s": "s",
+    "sec": "s",
+    "ms": "ms",
+    "us": "us",
+    "µs": "us",
+    "rad": "rad",
+    "deg": "deg",
+    "degrees": "deg",
+    "°": "deg",
+    "rad/s": "rad/s",
+    "deg/s": "deg/s",
+    "°/s": "deg/s",
+    "rad/s^2": "rad/s^2",
+    "rad/s2": "rad/s^2",
+    "rad/s²": "rad/s^2",
+    "deg/s^2": "deg/s^2",
+    "deg/s2": "deg/s^2",
+    "°/s²": "deg/s^2",
+    "nm": "N m",
+    "n m": "N m",
+    "n·m": "N m",
+    "n*m": "N m",
+    "a": "A",
+    "%": "%",
+}
+_BRACKET = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
+# So many lines may stand above the samples.
+_ABOVE = 60
+BATCH = 1 << 16  # rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,22 +79,15 @@ class Layout:
     above: int = 0
 
 
-Find = Callable[[Sequence[str], CsvFormat], Layout | None]
-
-
 class CsvLog(LogFile):
     """A text file with a line of names.
 
     Args:
-        path: The file.
-        head: Its first bytes.
+        head: The first bytes of the file.
         form: How it is written.
-        find: Finds the table where more than a line of names stands above it.
     """
 
-    def __init__(
-        self, path: Path, head: bytes, form: CsvFormat, find: Find | None = None
-    ) -> None:
+    def __init__(self, path: Path, head: bytes, form: CsvFormat) -> None:
         self.name = path.name
         self._path = path
         self._form = form
@@ -72,7 +98,7 @@ class CsvLog(LogFile):
             raise InputError(
                 f"{self.name} has no line of names after {form.skip} lines."
             )
-        found = find(lines, form) if find else None
+        found = find_layout(lines, form)
         if found is None:
             separator = form.separator or sniff(lines[rows[0]])
             found = Layout(rows[0], rows[0] + 1, separator)
@@ -201,38 +227,6 @@ def is_number(text: str) -> bool:
     return True
 
 
-# How units are written, and what a map calls them.
-UNITS = {
-    "s": "s",
-    "sec": "s",
-    "ms": "ms",
-    "us": "us",
-    "µs": "us",
-    "rad": "rad",
-    "deg": "deg",
-    "degrees": "deg",
-    "°": "deg",
-    "rad/s": "rad/s",
-    "deg/s": "deg/s",
-    "°/s": "deg/s",
-    "rad/s^2": "rad/s^2",
-    "rad/s2": "rad/s^2",
-    "rad/s²": "rad/s^2",
-    "deg/s^2": "deg/s^2",
-    "deg/s2": "deg/s^2",
-    "°/s²": "deg/s^2",
-    "nm": "N m",
-    "n m": "N m",
-    "n·m": "N m",
-    "n*m": "N m",
-    "a": "A",
-    "%": "%",
-}
-_BRACKET = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
-# So many lines may stand above the samples.
-_ABOVE = 60
-
-
 def find_layout(lines: Sequence[str], form: CsvFormat) -> Layout | None:
     """Find the table in the first lines of a file.
 
@@ -292,9 +286,6 @@ def _are_units(fields: list[str]) -> bool:
     return bool(words) and all(
         word in UNITS or word in ("", "-", "1") for word in words
     )
-
-
-BATCH = 1 << 16  # rows
 
 
 class ParquetLog(LogFile):

@@ -20,6 +20,11 @@ _EDGE = r"(\d+(?:\.\d*)?|\.\d+)(%?)"
 _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
 
 
+# So many equal samples in a row are no coincidence, however coarse the sensors.
+RUN = 5
+BLOCK = 1 << 17  # samples that are looked at together
+
+
 @dataclass(frozen=True, slots=True)
 class Window:
     """A span of a log: [start, end) in time from its first sample.
@@ -143,13 +148,6 @@ def _existing(path: Path) -> Path:
             f"{path} is not a regular file, expected a CSV or Parquet file."
         )
     return path
-
-
-Array = np.ndarray
-
-# So many equal samples in a row are no coincidence, however coarse the sensors.
-RUN = 5
-BLOCK = 1 << 17  # samples that are looked at together
 
 
 def check_distinct(recordings: Sequence[Recording]) -> None:

@@ -18,6 +18,15 @@ _BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 _PART = re.compile(r"[A-Za-z0-9_=.-]{1,100}")
 
 
+_SCALE = "Object storage needs the extra: pip install '.[scale]' in the checkout."
+# A profile may renew its keys; they are asked for again after this time.
+_FRESH = timedelta(minutes=10)
+_RETRIES = {"max_retries": 4, "retry_timeout": timedelta(seconds=60)}
+# So many keys go in one request to delete.
+_AT_ONCE = 1000
+_NO_BUCKET = "NoSuchBucket"
+
+
 @dataclass(frozen=True, slots=True)
 class Address:
     """A place in a bucket.
@@ -67,11 +76,6 @@ def parse(word: str) -> Address:
             "its slashes."
         )
     return Address(bucket, prefix)
-
-
-_SCALE = "Object storage needs the extra: pip install '.[scale]' in the checkout."
-# A profile may renew its keys; they are asked for again after this time.
-_FRESH = timedelta(minutes=10)
 
 
 def settings() -> dict:
@@ -159,12 +163,6 @@ class _Profile:
             }
 
         return keys
-
-
-_RETRIES = {"max_retries": 4, "retry_timeout": timedelta(seconds=60)}
-# So many keys go in one request to delete.
-_AT_ONCE = 1000
-_NO_BUCKET = "NoSuchBucket"
 
 
 class BucketError(InputError):

@@ -50,6 +50,16 @@ _NOTE = re.compile(
 _FILE = re.compile(r"[a-z]+-[0-9a-f]{1,40}")
 
 
+# So many files of one size are joined; sizes grow by this factor.
+_FAN = 8
+_SMALLEST = 64
+# Heads of before that are kept for those who are reading them.
+_HEADS_KEPT = 4
+# What nobody can still be at, by the clock of the server.
+_OLD_FILE, _OLD_NOTE = timedelta(hours=1), timedelta(days=2)
+_TRIES = 40
+
+
 @dataclass(frozen=True, slots=True)
 class Head:
     """What a catalogue consists of.
@@ -227,16 +237,6 @@ def _named(note: str) -> tuple[str, str, str] | None:
     kind = KINDS[name]
     base = kind.folder if robot == NOBODY else f"{kind.folder}/robot={robot}"
     return name, id, f"{base}/{kind.key}={id}"
-
-
-# So many files of one size are joined; sizes grow by this factor.
-_FAN = 8
-_SMALLEST = 64
-# Heads of before that are kept for those who are reading them.
-_HEADS_KEPT = 4
-# What nobody can still be at, by the clock of the server.
-_OLD_FILE, _OLD_NOTE = timedelta(hours=1), timedelta(days=2)
-_TRIES = 40
 
 
 def append(store: Path, rows: Mapping[str, pa.Table]) -> bool:

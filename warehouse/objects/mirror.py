@@ -53,6 +53,16 @@ _AT_ONCE = 8
 _LONG = 3600.0
 
 
+CACHE = "MODELGAP_CACHE"
+SUMS = "_sums.json"
+PRIVATE = 0o700
+# What lies in the bucket by its own name, and not as the file of a record.
+_PLAIN = (QUARANTINE, "made_with")
+_LOCAL = (STAGING, INDEX, "_prefect", "_watch")
+_open: dict[str, Bucket] = {}
+_writable: set[str] = set()
+
+
 def identity_of(bucket: Bucket) -> str | None:
     """Return the identity of the store in a bucket, None where there is no store."""
     text = bucket.get(IDENTITY)
@@ -84,17 +94,6 @@ def make_identity(bucket: Bucket, shown: str) -> str:
     if identity is None:
         raise InputError(f"{shown} has lost what was written to it a moment ago.")
     return identity
-
-
-CACHE = "MODELGAP_CACHE"
-SUMS = "_sums.json"
-PRIVATE = 0o700
-# What lies in the bucket by its own name, and not as the file of a record.
-_PLAIN = (QUARANTINE, "made_with")
-_LOCAL = (STAGING, INDEX, "_prefect", "_watch")
-
-_open: dict[str, Bucket] = {}
-_writable: set[str] = set()
 
 
 def mirror_of(word: str) -> Path:

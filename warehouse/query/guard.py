@@ -62,6 +62,12 @@ _DEEP = "The query is nested too deep. Ask with fewer subqueries and brackets."
 _ONLY = "Only one SELECT, or EXPLAIN of one, runs here"
 
 
+# Outside of these no query reads anything: not the sealed halves, not the machine.
+READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
+# Shares of the memory that a query may take, and its answer on top of that.
+WORKING, LARGEST = 0.5, 0.25
+
+
 def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> str:
     """Return the text of a query if all it can do is read.
 
@@ -177,13 +183,6 @@ def first_line(error: Exception) -> str:
     text = str(error).split("\n\nLINE ")[0]
     line = " ".join(text.split()).removesuffix(".")
     return (line if len(line) <= _LINE else f"{line[: _LINE - 3]}...") + "."
-
-
-# Outside of these no query reads anything: not the sealed halves, not the machine.
-READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
-
-# Shares of the memory that a query may take, and its answer on top of that.
-WORKING, LARGEST = 0.5, 0.25
 
 
 def reads_only(path: Path, samples: Any = None) -> duckdb.DuckDBPyConnection:

@@ -43,6 +43,11 @@ _READS = """
 _THREADS = 2
 
 
+# A run of up to this size is read faster from a copy beside others [bytes].
+SMALL = 1_000_000
+_BATCH = 100_000  # samples that are fetched at once
+
+
 class Watched:
     """The reads of one connection.
 
@@ -122,11 +127,6 @@ def needs_damaged(lines: Iterable[str]) -> str:
         f"The answer needs what is damaged. {' '.join(told[:3])}{more} Or ask without "
         "it: --without-damaged."
     )
-
-
-# A run of up to this size is read faster from a copy beside others [bytes].
-SMALL = 1_000_000
-_BATCH = 100_000  # samples that are fetched at once
 
 
 def open_store(path: Path | str) -> "Store":

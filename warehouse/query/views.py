@@ -29,6 +29,19 @@ from warehouse.schema import (
 _TYPES = {"string": "VARCHAR", "double": "DOUBLE", "int32": "INTEGER"}
 
 
+# Metrics are named after what they are of; a calibration's after their scheme.
+_UNIT = """
+    CASE WHEN metric IN ('held_out', 'filtered', 'moving') THEN '%'
+         WHEN starts_with(metric, 'rmsec') OR starts_with(metric, 'rmsev') THEN '%'
+         WHEN ends_with(metric, '_q') THEN 'rad'
+         WHEN ends_with(metric, '_qd') THEN 'rad/s'
+         WHEN ends_with(metric, '_qdd') THEN 'rad/s^2'
+         WHEN ends_with(metric, '_tau') THEN 'N m'
+         WHEN metric = 'energy' THEN 'J'
+    END
+"""
+
+
 def catalogue_views() -> dict[str, str]:
     """Return the query behind each view that is made of catalogue rows, by name."""
     views = {name: _flat(name) for name in KINDS if name != "runs"}
@@ -127,19 +140,6 @@ def _channels() -> str:
             JOIN catalogue.signals USING (signal)
         )
     """
-
-
-# Metrics are named after what they are of; a calibration's after their scheme.
-_UNIT = """
-    CASE WHEN metric IN ('held_out', 'filtered', 'moving') THEN '%'
-         WHEN starts_with(metric, 'rmsec') OR starts_with(metric, 'rmsev') THEN '%'
-         WHEN ends_with(metric, '_q') THEN 'rad'
-         WHEN ends_with(metric, '_qd') THEN 'rad/s'
-         WHEN ends_with(metric, '_qdd') THEN 'rad/s^2'
-         WHEN ends_with(metric, '_tau') THEN 'N m'
-         WHEN metric = 'energy' THEN 'J'
-    END
-"""
 
 
 def _verdicts() -> str:

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+from dataclasses import asdict
+
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
@@ -48,7 +50,7 @@ def as_record(found) -> dict:
         "two": found.ids[1],
         "same": found.same,
         **tables,
-        "data": [channel.as_record() for channel in found.channels],
+        "data": [asdict(channel) for channel in found.channels],
     }
 
 

@@ -1,6 +1,7 @@
 """The outcome of a rerun in words, and as JSON."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 
 _SHOWN = 12  # channels that are listed for people
 
@@ -36,7 +37,7 @@ def record(made) -> Mapping:
         "reproduced": made.reproduced,
         "same_code": made.same_code,
         "imported": made.imported,
-        "differences": [channel.as_record() for channel in made.apart],
+        "differences": [asdict(channel) for channel in made.apart],
         "cause": cause,
         "changes": made.changes,
         "made": made.made,

@@ -167,7 +167,7 @@ def _note(store: Path, facts: tuple, robot: str, made: str | None) -> str | None
         "cause": outcome.cause.kind,
         "why": outcome.cause.why,
         "differing": len(outcome.apart),
-        "differences": [c.as_record() for c in outcome.apart[:_MOST]],
+        "differences": [asdict(c) for c in outcome.apart[:_MOST]],
         "changes": outcome.changes,
     }
     parents = {RERUN_OF: [outcome.id], **({KIND: [made]} if made else {})}
