@@ -1,7 +1,7 @@
 """The list of all records: read from ``_index``, plus what was committed since.
 
 The index is one Parquet file per kind with a copy of every catalogue row, and what
-writers left since (``warehouse.query.catalogue``). It may be deleted at any time:
+writers left since. It may be deleted at any time:
 whoever opens the store next writes it again. It is only a copy, so a record that is
 not in it, or no longer on disk, is judged by its folder. Of two that write it at once
 the later wins, and what only the other knew is read from its record again.

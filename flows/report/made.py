@@ -9,7 +9,7 @@ from pathlib import Path
 from flows.requests import Diagnose
 from warehouse.files import read_parquet
 from warehouse.layout import find
-from warehouse.origin.version import version_text
+from warehouse.provenance import version_text
 
 _SHORT = 12  # digits of a commit that people read
 

@@ -10,8 +10,7 @@ from flows.report.night.look import KINDS, Look, Place, ask, span_of
 from flows.report.terminal.diff import record_lines
 from residual.errors import InputError
 from residual.names import shortened
-from warehouse.commit import read_record
-from warehouse.layout import find
+from warehouse.layout import find, read_record
 from warehouse.query.store import Store
 from warehouse.runs import tombstone
 from warehouse.verify import other_files

@@ -1,7 +1,6 @@
 """Records side by side, one record, trees of relatives, on a terminal."""
 
 from collections.abc import Mapping
-
 from dataclasses import asdict
 
 from rich.box import SIMPLE_HEAD
