@@ -40,7 +40,7 @@ from flows.workers.pool import Pool
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.monitoring.stream.learn import learn
 from residual.monitoring.stream.reference import Reference
-from residual.monitoring.stream.rows import Samples
+from residual.monitoring.rows import Samples
 from residual.monitoring.stream.state import State
 from residual.monitoring.stream.watch import begin, step
 from residual.recording import Recording

@@ -14,9 +14,10 @@ import numpy as np
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.monitoring.names import Alarm, events
+from residual.monitoring.rows import LogRows, rows_of
+from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import Scale, Scores
 from residual.monitoring.sight import fit, sight_of
-from residual.monitoring.track import Rows, rows_of
 from residual.monitoring.usual import all_scores, limits_of, peaks_of, rest_of, usual
 from residual.names import shown
 from residual.recording import Array, Recording
@@ -25,12 +26,6 @@ from residual.signals.track import sample_rate
 __all__ = ["Alarm", "Monitor", "calibrate"]
 
 LEAST_RUNS = 3
-_STILL = 1.0  # s: readings that rest longer in good order tell nothing by it
-_SPAN = 0.05  # share of a calibrated range by which a state may be outside
-
-# These scores depend on the motion more than a few good runs can show: on arms that did
-# not set these factors, a program that is a little unusual was one alarm per cycle.
-_WIDER = {"model": 1.25, "cycle": 1.15, "errors": 1.5}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,7 +88,7 @@ class Monitor:
             of what was calibrated. Shape (dof,).
         """
         state = _states(rows_of(self._matched(recording)))
-        room = _SPAN * (self.highest - self.lowest)
+        room = MONITOR.outside * (self.highest - self.lowest)
         outside = (state < self.lowest - room) | (state > self.highest + room)
         return outside.any(axis=1).mean(axis=0)
 
@@ -157,16 +152,16 @@ def _limits(
 ) -> dict[str, Array]:
     """Share the false alarms among the kinds of scores; return the limits of each."""
     limits = {
-        kind: _WIDER.get(kind, 1.0) * limits_of(runs, per_hour / len(scores))
+        kind: MONITOR.wider.get(kind, 1.0) * limits_of(runs, per_hour / len(scores))
         for kind, runs in scores.items()
     }
     # A reading without noise rests while its joint does, however long that is.
     still = limits["still"]
-    limits["still"] = np.where(still > _STILL * rate, np.inf, still)
+    limits["still"] = np.where(still > MONITOR.still * rate, np.inf, still)
     return limits
 
 
-def _states(rows: Rows) -> Array:
+def _states(rows: LogRows) -> Array:
     return np.stack([rows.q, rows.qd, rows.qdd], axis=1)
 
 

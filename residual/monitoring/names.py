@@ -11,13 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.monitoring.scores import WINDOWS, Channel, Scale, Scores, blamed
+from residual.monitoring.rules import MONITOR
+from residual.monitoring.scores import Channel, Scale, Scores, blamed
 from residual.recording import Array
 
-TOGETHER = 0.1  # s in which the surest kind is awaited
-LATER = 0.6  # s in which the best matched feature is
-QUIET = 1.0  # s without a crossing after which an alarm is over
-_COMPLEX = 1.25
 _MATCHED = ("model", "cycle")
 _SURE = ("frozen", "still", "jump", "spikes")
 
@@ -100,11 +97,11 @@ def _one(crossings: Sequence[_Crossing]) -> list[_Crossing]:
     group, start = [crossings[0]], crossings[0].time
     sure = crossings[0].kind in _SURE
     for crossing in crossings[1:]:
-        if crossing.time - group[-1].time > QUIET:
+        if crossing.time - group[-1].time > MONITOR.quiet:
             break
         if crossing.kind in _SURE:
             # While a vague alarm lasts, a sure one is news.
-            if not sure and crossing.time > start + TOGETHER:
+            if not sure and crossing.time > start + MONITOR.together:
                 break
             sure = True
         group.append(crossing)
@@ -117,14 +114,16 @@ def _explains(crossing: _Crossing) -> float:
     An encoder turns the torques of several joints. Where it does no better than one
     torque sensor alone, it only looks like that sensor.
     """
-    return crossing.value / (_COMPLEX if crossing.channel.sensor == "encoder" else 1.0)
+    return crossing.value / (
+        MONITOR.complex if crossing.channel.sensor == "encoder" else 1.0
+    )
 
 
 def _best(group: Sequence[_Crossing]) -> _Crossing:
     """Return the crossing that names an alarm."""
     start = group[0].time
-    soon = [c for c in group if c.time <= start + TOGETHER]
-    later = [c for c in group if c.time <= start + LATER and c.kind in _MATCHED]
+    soon = [c for c in group if c.time <= start + MONITOR.together]
+    later = [c for c in group if c.time <= start + MONITOR.later and c.kind in _MATCHED]
     sure = [c for kind in _SURE for c in soon if c.kind == kind]
     if sure:
         return max((c for c in sure if c.kind == sure[0].kind), key=lambda c: c.ratio)
@@ -146,9 +145,11 @@ def _channel(
         return Channel(*blamed(block[row], scale, dof), "deviation")
     if best.kind not in _MATCHED:
         return best.channel
-    rows = (scores.t >= start + WINDOWS[0]) & (scores.t <= start + LATER)
+    rows = (scores.t >= start + MONITOR.windows[0]) & (
+        scores.t <= start + MONITOR.later
+    )
     place = (best.channel.joint, best.channel.sensor)
-    short = scores.channels[: len(scores.channels) // len(WINDOWS)]
+    short = scores.channels[: len(scores.channels) // len(MONITOR.windows)]
     same = [i for i, c in enumerate(short) if (c.joint, c.sensor) == place]
     if not rows.any():
         return best.channel

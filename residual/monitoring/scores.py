@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.monitoring.rows import LogRows
+from residual.monitoring.rules import MONITOR
 from residual.monitoring.sight import Sight
-from residual.monitoring.track import STEP, Rows
 from residual.recording import Array, Recording
 from residual.signals.pieces import LONG, PIECE, rows_of
 
-WINDOWS = (0.25, 1.0)  # s over which a matched feature is collected
-SPREAD = 2  # samples on both sides of a spike
 _TINY = 1e-9
 
 
@@ -82,7 +81,7 @@ def fast_scores(recording: Recording) -> tuple[Scores, ...]:
         return _fast_scores(recording)
     n = len(recording.t)
     minute = round(PIECE * (n - 1) / recording.duration)
-    pool = max(1, round(STEP * minute / PIECE))
+    pool = max(1, round(MONITOR.step * minute / PIECE))
     starts = range(0, n, minute - minute % pool)
     parts = [_pooled(recording, a, min(a + starts.step, n), pool) for a in starts]
     return tuple(_joined(own) for own in zip(*parts, strict=True))
@@ -120,15 +119,17 @@ def _fast_scores(recording: Recording) -> tuple[Scores, ...]:
     t, q, tau = recording.t, recording.q, recording.tau
     error = q if recording.q_ref is None else q - recording.q_ref
     bend = np.abs(np.diff(error, 2, axis=0))
-    wide = np.lib.stride_tricks.sliding_window_view(tau, 2 * SPREAD + 1, axis=0)
-    spike = np.abs(tau[SPREAD:-SPREAD] - np.median(wide, axis=2))
+    wide = np.lib.stride_tricks.sliding_window_view(tau, 2 * MONITOR.spread + 1, axis=0)
+    spike = np.abs(tau[MONITOR.spread : -MONITOR.spread] - np.median(wide, axis=2))
     count, travel = _standing(q, recording.q_ref)
     whole = np.diff(t) < 1.5 * np.median(np.diff(t))  # nothing is told across gaps
     bend[~(whole[1:] & whole[:-1])] = 0.0
     dof = recording.dof
     return (
         Scores("jump", t[2:], bend, channels(dof, "encoder", "jump")),
-        Scores("spikes", t[2 * SPREAD :], spike, channels(dof, "torque", "spikes")),
+        Scores(
+            "spikes", t[2 * MONITOR.spread :], spike, channels(dof, "torque", "spikes")
+        ),
         Scores("frozen", t, travel, channels(dof, "encoder", "frozen")),
         Scores("still", t, count, channels(dof, "encoder", "frozen")),
     )
@@ -153,13 +154,13 @@ def matched_scores(
         rest: What is left, r [N m]. Shape (m, dof).
         tau: Torque that is expected [N m]. Shape (m, dof).
         size: What is usual of what is left, moving and slow [N m]. Shape (2, dof).
-        usable: Rows to look at. Shape (m,), bool.
+        usable: LogRows to look at. Shape (m,), bool.
     """
     weight = usable[:, None] / np.where(log.slow, size[1], size[0]) ** 2
     turn, dof = log.by_angle, rest.shape[1]
     named: list[Channel] = []
     values = []
-    for window in WINDOWS:
+    for window in MONITOR.windows:
         count = max(2, round(window * log.rows.rate))
         for fault, f in (("torque bias", np.ones(rest.shape)), ("gain drop", tau)):
             drop = fault == "gain drop"
@@ -173,14 +174,14 @@ def matched_scores(
     return Scores(kind, log.rows.t, np.hstack(values), tuple(named))
 
 
-def error_block(residual: Array, rows: Rows) -> Array:
+def error_block(residual: Array, rows: LogRows) -> Array:
     """Return the errors that T2 and SPE look at: e_q, e_qd, torque. Shape (m, e)."""
     if rows.e_q is None:
         return residual
     return np.column_stack([rows.e_q, rows.e_qd, residual])
 
 
-def error_scores(errors: Array, rows: Rows, scale: Scale) -> Scores:
+def error_scores(errors: Array, rows: LogRows, scale: Scale) -> Scores:
     """Return T2 and SPE of the principal components of the errors.
 
     T2 = sum t_a^2 / lambda_a, t = P'z; SPE = |z - P t|^2     (Jackson & Mudholkar 1979)

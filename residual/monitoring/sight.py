@@ -13,12 +13,10 @@ import pinocchio as pin
 
 from residual.effects.base import State
 from residual.model.model import Model
-from residual.monitoring.track import Rows, period_of, rows_of
+from residual.monitoring.rows import LogRows, period_of, rows_of
+from residual.monitoring.rules import MONITOR
 from residual.recording import Array, Recording
 
-_PULL = 1e-3  # share of the rows that the belief in the model weighs
-_SLOW = 3.0  # standstill thresholds below which friction is not to be trusted
-_MEMORY = 0.1  # s after standing in which it is not either
 _TINY = 1e-9
 AT_ONCE = 40_000  # rows: ten minutes
 
@@ -38,7 +36,7 @@ class Sight:
         period: Length of a cycle of the program [s], None where nothing repeats.
     """
 
-    rows: Rows
+    rows: LogRows
     model: Model
     state: State
     terms: tuple[Array, ...]
@@ -72,14 +70,14 @@ def sight_of(model: Model, recording: Recording) -> Sight:
     """
     rows = rows_of(recording)
     state = model.observe(rows.track())
-    slow = np.abs(rows.qd) < _SLOW * model.speed_floor
+    slow = np.abs(rows.qd) < MONITOR.slow * model.speed_floor
     return Sight(
         rows=rows,
         model=model,
         state=state,
         terms=tuple(_columns(model, state)),
         by_angle=_by_angle(model, rows),
-        slow=_remembered(slow, round(_MEMORY * rows.rate)),
+        slow=_remembered(slow, round(MONITOR.memory * rows.rate)),
         period=period_of(rows),
     )
 
@@ -116,14 +114,14 @@ def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
     scale = np.sqrt(np.diag(gram))
     live = scale > _TINY * max(scale.max(), _TINY)
     inner = gram[np.ix_(live, live)] / np.outer(scale[live], scale[live])
-    pull = _PULL * np.eye(int(live.sum()))
+    pull = MONITOR.pull * np.eye(int(live.sum()))
     step = np.linalg.solve(inner + pull, right[live] / scale[live])
     out = theta.copy()
     out[live] += step / scale[live]
     return out
 
 
-def _by_angle(model: Model, rows: Rows) -> Array:
+def _by_angle(model: Model, rows: LogRows) -> Array:
     rigid = model.robot.model
     data, out = rigid.createData(), np.empty((*rows.q.shape, rows.q.shape[1]))
     for i in range(len(rows.t)):

@@ -22,6 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student
 
+from residual.monitoring.rows import before, repeats
+from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import (
     Scale,
     Scores,
@@ -31,10 +33,8 @@ from residual.monitoring.scores import (
     matched_scores,
 )
 from residual.monitoring.sight import Sight
-from residual.monitoring.track import before, repeats
 from residual.recording import Array, Recording
 
-_EXPLAINED = 0.8  # share of the errors' variance that components are kept for
 _TINY = 1e-9
 
 
@@ -82,7 +82,7 @@ def usual(logs: Sequence[Sight], rests: Sequence[Rest], without: int = -1) -> Sc
     mean, size = errors.mean(axis=0), np.maximum(errors.std(axis=0), _TINY)
     _, s, vt = np.linalg.svd((errors - mean) / size, full_matrices=False)
     share = np.cumsum(s**2) / max(float(np.sum(s**2)), _TINY)
-    keep = int(np.searchsorted(share, _EXPLAINED)) + 1
+    keep = int(np.searchsorted(share, MONITOR.explained)) + 1
     variance = np.maximum(s[:keep] ** 2 / len(errors), _TINY)
     return Scale(residual, change, mean, size, vt[:keep].T, variance)
 
@@ -126,9 +126,6 @@ def _rms(parts: Sequence[tuple[Array, Array, Array]]) -> Array:
 
 
 BLOCK = 2.0  # s
-_SHARE = 0.2  # of the blocks are over the threshold
-_SURE = 1.645  # one-sided 95 % of a normal variable
-_MARGIN = 1.5
 
 
 def limits_of(runs: Sequence[Scores], per_hour: float) -> Array:
@@ -180,11 +177,11 @@ class Tail:
 
 def tail_of(peaks: Array) -> Tail:
     """Return the tail of maxima of blocks. Shape (b,)."""
-    threshold = float(np.quantile(peaks, 1.0 - _SHARE))
+    threshold = float(np.quantile(peaks, 1.0 - MONITOR.tail))
     above = peaks[peaks > threshold] - threshold
     if len(above) == 0:
         return Tail(threshold, 0.0, 0.0)
-    beta = float(above.mean()) * (1.0 + _SURE / np.sqrt(len(above)))
+    beta = float(above.mean()) * (1.0 + MONITOR.sure / np.sqrt(len(above)))
     return Tail(threshold, beta, len(above) / len(peaks))
 
 
@@ -194,7 +191,7 @@ def tail_limit(peaks: Array, wanted: float) -> float:
     Args:
         peaks: Maxima of blocks. Shape (b,).
     """
-    least, tail = _MARGIN * float(peaks.max()), tail_of(peaks)
+    least, tail = MONITOR.margin * float(peaks.max()), tail_of(peaks)
     if tail.beta == 0:
         return least
     further = tail.beta * max(0.0, float(np.log(tail.share / wanted)))

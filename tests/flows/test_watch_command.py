@@ -10,7 +10,7 @@ from flows.inputs.robots import load
 from flows.steps.watch.alarm import keep_run
 from flows.steps.watch.session import advance, read, write
 from residual.errors import InputError
-from residual.monitoring.stream.rows import Samples
+from residual.monitoring.rows import Samples
 from tests.residual.arms import urdf_text
 from tests.residual.monitored import healthy, spoilt
 from warehouse.layout import read_record

@@ -8,9 +8,9 @@ import pytest
 
 from residual.errors import InputError
 from residual.monitoring.monitor import calibrate, from_record, to_record
-from residual.monitoring.names import TOGETHER
+from residual.monitoring.rows import period_of, repeats, rows_of
+from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import fast_scores
-from residual.monitoring.track import period_of, repeats, rows_of
 from tests.residual.monitored import (
     PERIOD,
     RATE,
@@ -56,7 +56,7 @@ def test_a_fault_is_found_soon_and_named(fault, within, joint):
 def test_no_alarm_knows_what_comes_after_it(fault):
     log = spoilt(healthy(201), fault, 2, 7.3)
     every = monitor().watch(log)
-    stop = every[0].time + TOGETHER + 0.7  # when its name is settled
+    stop = every[0].time + MONITOR.together + 0.7  # when its name is settled
     seen = monitor().watch(part(log, stop))
     assert (seen[0].time, seen[0].joint, seen[0].fault) == (
         every[0].time,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.errors import InputError
-from residual.monitoring.stream.rows import Samples
+from residual.monitoring.rows import Samples
 from residual.robot.robot import Robot
 from warehouse.logs.columns import (
     TIME_UNITS,

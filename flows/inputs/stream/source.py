@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from flows.inputs.stream.lines import Reader, reader_of
-from residual.monitoring.stream.rows import Samples
+from residual.monitoring.rows import Samples
 from residual.robot.robot import Robot
 from warehouse.logs.columns import ColumnMap
 

@@ -14,7 +14,7 @@ from flows.steps.watch.session import (
     settled,
     write,
 )
-from residual.monitoring.stream.rows import Heard, Samples
+from residual.monitoring.rows import Heard, Samples
 from residual.monitoring.stream.watch import Change
 
 SAVE = 5.0  # s between two times that the state is kept

@@ -10,7 +10,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.monitoring.stream.reference import Reference
-from residual.monitoring.stream.rows import Samples
+from residual.monitoring.rows import Samples
 from residual.monitoring.stream.state import State, state_from_record, state_to_record
 from residual.monitoring.stream.watch import Change, begin, step
 from warehouse.files import sync

@@ -22,16 +22,14 @@ from residual.evidence.states import as_model
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal
 from residual.model.term import Term
+from residual.monitoring.rows import Rows
+from residual.monitoring.rules import MONITOR
 from residual.monitoring.stream.reference import Reference, columns_of
-from residual.monitoring.stream.rows import Rows
 from residual.monitoring.stream.watch import usable
 from residual.recording import Array
 from residual.signals.track import Filters, Track
 
 AT_ONCE = 2048  # rows: what their columns take stays under 100 MB
-FLOOR = 1e-3  # of torque rms: no residual is smaller
-_MOST = 12000  # rows that one arm is fitted to
-_REAL = 1e-7  # of the largest: what no motion shows
 
 
 class _Seen(Track):
@@ -79,7 +77,7 @@ def fitted(bare: Reference, runs: Sequence[Rows]) -> Model:
 def _logs(bare: Reference, runs: Sequence[Rows]) -> Logs:
     """The runs as the logs of an epoch; of many rows some, evenly spread."""
     dof = bare.dof
-    step = max(1, sum(len(r.t) for r in runs) // _MOST)
+    step = max(1, sum(len(r.t) for r in runs) // MONITOR.most_rows)
     rate = bare.window.row_rate / step
     tracks = []
     for i, whole in enumerate(runs):
@@ -177,7 +175,9 @@ class Taught:
         rows = np.maximum(self.rows[used].sum(axis=0), 1.0)[:, None]
         size = np.sqrt(np.einsum("jpp->jp", gram) / rows)
         size = np.maximum(size, 1e-9 * size.max())
-        left = self.power[used].sum(axis=0) / rows[:, 0] + (FLOOR * self.rms) ** 2
+        left = (
+            self.power[used].sum(axis=0) / rows[:, 0] + (MONITOR.floor * self.rms) ** 2
+        )
         held = left / (self.free * self.rms) ** 2
         inner = gram / (size[:, :, None] * size[:, None, :])
         inner = inner + held[:, None, None] * np.eye(gram.shape[-1])
@@ -195,7 +195,10 @@ class Taught:
         rows = np.maximum(self.rows.sum(axis=0), 1.0)[:, None, None]
         outer = size[:, :, None] * size[:, None, :]
         values, vectors = np.linalg.eigh(self.gram.sum(axis=0) / outer / rows)
-        real = vectors * (values > _REAL * values.max(axis=-1, keepdims=True))[:, None]
+        real = (
+            vectors
+            * (values > MONITOR.real * values.max(axis=-1, keepdims=True))[:, None]
+        )
         seen = real @ np.swapaxes(real, -1, -2)
         values, vectors = np.linalg.eigh(seen @ inverse @ seen)
         most = bare.rules.uncertain

@@ -18,22 +18,16 @@ from residual.evidence.design import LAGS
 from residual.evidence.fit import autocorrelation_time
 from residual.model.model import Model
 from residual.monitoring.monitor import LEAST_RUNS, check_limits, check_log
-from residual.monitoring.stream.first import AT_ONCE, FLOOR, Taught, fitted
+from residual.monitoring.rows import Rows, Samples, Window, start, take
+from residual.monitoring.rules import MONITOR
+from residual.monitoring.stream.first import AT_ONCE, Taught, fitted
 from residual.monitoring.stream.reference import Reference, body_sd
-from residual.monitoring.stream.rows import Rows, Samples, Window, start, take
 from residual.monitoring.stream.watch import begin, waited
 from residual.monitoring.usual import BLOCK, Tail, tail_limit, tail_of
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 
 PER_HOUR = 0.1
-_USUAL = 0.3  # of torque rms: a change of usual size
-_FAR = 2.0  # times what healthy runs showed: no limit is further
-_SAFE, _WARM = 1.6, 1.1  # times that evidence; of friction, times this again
-_STEP = 1.81  # deviations: two normal values differ by less in 80 %
-_TAIL = 0.6  # of the largest value: least deviation that it is taken to come from
-_CALM = 0.85  # least factor by which windows differ beyond noise
-_SHARE, _SQUARE = 0.97, 4.71  # of squares of normal variables are less than that
 
 
 def learn(
@@ -190,7 +184,7 @@ def _with_noise(known: Reference, taught: Taught, runs: Sequence[Rows]) -> Refer
         infos.append(gram)
         for j in range(dof):
             lines[j] += [left[:, j], np.zeros(LAGS)]
-    variance = power / np.maximum(rows, 1.0) + (FLOOR * taught.rms) ** 2
+    variance = power / np.maximum(rows, 1.0) + (MONITOR.floor * taught.rms) ** 2
     pace = [max(autocorrelation_time(np.concatenate(own)), 1.0) for own in lines]
     noise = variance * np.array(pace)
     slow, quick = _between(known.rules, taught, noise, np.array(means), np.array(infos))
@@ -223,9 +217,9 @@ def _between(
         [np.full(len(noise), rules.warmth), rules.offset * taught.rms]
     )
     # One run of many that is cold makes the tail.
-    far = _TAIL * np.abs(np.where(told, means, 0.0)).max(axis=0)
+    far = MONITOR.largest * np.abs(np.where(told, means, 0.0)).max(axis=0)
     slow = np.maximum.reduce([np.sqrt(np.maximum(most, 0.0)), far, least])
-    steps = np.quantile(np.abs(np.diff(means, axis=0)), 0.8, axis=0) / _STEP
+    steps = np.quantile(np.abs(np.diff(means, axis=0)), 0.8, axis=0) / MONITOR.steps
     own = np.sqrt(np.maximum(steps**2 - np.median(chance, axis=0), 0.0))
     return slow, np.clip(own, rules.quick * slow, slow)
 
@@ -241,17 +235,18 @@ def _usual_sizes(known: Reference, taught: Taught) -> Array:
         rms / size[:, 1],
         rms / size[:, 2],
     ]
-    return _USUAL * np.column_stack(each)
+    return MONITOR.usual * np.column_stack(each)
 
 
 def _with_limits(known: Reference, taught: Taught, runs: Sequence[Rows]) -> Reference:
     gram, clock = _bins(known, taught, runs)
+    share, square = MONITOR.squares
     squares = np.concatenate([x.squares for x in _looks(known, gram, clock)])
     by_window = squares.transpose(1, 2, 0, 3).reshape(*squares.shape[1:3], -1)
     enough = np.isfinite(by_window).sum(axis=-1) > 20
-    by_window = np.where(enough[..., None], by_window, _SQUARE)
-    unrest = np.sqrt(np.nanquantile(by_window, _SHARE, axis=-1) / _SQUARE)
-    unrest = np.maximum(unrest, _CALM)
+    by_window = np.where(enough[..., None], by_window, square)
+    unrest = np.sqrt(np.nanquantile(by_window, share, axis=-1) / square)
+    unrest = np.maximum(unrest, MONITOR.calm)
     known = replace(known, usual=replace(known.usual, unrest=unrest))
     nats = np.concatenate([x.nats().max(axis=1) for x in _looks(known, gram, clock)])
     bins = max(1, round(BLOCK * known.window.row_rate / known.rules.rows))
@@ -259,10 +254,10 @@ def _with_limits(known: Reference, taught: Taught, runs: Sequence[Rows]) -> Refe
     wanted = known.per_hour * BLOCK / 3600.0 / nats.shape[1]
     # Chance shows evidence of x nats once in e^x looks at most, were all as modelled;
     # friction has most ways to change that are not followed.
-    least = np.full(nats.shape[1], -_SAFE * np.log(wanted))
-    least[1 : 1 + known.dof] *= _WARM
+    least = np.full(nats.shape[1], -MONITOR.safe * np.log(wanted))
+    least[1 : 1 + known.dof] *= MONITOR.warm
     limits = [
-        max(min(tail_limit(own, wanted), _FAR * float(own.max())), low)
+        max(min(tail_limit(own, wanted), MONITOR.far * float(own.max())), low)
         for own, low in zip(peaks.T, least, strict=True)
     ]
     tails: list[Tail] = [tail_of(own) for own in peaks.T]

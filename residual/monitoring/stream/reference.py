@@ -14,7 +14,8 @@ from residual.effects import registry
 from residual.epochs.window import BODY, Rules, Usual
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.monitoring.stream.rows import Rows, Window
+from residual.monitoring.rows import Rows, Window
+from residual.monitoring.rules import MONITOR
 from residual.monitoring.stream.state import packed, unpacked
 from residual.monitoring.usual import Tail
 from residual.names import shown
@@ -24,8 +25,6 @@ from residual.robot.robot import Robot
 FORM = 2
 LOAD, KINDS = "load", ("friction", "bias", "gain")  # in the order of evidence
 UNITS = {LOAD: "kg", "gain": "1", "bias": "N m", "friction": "N m"}
-_ROOM = 0.02  # share of a range by which a state may be outside of it
-_SLOW = 3.0  # standstill thresholds below which friction is not to be trusted
 _ARRAYS = ("theta", "basis", "friction", "limits", "lowest", "highest")
 _PLAIN = ("rate", "per_hour", "hours")
 
@@ -84,7 +83,7 @@ class Reference:
 
     def is_slow(self, rows: Rows) -> Array:
         """Where a joint is too slow for its friction to be trusted. Shape (m, dof)."""
-        return np.abs(rows.qd) < _SLOW * self.model.speed_floor
+        return np.abs(rows.qd) < MONITOR.slow * self.model.speed_floor
 
     def outside(self, rows: Rows) -> Array:
         """Where a joint is faster, or at another place, than in any healthy run.
@@ -92,7 +91,7 @@ class Reference:
         What the model is worth there nobody knows. Shape (m, dof), bool.
         """
         motion = np.stack([rows.q, rows.qd, rows.qdd], axis=1)
-        room = _ROOM * (self.highest - self.lowest)
+        room = MONITOR.room * (self.highest - self.lowest)
         apart = (motion < self.lowest - room) | (motion > self.highest + room)
         return apart.any(axis=1)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from residual.epochs.window import Past
 from residual.errors import InputError
-from residual.monitoring.stream.rows import Heard, Rows, Samples, Tail
+from residual.monitoring.rows import Heard, Rows, Samples, Tail
 from residual.names import shown
 from residual.recording import Array
 

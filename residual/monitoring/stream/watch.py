@@ -12,14 +12,13 @@ import numpy as np
 from residual.epochs.window import KINDS as OF_KIND
 from residual.epochs.window import WAYS, Looks, Rules, follow, nothing, products
 from residual.errors import InputError
+from residual.monitoring.rows import Rows, Samples, start, take
+from residual.monitoring.rules import MONITOR
 from residual.monitoring.stream.reference import KINDS, LOAD, UNITS, Reference
-from residual.monitoring.stream.rows import Rows, Samples, start, take
 from residual.monitoring.stream.state import State
 from residual.monitoring.usual import BLOCK
 from residual.recording import Array
 
-MEMORY = 0.1  # s after standing in which friction is not to be trusted
-_UNKNOWN = 1e6  # s that a clock that was set anew may have been away
 _AT_ONCE = 128  # bins
 
 
@@ -144,7 +143,7 @@ def usable(reference: Reference, slow: Array, since: Array) -> tuple[Array, Arra
 
     Shapes (m, dof) and (dof,) of ``slow`` and ``since``, those before.
     """
-    memory = round(MEMORY * reference.window.row_rate)
+    memory = round(MONITOR.memory * reference.window.row_rate)
     number = np.arange(1, len(slow) + 1)[:, None]
     stood = np.maximum.accumulate(np.where(slow, number, -since), axis=0)
     moved = number - stood
@@ -155,7 +154,7 @@ def _clocks(state: State, rows: Rows) -> Array:
     """Time of rows since the stream began, without steps back [s]. Shape (m,)."""
     first = rows.t[0] if np.isnan(state.last) else state.last
     steps = np.diff(rows.t, prepend=first)
-    return state.clock + np.cumsum(np.where(steps < 0, _UNKNOWN, steps))
+    return state.clock + np.cumsum(np.where(steps < 0, MONITOR.unknown, steps))
 
 
 def _alarms(

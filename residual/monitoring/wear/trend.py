@@ -14,16 +14,10 @@ import numpy as np
 from scipy.stats import t as student
 
 from residual.errors import InputError
+from residual.monitoring.rules import MONITOR
 from residual.recording import Array
 
-LEAST_LOGS = 6  # two more than the model has parameters
-LEAST_DAYS = 1.0  # that the logs must span before anything is said of wear
 TIMES = np.geomspace(60.0, 7200.0, 25)  # s: time constants that are tried
-ALPHA = 0.01  # chance of a false word on an arm whose friction stays, over all joints
-ALIKE = 0.95  # correlation of days and warmth beyond which they cannot be told apart
-AS_WELL = 6.0  # of n log(sum of squares): twice three nats
-WARMER = 0.1  # of what warming up takes off that the logs must differ by
-SMALL = 0.01  # relative change that is worth no word
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +71,14 @@ def trends(change: Array, day: Array, session: Array) -> tuple[list[JointTrend],
         InputError: If the logs are too few.
     """
     change, day, session = (np.asarray(x, dtype=float) for x in (change, day, session))
-    if len(day) < LEAST_LOGS:
+    if len(day) < MONITOR.least_logs:
         raise InputError(
-            f"{len(day)} logs cannot tell wear from warming up: at least {LEAST_LOGS} "
+            f"{len(day)} logs cannot tell wear from warming up: at least {MONITOR.least_logs} "
             "are needed, of several days, some early and some late in their session."
         )
     times = _time_constants(change, day, session)
     warmths = [np.exp(-session / time) for time in times]
-    alpha = ALPHA / (2 * change.shape[1])
+    alpha = MONITOR.alpha / (2 * change.shape[1])
     joints = [
         _joint(j, values, day, warmths, alpha) for j, values in enumerate(change.T)
     ]
@@ -95,7 +89,7 @@ def _time_constants(change: Array, day: Array, session: Array) -> list[float]:
     """All that explain the logs about as well as the best, which is the first."""
     left = np.array([_left(change, day, np.exp(-session / time)) for time in TIMES])
     order = np.argsort(left, kind="stable")
-    alike = [i for i in order if left[i] <= left[order[0]] + AS_WELL]
+    alike = [i for i in order if left[i] <= left[order[0]] + MONITOR.as_well]
     return [float(TIMES[i]) for i in alike]
 
 
@@ -103,7 +97,7 @@ def _left(change: Array, day: Array, warmth: Array) -> float:
     total = 0.0
     for values in change.T:
         known = np.isfinite(values)
-        if known.sum() >= LEAST_LOGS:
+        if known.sum() >= MONITOR.least_logs:
             columns = _columns(day[known], warmth[known], True, True)
             rest = values[known] - columns @ np.linalg.lstsq(columns, values[known])[0]
             total += known.sum() * np.log(rest @ rest + 1e-12)
@@ -124,13 +118,13 @@ def _joint(
 ) -> JointTrend:
     known = np.isfinite(values)
     count = int(known.sum())
-    if count < LEAST_LOGS:
-        why = f"only {count} logs move it, {LEAST_LOGS} are needed"
+    if count < MONITOR.least_logs:
+        why = f"only {count} logs move it, {MONITOR.least_logs} are needed"
         return JointTrend(j + 1, count, None, None, why)
     values, day = values[known], day[known]
     warmths = [warmth[known] for warmth in warmths]
-    days = np.ptp(day) >= LEAST_DAYS
-    warms = all(np.ptp(warmth) > WARMER for warmth in warmths)
+    days = np.ptp(day) >= MONITOR.least_days
+    warms = all(np.ptp(warmth) > MONITOR.warmer for warmth in warmths)
     if days and warms and any(_alike(day, warmth) for warmth in warmths):
         why = "later days were also measured at another warmth: not to be told apart"
         return JointTrend(j + 1, count, None, None, why)
@@ -147,7 +141,7 @@ def _joint(
 
 
 def _alike(day: Array, warmth: Array) -> bool:
-    return abs(np.corrcoef(day, warmth)[0, 1]) > ALIKE
+    return abs(np.corrcoef(day, warmth)[0, 1]) > MONITOR.alike
 
 
 def _whichever(rates: Sequence[Rate]) -> Rate:
@@ -173,7 +167,7 @@ def _rates(values: Array, columns: Array, alpha: float) -> list[Rate]:
             float(theta[i]),
             float(theta[i] - wide * sd[i]),
             float(theta[i] + wide * sd[i]),
-            bool(abs(theta[i]) > max(sure * sd[i], SMALL)),
+            bool(abs(theta[i]) > max(sure * sd[i], MONITOR.small)),
         )
         for i in range(1, columns.shape[1])
     ]
