@@ -38,11 +38,10 @@ from flows.blind.sums import wilson
 from flows.settings import cores
 from flows.workers.pool import Pool
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
-from residual.monitoring.stream.learn import learn
-from residual.monitoring.stream.reference import Reference
+from residual.monitoring.learn import learn
+from residual.monitoring.reference import Reference
 from residual.monitoring.rows import Samples
-from residual.monitoring.stream.state import State
-from residual.monitoring.stream.watch import begin, step
+from residual.monitoring.watch import State, begin, step
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters

@@ -59,7 +59,7 @@ class Window:
         windows = np.lib.stride_tricks.sliding_window_view(x, width, axis=0)
         for i in range(0, len(starts), _AT_ONCE):
             part = slice(i, i + _AT_ONCE)
-            out[part] = np.einsum("mjw,w->mj", windows[starts[part]], weights)
+            out[part] = windows[starts[part]] @ weights
         return out
 
 
@@ -113,7 +113,7 @@ class Heard:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Tail:
+class Pending:
     """What has to be known of the samples before.
 
     Attributes:
@@ -152,12 +152,12 @@ class Rows(_Arrays):
         return cls(np.empty(0), *empty, np.empty(0, bool))
 
 
-def start(dof: int) -> Tail:
+def start(dof: int) -> Pending:
     """Return what is known before the first sample."""
-    return Tail(Samples(np.empty(0), np.empty((0, dof)), np.empty((0, dof))))
+    return Pending(Samples(np.empty(0), np.empty((0, dof)), np.empty((0, dof))))
 
 
-def take(tail: Tail, new: Samples, window: Window) -> tuple[Tail, Rows]:
+def take(tail: Pending, new: Samples, window: Window) -> tuple[Pending, Rows]:
     """Make the rows that a batch completes.
 
     Samples without a number, or at a time that was already, are left out. Over a gap,
@@ -182,7 +182,7 @@ def take(tail: Tail, new: Samples, window: Window) -> tuple[Tail, Rows]:
     return replace(tail, heard=heard), Rows.joined([Rows.none(new.q.shape[1]), *parts])
 
 
-def _in_order(new: Samples, tail: Tail) -> tuple[Samples, Heard]:
+def _in_order(new: Samples, tail: Pending) -> tuple[Samples, Heard]:
     """Leave out what cannot be used, and count it."""
     heard = tail.heard
     signals = np.column_stack([new.t, new.q, new.tau])
@@ -209,7 +209,9 @@ def _rising(t: Array, last: float) -> Array:
     return keep
 
 
-def _pieces(used: Samples, tail: Tail, rate: float) -> Iterator[tuple[Samples, bool]]:
+def _pieces(
+    used: Samples, tail: Pending, rate: float
+) -> Iterator[tuple[Samples, bool]]:
     """Cut samples where there is a gap; say of each part whether one is before it."""
     if not len(used.t):
         return
@@ -222,7 +224,7 @@ def _pieces(used: Samples, tail: Tail, rate: float) -> Iterator[tuple[Samples, b
         yield used[first:stop], first in fresh
 
 
-def _of_piece(tail: Tail, piece: Samples, window: Window) -> tuple[Tail, Rows]:
+def _of_piece(tail: Pending, piece: Samples, window: Window) -> tuple[Pending, Rows]:
     width, had = 2 * window.half + 1, len(tail.kept.t)
     whole = Samples.joined([tail.kept, piece])
     offset = tail.count - had  # place in the piece of the first sample at hand
@@ -235,7 +237,7 @@ def _of_piece(tail: Tail, piece: Samples, window: Window) -> tuple[Tail, Rows]:
     moved = [window.filtered(whole.q, starts, times) for times in range(3)]
     torque, begins = window.filtered(whole.tau, starts), ends == width - 1
     rows = Rows(whole.t[starts + width - 1], *moved, torque, begins)
-    return Tail(kept, total, tail.heard), rows
+    return Pending(kept, total, tail.heard), rows
 
 
 @dataclass(frozen=True, eq=False, slots=True)

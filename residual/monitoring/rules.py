@@ -1,7 +1,7 @@
 """The thresholds of monitor, watch and wear, in one place (docs/monitoring.md).
 
-Where no reason stands beside a value, benchmarks/plsr.py (of sensors) and benchmarks/loop.py
-hold it: they count the faults and changes that are missed, and the false alarms.
+Where no reason stands beside a value, benchmarks/plsr.py holds it for sensors and
+benchmarks/loop.py for a watch: they count what is missed, and false alarms.
 """
 
 from dataclasses import dataclass, field

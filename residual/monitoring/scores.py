@@ -4,18 +4,137 @@ Scores have no unit and no common size; limits (``monitor_limits``) give them on
 is stamped with the last sample that it knows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 
-from residual.monitoring.rows import LogRows
+from residual.effects.base import State
+from residual.model.model import Model
+from residual.monitoring.rows import LogRows, period_of, rows_of
 from residual.monitoring.rules import MONITOR
-from residual.monitoring.sight import Sight
 from residual.recording import Array, Recording
-from residual.signals.pieces import LONG, PIECE, rows_of
+from residual.signals import pieces
 
 _TINY = 1e-9
+AT_ONCE = 40_000  # rows: ten minutes
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sight:
+    """What is known of a log before it is judged.
+
+    Attributes:
+        rows: Motion and torque.
+        model: What expects the torque.
+        state: What its effects see.
+        terms: Torque per unit of each coefficient of its effects. Shapes (m, dof, k).
+        by_angle: Change of the torques with the angle of joint j, the last axis
+            [N m/rad]. Shape (m, dof, dof).
+        slow: The joint stands or has just stood. Shape (m, dof), bool.
+        period: Length of a cycle of the program [s], None where nothing repeats.
+    """
+
+    rows: LogRows
+    model: Model
+    state: State
+    terms: tuple[Array, ...]
+    by_angle: Array
+    slow: Array
+    period: float | None
+
+    def torque(self, theta: Array) -> Array:
+        """Torque with these coefficients [N m]. Shape (m, dof)."""
+        start = len(self.model.inertial)
+        out = self.state.regressor @ theta[:start]
+        for columns in self.terms:
+            stop = start + columns.shape[2]
+            out = out + columns @ theta[start:stop]
+            start = stop
+        return out
+
+    def columns(self) -> Iterator[tuple[slice, Array]]:
+        """Torque per unit of each coefficient, some rows at a time. (rows, dof, p)."""
+        for first in range(0, len(self.rows.t), AT_ONCE):
+            rows = slice(first, first + AT_ONCE)
+            parts = [self.state.regressor[rows], *(x[rows] for x in self.terms)]
+            yield rows, np.concatenate(parts, axis=2)
+
+
+def sight_of(model: Model, recording: Recording) -> Sight:
+    """Return what a model makes of a log.
+
+    Raises:
+        InputError: If the log is too short or too slow.
+    """
+    rows = rows_of(recording)
+    state = model.observe(rows.track())
+    slow = np.abs(rows.qd) < MONITOR.slow * model.speed_floor
+    return Sight(
+        rows=rows,
+        model=model,
+        state=state,
+        terms=tuple(_columns(model, state)),
+        by_angle=_by_angle(model, rows),
+        slow=_remembered(slow, round(MONITOR.memory * rows.rate)),
+        period=period_of(rows),
+    )
+
+
+def _columns(model: Model, state: State) -> Iterator[Array]:
+    dof = state.q.shape[1]
+    for term in model.terms:
+        own = term.effect.columns(state, term.joints, term.shape)
+        part = np.zeros((len(state.t), dof, own.shape[2]))
+        part[:, list(term.effect.rows(term.joints, dof))] = own
+        yield part
+
+
+def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
+    """Fit the coefficients to logs, but for one of them.
+
+    Args:
+        without: Index of the log to leave out, -1 for none.
+
+    Returns:
+        Coefficients. Shape (p,).
+    """
+    theta = model.coefficients()
+    square = [np.mean(log.rows.tau**2, axis=0) for log in logs]
+    size = np.maximum(np.sqrt(np.mean(square, axis=0)), _TINY)
+    gram, right = np.zeros((len(theta), len(theta))), np.zeros(len(theta))
+    for log in (log for i, log in enumerate(logs) if i != without):
+        use = (~log.slow & log.rows.whole[:, None]) / size
+        left = (log.rows.tau - log.torque(theta)) * use
+        for rows, columns in log.columns():
+            weighed = (columns * use[rows][..., None]).reshape(-1, len(theta))
+            gram += weighed.T @ weighed
+            right += weighed.T @ left[rows].ravel()
+    scale = np.sqrt(np.diag(gram))
+    live = scale > _TINY * max(scale.max(), _TINY)
+    inner = gram[np.ix_(live, live)] / np.outer(scale[live], scale[live])
+    pull = MONITOR.pull * np.eye(int(live.sum()))
+    step = np.linalg.solve(inner + pull, right[live] / scale[live])
+    out = theta.copy()
+    out[live] += step / scale[live]
+    return out
+
+
+def _by_angle(model: Model, rows: LogRows) -> Array:
+    rigid = model.robot.model
+    data, out = rigid.createData(), np.empty((*rows.q.shape, rows.q.shape[1]))
+    for i in range(len(rows.t)):
+        pin.computeRNEADerivatives(rigid, data, rows.q[i], rows.qd[i], rows.qdd[i])
+        out[i] = data.dtau_dq
+    return out
+
+
+def _remembered(flag: Array, count: int) -> Array:
+    """Keep each flag up for a number of rows after it. Shape (m, dof)."""
+    total = np.cumsum(flag, axis=0)
+    before = np.concatenate([np.zeros((count, flag.shape[1])), total])[: len(flag)]
+    return total - before > 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +196,11 @@ def fast_scores(recording: Recording) -> tuple[Scores, ...]:
     Of more than ten minutes the largest of each 16 ms, with the time of its last
     sample; a reading is known to have rested for a minute or more.
     """
-    if recording.duration <= LONG:
+    if recording.duration <= pieces.LONG:
         return _fast_scores(recording)
     n = len(recording.t)
-    minute = round(PIECE * (n - 1) / recording.duration)
-    pool = max(1, round(MONITOR.step * minute / PIECE))
+    minute = round(pieces.PIECE * (n - 1) / recording.duration)
+    pool = max(1, round(MONITOR.step * minute / pieces.PIECE))
     starts = range(0, n, minute - minute % pool)
     parts = [_pooled(recording, a, min(a + starts.step, n), pool) for a in starts]
     return tuple(_joined(own) for own in zip(*parts, strict=True))
@@ -92,7 +211,7 @@ def _pooled(
 ) -> tuple[Scores, ...]:
     """Scores of some samples, which know the minute before."""
     before = max(0, start - (stop - start))
-    part = rows_of(recording, before, stop)
+    part = pieces.rows_of(recording, before, stop)
     return tuple(
         _largest(scores, recording.t[start], pool) for scores in _fast_scores(part)
     )

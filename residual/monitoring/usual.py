@@ -27,12 +27,12 @@ from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import (
     Scale,
     Scores,
+    Sight,
     error_block,
     error_scores,
     fast_scores,
     matched_scores,
 )
-from residual.monitoring.sight import Sight
 from residual.recording import Array, Recording
 
 _TINY = 1e-9

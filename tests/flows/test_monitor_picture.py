@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from flows.report.figures import pictures
-from residual.monitoring.names import Alarm
+from residual.monitoring.monitor import Alarm
 
 
 def alarm(time: float, joint: int) -> Alarm:

@@ -11,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual.errors import InputError
+from residual.monitoring.learn import learn
+from residual.monitoring.reference import Reference
 from residual.monitoring.rows import Samples, Window, rows_of, start, take
-from residual.monitoring.stream.learn import learn
-from residual.monitoring.stream.reference import Reference
-from residual.monitoring.stream.state import state_from_record, state_to_record
-from residual.monitoring.stream.watch import begin, step
+from residual.monitoring.watch import begin, state_from_record, state_to_record, step
 from residual.recording import Recording
 from residual.robot.dynamics import regressor
 from residual.signals.low_pass import low_pass

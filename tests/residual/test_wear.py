@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from residual.errors import InputError
 from residual.identification.identify import identify
-from residual.monitoring.wear.friction import friction_of_each
-from residual.monitoring.wear.trend import sessions, trends
+from residual.monitoring.wear import friction_of_each, sessions, trends
 from tests.residual.arms import arm, plain_logs
 
 DAYS = np.repeat(np.arange(12.0) * 3, 2)

@@ -29,9 +29,9 @@ from flows.steps.watch.session import Session
 from flows.steps.watch.start import Begun, Watch, start
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError, ModelgapError
-from residual.monitoring.stream.learn import PER_HOUR
+from residual.monitoring.learn import PER_HOUR
 from residual.monitoring.rows import Samples
-from residual.monitoring.stream.watch import Change
+from residual.monitoring.watch import Change
 from warehouse.logs import ColumnMap, load_columns
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from flows.report.figures.look import JOINTS
 from flows.report.figures.paper import SOFT, blank, figure_style, rule
 from flows.steps.monitor import Watched
-from residual.monitoring.names import Alarm
+from residual.monitoring.monitor import Alarm
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.records import Reference

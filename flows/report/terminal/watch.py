@@ -1,7 +1,7 @@
 """A watched stream in the terminal: alarms, and how it ended."""
 
 from flows.steps.watch.session import Session
-from residual.monitoring.stream.watch import Change
+from residual.monitoring.watch import Change
 
 _NOUN = {
     "load": "the load on the flange",

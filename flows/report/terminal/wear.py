@@ -6,7 +6,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from flows.steps.loop.wear import Wear
-from residual.monitoring.wear.trend import JointTrend, Rate
+from residual.monitoring.wear import JointTrend, Rate
 
 
 def table_of(wear: Wear) -> Table:

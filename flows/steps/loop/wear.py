@@ -14,8 +14,13 @@ from flows.storage.diagnosis import read_known
 from residual.errors import InputError
 from residual.identification.identify import identify
 from residual.model.model import Model
-from residual.monitoring.wear.friction import LogFriction, friction_of_each
-from residual.monitoring.wear.trend import JointTrend, sessions, trends
+from residual.monitoring.wear import (
+    JointTrend,
+    LogFriction,
+    friction_of_each,
+    sessions,
+    trends,
+)
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread

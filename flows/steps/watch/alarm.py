@@ -9,7 +9,7 @@ import pyarrow as pa
 from flows.requests import Diagnose
 from flows.steps.watch.session import Session
 from residual.monitoring.rows import Samples
-from residual.monitoring.stream.watch import Change
+from residual.monitoring.watch import Change
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.commit import commit_record, commit_run

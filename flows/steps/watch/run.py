@@ -15,7 +15,7 @@ from flows.steps.watch.session import (
     write,
 )
 from residual.monitoring.rows import Heard, Samples
-from residual.monitoring.stream.watch import Change
+from residual.monitoring.watch import Change
 
 SAVE = 5.0  # s between two times that the state is kept
 ENDS = 3  # looks in a row with nothing new after which all that is there was read

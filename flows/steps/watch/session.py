@@ -9,10 +9,16 @@ from zipfile import BadZipFile
 import numpy as np
 
 from residual.errors import InputError
-from residual.monitoring.stream.reference import Reference
+from residual.monitoring.reference import Reference
 from residual.monitoring.rows import Samples
-from residual.monitoring.stream.state import State, state_from_record, state_to_record
-from residual.monitoring.stream.watch import Change, begin, step
+from residual.monitoring.watch import (
+    Change,
+    State,
+    begin,
+    state_from_record,
+    state_to_record,
+    step,
+)
 from warehouse.files import sync
 
 BEFORE, AFTER = 5.0, 20.0  # s around an alarm that are diagnosed

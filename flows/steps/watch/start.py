@@ -9,8 +9,8 @@ from flows.steps.loop.choose import Choice, Wanted, choose
 from flows.steps.monitor_model import model_of, robot_of, source_of
 from flows.steps.watch.session import Origin, Session, new_session, read
 from residual.errors import InputError
+from residual.monitoring.learn import PER_HOUR, learn
 from residual.monitoring.monitor import LEAST_RUNS
-from residual.monitoring.stream.learn import PER_HOUR, learn
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 from warehouse.runs import read_run

@@ -5,8 +5,9 @@ it is not sure, what any arm does slowly, and what each change would add. A row 
 judged by itself, with the friction of its velocity's sign.
 """
 
+import base64
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from residual.errors import InputError
 from residual.model.model import Model
 from residual.monitoring.rows import Rows, Window
 from residual.monitoring.rules import MONITOR
-from residual.monitoring.stream.state import packed, unpacked
 from residual.monitoring.usual import Tail
 from residual.names import shown
 from residual.recording import Array
@@ -27,6 +27,29 @@ LOAD, KINDS = "load", ("friction", "bias", "gain")  # in the order of evidence
 UNITS = {LOAD: "kg", "gain": "1", "bias": "N m", "friction": "N m"}
 _ARRAYS = ("theta", "basis", "friction", "limits", "lowest", "highest")
 _PLAIN = ("rate", "per_hour", "hours")
+
+
+def packed(values: Array) -> dict:
+    """Return an array as JSON can hold it, to the last bit."""
+    values = np.ascontiguousarray(values)
+    bits = base64.b64encode(values.tobytes()).decode()
+    return {"kind": values.dtype.str, "shape": list(values.shape), "bits": bits}
+
+
+def unpacked(record: Mapping) -> Array:
+    """Return the array of a record."""
+    bits = base64.b64decode(record["bits"])
+    return np.frombuffer(bits, record["kind"]).reshape(record["shape"]).copy()
+
+
+def packed_fields(record) -> dict:
+    """Return a record of arrays as JSON can hold it."""
+    return {f.name: packed(getattr(record, f.name)) for f in fields(record)}
+
+
+def unpacked_fields(record: Mapping) -> dict[str, Array]:
+    """Return the arrays of such a record."""
+    return {name: unpacked(own) for name, own in record.items()}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -101,11 +124,7 @@ class Reference:
         Args:
             use: Where a joint counts; its columns are 0 elsewhere. Shape (m, dof).
         """
-        made = columns_of(self.model, rows)
-        return self.told_by(made, rows, use, self.theta)
-
-    def told_by(self, made: "Made", rows: Rows, use: Array, theta: Array) -> Array:
-        """The same of columns that are made, under any coefficients. (m, dof, f)."""
+        made, theta = columns_of(self.model, rows), self.theta
         expected = made.expected + np.einsum("mjp,jp->mj", made.x, theta)
         braking = np.einsum("mjp,jp->mj", made.x, made.braking * (made.base + theta))
         parts = [
@@ -122,11 +141,10 @@ class Reference:
 
     def to_record(self) -> dict:
         """Return it whole, as JSON can hold it."""
-        usual = {name: packed(getattr(self.usual, name)) for name in _USUAL}
         return {
             "form": FORM,
             "model": self.model.to_record(),
-            "usual": usual,
+            "usual": packed_fields(self.usual),
             "rules": asdict(self.rules),
             **{name: getattr(self, name) for name in _PLAIN},
             **{name: packed(getattr(self, name)) for name in _ARRAYS},
@@ -152,7 +170,7 @@ class Reference:
             }
             return cls(
                 model=Model.from_record(record["model"]),
-                usual=Usual(**{k: unpacked(record["usual"][k]) for k in _USUAL}),
+                usual=Usual(**unpacked_fields(record["usual"])),
                 rules=Rules(**rules),
                 tails=tuple(Tail(*values) for values in record["tails"]),
                 **{name: record[name] for name in _PLAIN},
@@ -162,11 +180,8 @@ class Reference:
             raise InputError(f"The reference is damaged: {error}.") from error
 
 
-_USUAL = ("noise", "unrest", "slow", "quick", "body", "single")
-
-
 @dataclass(frozen=True, eq=False, slots=True)
-class Made:
+class RowColumns:
     """What a model makes of rows.
 
     Attributes:
@@ -186,7 +201,7 @@ class Made:
     sign: Array
 
 
-def columns_of(model: Model, rows: Rows) -> Made:
+def columns_of(model: Model, rows: Rows) -> RowColumns:
     """Return torque per coefficient, each row by itself."""
     still = np.zeros(len(rows.t))
     state = model.state(1.0, still, (rows.q, rows.qd, rows.qdd))
@@ -202,7 +217,7 @@ def columns_of(model: Model, rows: Rows) -> Made:
         braking[start:stop] = term.effect.brakes
         start = stop
     body = bodies[..., -10 : -10 + BODY]
-    return Made(x, base, braking, x @ base, body, state.sign)
+    return RowColumns(x, base, braking, x @ base, body, state.sign)
 
 
 def body_sd(robot: Robot) -> Array:

@@ -1,25 +1,71 @@
-"""The stream: a state and new samples in, the next state and alarms out.
+"""A watch: a state and new samples in, the next state and alarms out.
 
 A pure function, and one of the samples alone: the same samples in other batches give
 the same alarms and the same state (tested with any cuts).
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from residual.epochs.window import KINDS as OF_KIND
-from residual.epochs.window import WAYS, Looks, Rules, follow, nothing, products
+from residual.epochs.window import WAYS, Looks, Past, Rules, follow, nothing, products
 from residual.errors import InputError
-from residual.monitoring.rows import Rows, Samples, start, take
+from residual.monitoring.reference import (
+    KINDS,
+    LOAD,
+    UNITS,
+    Reference,
+    packed,
+    packed_fields,
+    unpacked,
+    unpacked_fields,
+)
+from residual.monitoring.rows import Heard, Pending, Rows, Samples, start, take
 from residual.monitoring.rules import MONITOR
-from residual.monitoring.stream.reference import KINDS, LOAD, UNITS, Reference
-from residual.monitoring.stream.state import State
 from residual.monitoring.usual import BLOCK
+from residual.names import shown
 from residual.recording import Array
 
 _AT_ONCE = 128  # bins
+
+
+STATE_FORM = 2
+_PLAIN = ("clock", "last", "left", "waited", "moved", "alarms")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class State:
+    """A stream at one moment.
+
+    Attributes:
+        tail: Of the samples.
+        rows: Rows in which a joint moves, of the bin that is not full yet.
+        use: Where each joint of them counts. Shape (k, dof), bool.
+        clocks: Time of each, gaps counted [s]. Shape (k,).
+        since: Rows since each joint stood. Shape (dof,).
+        past: Sums of the bins before.
+        clock: Time of the last row, gaps counted [s].
+        last: The same on the clock of the stream; NaN before the first [s].
+        left: Bins of motion until the last alarm is over.
+        waited: Bins that an alarm waits for its name.
+        moved: Rows of motion so far.
+        alarms: How many there were.
+    """
+
+    tail: Pending
+    rows: Rows
+    use: Array
+    clocks: Array
+    since: Array
+    past: Past
+    clock: float = 0.0
+    last: float = float("nan")
+    left: int = 0
+    waited: int = 0
+    moved: int = 0
+    alarms: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +104,9 @@ def begin(reference: Reference) -> State:
     """Return the state before the first sample."""
     dof = reference.dof
     columns = 10 + reference.basis.shape[2]
-    empty = (np.empty((0, dof)) for _ in range(4))
     return State(
         tail=start(dof),
-        rows=Rows(np.empty(0), *empty, np.empty(0, bool)),
+        rows=Rows.none(dof),
         use=np.empty((0, dof), bool),
         clocks=np.empty(0),
         since=np.zeros(dof, int),
@@ -245,3 +290,46 @@ def _size(
     std = looks.std[*at, j, list(columns)] * scale
     most = int(np.abs(size).argmax())
     return float(size[most]), float(std[most])
+
+
+def state_to_record(state: State) -> dict:
+    """Return the state of a stream."""
+    return {
+        "form": STATE_FORM,
+        "kept": packed_fields(state.tail.kept),
+        "in_piece": state.tail.count,
+        "heard": asdict(state.tail.heard),
+        "rows": packed_fields(state.rows),
+        "past": packed_fields(state.past),
+        **{name: packed(getattr(state, name)) for name in ("use", "clocks", "since")},
+        **{name: getattr(state, name) for name in _PLAIN},
+        "last": packed(np.array([state.last])),
+    }
+
+
+def state_from_record(record: Mapping) -> State:
+    """Return the state of a record.
+
+    Raises:
+        InputError: If it is of another form, or damaged.
+    """
+    if record.get("form") != STATE_FORM:
+        raise InputError(
+            f"A state of form {shown(record.get('form'))}, expected {STATE_FORM}. "
+            "Delete it to begin anew: healthy runs have to be learnt again."
+        )
+    try:
+        heard = Heard(**record["heard"])
+        tail = Pending(
+            Samples(**unpacked_fields(record["kept"])), record["in_piece"], heard
+        )
+        plain = {name: record[name] for name in _PLAIN}
+        return State(
+            tail=tail,
+            rows=Rows(**unpacked_fields(record["rows"])),
+            past=Past(**unpacked_fields(record["past"])),
+            **{name: unpacked(record[name]) for name in ("use", "clocks", "since")},
+            **plain | {"last": float(unpacked(record["last"])[0])},
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"The state of the stream is damaged: {error}.") from error

@@ -8,26 +8,35 @@ not there, of which `usual.tail_limit` makes limits.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.effects import registry
+from residual.effects.base import Span
+from residual.epochs.joint import Joint
+from residual.epochs.pursuit import chosen
+from residual.epochs.rows import LOOSE, Layout, joint_fit
+from residual.epochs.rules import Rules as EpochRules
 from residual.epochs.window import SLOW, Looks, Rules, Usual, follow, nothing, products
 from residual.errors import InputError
 from residual.evidence.design import LAGS
 from residual.evidence.fit import autocorrelation_time
+from residual.evidence.states import as_model
 from residual.model.model import Model
+from residual.model.nominal import Logs, Nominal
+from residual.model.term import Term
 from residual.monitoring.monitor import LEAST_RUNS, check_limits, check_log
+from residual.monitoring.reference import Reference, body_sd, columns_of
 from residual.monitoring.rows import Rows, Samples, Window, start, take
 from residual.monitoring.rules import MONITOR
-from residual.monitoring.stream.first import AT_ONCE, Taught, fitted
-from residual.monitoring.stream.reference import Reference, body_sd
-from residual.monitoring.stream.watch import begin, waited
 from residual.monitoring.usual import BLOCK, Tail, tail_limit, tail_of
+from residual.monitoring.watch import begin, usable, waited
 from residual.recording import Array, Recording
-from residual.signals.track import sample_rate
+from residual.signals.track import Filters, Track, sample_rate
 
-PER_HOUR = 0.1
+PER_HOUR = 0.1  # false alarms wanted at most, all quantities together
+_AT_ONCE = 2048  # rows: what their columns take stays under 100 MB
 
 
 def learn(
@@ -49,7 +58,9 @@ def learn(
         InputError: If there are too few runs, or one does not fit the others.
     """
     rate = _checked(model, recordings, per_hour)
-    runs = [rows_of(run, Window(rate)) for run in recordings]
+    samples = [Samples(run.t, run.q, run.tau) for run in recordings]
+    begun, window = start(recordings[0].dof), Window(rate)
+    runs = [take(begun, own, window)[1] for own in samples]
     bare = _bare(model, rate, per_hour, rules or Rules())
     lowest, highest = _range(runs)
     bare = replace(
@@ -71,12 +82,6 @@ def learn(
     return _with_limits(known, taught, runs)
 
 
-def rows_of(recording: Recording, window: Window) -> Rows:
-    """Return the rows of a whole log."""
-    samples = Samples(recording.t, recording.q, recording.tau)
-    return take(start(recording.dof), samples, window)[1]
-
-
 def _checked(model: Model, runs: Sequence[Recording], per_hour: float) -> float:
     """Check that runs can teach; return their rate [Hz]."""
     if len(runs) < LEAST_RUNS:
@@ -96,11 +101,7 @@ def _checked(model: Model, runs: Sequence[Recording], per_hour: float) -> float:
 
 
 def pointwise(model: Model) -> Model:
-    """Return a model that tells the torque of single states.
-
-    Without effects that remember or need a clock; what they do is part of what is
-    usual.
-    """
+    """Return a model of single states: what remembers or needs a clock is usual."""
     kept = [t for t in model.terms if not (t.effect.remembers or t.effect.needs_clock)]
     return replace(model, terms=(*kept, *model.tables), tables=()).by_sign()
 
@@ -147,6 +148,201 @@ def _range(runs: Sequence[Rows], without: int | None = None) -> tuple[Array, Arr
     return lowest, np.sort([x.max(axis=0) for x in states], axis=0)[-1 - k]
 
 
+class _Seen(Track):
+    """Rows of a stream, which are filtered already, as a track."""
+
+    __slots__ = ()
+
+    def filter(self, columns: Array) -> Array:
+        return columns
+
+
+def fitted(bare: Reference, runs: Sequence[Rows]) -> Model:
+    """One arm fitted to all runs as an epoch is, with what any arm has a little of.
+
+    And with what single joints of this one have of the vocabulary, by pursuit.
+    """
+    logs = _logs(bare, runs)
+    nominal = Nominal(bare.model, (None,) * len(bare.model.terms))
+    joint = joint_fit(logs, nominal, (LOOSE,))
+    model, design = as_model(nominal, joint.fitted), joint.design
+    design.show_torque(model)
+    wanted = [
+        (effect, on, shape)
+        for effect in registry().values()
+        if effect.scope == "local" and not (effect.remembers or effect.needs_clock)
+        for on in effect.candidates(bare.dof)
+        for shape in effect.shapes(logs.span, on[0])
+    ]
+    groups = design.add(wanted)
+    usual = np.concatenate([design.nominal, *(g.ids for g in joint.known)])
+    terms = []
+    for j in range(bare.dof):
+        shared = design.columns(j, design.present(j, usual)[0])
+        rows = np.ones(len(shared), bool)
+        target = design.residual(j, joint.fitted.ids, joint.fitted.theta)
+        starts = np.zeros(1, int)
+        layout = Layout(~rows, np.zeros(len(rows), int), starts, starts)
+        alone = Joint(shared, target, layout, light=True)
+        own = [g for g in groups if g.joints == (j,)]
+        terms += chosen(design, j, own, rows, alone, EpochRules())
+    more = [Term(g.effect, g.joints, g.shape, np.zeros(len(g.ids))) for g in terms]
+    return replace(model, terms=(*model.terms, *more))
+
+
+def _logs(bare: Reference, runs: Sequence[Rows]) -> Logs:
+    """The runs as the logs of an epoch; of many rows some, evenly spread."""
+    dof = bare.dof
+    step = max(1, sum(len(r.t) for r in runs) // MONITOR.most_rows)
+    rate = bare.window.row_rate / step
+    tracks = []
+    for i, whole in enumerate(runs):
+        use, _ = usable(bare, bare.is_slow(whole), np.zeros(dof, int))
+        rows, use = whole[::step], use[::step]
+        tracks.append(
+            _Seen(
+                id=f"run {i}",
+                rate=rate,
+                t=np.arange(len(rows.t)) / rate,
+                q=rows.q,
+                qd=rows.qd,
+                qdd=rows.qdd,
+                cutoff=0.25 * bare.window.row_rate,
+                step=1,
+                tau=rows.tau,
+                inner=np.ones(len(rows.t), bool),
+                moving=use,
+                torque_noise=np.zeros(dof),
+            )
+        )
+    moving = np.sum([t.moving.sum(axis=0) for t in tracks], axis=0)
+    if (moving < LAGS).any():
+        raise InputError(
+            f"Joint {int(moving.argmin()) + 1} hardly moves in the healthy runs. Give "
+            "runs that move it."
+        )
+    every = Rows.joined(runs)
+    span = Span(
+        speed=np.quantile(np.abs(every.qd), 0.95, axis=0),
+        travel=np.ptp(every.q, axis=0),
+        duration=0.0,
+        cutoff=0.25 * bare.window.row_rate,
+        torque=np.quantile(np.abs(every.tau), 0.995, axis=0),
+    )
+    floor, robot = bare.model.speed_floor, bare.model.robot
+    return Logs(robot, tuple(tracks), None, span, floor, Filters(), ())
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Taught:
+    """Normal equations of each run, joint by joint.
+
+    Attributes:
+        use: Where joints of each run count. Shapes (m, dof).
+        gram: Products of the columns. Shape (runs, dof, p, p).
+        cross: Those with what the fit of all leaves. Shape (runs, dof, p).
+        power: Squares of that [N^2 m^2]. Shape (runs, dof).
+        rows: Rows of each joint. Shape (runs, dof).
+        torque: Squares of the torque on them. Shape (runs, dof).
+        size: Squares of friction, its dry part and speed on them. (runs, dof, 3).
+        free: Deviation of torque that a column may have [1]: of rms.
+    """
+
+    use: tuple[Array, ...]
+    gram: Array
+    cross: Array
+    power: Array
+    rows: Array
+    torque: Array
+    size: Array
+    free: float
+
+    @classmethod
+    def of(cls, bare: Reference, runs: Sequence[Rows]) -> "Taught":
+        """Add up the rows of each run."""
+        sums, use = [], []
+        for rows in runs:
+            moves, _ = usable(bare, bare.is_slow(rows), np.zeros(bare.dof, int))
+            use.append(moves)
+            parts = [
+                _normal(bare, rows[i : i + _AT_ONCE], moves[i : i + _AT_ONCE])
+                for i in range(0, len(rows.t), _AT_ONCE)
+            ]
+            sums.append([sum(own) for own in zip(*parts, strict=True)])
+        every = [np.array(own) for own in zip(*sums, strict=True)]
+        return cls(tuple(use), *every, free=bare.rules.free)
+
+    @property
+    def rms(self) -> Array:
+        """Torque of each joint [N m]. Shape (dof,)."""
+        rows = np.maximum(self.rows.sum(axis=0), 1.0)
+        return np.maximum(np.sqrt(self.torque.sum(axis=0) / rows), 1e-9)
+
+    def fit(self, without: int = -1) -> tuple[Array, Array, Array]:
+        """Fit each joint to all runs but one.
+
+        Returns:
+            Coefficients beyond those of the model, shape (dof, p); their posterior
+            covariance over the noise of independent rows, (dof, p, p); and the sizes
+            of columns, (dof, p).
+        """
+        used = [i for i in range(len(self.gram)) if i != without]
+        gram, cross = self.gram[used].sum(axis=0), self.cross[used].sum(axis=0)
+        rows = np.maximum(self.rows[used].sum(axis=0), 1.0)[:, None]
+        size = np.sqrt(np.einsum("jpp->jp", gram) / rows)
+        size = np.maximum(size, 1e-9 * size.max())
+        left = (
+            self.power[used].sum(axis=0) / rows[:, 0] + (MONITOR.floor * self.rms) ** 2
+        )
+        held = left / (self.free * self.rms) ** 2
+        inner = gram / (size[:, :, None] * size[:, None, :])
+        inner = inner + held[:, None, None] * np.eye(gram.shape[-1])
+        inverse = np.linalg.inv(inner)
+        theta = (inverse @ (cross / size)[..., None])[..., 0] / size
+        return theta, inverse, size
+
+    def reference(self, bare: Reference) -> Reference:
+        """What all runs teach, but for noise and limits.
+
+        Directions are told by the torque that a column of each may have; those that no
+        motion shows (bodies whose torques are one) are none.
+        """
+        theta, inverse, size = self.fit()
+        rows = np.maximum(self.rows.sum(axis=0), 1.0)[:, None, None]
+        outer = size[:, :, None] * size[:, None, :]
+        values, vectors = np.linalg.eigh(self.gram.sum(axis=0) / outer / rows)
+        real = (
+            vectors
+            * (values > MONITOR.real * values.max(axis=-1, keepdims=True))[:, None]
+        )
+        seen = real @ np.swapaxes(real, -1, -2)
+        values, vectors = np.linalg.eigh(seen @ inverse @ seen)
+        most = bare.rules.uncertain
+        values, vectors = values[:, ::-1][:, :most], vectors[:, :, ::-1][:, :, :most]
+        basis = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+        friction = np.sqrt(self.size.sum(axis=0) / rows[..., 0])
+        return replace(
+            bare, theta=theta, basis=basis / size[..., None], friction=friction
+        )
+
+
+def _normal(bare: Reference, rows: Rows, use: Array) -> tuple[Array, ...]:
+    """Products of the columns of some rows, joint by joint."""
+    made = columns_of(bare.model, rows)
+    x = (made.x * use[..., None]).transpose(1, 0, 2)
+    left = ((rows.tau - made.expected) * use).T
+    braking = made.x @ (made.braking * made.base)
+    size = np.stack([braking, made.sign, rows.qd], axis=-1) * use[..., None]
+    return (
+        np.swapaxes(x, 1, 2) @ x,
+        (left[:, None] @ x)[:, 0],
+        (left**2).sum(axis=1),
+        use.sum(axis=0).astype(float),
+        ((rows.tau * use) ** 2).sum(axis=0),
+        (size**2).sum(axis=0),
+    )
+
+
 def _left_out(
     known: Reference, taught: Taught, runs: Sequence[Rows]
 ) -> Iterator[tuple[Array, Array]]:
@@ -156,8 +352,8 @@ def _left_out(
         own = replace(known, theta=taught.fit(i)[0], lowest=lowest, highest=highest)
         use = taught.use[i] & ~own.outside(rows)
         parts = [
-            own.columns(rows[k : k + AT_ONCE], use[k : k + AT_ONCE])
-            for k in range(0, len(rows.t), AT_ONCE)
+            own.columns(rows[k : k + _AT_ONCE], use[k : k + _AT_ONCE])
+            for k in range(0, len(rows.t), _AT_ONCE)
         ]
         yield np.concatenate(parts), use
 
@@ -171,12 +367,8 @@ def _with_noise(known: Reference, taught: Taught, runs: Sequence[Rows]) -> Refer
     for columns, use in _left_out(known, taught, runs):
         r, s = columns[..., 0], columns[..., at]
         gram = np.einsum("mja,mjb->jab", s, s)
-        gram = (
-            gram
-            + 1e-6
-            * np.eye(SLOW)
-            * (1 + np.trace(gram, axis1=1, axis2=2))[:, None, None]
-        )
+        size = 1 + np.trace(gram, axis1=1, axis2=2)
+        gram = gram + 1e-6 * np.eye(SLOW) * size[:, None, None]
         mean = np.linalg.solve(gram, np.einsum("mja,mj->ja", s, r)[..., None])[..., 0]
         left = r - np.einsum("mja,ja->mj", s, mean)
         power, rows = power + (left**2).sum(axis=0), rows + use.sum(axis=0)
@@ -226,15 +418,9 @@ def _between(
 
 def _usual_sizes(known: Reference, taught: Taught) -> Array:
     """Coefficients of changes of usual size on each joint. Shape (dof, 5)."""
-    size = np.maximum(known.friction, 1e-9)
-    rms = taught.rms
-    each = [
-        rms / size[:, 0],
-        rms,
-        np.ones(len(rms)),
-        rms / size[:, 1],
-        rms / size[:, 2],
-    ]
+    size, rms = np.maximum(known.friction, 1e-9), taught.rms
+    all_of_it, dry, viscous = (rms / size[:, i] for i in range(3))
+    each = [all_of_it, rms, np.ones(len(rms)), dry, viscous]
     return MONITOR.usual * np.column_stack(each)
 
 

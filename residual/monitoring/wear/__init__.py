@@ -1,1 +1,0 @@
-"""Friction over days and within them: wear told from warming up."""
