@@ -243,8 +243,8 @@ def test_scores_of_a_long_log_are_the_largest_of_every_16_ms(log, monkeypatch):
     spoiled[2000, 1] += 5.0
     log = replace(log, tau=spoiled)
     whole = monitoring.fast_scores(log)
-    monkeypatch.setattr(monitoring, "LONG", 10.0)
-    monkeypatch.setattr(monitoring, "PIECE", 4.0)
+    monkeypatch.setattr(pieces, "LONG", 10.0)
+    monkeypatch.setattr(pieces, "PIECE", 4.0)
     for mine, theirs in zip(monitoring.fast_scores(log), whole, strict=True):
         assert (np.diff(mine.t) > 0).all()
         assert_allclose(mine.values.max(axis=0), theirs.values.max(axis=0))
