@@ -20,10 +20,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.changes_parts import cases
 from benchmarks.changes_parts.case import CHANGE, REAL_CHANGE, UNCHANGED, UNNAMED
-from benchmarks.figures import Figures, figure, finish, one_blas_thread
+from benchmarks.harness.cases import read_options, save_rows, seed_range, seeded_options
+from benchmarks.harness.figures import Figures, figure, finish, one_blas_thread
 from benchmarks.measured_parts import rules
 from benchmarks.measured_parts.arms import SPLITS, data_folder
-from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
 from flows.workers.pool import Pool
 
 SEEDS = "90301:90301"

@@ -14,7 +14,6 @@ JSON object; exit code 1 for a missed bar.
 """
 
 import argparse
-import hashlib
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,10 +21,15 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.attribution_parts import bars, cases
-from benchmarks.diagnosis_parts.kept import Kept
-from benchmarks.figures import ROOT, Figures, code_hash, finish, one_blas_thread
-from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
-from flows.storage.null import method_hash
+from benchmarks.harness.cases import (
+    Kept,
+    kept_file,
+    read_options,
+    save_rows,
+    seed_range,
+    seeded_options,
+)
+from benchmarks.harness.figures import Figures, finish, one_blas_thread
 from flows.workers.pool import Pool
 
 _SEEDS, _QUICK_SEEDS = "9501:9513", "1:1"
@@ -37,7 +41,8 @@ def main() -> int:
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
     deciding = args.seeds == _SEEDS and not args.quick and not (args.arms or args.off)
-    with Kept(args.keep or _kept(), cases.words) as known, Pool(args.workers) as pool:
+    place = args.keep or kept_file("attribution", "benchmarks/attribution_parts")
+    with Kept(place, cases.words) as known, Pool(args.workers) as pool:
         rows = _run(args, known, pool)
     figures: Figures = bars.case_figures(rows, deciding)
     save_rows(args, figures, cases=rows)
@@ -80,16 +85,6 @@ def _run(args: argparse.Namespace, known: Kept, pool: Pool) -> Mapping[str, Sequ
     if cases.CHANGED in wanted:
         out[cases.CHANGED] = [rows.get(t.name, lost) for t in changed]
     return out
-
-
-def _kept() -> Path:
-    """Return where cases of this very code are kept."""
-    total = hashlib.sha256(method_hash().encode())
-    for path in sorted((ROOT / "benchmarks" / "attribution_parts").glob("*.py")):
-        if path.name != "bars.py":
-            total.update(path.read_bytes())
-    name = f"attribution-{code_hash()}-{total.hexdigest()[:8]}.jsonl"
-    return ROOT / "store" / "benchmarks" / name
 
 
 if __name__ == "__main__":

@@ -17,7 +17,6 @@ for a missed bar.
 """
 
 import argparse
-import hashlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -37,15 +36,20 @@ from benchmarks.changes_parts.ask import (
     words,
 )
 from benchmarks.changes_parts.case import EDGE, GROUPS, MEASURED, Case
-from benchmarks.diagnosis_parts.kept import Kept
-from benchmarks.figures import ROOT, Figures, code_hash, finish, one_blas_thread
-from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
+from benchmarks.harness.cases import (
+    Kept,
+    kept_file,
+    read_options,
+    save_rows,
+    seed_range,
+    seeded_options,
+)
+from benchmarks.harness.figures import ROOT, Figures, finish, one_blas_thread
 from flows.workers.pool import Pool
 
 _QUICK_SEEDS = "1:1"
 _QUICK_GROUPS = ("unchanged", "change", "measured_change")
 _BOTH = "both"
-_JUDGES = ("ask.py", "judge.py", "make.py")
 
 
 def main() -> int:
@@ -109,7 +113,7 @@ def _rows(
     methods = METHODS if args.method == _BOTH else (args.method,)
     rows: list[Mapping] = []
     for method in methods:
-        with Kept(args.keep or _kept(method), words=words) as known:
+        with Kept(args.keep or _kept(method), words) as known:
             minimum = {}
             # What the program says of an arm is nothing to the peer.
             own = [c for c in listed if method == PRODUCT or c.group != EDGE]
@@ -135,6 +139,15 @@ def _minimum(edge: Sequence[Case], known: Kept, pool: Pool) -> dict[str, tuple]:
     }
 
 
+def _kept(method: str) -> Path:
+    """Return where rows of this very method on these very cases are kept."""
+    own = ["peer.py"] if method == PEER else []
+    plan = [f"benchmarks/changes_parts/{name}" for name in (*cases.OWN, "ask.py", *own)]
+    # The peer does not change with the program.
+    code = "peer" if method == PEER else None
+    return kept_file(f"changes-{method}", *plan, *cases.BELOW, code=code)
+
+
 def _absent(args: argparse.Namespace) -> Figures:
     """Return what could not be measured since its logs are not on this machine."""
     if not set(args.groups) & set(MEASURED):
@@ -142,19 +155,6 @@ def _absent(args: argparse.Namespace) -> Figures:
     arms = [arm for arm in real.ARMS if real.absent(arm)]
     why = f"no measured logs of {', '.join(arms)}"
     return {"measured_absent": bars.absent(len(arms), len(real.ARMS), why)}
-
-
-def _kept(method: str) -> Path:
-    """Return where rows of this very method on these very cases are kept."""
-    total = hashlib.sha256(cases.list_hash().encode())
-    folder = ROOT / "benchmarks" / "changes_parts"
-    own = _JUDGES if method == PRODUCT else (*_JUDGES, "peer.py")
-    for name in own:
-        total.update((folder / name).read_bytes())
-    # The peer does not change with the program.
-    code = code_hash() if method != PEER else "peer"
-    name = f"changes-{method}-{code}-{total.hexdigest()[:10]}.jsonl"
-    return ROOT / "store" / "benchmarks" / name
 
 
 if __name__ == "__main__":

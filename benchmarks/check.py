@@ -23,9 +23,15 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.check_parts import bars, cases
-from benchmarks.diagnosis_parts.kept import Kept
-from benchmarks.figures import ROOT, code_hash, finish, one_blas_thread
-from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
+from benchmarks.harness.cases import (
+    Kept,
+    kept_file,
+    read_options,
+    save_rows,
+    seed_range,
+    seeded_options,
+)
+from benchmarks.harness.figures import finish, one_blas_thread
 from flows.workers.pool import Pool
 
 _SEEDS, _QUICK_SEEDS = "6001:6010", "1:1"
@@ -38,7 +44,9 @@ def main() -> int:
     wanted = cases.tasks(seed_range(args.seeds), args.quick)
     jobs = {t.name: t for t in wanted if t.group in args.groups and _on(args, t)}
     one_blas_thread()
-    with _kept(args) as known, Pool(2) as pool:
+    parts = ("benchmarks/check_parts", "flows/inputs", "flows/steps")
+    place = args.keep or kept_file("check", *parts)
+    with Kept(place, lambda result: "done") as known, Pool(2) as pool:
         done = known.run(pool, cases.run, jobs)
     rows = [row for result in done.values() for row in result.get("rows", ())]
     lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]
@@ -59,12 +67,6 @@ def _arguments() -> argparse.Namespace:
 
 def _on(args: argparse.Namespace, task: cases.Task) -> bool:
     return not args.hosts or task.host in args.hosts
-
-
-def _kept(args: argparse.Namespace) -> Kept:
-    folder = ROOT / "store" / "benchmarks"
-    version = code_hash("benchmarks/check_parts", "flows/inputs", "flows/steps")
-    return Kept(args.keep or folder / f"check-{version}.jsonl")
 
 
 def _show(rows: list[dict]) -> None:

@@ -13,27 +13,43 @@ for a missed bar.
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.diagnosis_parts import bars, cases, kept, measured
-from benchmarks.figures import (
+import numpy as np
+
+from benchmarks.diagnosis_parts import bars, cases, measured
+from benchmarks.harness.cases import (
+    Kept,
+    kept_file,
+    read_options,
+    save_rows,
+    seed_range,
+    seeded_options,
+)
+from benchmarks.harness.figures import (
     Figures,
+    all_missing,
     figure,
     finish,
     missing,
     one_blas_thread,
 )
-from benchmarks.measured_parts import shell
-from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
+from benchmarks.harness.logs import write_csv
+from benchmarks.harness.shell import run_shell
+from benchmarks.synthetic.logs import standard_case
 from flows.workers.pool import Pool
+from residual.robot.robot import load_robot
 
 _SEEDS, _QUICK_SEEDS = "5001:5010", "1:1"
 _CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection")
 _GROUPS = (*_CASES, "cost", "measured")
-_SECONDS, _GIGABYTES = 10.0, 1.0
+# What draws and judges, besides the product.
+_PLAN = ("benchmarks/diagnosis_parts", "flows/blind/draw.py")
+_COSTS = {"seconds": 10.0, "peak_gb": 1.0}
 
 
 def main() -> int:
@@ -45,7 +61,8 @@ def main() -> int:
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
     wanted = [g for g in _CASES if g in args.groups]
-    with kept.Kept(args.keep) as known, Pool(2) as pool:
+    place = args.keep or kept_file("diagnosis", *_PLAN)
+    with Kept(place, cases.words) as known, Pool(2) as pool:
         rows = _run_cases(args, wanted, known, pool)
         results = _run_measured(args, known, pool)
     if wanted:
@@ -64,18 +81,15 @@ def _run_cases(args: argparse.Namespace, groups, known, pool) -> Mapping[str, li
     every = [task for tasks in wanted.values() for task in tasks]
     sizes = {}
     benches = cases.benches(every)
-    for task, row in _done(known, pool, [(b, ()) for b in benches]):
-        if "error" in row:
-            raise SystemExit(f"{task.name} failed: no sizes known. {row['error']}")
-        sizes[task.data, task.motion] = row["minimum"]
-    jobs = [(task, sizes.get((task.data, task.motion), ())) for task in every]
-    rows = {task.name: row for task, row in _done(known, pool, jobs)}
+    still = known.run(pool, cases.run, {task.name: (task, ()) for task in benches})
+    for task in benches:
+        if "error" in still[task.name]:
+            why = still[task.name]["error"]
+            raise SystemExit(f"{task.name} failed: no sizes known. {why}")
+        sizes[task.data, task.motion] = still[task.name]["minimum"]
+    jobs = {t.name: (t, sizes.get((t.data, t.motion), ())) for t in every}
+    rows = known.run(pool, cases.run, jobs)
     return {group: [rows[t.name] for t in tasks] for group, tasks in wanted.items()}
-
-
-def _done(known, pool, jobs: list) -> Iterator[tuple]:
-    done = known.run(pool, cases.run, {job[0].name: job for job in jobs})
-    yield from ((job[0], done[job[0].name]) for job in jobs)
 
 
 def _run_measured(args: argparse.Namespace, known, pool) -> list[dict]:
@@ -86,20 +100,37 @@ def _run_measured(args: argparse.Namespace, known, pool) -> list[dict]:
 
 
 def _cost(quick: bool) -> Figures:
-    """Time and memory of one diagnosis of two minutes of data, from the shell."""
+    """Time `modelgap diagnose` on two minutes of six-joint logs at 250 Hz.
+
+    Five logs of 20 s to fit and one held out, as CSV; peak memory is that of the
+    process and of what it starts.
+    """
     if quick:
-        why = "the full run decides"
-        names = {"seconds": _SECONDS, "peak_gb": _GIGABYTES}
-        return {name: missing(bar, why) for name, bar in names.items()}
-    done = shell.shell_figures(3)
-    out = {}
-    for name, bar in (("seconds", _SECONDS), ("peak_gb", _GIGABYTES)):
-        entry = done[f"shell_{name}"]
-        extra = {k: entry[k] for k in ("all", "why") if k in entry}
-        out[name] = figure(entry["value"], bar, entry["n"], **extra)
-        if entry["value"] is None:
-            out[name] |= {"ok": False}
-    return out
+        return all_missing(_COSTS, "the full run decides")
+    with tempfile.TemporaryDirectory() as folder:
+        *fit, held_out = _write_logs(Path(folder))
+        words = ["diagnose", *fit, "--holdout", held_out, "--robot", "irb140"]
+        words += ["--json", str(Path(folder) / "verdict.json")]
+        done = [run_shell(words, folder) for _ in range(3)]
+        ok = (Path(folder) / "verdict.json").exists()
+    failed = next((each for each in done if each.code != 0 or not ok), None)
+    if failed is not None:
+        figures = {k: missing(bar, failed.failure) for k, bar in _COSTS.items()}
+        return {name: entry | {"ok": False} for name, entry in figures.items()}
+    seconds = [round(each.seconds, 2) for each in done]
+    peak = round(max(each.gigabytes for each in done), 3)
+    return {
+        "seconds": figure(
+            float(np.median(seconds)), _COSTS["seconds"], len(done), all=seconds
+        ),
+        "peak_gb": figure(peak, _COSTS["peak_gb"], len(done)),
+    }
+
+
+def _write_logs(folder: Path) -> list[str]:
+    case = standard_case("stribeck", 1, joint=2, robot=load_robot("irb140"))
+    logs = (*case.fit[1:], case.held_out[1])
+    return [str(write_csv(folder / f"{log.id}.csv", log)) for log in logs]
 
 
 if __name__ == "__main__":

@@ -8,26 +8,18 @@ The last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import sys
-from importlib import import_module
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import Figures
-from benchmarks.groups import run_groups
+from benchmarks.harness.groups import run_groups
 
-# Each a module of benchmarks/fleet_parts with a function `figures_of`.
-_GROUPS = ("first", "inbox", "objects")
-
-
-def main() -> int:
-    """Run the groups and return the exit code."""
-    return run_groups(__doc__, _GROUPS, _measure)
-
-
-def _measure(name: str, quick: bool) -> Figures:
-    return import_module(f"benchmarks.fleet_parts.{name}").figures_of(quick)
+GROUPS = {
+    "first": "fleet_parts.inbox:first_figures",
+    "inbox": "fleet_parts.inbox:inbox_figures",
+    "objects": "fleet_parts.objects:object_figures",
+}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_groups(__doc__, GROUPS))

@@ -12,30 +12,16 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import Figures
-from benchmarks.groups import run_groups
+from benchmarks.harness.groups import run_groups
 
-_GROUPS = ("cost", "inputs", "flips", "kills", "full")
-
-
-def main() -> int:
-    """Run the groups and return the exit code."""
-    return run_groups(__doc__, _GROUPS, _measure)
-
-
-def _measure(name: str, quick: bool) -> Figures:
-    from benchmarks.hardening_parts import cost, flips, full, inputs, kills
-
-    if name == "cost":
-        return cost.cost_figures(100 if quick else cost.FULL, 3 if quick else 15)
-    if name == "inputs":
-        return inputs.input_figures(8 if quick else None)
-    if name == "flips":
-        return flips.flip_figures(60 if quick else flips.FULL)
-    if name == "kills":
-        return kills.kill_figures(12 if quick else kills.FULL)
-    return full.full_figures(3 if quick else full.FULL)
+GROUPS = {
+    "cost": "hardening_parts.damage:cost_figures",
+    "inputs": "hardening_parts.inputs:input_figures",
+    "flips": "hardening_parts.damage:flip_figures",
+    "kills": "hardening_parts.kills:kill_figures",
+    "full": "hardening_parts.damage:full_figures",
+}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_groups(__doc__, GROUPS))

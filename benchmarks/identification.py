@@ -11,28 +11,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import Figures
-from benchmarks.groups import run_groups
+from benchmarks.harness.groups import run_groups
 
-_GROUPS = ("identities", "recovery", "measured", "speed")
-
-
-def main() -> int:
-    """Run the groups and return the exit code."""
-    return run_groups(__doc__, _GROUPS, _measure)
-
-
-def _measure(name: str, quick: bool) -> Figures:
-    from benchmarks.identification_parts import identities, measured, recovery, speed
-
-    if name == "identities":
-        return identities.identity_figures()
-    if name == "recovery":
-        return recovery.recovery_figures(2 if quick else 20)
-    if name == "measured":
-        return measured.measured_figures(quick)
-    return speed.speed_figures(2 if quick else 9)
+GROUPS = {
+    "identities": "identification_parts.identities:identity_figures",
+    "recovery": "identification_parts.recovery:recovery_figures",
+    "measured": "identification_parts.recovery:measured_figures",
+    "speed": "identification_parts.speed:speed_figures",
+}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_groups(__doc__, GROUPS))

@@ -11,24 +11,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import Figures
-from benchmarks.groups import run_groups
+from benchmarks.harness.groups import run_groups
 
-_GROUPS = ("cost", "same")
-
-
-def main() -> int:
-    """Run the groups and return the exit code."""
-    return run_groups(__doc__, _GROUPS, _measure)
-
-
-def _measure(name: str, quick: bool) -> Figures:
-    from benchmarks.long_parts import commands
-
-    if name == "cost":
-        return commands.cost_figures(120.0 if quick else commands.HOUR)
-    return commands.same_figures(120.0 if quick else commands.WHOLE)
+GROUPS = {
+    "cost": "long_parts.commands:cost_figures",
+    "same": "long_parts.commands:same_figures",
+}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_groups(__doc__, GROUPS))

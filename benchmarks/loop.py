@@ -13,7 +13,6 @@ code 1 for a missed bar.
 """
 
 import argparse
-import hashlib
 import sys
 from functools import partial
 from importlib import import_module
@@ -21,15 +20,16 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.diagnosis_parts.kept import Kept
-from benchmarks.figures import ROOT, Figures, code_hash, missing
-from benchmarks.groups import run_groups
-from benchmarks.seeded import seed_range
-from flows.storage.null import method_hash
+from benchmarks.harness.cases import Kept, kept_file, seed_range
+from benchmarks.harness.figures import Figures, all_missing
+from benchmarks.harness.groups import function_of, run_groups
 from flows.workers.pool import Pool
 
-# Each a module of benchmarks/loop_parts with a function `figures_of`.
-_GROUPS = ("tracking", "next", "close", "watch")
+GROUPS = {
+    name: f"loop_parts.{name}:figures_of"
+    for name in ("tracking", "next", "close", "watch")
+}
+_CLOSING = ("flows/steps/closing", "flows/steps/planning")
 # Those of many drawn cases; the figures that a quick run leaves to the full one.
 _SEEDED = {
     "next": {"next_settled": 0.80},
@@ -41,7 +41,7 @@ def main() -> int:
     """Run the groups and return the exit code."""
     own = _options()
     args, _ = own.parse_known_args()
-    return run_groups(__doc__, _GROUPS, partial(_measure, args), own)
+    return run_groups(__doc__, GROUPS, partial(_measure, args), own)
 
 
 def _options() -> argparse.ArgumentParser:
@@ -55,31 +55,21 @@ def _options() -> argparse.ArgumentParser:
 
 
 def _measure(args: argparse.Namespace, name: str, quick: bool) -> Figures:
-    part = import_module(f"benchmarks.loop_parts.{name}")
     if name not in _SEEDED:
-        return part.figures_of(quick)
+        return function_of(GROUPS[name])(quick)
     if quick:
         why = "minutes for each case; the full run measures it"
-        return {key: missing(bar, why) for key, bar in _SEEDED[name].items()}
+        return all_missing(_SEEDED[name], why)
+    part = import_module(f"benchmarks.loop_parts.{name}")
     seeds = seed_range(args.seeds) if args.seeds else part.SEEDS
     jobs = part.jobs(seeds)
-    with Kept(_kept(name), part.words) as known, Pool(args.workers) as pool:
+    place = kept_file(f"loop-{name}", f"benchmarks/loop_parts/{name}.py", *_CLOSING)
+    with Kept(place, part.words) as known, Pool(args.workers) as pool:
         if args.known:
             jobs = {n: job for n, job in jobs.items() if n in known}
         rows = known.run(pool, part.run, jobs)
     deciding = seeds == part.SEEDS and len(rows) == len(part.jobs(seeds))
     return part.figures_of(list(rows.values()), deciding)
-
-
-def _kept(name: str) -> Path:
-    """Return where cases of this very code are kept."""
-    total = hashlib.sha256(method_hash().encode())
-    folders = ROOT / "flows/steps/closing", ROOT / "flows/steps/planning"
-    own = ROOT / "benchmarks" / "loop_parts" / f"{name}.py"
-    for path in (own, *sorted(p for f in folders for p in f.glob("*.py"))):
-        total.update(path.read_bytes())
-    named = f"loop-{name}-{code_hash()}-{total.hexdigest()[:8]}.jsonl"
-    return ROOT / "store" / "benchmarks" / named
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import (
+from benchmarks.harness.figures import (
     Figures,
     circumstances,
     figure,

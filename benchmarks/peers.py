@@ -14,20 +14,24 @@ the last case begun in that time. The last line is one JSON object.
 """
 
 import argparse
-import hashlib
 import sys
 from pathlib import Path
 from time import monotonic
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.diagnosis_parts.kept import Kept
-from benchmarks.figures import ROOT, code_hash, finish, one_blas_thread
+from benchmarks.harness.cases import (
+    Kept,
+    kept_file,
+    read_options,
+    save_rows,
+    seed_range,
+    seeded_options,
+)
+from benchmarks.harness.figures import finish, one_blas_thread
 from benchmarks.peers_parts import bars, cases
-from benchmarks.seeded import read_options, save_rows, seed_range, seeded_options
 from flows.blind.draw import Asked
 from flows.blind.export.write import export_study
-from flows.storage.null import method_hash
 from flows.workers.pool import Pool
 from sim.records import BACKGROUNDS, CLEAN
 
@@ -41,7 +45,9 @@ def main() -> int:
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
     until = monotonic() + 60 * args.minutes
-    place = args.keep or _kept(args.quick, args.background)
+    size = f"{args.background}-quick" if args.quick else args.background
+    parts = ("benchmarks/peers_parts", "flows/blind/export")
+    place = args.keep or kept_file(f"peers-{size}", *parts)
     rows: dict[str, list] = {program: [] for program in args.groups}
     with Kept(place, cases.words) as known, Pool(args.workers) as pool:
         for seed in seed_range(args.seeds):
@@ -97,18 +103,6 @@ def _answered(
         done = known.run(pool, cases.run, {task.name: task for task in tasks})
         for task in tasks:
             rows[task.program].append(done[task.name])
-
-
-def _kept(quick: bool, background: str) -> Path:
-    """Return where studies and cases of this very code are kept."""
-    total = hashlib.sha256(method_hash().encode())
-    parts = (ROOT / "benchmarks" / "peers_parts", ROOT / "flows" / "blind" / "export")
-    for path in sorted(path for part in parts for path in part.glob("*.py")):
-        if path.name != "bars.py":
-            total.update(path.read_bytes())
-    size = f"{background}-quick" if quick else background
-    name = f"peers-{size}-{code_hash()}-{total.hexdigest()[:8]}.jsonl"
-    return ROOT / "store" / "benchmarks" / name
 
 
 if __name__ == "__main__":

@@ -12,42 +12,18 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import Figures
-from benchmarks.groups import run_groups
+from benchmarks.harness.groups import run_groups
 
-_GROUPS = ("fit", "sweep", "lookup", "errors", "sparse", "measured", "monitoring")
-
-
-def main() -> int:
-    """Run the groups and return the exit code."""
-    return run_groups(__doc__, _GROUPS, _measure)
-
-
-def _measure(name: str, quick: bool) -> Figures:
-    from benchmarks.plsr_parts import (
-        fit,
-        measured,
-        monitoring,
-        paper_set,
-        sparse,
-        sweep,
-        tables,
-    )
-
-    if name == "fit":
-        return fit.fit_figures(quick)
-    if name == "sweep":
-        return sweep.sweep_figures(quick)
-    if name == "lookup":
-        return tables.lookup_figures(3 if quick else 9)
-    if name == "errors":
-        return paper_set.paper_set_figures(quick)
-    if name == "sparse":
-        return sparse.sparse_figures(quick)
-    if name == "measured":
-        return measured.measured_figures(quick)
-    return monitoring.monitoring_figures(quick)
+GROUPS = {
+    "fit": "plsr_parts.speed:fit_figures",
+    "sweep": "plsr_parts.speed:sweep_figures",
+    "lookup": "plsr_parts.speed:lookup_figures",
+    "errors": "plsr_parts.errors:paper_set_figures",
+    "sparse": "plsr_parts.errors:sparse_figures",
+    "measured": "plsr_parts.errors:measured_figures",
+    "monitoring": "plsr_parts.monitoring:monitoring_figures",
+}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_groups(__doc__, GROUPS))

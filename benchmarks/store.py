@@ -13,10 +13,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.figures import Figures
-from benchmarks.groups import run_groups
+from benchmarks.harness.figures import Figures
+from benchmarks.harness.groups import function_of, run_groups
 
-_GROUPS = ("commit", "many", "together", "kills")
+GROUPS = {
+    "commit": "store_parts.timed:commit_figures",
+    "many": "store_parts.timed:many_figures",
+    "together": "store_parts.together:together_figures",
+    "kills": "store_parts.kills:kill_figures",
+}
 _TIMED = ("commit", "many")
 BUSY = 1.0
 
@@ -26,25 +31,14 @@ def main() -> int:
     load = os.getloadavg()[0]
 
     def measure(name: str, quick: bool) -> Figures:
-        found = _measure(name, quick)
-        return _judged(found, load) if name in _TIMED else found
+        figures = function_of(GROUPS[name])(quick)
+        return judged(figures, load) if name in _TIMED else figures
 
-    return run_groups(__doc__, _GROUPS, measure, load_before=load)
-
-
-def _measure(name: str, quick: bool) -> Figures:
-    from benchmarks.store_parts import commits, kills, many, together
-
-    if name == "commit":
-        return commits.commit_figures(15 if quick else 60, simulated=not quick)
-    if name == "many":
-        return many.many_figures(600 if quick else many.FULL, 5 if quick else 15)
-    if name == "together":
-        return together.together_figures(10.0 if quick else together.FULL)
-    return kills.kill_figures(8 if quick else kills.FULL)
+    return run_groups(__doc__, GROUPS, measure, load_before=load)
 
 
-def _judged(figures: Figures, load: float) -> Figures:
+def judged(figures: Figures, load: float) -> Figures:
+    """Return figures of which a busy machine can miss no bar of time."""
     if load <= BUSY:
         return figures
     why = f"the load was {load:.1f} before; the bar is of an idle machine"

@@ -4,12 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from benchmarks.attribution_parts.changes import BODIES
-from benchmarks.figures import Figures, figure, missing
-from benchmarks.seeded import Rows, crash_figures, group_figures, undecided
-from flows.blind.sums import wilson
+from benchmarks.attribution_parts.arms import BODIES
+from benchmarks.harness.cases import crash_figures, group_figures
+from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
+from benchmarks.harness.rates import Hit, Rows, at_least, counted, counts, rate, share
 
-_NO_BAR = "for information, no bar of its own"
 _NO_LIST = "the verdict has no list of changed values"
 
 
@@ -32,11 +31,11 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
 def _unchanged(rows: Rows) -> Figures:
     named = [r for r in rows if r["said"]]
     entry = _parts(figure(len(named), 0, len(rows)), rows, lambda r: bool(r["said"]))
-    names = _count(n[0][0] for r in named for n in r["said"])
+    names = counted(n[0][0] for r in named for n in r["said"])
     flagged = _rate(rows, lambda r: bool(r["unexplained"]))
     return {
         "unchanged_named": entry | {"names": names},
-        "unchanged_flagged": flagged | {"why": _NO_BAR},
+        "unchanged_flagged": flagged | {"why": NO_BAR},
     }
 
 
@@ -52,17 +51,17 @@ def _changed(rows: Rows) -> Figures:
     missed = [p[0] for r in rows for p in r["planted"] if not _named(r, p)]
     short = sum(len(r["planted"]) < r["count"] for r in rows)
     return {
-        "set_exact_or_listed": _at_least(_rate(rows, told), 0.90)
-        | {"per_name_missed": _count(missed)},
-        "set_exact": _rate(rows, lambda r: r["exact"]) | {"why": _NO_BAR},
+        "set_exact_or_listed": at_least(_rate(rows, told), 0.90)
+        | {"per_name_missed": counted(missed)},
+        "set_exact": _rate(rows, lambda r: r["exact"]) | {"why": NO_BAR},
         "set_exact_by_name": _rate(rows, lambda r: r["exact_by_name"])
-        | {"why": _NO_BAR},
-        "precision": _at_least(_share(fair, names), 0.98)
-        | {"false": _count(f for r in rows if not r["listed"] for f in _false(r))},
-        "precision_first_set": _share(true, names) | {"why": _NO_BAR},
-        "changes_named": _share(true, sum(len(r["planted"]) for r in rows))
-        | {"why": _NO_BAR},
-        "fewer_than_asked": figure(short, None, len(rows), why=_NO_BAR),
+        | {"why": NO_BAR},
+        "precision": at_least(share(fair, names), 0.98)
+        | {"false": counted(f for r in rows if not r["listed"] for f in _false(r))},
+        "precision_first_set": share(true, names) | {"why": NO_BAR},
+        "changes_named": share(true, sum(len(r["planted"]) for r in rows))
+        | {"why": NO_BAR},
+        "fewer_than_asked": figure(short, None, len(rows), why=NO_BAR),
     }
 
 
@@ -87,8 +86,8 @@ def _moved(rows: Rows) -> Figures:
     ]
     false = sum(len(r["moved_false"]) for r in known)
     return {
-        "moved_told": _at_least(_share(told, due), 0.98) | {"missed": _count(lost)},
-        "moved_told_within_5_percent": figure(false, None, len(known), why=_NO_BAR),
+        "moved_told": at_least(share(told, due), 0.98) | {"missed": counted(lost)},
+        "moved_told_within_5_percent": figure(false, None, len(known), why=NO_BAR),
     }
 
 
@@ -127,37 +126,18 @@ def edit_figures(rows: Rows) -> Figures:
 def _quantile(values: Sequence[float], share: float, bar: float | None) -> dict:
     value = float(np.quantile(values, share)) if len(values) else None
     entry = figure(value, bar, len(values))
-    return entry | ({"why": _NO_BAR} if bar is None else {})
+    return entry | ({"why": NO_BAR} if bar is None else {})
 
 
-def _rate(rows: Rows, hit: Callable[[Mapping], bool]) -> dict:
-    """Return a rate with its interval, and its counts by arm and by what is off."""
-    n, hits = len(rows), sum(bool(hit(r)) for r in rows)
-    entry = figure(hits / n if n else None, None, n, interval=wilson(hits, n))
-    return _parts(entry, rows, hit)
+def _rate(rows: Rows, hit: Hit) -> dict:
+    return _parts(rate(rows, hit), rows, hit)
 
 
-def _parts(entry: dict, rows: Rows, hit: Callable[[Mapping], bool]) -> dict:
-    of: dict[str, list[int]] = {}
-    for row in rows:
-        for part in (row["arm"], f"{row['off']} % off", f"{row['count']} changes"):
-            counts = of.setdefault(part, [0, 0])
-            counts[0] += bool(hit(row))
-            counts[1] += 1
-    return entry | {"parts": dict(sorted(of.items()))}
-
-
-def _share(hits: int, n: int) -> dict:
-    return figure(hits / n if n else None, None, n, interval=wilson(hits, n))
-
-
-def _at_least(entry: dict, bar: float) -> dict:
-    ok = None if entry["value"] is None else bool(entry["value"] >= bar)
-    return entry | {"bar": bar, "ok": ok, "at_least": True}
-
-
-def _count(names) -> dict[str, int]:
-    out: dict[str, int] = {}
-    for name in names:
-        out[name] = out.get(name, 0) + 1
-    return dict(sorted(out.items(), key=lambda item: -item[1]))
+def _parts(entry: dict, rows: Rows, hit: Hit) -> dict:
+    """Return a figure with its counts by arm, by what is off and by changes."""
+    named = [
+        row | {"off": f"{row['off']} % off", "count": f"{row['count']} changes"}
+        for row in rows
+    ]
+    parts = [counts(named, hit, key) for key in ("arm", "off", "count")]
+    return entry | {"parts": dict(sorted((parts[0] | parts[1] | parts[2]).items()))}

@@ -4,18 +4,194 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from time import perf_counter
 
-from benchmarks.attribution_parts.arms import KINDS, OFF, SEVEN, Arm, make, moved_values
-from benchmarks.attribution_parts.changes import BODIES, draw_changes
-from benchmarks.attribution_parts.edits import edit_rows
-from benchmarks.attribution_parts.judge import judged, moved
-from benchmarks.seeded import guarded
-from flows.blind.score import Name
-from flows.blind.size import measured
+from benchmarks.attribution_parts.arms import (
+    BODIES,
+    KINDS,
+    OFF,
+    SEVEN,
+    Arm,
+    Made,
+    draw_changes,
+    make,
+    make_edited,
+    moved_values,
+)
+from benchmarks.harness.cases import guarded
+from flows.blind.export.score import matched
+from flows.blind.score import Name, members
+from flows.blind.size import measured, smallest
 from flows.specs.experiment import derived_seed
+from flows.steps.edit import is_named, with_truth
 from residual.close import close_the_loop
-from residual.diagnosis.result import Detectable
+from residual.diagnosis.causes.edit.dense import dense_model
+from residual.diagnosis.causes.edit.edits import MOVING, sealed_edit
+from residual.diagnosis.result import Detectable, Diagnosis, Place, Verdict
+from residual.diagnosis.verdict import to_json
 from residual.effects import reported_joints
+from residual.model.model import Model
+from sim.catalogue import acting, changed
+from sim.quasi_static import true_model
 from sim.records import PlantEffect, stream
+
+_MOVED = 0.05  # of what is given: less is not called a change
+Values = Mapping[tuple[str, int], tuple[float, float]]
+
+
+def judged(verdict: Verdict, planted: Sequence[Name]) -> dict:
+    """Return how the set that is named compares with what changed.
+
+    A name is true if it, or one that the verdict says the logs cannot tell from it, is
+    among what changed and no other name stands for that already.
+
+    Args:
+        planted: What changed, in the convention of the verdict.
+
+    Returns:
+        Names with their classes, how many are true, whether the set is exact by name,
+        by class, or one of the alternatives listed.
+    """
+    said, document = members(verdict), to_json(verdict)
+    classes = [[s.name, *s.alike] for s in said]
+    owners = matching(planted, classes)
+    listed = alternatives(document)
+    exact = len(said) == len(planted)
+    return {
+        "said": [[_plain(n) for n in names] for names in classes],
+        "true": len(owners),
+        "exact_by_name": sorted(map(str, planted)) == sorted(str(s.name) for s in said),
+        "exact": exact and len(owners) == len(planted),
+        "alternatives": None
+        if listed is None
+        else [[_plain(n) for n in names] for names in listed],
+        "listed": any(
+            sorted(map(str, one)) == sorted(map(str, planted)) for one in listed or ()
+        ),
+        "verdict": verdict.verdict,
+        "unexplained": list(verdict.unexplained.joints),
+    }
+
+
+def matching(planted: Sequence[Name], classes: Sequence[Sequence[Name]]) -> dict:
+    """Give as many names as possible a planted change of their own.
+
+    Augmenting paths (Kuhn 1955): a name gives way to another if it has a second choice.
+
+    Returns:
+        Index of a name for each index of a planted change that has one.
+    """
+    return matched(planted, classes, lambda truth, own: truth in own)
+
+
+def alternatives(document: Mapping) -> list[list[Name]] | None:
+    """Return the other sets that a verdict lists; None where it has no such list."""
+    listed = document.get("alternatives")
+    if listed is None:
+        return None
+    return [[name for place in one["set"] for name in _apart(place)] for one in listed]
+
+
+def _apart(place: Mapping) -> list[Name]:
+    """One name per joint, as findings on several joints count."""
+    joints = tuple(sorted(place["joints"]))
+    if len(joints) < 2 or place["name"] == "coupled_friction":
+        return [Name(place["name"], joints)]
+    return [Name(place["name"], (j,)) for j in joints]
+
+
+def moved(
+    verdict: Verdict, values: Values, minimum: Sequence[Detectable], body: bool
+) -> dict:
+    """Return what of the moved values is among the changes that a verdict tells.
+
+    Args:
+        values: Given and true value of each drive's numbers, by name and joint.
+        minimum: Detectable sizes, of the same arm without a change.
+        body: Whether a body of the arm changed by enough.
+
+    Returns:
+        Moved values that were due and those of them that were told; values that were
+        told although they are within 5 % of the truth; None where the verdict does not
+        have the list. A changed body is told by any inertial combination.
+    """
+    told = to_json(verdict).get("changes")
+    if told is None:
+        return {"moved_due": None, "moved_told": None, "moved_false": None}
+    beyond = {(c["name"], j) for c in told if c["beyond"] for j in (c["joints"] or [0])}
+    due = [key for key, pair in values.items() if _is_due(key, pair, minimum)]
+    hits = [key for key in due if key in beyond]
+    names = {name for name, _ in values}
+    if body:
+        due.append(("body", 0))
+        hits += [("body", 0)] * any(name not in names for name, _ in beyond)
+    still = [k for k, (given, true) in values.items() if _share(given, true) < _MOVED]
+    return {
+        "moved_due": [list(k) for k in due],
+        "moved_told": [list(k) for k in hits],
+        "moved_false": [list(k) for k in still if k in beyond],
+    }
+
+
+def _is_due(
+    key: tuple[str, int], pair: tuple[float, float], minimum: Sequence[Detectable]
+) -> bool:
+    least = smallest(minimum, key[0], key[1:])
+    large = _share(*pair) > _MOVED
+    return large and least is not None and abs(pair[1] - pair[0]) > float(least.value)
+
+
+def _share(given: float, true: float) -> float:
+    return abs(true - given) / max(abs(given), 1e-12)
+
+
+def _plain(name: Name) -> list:
+    return [name.effect, list(name.joints)]
+
+
+def edit_rows(
+    arm: Arm,
+    effects: Sequence[PlantEffect],
+    named: Sequence[Name],
+    made: Made,
+    found: Diagnosis,
+) -> list[dict]:
+    """Take each change that was named out of the model, and compare with the arm.
+
+    The arm without that change, and with all others, moves in a way of its own.
+
+    Args:
+        effects: What changed.
+        named: The same in the convention of the verdict.
+    """
+    models = {k: found.models[k] for k in ("nominal", "augmented")}
+    out = []
+    for effect, name in zip(effects, named, strict=True):
+        place = Place(name.effect, name.joints)
+        if not is_named(place, found.verdict):
+            continue
+        if "dense" not in models:
+            models["dense"] = dense_model(models["nominal"], made.fit)
+        others = [other for other in effects if other is not effect]
+        models["oracle"] = true_arm(arm, others, models["augmented"])
+        log = make_edited(arm, others)
+        moving = sealed_edit(place, models, [log], MOVING)
+        row = asdict(sealed_edit(place, models, [log]))
+        out.append(
+            row | {"moving": [moving.error, moving.reference, moving.least_squares]}
+        )
+    return out
+
+
+def true_arm(arm: Arm, effects: Sequence[PlantEffect], like: Model) -> Model:
+    """Return a model with the true parameters of an arm.
+
+    Args:
+        like: A model of the same declared effects, for its signals.
+    """
+    plant = arm.plant(effects)
+    body = changed(true_model(plant), acting(plant.hidden))
+    drives = {key: true for key, (_, true) in moved_values(arm, effects).items()}
+    return with_truth(like, body, drives, effects)
+
 
 UNCHANGED, CHANGED = "unchanged", "changed"
 GROUPS = (UNCHANGED, CHANGED)

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from benchmarks.changes_parts.case import Case, Part
 from benchmarks.check_parts.arms import others, seven
+from benchmarks.harness.logs import CONTROL, PAUSE, RATE, sensed
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
@@ -23,7 +24,6 @@ from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.controller import ComputedTorque
 from sim.plant.friction import AMBIENT, RISE
-from sim.plant.sensors import encoder, torque_noise
 from sim.plant.stepping import simulate
 from sim.quasi_static import (
     Plant,
@@ -44,7 +44,7 @@ from sim.records import (
     motion_label,
     stream,
 )
-from sim.sizes import room, sizes
+from sim.sizes import room
 from sim.trajectories import make_reference
 
 Array = np.ndarray
@@ -54,10 +54,8 @@ ENGINE = "pybullet"
 BUILT_IN, SEVEN, OTHER_SEVEN = "irb140", "seven", "seven-0"
 SIX = (BUILT_IN, "other-0", "other-1", "other-2")
 ARMS = (ENGINE, *SIX, SEVEN, OTHER_SEVEN)
-RATE, CONTROL = 250.0, 1000.0  # Hz
 FIRST, SECOND = "first", "second"
 
-_PAUSE = 10.0  # s
 _LATER = 86400.0  # s from the first session to the second
 _MOVES = 0.05  # rad/s
 # The engine names its noise by motion and time: another time is another noise.
@@ -137,7 +135,7 @@ def _records(
         label = f"{epoch}_{place}_{part.what}"
         log, factor = one(case, part, effects, label, start, exact)
         yield replace(log, id=label, t=later + log.t), factor
-        start += part.duration + _PAUSE
+        start += part.duration + PAUSE
 
 
 def _synthetic(
@@ -151,11 +149,8 @@ def _synthetic(
     )
     worked = _worked(case, label) + start
     torque = true_torque(plant, motion, label, start, True, worked)
-    tau, q = torque.tau, torque.reading
-    if not exact:
-        rng = stream(case.noise, f"torque/{label}")
-        tau = tau + torque_noise(len(motion.t), sizes(robot).torque, RATE, rng)
-        q = encoder(q, stream(case.noise, f"encoder/{label}"))
+    read = sensed(robot, torque, label, case.noise)
+    q, tau = (torque.reading, torque.tau) if exact else read
     tau = logged(background_of(plant), tau, RATE)
     log = Recording(label, robot.name, start + motion.t, q, tau)
     if torque.background is None:

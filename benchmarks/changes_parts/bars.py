@@ -24,11 +24,19 @@ from benchmarks.changes_parts.case import (
     UNNAMED,
 )
 from benchmarks.changes_parts.real import UR10E
-from benchmarks.figures import Figures, figure, missing
-from benchmarks.seeded import Rows, crash_figures, undecided
-from flows.blind.sums import wilson
-
-Hit = Callable[[Mapping], bool]
+from benchmarks.harness.cases import crash_figures
+from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
+from benchmarks.harness.rates import (
+    Hit,
+    Rows,
+    at_least,
+    at_most,
+    between,
+    counted,
+    counts,
+    rate,
+    within_two_deviations,
+)
 
 _RIGHT = {0.10: 0.95, 0.05: 0.85, 0.025: 0.50}
 _RIGHT_UR10E = {0.10: 0.90, 0.05: 0.80}
@@ -39,7 +47,6 @@ _LOADS = ("load_feb19", "load_feb12_feb19")  # in the order of `real.load_epochs
 _EDGE = (0.35, 0.65)
 _SECONDS = {"six": 5.0, "seven": 8.0}
 _DRIFTED = 0.03  # from which a factor of friction ought to be told
-_INFORM = "for information, no bar of its own"
 
 
 def all_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
@@ -63,7 +70,7 @@ def all_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
 
 def absent(arms: int, of: int, why: str) -> dict:
     """Return how many measured arms have no logs on this machine."""
-    return figure(arms, None, of, why=why if arms else _INFORM)
+    return figure(arms, None, of, why=why if arms else NO_BAR)
 
 
 def token(size: float) -> str:
@@ -82,6 +89,27 @@ def _by_group(rows: Sequence[Mapping], method: str) -> dict[str, list[Mapping]]:
         if row["method"] == method:
             out.setdefault(row["group"], []).append(row)
     return out
+
+
+def _rate(rows: Rows, hit: Hit) -> dict:
+    return rate(rows, hit, "arm") | {"hits": sum(bool(hit(r)) for r in rows)}
+
+
+def _least(rows: Rows, hit: Hit, bar: float | None) -> dict:
+    return at_least(_rate(rows, hit), bar)
+
+
+def _most(rows: Rows, hit: Hit, bar: float | None) -> dict:
+    return at_most(_rate(rows, hit), bar)
+
+
+def _per_effect(rows: Rows, hit: Hit | None = None) -> dict:
+    return {"per_effect": counts(rows, hit or _right, "effect")}
+
+
+def _which(rows: Rows) -> dict:
+    """Return what was named, and how often."""
+    return {"names": counted(name for r in rows for name, _ in r["names"])}
 
 
 def _unchanged(rows: Rows) -> Figures:
@@ -117,7 +145,7 @@ def _change(rows: Rows) -> Figures:
         some = of_size(rows, size)
         name = f"change_{token(size)}"
         out |= _first(name, some, _RIGHT[size])
-    return out | _within("change", rows, _WITHIN)
+    return out | {"change_within_two_deviations": _within(rows)}
 
 
 def _pairs(rows: Rows) -> Figures:
@@ -136,8 +164,8 @@ def _unnamed(rows: Rows) -> Figures:
 def _edge(rows: Rows) -> Figures:
     sized = [r for r in rows if not r.get("unsized")]
     entry = _rate(sized, _right) | _per_effect(sized)
-    many = figure(len(rows) - len(sized), None, len(rows), why=_INFORM)
-    return {"edge": _between(entry, _EDGE), "edge_no_size_said": many}
+    many = figure(len(rows) - len(sized), None, len(rows), why=NO_BAR)
+    return {"edge": between(entry, *_EDGE), "edge_no_size_said": many}
 
 
 def _real_unchanged(rows: Rows) -> Figures:
@@ -148,7 +176,7 @@ def _real_unchanged(rows: Rows) -> Figures:
         "measured_others_named": _most(others, _names, None) | _which(others),
     }
     refused = sum("refused" in r for r in rows)
-    return out | {"measured_refused": figure(refused, None, len(rows), why=_INFORM)}
+    return out | {"measured_refused": figure(refused, None, len(rows), why=NO_BAR)}
 
 
 def _real_change(rows: Rows) -> Figures:
@@ -161,7 +189,7 @@ def _real_change(rows: Rows) -> Figures:
             entry = _least(others, _right, None) | _per_effect(others)
             out[f"measured_others_{token(size)}_right_first"] = entry
     ur10e = [r for r in rows if r["arm"] == UR10E]
-    return out | _within("measured_ur10e", ur10e, _WITHIN)
+    return out | {"measured_ur10e_within_two_deviations": _within(ur10e)}
 
 
 def _load(rows: Rows) -> Figures:
@@ -169,7 +197,7 @@ def _load(rows: Rows) -> Figures:
     for row in rows:
         name = _LOADS[row["index"]]
         known = row.get("value") is not None and row.get("key") == "mass"
-        out[name] = _between(figure(row["value"] if known else None, None, 1), _LOAD)
+        out[name] = between(figure(row["value"] if known else None, None, 1), *_LOAD)
         if not known:
             # A load that nobody names is missed, not unmeasured.
             out[name] |= {"ok": False, "why": "no load named"}
@@ -219,7 +247,7 @@ def _of_peer(theirs: Mapping[str, Rows]) -> Figures:
         out[f"peer_{name}_own_right_first"] = _least(own, _right, None)
     for row in theirs.get(LOAD, ()):
         name = f"peer_{_LOADS[row['index']]}"
-        out[name] = figure(row.get("value"), None, 1, why=_INFORM)
+        out[name] = figure(row.get("value"), None, 1, why=NO_BAR)
     return out
 
 
@@ -269,23 +297,15 @@ def _first(name: str, rows: Rows, bar: float | None) -> Figures:
     right = _least(rows, _right, bar) | _per_effect(rows)
     named = [r for r in rows if r["names"]]
     alone = _least(named, lambda r: not r["extra"], bar and _NOTHING_ELSE)
-    beside: dict[str, int] = {}
-    for extra in (e for r in named for e in r["extra"]):
-        beside[extra] = beside.get(extra, 0) + 1
-    return {
-        f"{name}_right_first": right,
-        f"{name}_nothing_else": alone | {"names": beside},
+    beside = {"names": counted(e for r in named for e in r["extra"])}
+    return {f"{name}_right_first": right, f"{name}_nothing_else": alone | beside}
+
+
+def _within(rows: Rows) -> dict:
+    entry = within_two_deviations(rows, "arm", *_WITHIN)
+    return entry | {
+        "hits": sum(abs(r["z"]) <= 2 for r in rows if r.get("z") is not None)
     }
-
-
-def _within(name: str, rows: Rows, wanted: tuple[float, float]) -> Figures:
-    sized = [r for r in rows if r.get("z") is not None]
-    entry = _rate(sized, lambda r: abs(r["z"]) <= 2)
-    each: dict[str, list[float]] = {}
-    for row in sized:
-        each.setdefault(row["effect"], []).append(round(row["z"], 2))
-    entry |= {"z_per_effect": dict(sorted(each.items()))}
-    return {f"{name}_within_two_deviations": _between(entry, wanted)}
 
 
 def _names(row: Mapping) -> bool:
@@ -294,56 +314,6 @@ def _names(row: Mapping) -> bool:
 
 def _right(row: Mapping) -> bool:
     return bool(row["right_first"])
-
-
-def _which(rows: Rows) -> dict:
-    """Return what was named, and how often."""
-    out: dict[str, int] = {}
-    for name, _ in (n for r in rows for n in r["names"]):
-        out[name] = out.get(name, 0) + 1
-    return {"names": dict(sorted(out.items(), key=lambda item: -item[1]))}
-
-
-def _per_effect(rows: Rows, hit: Hit = _right) -> dict:
-    each: dict[str, list[bool]] = {}
-    for row in rows:
-        each.setdefault(row["effect"], []).append(bool(hit(row)))
-    return {"per_effect": {k: [sum(v), len(v)] for k, v in sorted(each.items())}}
-
-
-def _rate(rows: Rows, hit: Hit) -> dict:
-    n, hits = len(rows), sum(bool(hit(r)) for r in rows)
-    kinds = sorted({r["arm"] for r in rows})
-    of = {
-        k: [sum(bool(hit(r)) for r in rows if r["arm"] == k), n_of]
-        for k in kinds
-        if (n_of := sum(r["arm"] == k for r in rows))
-    }
-    value = hits / n if n else None
-    return figure(value, None, n, hits=hits, interval=wilson(hits, n), data=of)
-
-
-def _least(rows: Rows, hit: Hit, bar: float | None) -> dict:
-    entry = _rate(rows, hit)
-    if bar is None:
-        return entry | {"why": _INFORM}
-    ok = None if entry["value"] is None else bool(entry["value"] >= bar)
-    return entry | {"bar": bar, "ok": ok, "at_least": True}
-
-
-def _most(rows: Rows, hit: Hit, bar: float | None) -> dict:
-    entry = _rate(rows, hit)
-    if bar is None:
-        return entry | {"why": _INFORM}
-    ok = None if entry["value"] is None else bool(entry["value"] <= bar)
-    return entry | {"bar": bar, "ok": ok}
-
-
-def _between(entry: dict, wanted: tuple[float, float]) -> dict:
-    low, high = wanted
-    value = entry["value"]
-    ok = None if value is None else bool(low <= value <= high)
-    return entry | {"bar": high, "low": low, "ok": ok}
 
 
 _MAKERS: Mapping[str, Callable[[Rows], Figures]] = {

@@ -5,7 +5,6 @@ of the seeds that decide is a file of the repository (`LIST`); of others it is m
 when it is asked for, which takes some seconds a case, and kept in store/benchmarks.
 """
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -33,9 +32,7 @@ from benchmarks.changes_parts.case import (
     as_json,
     from_json,
 )
-from benchmarks.diagnosis_parts.kept import Kept
-from benchmarks.figures import ROOT
-from benchmarks.seeded import seed_range
+from benchmarks.harness.cases import Kept, kept_file, seed_range
 from flows.workers.pool import Here
 from sim.records import stream
 
@@ -56,8 +53,9 @@ _LOGS, _LENGTH, _TOTAL = (2, 4), (10.0, 20.0), 60.0  # s
 _WARM = (300.0, 1500.0)  # s of work before a session that begins warm
 _SAME_EFFECT, _TRIES = 12, 120  # draws, before another effect takes its turn; in all
 _ROUNDS = 3  # of effects by their own step
-_OWN = ("case.py", "arms.py", "size.py", "plant.py", "added.py", "real.py", "cases.py")
-_BELOW = ("sim", "residual/robot")
+# What decides which cases there are and how they look.
+OWN = ("case.py", "arms.py", "plant.py", "added.py", "real.py", "cases.py")
+BELOW = ("sim", "residual/robot")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +106,12 @@ def listed(
     known = _committed() if committed else {}
     if all(slot.name in known for slot in wanted):
         return [from_json(known[slot.name]) for slot in wanted]
-    with Kept(_path(), words=_words) as kept:
+    with Kept(_path(), _words) as kept:
         jobs = {slot.name: slot for slot in wanted}
         found = kept.run(pool or Here(), drawn, jobs)
-    broken = [f"{name}: {row['error']}" for name, row in found.items() if _bad(row)]
+    broken = [
+        f"{name}: {row['error']}" for name, row in found.items() if "error" in row
+    ]
     if broken:
         raise SystemExit("These cases could not be drawn: " + "; ".join(broken))
     return [from_json(found[slot.name]) for slot in wanted]
@@ -167,17 +167,6 @@ def drawn(slot: Slot) -> dict:
         if case is not None:
             return as_json(case)
     raise ValueError(f"no arm can have {slot.name} in {_TRIES} draws")
-
-
-def list_hash() -> str:
-    """Return a hash over all that decides which cases there are and how they look."""
-    total = hashlib.sha256()
-    files = [Path(__file__).parent / name for name in _OWN]
-    for folder in _BELOW:
-        files += sorted((ROOT / folder).rglob("*.py"))
-    for path in files:
-        total.update(path.read_bytes())
-    return total.hexdigest()[:12]
 
 
 def _simulated(slot: Slot, attempt: int, rng: np.random.Generator) -> Case | None:
@@ -325,7 +314,8 @@ def _committed() -> dict[str, dict]:
 
 
 def _path() -> Path:
-    return ROOT / "store" / "benchmarks" / f"changes-listed-{list_hash()}.jsonl"
+    plan = [f"benchmarks/changes_parts/{name}" for name in OWN]
+    return kept_file("changes-listed", *plan, *BELOW, code="cases")
 
 
 def _words(row: dict) -> str:
@@ -333,7 +323,3 @@ def _words(row: dict) -> str:
         f"{p['name']} {list(p['joints'])} {p['size']:.3f}" for p in row["planted"]
     )
     return f"{row['arm']} {row['background']}: {many or 'nothing'}"
-
-
-def _bad(row: dict) -> bool:
-    return "error" in row

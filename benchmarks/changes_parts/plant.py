@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.changes_parts.added import rigid_body, shares, size_of, solved
 from benchmarks.changes_parts.arms import SECOND, Truly, record, robot_of, truly
 from benchmarks.changes_parts.case import Case, Planted
-from benchmarks.changes_parts.size import rigid_body, shares, size_of, solved
 from residual.errors import ModelgapError
 from residual.robot.robot import Robot
 from sim.catalogue import amount, multiplied

@@ -8,9 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.changes_parts import added, plant
-from benchmarks.changes_parts.added import Body, State
+from benchmarks.changes_parts.added import (
+    Body,
+    State,
+    moving,
+    shares,
+    size_of,
+    smooth,
+    solved,
+)
 from benchmarks.changes_parts.case import Case, Part, Planted
-from benchmarks.changes_parts.size import moving, shares, size_of, smooth, solved
 from benchmarks.measured_parts.arms import data_folder
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters, reach, regressor

@@ -1,20 +1,22 @@
 """Clean logs of arms: two synthetic, one in a physics engine, and measured ones."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.figures import ROOT
+from benchmarks.harness.figures import ROOT
+from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.measured_parts.arms import data_folder
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
+from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot, robot_from_texts
-from sim.plant.sensors import encoder, torque_noise
 from sim.quasi_static import Plant, true_torque
-from sim.records import Noise, PlantSpec, Rates, Reference, TrajectorySpec, stream
-from sim.sizes import room, sizes
+from sim.records import Noise, PlantSpec, Reference, TrajectorySpec, stream
+from sim.sizes import room
 from warehouse.logs import load_columns, read_log
 
 Array = np.ndarray
@@ -24,7 +26,7 @@ MEASURED = ("kr300", "ur10", "lwr4", "gen3")
 DRAWN = (SIX, SEVEN, ENGINE)
 HOSTS = (*DRAWN, HIDDEN, *MEASURED)
 FAMILIES = ("fourier", "cyclic", "move_stop_move")
-DURATION, RATE, PAUSE = 12.0, 250.0, 10.0
+DURATION = 12.0  # s
 SPEED_NOISE = 0.005  # rad/s, of the speeds that the six-joint arm logs
 _FILES = {
     HIDDEN: [f"{n}.csv@0:12" for n in ("fit_1", "fit_2", "fit_3")],
@@ -81,31 +83,19 @@ def recorded(plant: Plant, motion: Reference, label: str, start: float) -> Recor
     torque = true_torque(plant, motion, label, start)
     rng = stream(seed, f"speed/{label}")
     speed = motion.qd + SPEED_NOISE * rng.normal(size=motion.qd.shape)
-    span, noise = sizes(robot).torque, stream(seed, f"torque/{label}")
-    return Recording(
-        id=label,
-        robot=robot.name,
-        t=start + motion.t,
-        q=encoder(torque.reading, stream(seed, f"encoder/{label}")),
-        tau=torque.tau + torque_noise(len(motion.t), span, RATE, noise),
-        qd=speed if robot.dof == 6 else None,
-    )
+    signals = sensed(robot, torque, label, seed)
+    log = Recording(label, robot.name, start + motion.t, *signals)
+    return replace(log, qd=speed) if robot.dof == 6 else log
 
 
 def _in_engine(seed: int) -> tuple[Recording, ...]:
     """Return two logs of the built-in arm in the physics engine, under control."""
-    # Late: the engine is a slow import.
-    from sim.experiment import run_experiment
-    from sim.trajectories import make_reference
-
-    robot, rates = load_robot("irb140"), Rates(1000.0, RATE)
-    plant, logs = PlantSpec((), noise=Noise(), seed=seed), []
+    robot, plant = load_robot("irb140"), PlantSpec((), noise=Noise(), seed=seed)
+    logs = []
     for i, family in enumerate(FAMILIES[:2]):
         spec = TrajectorySpec(family, DURATION, 2, 100 * seed + i)
-        reference = make_reference(robot, spec, 1000.0)
         start = i * (DURATION + PAUSE)
-        log = run_experiment(robot, reference, plant, rates, start).log
-        logs.append(replace(log, id=f"engine_{family}"))
+        logs.append(in_engine(robot, plant, spec, start, f"engine_{family}"))
     return tuple(logs)
 
 
@@ -179,3 +169,89 @@ def others(dof: int) -> tuple[Robot, ...]:
         chain(f"other-{i}", axis, *size)
         for i, (axis, size) in enumerate(zip(axes[dof], dimensions, strict=True))
     )
+
+
+Table = dict[str, Array]
+SIGNALS = ("t", "q", "qd", "tau")
+_TOLD_APART = 0.1  # of a joint's torque: two readings that differ by less are one
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Spoiled:
+    """Logs with one fault, and the truth beside them.
+
+    Attributes:
+        kind: What was done to them.
+        joints: Where, from 1; () for all.
+        tables: Signals of each log by name.
+        right: The same as a right repair reads them; empty where none can.
+        urdf: Text of the robot file that is given.
+        toml: Text of the robot.toml that is given, "" for none.
+        also: Other kinds that are as right.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    tables: Sequence[Table]
+    right: Sequence[Table] = ()
+    urdf: str = ""
+    toml: str = ""
+    also: tuple[str, ...] = field(default=())
+
+
+Fault = Callable[[Host, int, np.random.Generator], "Spoiled | None"]
+
+
+def table_of(log: Recording) -> Table:
+    """Return the signals of a log."""
+    return {k: v for k in SIGNALS if (v := getattr(log, k)) is not None}
+
+
+def tables_of(host: Host) -> list[Table]:
+    """Return the signals of all clean logs of an arm."""
+    return [table_of(log) for log in host.logs]
+
+
+def changed(tables: Sequence[Table], change: Callable[[Table], Mapping]) -> list[Table]:
+    """Return tables with some signals replaced."""
+    return [table | dict(change(table)) for table in tables]
+
+
+def some(rng: np.random.Generator, dof: int, count: int) -> tuple[int, ...]:
+    """Draw joints, from 1 and in order."""
+    return tuple(sorted(int(j) + 1 for j in rng.choice(dof, count, replace=False)))
+
+
+def turned(dof: int, joints: Sequence[int]) -> Array:
+    """Return factors of -1 at some joints, else 1."""
+    return np.array([-1.0 if j + 1 in joints else 1.0 for j in range(dof)])
+
+
+def told_apart(
+    host: Host, angles: Callable, torques: Callable, logged: float = 0.0
+) -> bool:
+    """Whether two readings of a log differ by what the nominal model says of them.
+
+    An arm is the mirror image of itself where the angles of some joints, and their
+    torques, are turned: nobody can tell one reading from the other there.
+
+    Args:
+        angles: What one reading does to positions. (n, dof) to (n, dof).
+        torques: What the other does to torques, so that both were the same.
+        logged: Share of the logged torque, friction and all, that they have to differ
+            by on some joint too.
+    """
+    log = host.logs[0]
+    step = max(1, len(log.t) // 1000)
+    q, t = log.q[::step], log.t[::step]
+    own = _model_torque(host, t, q)
+    read = _model_torque(host, t, angles(q))
+    size = np.sqrt(np.mean(own**2, axis=0)) + 1e-9
+    apart = np.sqrt(np.mean((torques(own) - read) ** 2, axis=0))
+    seen = apart / (np.std(torques(log.tau[::step]), axis=0) + 1e-9)
+    return bool((apart / size).max() > _TOLD_APART and seen.max() > logged)
+
+
+def _model_torque(host: Host, t: Array, q: Array) -> Array:
+    qd = np.gradient(q, t, axis=0)
+    return inverse_dynamics(host.robot.model, q, qd, np.gradient(qd, t, axis=0))

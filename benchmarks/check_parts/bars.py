@@ -1,18 +1,23 @@
 """What must be reached, as figures of the rows of all groups."""
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from benchmarks.check_parts.arms import MEASURED
-from benchmarks.figures import Figures, figure, missing
-from benchmarks.seeded import FEW, undecided
-from flows.blind.sums import wilson
+from benchmarks.harness.figures import (
+    FEW,
+    NO_BAR,
+    NO_LOGS,
+    Figures,
+    figure,
+    missing,
+    undecided,
+)
+from benchmarks.harness.rates import Rows, at_least, at_most, counts, rate
 
-Rows = Sequence[Mapping]
 FOUND, EXACT, FALSE, CERTAIN, UNNAMED = 0.95, 0.90, 0.02, 0, 1.0
-_ABSENT = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
 
 # What is true of a log is no false fault.
 TRUE_OF = {
@@ -44,15 +49,15 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
     faults = [row for row in every if not row.get("void")]
     drawn = [r for r in faults if r["host"] not in MEASURED]
     out = {
-        "faults_found": _share(faults, lambda r: r["hit"], FOUND) | _tables(faults),
+        "faults_found": at_least(rate(faults, _hit), FOUND) | _tables(faults),
         "not_applicable": _void(every),
-        "faults_found_simulated": _share(drawn, lambda r: r["hit"], None),
+        "faults_found_simulated": at_least(rate(drawn, _hit), None),
         "faults_found_measured": _on_measured(faults, absent),
         "repairs_exact": _exact(faults),
-        "false_faults": _share(sound, lambda r: bool(false_of(r)), FALSE, most=True)
+        "false_faults": at_most(rate(sound, lambda r: bool(false_of(r))), FALSE)
         | {"which": _which(sound)},
         "false_certain": _certain(sound),
-        "certain_unnamed": _share(by_group["trusted"], _nothing_said, UNNAMED),
+        "certain_unnamed": at_least(rate(by_group["trusted"], _nothing_said), UNNAMED),
         "seconds": _seconds(faults),
         "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
     }
@@ -63,6 +68,10 @@ def false_of(row: Mapping) -> list:
     """Return the faults that a check told of clean logs."""
     true = (*TRUE_OF.get(row["host"], ()), *SHOWS_AS.get(row["effect"], ()))
     return [said for said in row["said"] if said[2] or said[0] not in true]
+
+
+def _hit(row: Mapping) -> bool:
+    return row["hit"]
 
 
 def _nothing_said(row: Mapping) -> bool:
@@ -81,17 +90,14 @@ def _void(every: Rows) -> dict:
 def _on_measured(faults: Rows, absent: Sequence[str]) -> dict:
     rows = [r for r in faults if r["host"] in MEASURED]
     if not rows:
-        return missing(None, _ABSENT if absent else FEW)
-    return _share(rows, lambda r: r["hit"], None)
+        return missing(None, NO_LOGS if absent else FEW)
+    return at_least(rate(rows, _hit), None)
 
 
 def _exact(faults: Rows) -> dict:
-    lines = [{"line": exact} for row in faults for exact in row["exact"]]
-    each = defaultdict(list)
-    for row in faults:
-        each[row["kind"]] += row["exact"]
-    entry = _share(lines, lambda line: line["line"], EXACT)
-    return entry | {"per_kind": {k: [sum(v), len(v)] for k, v in each.items() if v}}
+    lines = [{"kind": r["kind"], "exact": e} for r in faults for e in r["exact"]]
+    entry = at_least(rate(lines, lambda line: line["exact"]), EXACT)
+    return entry | {"per_kind": counts(lines, lambda line: line["exact"], "kind")}
 
 
 def _certain(sound: Rows) -> dict:
@@ -103,17 +109,11 @@ def _certain(sound: Rows) -> dict:
 def _seconds(faults: Rows) -> dict:
     own = [row["seconds"] for row in faults]
     value = float(np.median(own)) if own else None
-    return figure(value, None, len(own), why="for information, no bar of its own")
+    return figure(value, None, len(own), why=NO_BAR)
 
 
 def _tables(faults: Rows) -> dict:
-    out = {}
-    for key in ("kind", "host"):
-        each = defaultdict(list)
-        for row in faults:
-            each[row[key]].append(row["hit"])
-        out[f"per_{key}"] = {k: [sum(v), len(v)] for k, v in each.items()}
-    return out
+    return {f"per_{key}": counts(faults, _hit, key) for key in ("kind", "host")}
 
 
 def _which(sound: Rows) -> dict:
@@ -122,16 +122,3 @@ def _which(sound: Rows) -> dict:
         for kind, _, certain in false_of(row):
             each[f"{kind}{' (certain)' if certain else ''} on {row['host']}"] += 1
     return dict(sorted(each.items()))
-
-
-def _share(
-    rows: Rows, hit: Callable[[Mapping], bool], bar: float | None, most: bool = False
-) -> dict:
-    n, hits = len(rows), sum(bool(hit(row)) for row in rows)
-    value = hits / n if n else None
-    entry = figure(value, bar, n, interval=wilson(hits, n))
-    if bar is None:
-        return entry | {"why": "for information, no bar of its own"}
-    if most or value is None:
-        return entry
-    return entry | {"ok": bool(value >= bar), "at_least": True}

@@ -6,13 +6,20 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 
-from benchmarks.check_parts import motions, readings, reports, sensors
-from benchmarks.check_parts.arms import DRAWN, ENGINE, HOSTS, SIX, Host, host
-from benchmarks.check_parts.judge import given, judged, read, told
-from benchmarks.check_parts.spoiled import Fault, Spoiled
-from benchmarks.check_parts.traces import trace
-from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC, as_form, make, the_arm
-from benchmarks.seeded import guarded
+from benchmarks.check_parts import faults, reports
+from benchmarks.check_parts.arms import (
+    DRAWN,
+    ENGINE,
+    HOSTS,
+    SIX,
+    Fault,
+    Host,
+    Spoiled,
+    host,
+)
+from benchmarks.check_parts.judge import given, judged, read, told, trace
+from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
+from benchmarks.harness.cases import guarded
 from flows.blind.draw import vocabulary
 from flows.blind.size import draw_sized
 from flows.inputs.logs import LogSets
@@ -28,28 +35,28 @@ from sim.records import stream
 FAULTS: Mapping[str, Fault] = {
     fault.__name__: fault
     for fault in (
-        readings.torque_sign,
-        readings.angle_sign,
-        readings.joint_order,
-        readings.torque_unit,
-        readings.angle_unit,
-        readings.time_unit,
-        readings.gear_ratio,
-        readings.torque_scale,
-        readings.velocity_mismatch,
-        sensors.clock,
-        sensors.spike,
-        sensors.frozen,
-        sensors.quantised,
-        sensors.saturated,
-        sensors.delay,
-        sensors.filtered,
-        sensors.out_of_range,
-        motions.lockstep,
-        motions.no_reversal,
-        motions.too_short,
-        motions.robot_file,
-        motions.wrong_robot,
+        reports.torque_sign,
+        reports.angle_sign,
+        reports.joint_order,
+        reports.torque_unit,
+        reports.angle_unit,
+        reports.time_unit,
+        reports.gear_ratio,
+        reports.torque_scale,
+        reports.velocity_mismatch,
+        faults.clock,
+        faults.spike,
+        faults.frozen,
+        faults.quantised,
+        faults.saturated,
+        faults.delay,
+        faults.filtered,
+        faults.out_of_range,
+        faults.lockstep,
+        faults.no_reversal,
+        faults.too_short,
+        faults.robot_file,
+        faults.wrong_robot,
         reports.gravity_removed,
         reports.friction_removed,
         reports.commanded,
@@ -123,12 +130,9 @@ def run(task: Task) -> dict:
     Returns:
         The rows of its cases; none, and why, where measured logs are absent.
     """
-    do = {
-        "faults": _faults,
-        "clean": _clean,
-        "effects": _effects,
-        "trusted": _trusted,
-    }[task.group]
+    do = {"faults": _faults, "clean": _clean, "effects": _effects, "trusted": _trusted}[
+        task.group
+    ]
     if task.group != "effects" and host(task.host, task.seed) is None:
         return {"rows": [], "absent": task.host}
     return {"rows": do(task)}

@@ -1,15 +1,24 @@
 """What must be reached, as figures of the rows of all groups."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from benchmarks.figures import Figures, figure
-from benchmarks.seeded import Rows, crash_figures, group_figures, undecided
+from benchmarks.harness.cases import crash_figures, group_figures
+from benchmarks.harness.figures import NO_BAR, Figures, figure, undecided
+from benchmarks.harness.rates import (
+    Hit,
+    Rows,
+    at_least,
+    at_most,
+    between,
+    counts,
+    rate,
+    rounded,
+    within_two_deviations,
+)
 from flows.blind.score import WRONG
-from flows.blind.sums import both_clear, is_clear, is_right, wilson
-
-_NO_BAR = "for information, no bar of its own"
+from flows.blind.sums import both_clear, is_clear, is_right
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.
 FAMILIES = {
@@ -58,17 +67,34 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     return figures if deciding else undecided(figures)
 
 
+def _least(rows: Rows, hit: Hit, bar: float | None) -> dict:
+    return at_least(rate(rows, hit, "data"), bar)
+
+
+def _most(rows: Rows, hit: Hit, bar: float | None) -> dict:
+    return at_most(rate(rows, hit, "data"), bar)
+
+
+def _named(row: Mapping) -> bool:
+    return row["named"] > 0
+
+
+def _flagged(row: Mapping) -> bool:
+    return bool(row["unexplained"])
+
+
 def _singles(rows: Rows) -> Figures:
     clear = [r for r in rows if is_clear(r)]
     usual = [r for r in rows if r["multiple"] is None]
     return {
-        "singles_right": _least(clear, is_right, 0.95) | _by_effect(clear),
+        "singles_right": _least(clear, is_right, 0.95)
+        | {"per_effect": counts(clear, is_right, "effect")},
         # Their torque is in proportion to no parameter: no multiple can be drawn.
         "singles_of_usual_size_right": _least(usual, is_right, 0.95)
-        | _by_effect(usual),
+        | {"per_effect": counts(usual, is_right, "effect")},
         "singles_joint_right": _least(clear, lambda r: bool(r["joint_right"]), None),
         "singles_too_small_for_three_times": figure(
-            len(rows) - len(clear) - len(usual), None, len(rows), why=_NO_BAR
+            len(rows) - len(clear) - len(usual), None, len(rows), why=NO_BAR
         ),
     }
 
@@ -80,30 +106,28 @@ def _detection(rows: Rows) -> Figures:
     for family in (*FAMILIES, "other"):
         own = [r for r in small if known.get(r["effect"], "other") == family]
         if own:
-            entry = _rate(own, is_right)
-            inside = 0.35 <= entry["value"] <= 0.65
             name = f"detection_at_1x_{family.replace(' ', '_')}"
-            out[name] = {**entry, "bar": 0.65, "low": 0.35, "ok": inside}
+            out[name] = between(rate(own, is_right, "data"), 0.35, 0.65)
     return out
 
 
 def _nulls(rows: Rows) -> Figures:
     alarms = sum(r["named"] > 0 for r in rows)
     # Four in two hundred.
-    share = _most(rows, lambda r: r["named"] > 0, 0.02)
-    flagged = _most(rows, lambda r: bool(r["unexplained"]), None)
+    share = _most(rows, _named, 0.02)
+    flagged = _most(rows, _flagged, None)
     return {"false_alarms": {**share, "alarms": alarms}, "nulls_flagged": flagged}
 
 
 def _unknown(rows: Rows) -> Figures:
     flagged = [r for r in rows if r["unexplained"]]
     return {
-        "unknown_flagged": _least(rows, lambda r: bool(r["unexplained"]), 0.95)
-        | _by_effect(rows, lambda r: bool(r["unexplained"])),
+        "unknown_flagged": _least(rows, _flagged, 0.95)
+        | {"per_effect": counts(rows, _flagged, "effect")},
         "unknown_joint": _least(
             flagged, lambda r: bool(set(r["joints"]) & set(r["unexplained"])), 0.90
         ),
-        "unknown_named": _most(rows, lambda r: r["named"] > 0, 0.02),
+        "unknown_named": _most(rows, _named, 0.02),
     }
 
 
@@ -113,16 +137,14 @@ def _pairs(rows: Rows) -> Figures:
         "pairs_both_named": _least(clear, lambda r: r["found"] == 2, 0.80),
         "pairs_false_third": _most(rows, lambda r: r["extra"] > 0, 0.03),
         "pairs_with_a_small_one": figure(
-            len(rows) - len(clear), None, len(rows), why=_NO_BAR
+            len(rows) - len(clear), None, len(rows), why=NO_BAR
         ),
     }
 
 
 def _forms(rows: Rows) -> Figures:
-    each: dict[str, list[bool]] = {}
-    for row in rows:
-        each.setdefault(row["what"], []).append(is_right(row))
-    shares = {form: round(float(np.mean(hits)), 3) for form, hits in each.items()}
+    each = counts(rows, is_right, "what")
+    shares = {form: round(hits / n, 3) for form, (hits, n) in each.items()}
     return {"forms_right": _least(rows, is_right, 0.90) | {"per_form": shares}}
 
 
@@ -141,60 +163,14 @@ def _across(rows: Mapping[str, Rows]) -> Figures:
     ratios = [r["error_after"] / r["error_oracle"] for r in some if r["error_oracle"]]
     if ratios:
         out["error_over_oracle"] = figure(float(np.median(ratios)), 1.15, len(ratios))
-        out["error_over_oracle"] |= {"quantiles": _quantiles(ratios)}
+        out["error_over_oracle"] |= {
+            "quantiles": rounded(np.quantile(ratios, (0.1, 0.5, 0.9)), 4)
+        }
     gaps = [r["gap_closed"] for r in some if r["gap_closed"] is not None]
     if gaps:
         value = float(np.median(gaps))
-        out["gap_closed"] = figure(value, None, len(gaps), why=_NO_BAR)
-    return out | _coverage(rows)
-
-
-def _coverage(rows: Mapping[str, Rows]) -> Figures:
+        out["gap_closed"] = figure(value, None, len(gaps), why=NO_BAR)
     own = [r for r in rows.get("singles", ()) if r.get("z") is not None]
-    if not own:
-        return {}
-    entry = _rate(own, lambda r: abs(r["z"]) <= 2)
-    each: dict[str, list[float]] = {}
-    for row in own:
-        each.setdefault(row["effect"], []).append(round(row["z"], 2))
-    inside = 0.90 <= entry["value"] <= 0.99
-    return {
-        "coverage_2_sigma": {**entry, "bar": 0.99, "low": 0.90, "ok": inside}
-        | {"z_per_effect": each}
-    }
-
-
-def _rate(rows: Rows, hit: Callable[[Mapping], bool]) -> dict:
-    """Return a rate with its interval, and its counts on either kind of arm."""
-    n, hits = len(rows), sum(bool(hit(r)) for r in rows)
-    entry = figure(hits / n if n else None, None, n, interval=wilson(hits, n))
-    kinds = sorted({r["data"] for r in rows})
-    of = {k: [bool(hit(r)) for r in rows if r["data"] == k] for k in kinds}
-    return entry | {"data": {k: [sum(v), len(v)] for k, v in of.items()}}
-
-
-def _least(rows: Rows, hit: Callable[[Mapping], bool], bar: float | None) -> dict:
-    entry = _rate(rows, hit)
-    if bar is None:
-        return entry | {"why": _NO_BAR}
-    ok = None if entry["value"] is None else bool(entry["value"] >= bar)
-    return entry | {"bar": bar, "ok": ok, "at_least": True}
-
-
-def _most(rows: Rows, hit: Callable[[Mapping], bool], bar: float | None) -> dict:
-    entry = _rate(rows, hit)
-    if bar is None:
-        return entry | {"why": _NO_BAR}
-    ok = None if entry["value"] is None else bool(entry["value"] <= bar)
-    return entry | {"bar": bar, "ok": ok}
-
-
-def _by_effect(rows: Rows, hit: Callable[[Mapping], bool] = is_right) -> dict:
-    each: dict[str, list[bool]] = {}
-    for row in rows:
-        each.setdefault(row["effect"], []).append(bool(hit(row)))
-    return {"per_effect": {k: [sum(v), len(v)] for k, v in sorted(each.items())}}
-
-
-def _quantiles(values: Sequence[float]) -> list[float]:
-    return [round(float(q), 4) for q in np.quantile(values, (0.1, 0.5, 0.9))]
+    if own:
+        out["coverage_2_sigma"] = within_two_deviations(own, "data", 0.90, 0.99)
+    return out

@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from time import perf_counter
 
-from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC, as_form, make, the_arm
-from benchmarks.seeded import guarded
+from benchmarks.harness.cases import guarded
+from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
+from benchmarks.synthetic.motions import make_motion
 from flows.blind.draw import MULTIPLES, OF_A_PAIR, vocabulary
-from flows.blind.row import case_row
+from flows.blind.row import case_row, true_parameters
 from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
 from flows.blind.size import draw_sized, measured
 from flows.blind.sums import CLEAR
@@ -15,8 +17,125 @@ from flows.specs.experiment import derived_seed
 from residual.close import close_the_loop
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
+from residual.recording import Recording
+from residual.robot.robot import Robot, load_robot
 from sim.catalogue import forms, kinds, unnamed
-from sim.records import PlantEffect, stream
+from sim.quasi_static import Plant, true_friction, true_torque
+from sim.records import Hidden, Noise, PlantEffect, PlantSpec, TrajectorySpec, stream
+from sim.sizes import room, sizes
+
+SYNTHETIC, PYBULLET = "synthetic", "pybullet"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Which logs a case has.
+
+    Attributes:
+        fit: Motion families to diagnose.
+        held_out: Motion families for the proof.
+        duration: Length of each log [s].
+    """
+
+    fit: tuple[str, ...]
+    held_out: tuple[str, ...]
+    duration: float = 20.0
+
+
+PLANS = {
+    SYNTHETIC: Plan(
+        ("fourier", "fourier", "cyclic", "slow_cyclic", *2 * ("move_stop_move",)),
+        ("fourier", "move_stop_move", "cyclic"),
+    ),
+    PYBULLET: Plan(
+        ("fourier", "fourier", "cyclic", "cyclic", "move_stop_move"),
+        ("welding", "fourier"),
+    ),
+    "quick": Plan(("fourier", "cyclic", "move_stop_move"), ("fourier",), 12.0),
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Made:
+    """One case with the truth beside it.
+
+    Attributes:
+        robot: The arm as the diagnosis may know it.
+        fit: Logs to diagnose.
+        held_out: Logs for the proof.
+        truths: True parameters of each hidden effect, as a verdict states them.
+    """
+
+    robot: Robot
+    fit: tuple[Recording, ...]
+    held_out: tuple[Recording, ...]
+    truths: tuple[dict, ...]
+
+
+@lru_cache(maxsize=1)
+def the_arm() -> Robot:
+    """Return the built-in arm with the friction that its file declares."""
+    return load_robot("irb140")
+
+
+def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Made:
+    """Record one case.
+
+    Args:
+        data: "synthetic", "pybullet" or "quick" (synthetic, short).
+        effects: What the arm hides; forms of other authors only on synthetic ones.
+    """
+    plan = PLANS[data]
+    record = _pybullet if data == PYBULLET else _synthetic
+    logs, truths = record(plan, tuple(effects), motion, arm)
+    count = len(plan.fit)
+    return Made(the_arm(), tuple(logs[:count]), tuple(logs[count:]), tuple(truths))
+
+
+def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
+    robot = the_arm()
+    hidden = tuple(Hidden(e.name, e.joints, dict(e.parameters)) for e in effects)
+    plant = Plant(robot, hidden, arm)
+    logs = []
+    for place, family in enumerate((*plan.fit, *plan.held_out)):
+        name = f"{'fit' if place < len(plan.fit) else 'held_out'}_{place}_{family}"
+        rng = stream(motion, f"motion/{name}")
+        made = make_motion(family, room(robot), plan.duration, RATE, rng)
+        start = place * (plan.duration + PAUSE)
+        torque = true_torque(plant, made, name, start)
+        signals = sensed(robot, torque, name, arm)
+        logs.append(Recording(name, robot.name, start + made.t, *signals))
+    return logs, [_with_scatter(plant, e) for e in effects]
+
+
+def _with_scatter(plant: Plant, effect: PlantEffect) -> dict:
+    """Return what a verdict would state: a change is against what the maker says."""
+    values, known = dict(effect.parameters), kinds().get(effect.name)
+    if known is not None and known.of_drive:
+        key, field = known.amount[0], known.of_drive
+        joint = effect.joints[0] - 1
+        true, told = true_friction(plant), sizes(plant.robot)
+        values[key] += float(getattr(true, field)[joint] - getattr(told, field)[joint])
+    return values
+
+
+def _pybullet(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
+    plant, logs = PlantSpec(effects, noise=Noise(), seed=arm), []
+    for place, family in enumerate((*plan.fit, *plan.held_out)):
+        spec = TrajectorySpec(family, plan.duration, 2, 100 * motion + place)
+        start = place * (plan.duration + PAUSE)
+        logs.append(in_engine(the_arm(), plant, spec, start))
+    return logs, true_parameters(the_arm(), plant)
+
+
+def as_form(effect: PlantEffect, form: str) -> PlantEffect:
+    """Return an effect as another author writes it down."""
+    values = dict(effect.parameters)
+    if form == "lugre":
+        values["displacement"] = 2e-3  # rad: the bristles of a heavy gear
+    assert effect.name in forms()[form]
+    return PlantEffect(form, effect.joints, tuple(sorted(values.items())))
+
 
 BENCHES = 10  # excitations that all cases of one run share
 # Every fifth draw of an effect is an arm in the physics engine.
@@ -197,3 +316,14 @@ def _quick(group: str, seed: int) -> list[Task]:
     return [
         Task(group, what, "quick", seed, seed + i) for i, what in enumerate(few[group])
     ]
+
+
+def words(row: Mapping) -> str:
+    """Return one line on a case for the log of a run."""
+    if "outcome" not in row:
+        return "done"
+    names = "; ".join(f"{n[0]} {n[1]}" for n in row["names"]) or "nothing"
+    hidden = f"{row['effect']} {row['joints']}"
+    if row["second_effect"]:
+        hidden += f" + {row['second_effect']} {row['second_joints']}"
+    return f"{row['outcome']}: {hidden} -> {names} ({row['seconds']} s)"

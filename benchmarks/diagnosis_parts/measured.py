@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.figures import Figures, figure, missing
+from benchmarks.harness.figures import Figures, figure, missing
 from benchmarks.measured_parts.arms import data_folder
 from flows.blind.score import Name, Said, members
 from flows.blind.sums import wilson

@@ -1,54 +1,154 @@
-"""Logs dropped within a minute, while server, worker and flows are killed three times.
+"""A first robot, and logs dropped while server, worker and flows are killed.
+
+First: from an empty folder, a URDF and three logs to a scheduled diagnosis. The
+commands are those of docs/project.md, given as a user gives them, and counted; the
+clock runs until the verdict is in the store and the next night of that robot is due.
 
 Every twentieth log is broken: half a table, or no log at all. Half are written in
 place, half are renamed by their writer. What counts is what lies where at the end.
 """
 
+import json
+import os
 import shutil
+import signal
 import subprocess
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic, sleep
 
+import numpy as np
+
 import warehouse
-from benchmarks.figures import Figures, figure, partial
-from benchmarks.fleet_parts.commands import (
+from benchmarks.harness.figures import Figures, all_missing, figure, partial
+from benchmarks.harness.logs import write_csv
+from benchmarks.harness.shell import (
     command,
     environment,
-    kill_service,
+    is_of_store,
     modelgap,
     wait_for,
 )
-from benchmarks.fleet_parts.made import arm, many
+from benchmarks.synthetic.logs import standard_case
+from flows.service.state import flow_processes, read_running
+from flows.settings import PREFECT
+from residual.robot.robot import built_in_folder
+
+
+def arm(folder: Path) -> Path:
+    """Put the URDF of an IRB140 into a folder, without its robot.toml."""
+    urdf = folder / "arm.urdf"
+    source = built_in_folder("irb140") / "irb140.urdf"
+    urdf.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
+    return urdf
+
+
+def logs(folder: Path, seed: int = 1) -> list[Path]:
+    """Write three logs of an arm with a load on its flange."""
+    case = standard_case("payload", seed, joint=6)
+    return [write_csv(folder / f"{log.id}.csv", log) for log in case.fit[:3]]
+
+
+def many(folder: Path, number: int, seconds: float) -> list[Path]:
+    """Write many short logs, each with samples of its own.
+
+    Args:
+        seconds: Length of each [s].
+    """
+    case = standard_case("payload", 1, joint=6)
+    whole = [log for log in case.fit if log.duration > seconds]
+    rng, paths = np.random.default_rng(7), []
+    for k in range(number):
+        log = whole[k % len(whole)]
+        start = rng.uniform(0.0, log.duration - seconds)
+        rows = (log.t >= log.t[0] + start) & (log.t < log.t[0] + start + seconds)
+        noise = rng.normal(0.0, 0.05, (rows.sum(), log.dof))
+        part = replace(
+            log,
+            t=log.t[rows] - log.t[rows][0],
+            q=log.q[rows],
+            tau=log.tau[rows] + noise,
+            qd=None,
+            qdd=None,
+            q_ref=None,
+        )
+        paths.append(write_csv(folder / f"log_{k:04}.csv", part))
+    return paths
+
+
+COMMANDS, SECONDS, FIRST_PATIENCE = 4, 180.0, 1200.0
+
+
+def first_figures(quick: bool) -> Figures:
+    """Return the figures of the group."""
+    if quick:
+        why = "a server and a diagnosis take longer than a quick run"
+        return all_missing({"first_commands": COMMANDS, "first_seconds": SECONDS}, why)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "project"
+        given, seconds, said = _first_served(Path(name), folder)
+    about = {} if seconds is not None else {"why": said, "ok": False}
+    return {
+        "first_commands": figure(given, COMMANDS, 1),
+        "first_seconds": figure(seconds, SECONDS, 1, **about),
+    }
+
+
+def _first_served(place: Path, folder: Path) -> tuple[int, float | None, str]:
+    """Return how many commands it took, how long [s], and what was said otherwise."""
+    (place / "logs").mkdir()
+    made = logs(place / "logs")
+    folder.mkdir()
+    urdf = arm(place)
+    begun = monotonic()
+    steps = (
+        lambda: modelgap("init", "--robot", str(urdf), folder=folder),
+        lambda: [shutil.copy(log, folder / "inbox") for log in made],
+        lambda: modelgap("up", folder=folder),
+    )
+    try:
+        for step in steps:
+            done = step()
+            if getattr(done, "returncode", 0):
+                return len(steps), None, done.stderr.strip()[-300:]
+        if not wait_for(lambda: _is_done(folder), FIRST_PATIENCE):
+            return len(steps), None, f"no diagnosis after {FIRST_PATIENCE:.0f} s"
+        return len(steps), round(monotonic() - begun, 1), ""
+    finally:
+        modelgap("down", "--wait", "0", folder=folder)
+
+
+def _is_done(folder: Path) -> bool:
+    """Whether a diagnosis is in the store, and the next one of the robot is due."""
+    if not any((folder / "store" / "diagnoses").glob("diagnosis_id=*")):
+        return False
+    told = json.loads(modelgap("status", "--json", folder=folder).stdout)
+    due = {d["name"]: d["due"] for d in told["deployments"]}
+    return due.get("diagnose-new/irb140") is not None
+
 
 NUMBER, QUICK, LENGTH = 1000, 24, 4.0  # logs, logs of a quick run, s of each
 DROPPED, KILLS, PATIENCE = 60.0, 3, 3600.0
 _BROKEN = 20
 
 
-def figures_of(quick: bool, number: int = NUMBER) -> Figures:
-    """Return the figures of the group.
-
-    Args:
-        quick: Whether to kill a plain `modelgap inbox` instead of a server.
-        number: How many logs, where it is not quick.
-    """
+def inbox_figures(quick: bool) -> Figures:
+    """Return the figures of the group; a quick run kills a plain `modelgap inbox`."""
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         (place / "logs").mkdir()
-        made = many(place / "logs", QUICK if quick else number, LENGTH)
+        made = many(place / "logs", QUICK if quick else NUMBER, LENGTH)
         bad = [_broken(log, k) for k, log in enumerate(made) if k % _BROKEN == 3]
         folder = _project(place)
         run = _killed_command if quick else _killed_service
         seconds = run(folder, made)
         figures = _counted(folder, made, {log.name for log in bad})
     figures["inbox_seconds"] = figure(round(seconds, 1), None, len(made))
-    if not quick and number >= NUMBER:
-        return figures
-    why = f"{len(made)} logs instead of {NUMBER}"
+    why = f"{len(made)} logs instead of {NUMBER}" if quick else ""
     return {
-        key: entry if entry["bar"] is None else partial(entry, why)
+        key: entry if entry["bar"] is None or not why else partial(entry, why)
         for key, entry in figures.items()
     }
 
@@ -106,9 +206,21 @@ def _killed_service(folder: Path, made: list[Path]) -> float:
 
 
 def _kill(store: Path, folder: Path) -> int:
-    assert kill_service(store) >= 2, "expected a server and a worker to kill"
+    assert _kill_service(store) >= 2, "expected a server and a worker to kill"
     _up(folder)
     return 1
+
+
+def _kill_service(store: Path) -> int:
+    """Kill server, workers and flows of a store, -9; returns how many processes."""
+    running = read_running(store / PREFECT)
+    killed = list(running.alive) if running else []
+    for flows in flow_processes().values():
+        killed += [p for p in flows if is_of_store(p.pid, store)]
+    for process in killed:
+        if process.lives:
+            os.kill(process.pid, signal.SIGKILL)
+    return len(killed)
 
 
 def _up(folder: Path) -> None:
@@ -124,7 +236,7 @@ def _killed_command(folder: Path, made: list[Path]) -> float:
     for kill in range(KILLS):
         process = subprocess.Popen(words, cwd=folder, env=environment())
         # Sooner or later in its work; the last time when something has been moved.
-        wait_for(partial_work(process, folder, _left(folder)), 2 + 3 * kill)
+        wait_for(_at_work(process, folder), 2 + 3 * kill)
         process.kill()
         process.wait()
     done = modelgap("inbox", "--once", "--import-only", folder=folder)
@@ -132,10 +244,9 @@ def _killed_command(folder: Path, made: list[Path]) -> float:
     return monotonic() - begun
 
 
-def partial_work(
-    process: subprocess.Popen, folder: Path, before: int
-) -> Callable[[], bool]:
+def _at_work(process: subprocess.Popen, folder: Path) -> Callable[[], bool]:
     """Return what tells whether a command has ended, or moved a first file."""
+    before = _left(folder)
     return lambda: process.poll() is not None or _left(folder) < before
 
 

@@ -4,23 +4,260 @@ The server is moto in a process of its own, on this machine. The runs are synthe
 samples of six joints, put in by the program's own commit; nothing is simulated.
 """
 
+import multiprocessing
+import os
+import random
+import socket
+import subprocess
+import sys
 import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
+from time import perf_counter
+from urllib.request import urlopen
 
-from benchmarks.figures import Figures, figure, missing, partial
-from benchmarks.fleet_parts.objects_server import serve
-from benchmarks.fleet_parts.objects_work import (
-    killed,
-    one_winner,
-    paired_commits,
-    timed_questions,
-)
+from boto3 import client
+
+import warehouse
+from benchmarks.harness.figures import Figures, figure, missing, partial
+from benchmarks.harness.rates import wall
+from benchmarks.store_parts.made import small, synthetic
+from warehouse import catalogue
+from warehouse.commit import Sealed, commit_run
+from warehouse.files import to_table, write_parquet
+from warehouse.layout import list_folders
+from warehouse.objects.bucket import Bucket
+from warehouse.objects.mirror import CACHE, bucket_of, forget, mirror_of
+from warehouse.runs import read_run
+from warehouse.verify import verify_all
+
+_ROWS = 5_000  # 20 s at 250 Hz, 43 columns
+_FILLERS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """Times [s] and ratios of pairs, medians.
+
+    Attributes:
+        commit: A commit.
+        put: A put of one object with as many bytes.
+        ratio: The first over the second.
+        over_parquet: A commit over making the Parquet file of the samples and a put.
+    """
+
+    commit: float
+    put: float
+    ratio: float
+    over_parquet: float
+
+
+def one_winner(address: str, writers: int, runs: int) -> list[int]:
+    """Let several processes write the same runs; return how many wrote each."""
+    with multiprocessing.get_context("forkserver").Pool(writers) as pool:
+        wrote = pool.starmap(_write_all, [(address, range(runs))] * writers, 1)
+    counts = Counter(id for ids in wrote for id in ids)
+    store = mirror_of(address)
+    if set(counts) != set(list_folders(store, "runs")):
+        return [0]
+    return list(counts.values())
+
+
+def killed(address: str, kills: int) -> tuple[int, int]:
+    """Kill a writer again and again; return what is partial then, and all runs."""
+    rng, context = random.Random(7), multiprocessing.get_context("forkserver")
+    first, usual = 0, _usual_commit(address)
+    for _ in range(kills):
+        started = context.Event()
+        process = context.Process(
+            target=_write_until_killed, args=(address, first, started)
+        )
+        process.start()
+        # One run is stored then; it is killed somewhere in the next three.
+        started.wait()
+        time.sleep(rng.uniform(0, 3 * usual))
+        process.kill()
+        process.join()
+        first += 2
+    own_copies()
+    store = mirror_of(address)
+    broken = {(v.kind, v.id) for v in verify_all(store) if v.faults}
+    with warehouse.open(address) as opened:
+        ids = opened.sql("SELECT run_id FROM runs").column(0).to_pylist()
+        rows = opened.sql("SELECT run_id, count(*) AS n FROM samples GROUP BY run_id")
+        broken |= {("runs", r["run_id"]) for r in rows.to_pylist() if r["n"] != 50}
+    for id in ids:
+        read_run(store, id)
+    return len(broken), len(ids)
+
+
+def _usual_commit(address: str) -> float:
+    """Return how long a commit takes here [s]."""
+    store, times = mirror_of(address), []
+    for seed in range(6):
+        start = perf_counter()
+        _commit(store, 10**6 + seed)
+        times.append(perf_counter() - start)
+    return median(times)
+
+
+def timed_questions(address: str, runs: int) -> dict[str, float]:
+    """Fill a store and time questions of a machine that has no copies yet [s]."""
+    parts = [(address, range(k, runs, _FILLERS)) for k in range(_FILLERS)]
+    with multiprocessing.get_context("forkserver").Pool(_FILLERS) as pool:
+        pool.starmap(_write_all, parts, 1)
+    with warehouse.open(address) as opened:
+        # What the last writers left is added once, by whoever comes first.
+        assert opened.sql("SELECT count(*) AS n FROM runs")["n"][0].as_py() == runs
+    listing = "SELECT run_id, robot, created FROM runs ORDER BY created"
+    errors = "SELECT joint, metric, avg(value) AS v FROM errors GROUP BY ALL"
+    own_copies()
+    out = {"list": _asked(address, listing), "list_again": _asked(address, listing)}
+    own_copies()
+    return out | {"errors": _asked(address, errors)}
+
+
+def paired_commits(address: str, pairs: int) -> Costs:
+    """Time commits of runs of 20 s, each beside a put of one object of that size."""
+    store, times = mirror_of(address), []
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(pairs + 2):
+            log, twin = synthetic(seed, _ROWS)
+            arrays = {"t": log.t, "q": log.q, "tau": log.tau, "q_ref": log.q_ref} | twin
+            commit = wall(
+                lambda log=log, twin=twin: commit_run(
+                    store, log, {"robot_hash": "0" * 64}, extra=twin
+                )
+            )
+            bucket = bucket_of(store)
+            data, key = os.urandom(_size(bucket)), f"bare/{seed}"
+            put = wall(lambda b=bucket, d=data, k=key: b.put(k, d))
+            path = Path(folder, f"{seed}.parquet")
+            made = wall(lambda p=path, a=arrays: write_parquet(p, to_table(a, {})))
+            times.append((commit, put, made))
+    # The first ones make connections, and load what a process loads once.
+    times = times[2:]
+    return Costs(
+        median(commit for commit, _, _ in times),
+        median(put for _, put, _ in times),
+        median(commit / put for commit, put, _ in times),
+        median(commit / (put + made) for commit, put, made in times),
+    )
+
+
+def own_copies() -> None:
+    """Forget what this process knows, and keep copies in a new folder."""
+    os.environ[CACHE] = tempfile.mkdtemp(dir=Path(os.environ[CACHE]))
+    forget()
+
+
+def _asked(address: str, query: str) -> float:
+    start = perf_counter()
+    with warehouse.open(address) as opened:
+        opened.sql(query)
+    return perf_counter() - start
+
+
+def _write_all(address: str, seeds: range) -> list[str]:
+    """Commit runs; return the ids of those of which this is the one that is stored."""
+    own_copies()
+    store, wrote = mirror_of(address), []
+    catalogue_remember = catalogue.remember
+
+    def remember(place, kind, row):
+        wrote.append(row.column(kind.key)[0].as_py())
+        catalogue_remember(place, kind, row)
+
+    warehouse.commit.remember = remember
+    try:
+        for seed in seeds:
+            _commit(store, seed)
+        catalogue.flush()
+    finally:
+        warehouse.commit.remember = catalogue_remember
+    return wrote
+
+
+def _write_until_killed(address: str, first: int, started) -> None:
+    own_copies()
+    store = mirror_of(address)
+    for seed in range(first, first + 1000):
+        _commit(store, seed)
+        started.set()
+
+
+def _commit(store: Path, seed: int) -> str:
+    log, manifest, twin = small(seed)
+    sealed = Sealed({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
+    return commit_run(store, log, manifest, sealed, twin)
+
+
+def _size(bucket: Bucket) -> int:
+    """Return how many bytes the last run has in the bucket."""
+    listed = bucket.objects("samples")
+    latest = max(listed, key=lambda each: each.modified).key.rpartition("/")[0]
+    return sum(each.size for each in listed if each.key.startswith(latest))
+
+
+_PATIENCE = 60.0  # s until it must answer
+_KEYS = {
+    "AWS_ACCESS_KEY_ID": "benchmark",
+    "AWS_SECRET_ACCESS_KEY": "benchmark",
+    "AWS_REGION": "us-east-1",
+}
+
+
+@contextmanager
+def serve(folder: Path) -> Iterator[Callable[[], str]]:
+    """Serve S3; gives a function that returns the address of a new store.
+
+    Args:
+        folder: Where this process, and those that it starts, keep copies.
+    """
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    process = subprocess.Popen(
+        words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    endpoint = f"http://127.0.0.1:{port}"
+    os.environ.update(_KEYS, AWS_ENDPOINT_URL=endpoint, MODELGAP_CACHE=str(folder))
+    try:
+        _wait(endpoint)
+        made = iter(range(1000))
+
+        def new_store() -> str:
+            name = f"benchmark-{next(made)}"
+            s3 = client("s3", endpoint_url=endpoint, region_name="us-east-1")
+            s3.create_bucket(Bucket=name)
+            return f"s3://{name}/store"
+
+        yield new_store
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _wait(endpoint: str) -> None:
+    end = time.monotonic() + _PATIENCE
+    while time.monotonic() < end:
+        with suppress(OSError), urlopen(f"{endpoint}/moto-api/data.json", timeout=5):
+            return
+        time.sleep(0.2)
+    raise TimeoutError(f"{endpoint} does not answer.")
+
 
 WRITERS, TOGETHER, KILLS, MANY, PAIRS = 8, 50, 200, 10_000, 40
 _SMALL = "a quick run has fewer"
 
 
-def figures_of(quick: bool) -> Figures:
+def object_figures(quick: bool) -> Figures:
     """Measure the group."""
     share = 20 if quick else 1
     with tempfile.TemporaryDirectory() as folder, serve(Path(folder)) as new_store:

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.hardening_parts.http import requests
-from benchmarks.hardening_parts.made import records, run
-from benchmarks.hardening_parts.values import (
+from benchmarks.hardening_parts.http import (
     bad_logs,
     bad_maps,
     bad_robots,
     bad_specs,
+    requests,
 )
+from benchmarks.store_parts.made import records, run
 from residual.robot.robot import load_robot
 from sim.records import TrajectorySpec
 from sim.trajectories import make_reference

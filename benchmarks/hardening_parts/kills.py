@@ -3,33 +3,96 @@
 import multiprocessing
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter, sleep
+from types import SimpleNamespace
+from unittest.mock import patch
 
+import numpy as np
 import pyarrow as pa
 
-from benchmarks.figures import Figures, figure, partial
-from benchmarks.hardening_parts.made import answers, damaged, filled, records, run
-from benchmarks.hardening_parts.reruns import old_runs, rerun_old
+from benchmarks.harness.figures import Figures, figure, partial
 from benchmarks.store_parts.kills import kill_figures as campaign_figures
-from benchmarks.store_parts.made import DOF, folder, small
+from benchmarks.store_parts.made import (
+    DOF,
+    answers,
+    damaged,
+    filled,
+    folder,
+    records,
+    run,
+    small,
+)
+from flows.specs.experiment import ExperimentSpec
+from flows.steps import experiment
+from flows.steps.rerun.rerun import rerun
 from residual.recording import Recording
+from warehouse import commit
 from warehouse.bundle import read_bundle, write_bundle
 from warehouse.commit import commit_run
 from warehouse.provenance import provenance
 from warehouse.query.store import open_store
+
+_OTHER = "f" * 64  # hash of the code of that version
+_RUNS, _ROWS = 6, 400
+
+
+def old_runs(store: Path) -> None:
+    """Store simulated runs as another version of the program did."""
+    told = replace(provenance(), code_hash=_OTHER)
+    trajectory = {"kind": "fourier", "duration": 4.0}
+    with (
+        patch.object(commit, "provenance", lambda: told),
+        patch.object(experiment, "_simulate", _arm(changed=False)),
+    ):
+        for seed in range(_RUNS):
+            asked = {"schema": 1, "robot": "irb140", "seed": seed}
+            plant = {"seed": seed, "salt": f"s{seed}"}
+            spec = asked | {"trajectory": trajectory, "plant": plant}
+            experiment.keep(experiment.make(ExperimentSpec.model_validate(spec)), store)
+
+
+def rerun_old(store: Path) -> None:
+    """Make these runs again by this version; every second one comes out otherwise.
+
+    What comes out is stored, and where it differs, so is a record that says so.
+    """
+    rows = answers(store)["runs"].select(["run_id", "code_hash"]).to_pylist()
+    with patch.object(experiment, "_simulate", _arm(changed=True)):
+        for row in rows:
+            if row["code_hash"] == _OTHER:
+                rerun(row["run_id"], store)
+
+
+def _arm(changed: bool) -> Callable:
+    """In place of the simulated arm: arrays that the spec decides."""
+
+    def simulate(spec: ExperimentSpec, robot) -> tuple:
+        seed = spec.plant_spec().seed
+        rng = np.random.default_rng([seed, int(changed and seed % 2)])
+        q, tau, e_q, e_tau = rng.normal(size=(4, _ROWS, robot.dof))
+        made = SimpleNamespace(
+            log=Recording("", robot.name, np.arange(_ROWS) / 100, q, tau),
+            twin={"e_q": e_q, "e_tau": e_tau},
+            truth={"q": q},
+        )
+        return made, {}
+
+    return simulate
+
 
 FULL = 200
 
 provenance()  # slow the first time, and the same in every process forked from here
 
 
-def kill_figures(kills: int) -> Figures:
+def kill_figures(quick: bool) -> Figures:
     """Kill each of several operations; look at the store, and do the work again.
 
-    Args:
-        kills: How many: half of them campaigns, the others in turn.
+    Half of the kills meet campaigns, the others the operations in turn.
     """
+    kills = 12 if quick else FULL
     rng = random.Random(16)
     bad: list[str] = []
     others = kills - kills // 2
@@ -48,7 +111,7 @@ def kill_figures(kills: int) -> Figures:
     entry = figure(len(bad), 0, others, told=bad[:5], operations=list(_WORK))
     if kills < FULL:
         entry = partial(entry, f"{kills} kills instead of {FULL}")
-    campaigns = campaign_figures(kills // 2)
+    campaigns = campaign_figures(quick, kills // 2)
     # The bars of that benchmark are for its own number of kills.
     return {"kills_not_whole": entry} | campaigns
 

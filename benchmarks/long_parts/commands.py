@@ -1,32 +1,141 @@
 """What commands cost on a log of an hour, and whether it says what it says whole."""
 
 import json
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pc
+import pyarrow.parquet as pq
 
-from benchmarks.figures import Figures, figure, missing, partial
-from benchmarks.long_parts.shift import Shift, write_shift
-from benchmarks.measured_parts.shell import run_shell
+from benchmarks.harness.figures import Figures, all_partial, figure, missing
+from benchmarks.harness.logs import sensed
+from benchmarks.harness.shell import run_shell
 from benchmarks.store_parts.made import folder
+from benchmarks.synthetic.motions import FAMILIES, make_motion
 from residual.close import close_the_loop
 from residual.diagnosis.result import Diagnosis
 from residual.robot.robot import load_robot
 from residual.signals import pieces
+from sim.draw import draw
+from sim.quasi_static import Plant, true_torque
+from sim.records import Reference, stream
+from sim.sizes import room
+from sim.trajectories.curves import move_time, quintic
 from warehouse.logs import read_log
 
-HOUR, WHOLE = 3600.0, 900.0  # s
+Array = np.ndarray
+PIECE = 60.0  # s
+DIGITS = 9  # of a number in the CSV, more than any sensor has
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """What to write.
+
+    Attributes:
+        seconds: Length [s].
+        rate: Samples per second [Hz].
+        seed: Seed of everything.
+        effect: What the arm hides; None for nothing.
+    """
+
+    seconds: float
+    rate: float = 1000.0
+    seed: int = 16
+    effect: str | None = "payload"
+
+
+def write_shift(shift: Shift, folder: Path, forms: tuple[str, ...]) -> list[Path]:
+    """Write one log in each form and return its paths.
+
+    Args:
+        forms: "parquet", "csv" or both.
+    """
+    writers, paths = [], []
+    for form in forms:
+        path = folder / f"shift_{shift.seconds:g}s_{shift.seed}.{form}"
+        paths.append(path)
+        writers.append(_writer(form, path))
+    for table in tables_of(shift):
+        for writer in writers:
+            writer.write_table(table)
+    for writer in writers:
+        writer.close()
+    return paths
+
+
+def _writer(form: str, path: Path) -> pq.ParquetWriter | pc.CSVWriter:
+    if form == "csv":
+        return pc.CSVWriter(path, _SCHEMA)
+    return pq.ParquetWriter(path, _SCHEMA)
+
+
+_NAMES = ["t", *(f"{c}{j}" for c in ("q", "tau") for j in range(1, 7))]
+_SCHEMA = pa.schema([(name, pa.float64()) for name in _NAMES])
+
+
+def tables_of(shift: Shift) -> Iterator[pa.Table]:
+    """Make the log piece by piece: a motion of some family, and the way to the next."""
+    plant = _plant(shift)
+    start = _motion(plant, shift, 0)
+    done = 0
+    number = 0
+    while done < shift.seconds * shift.rate:
+        following = _motion(plant, shift, number + 1)
+        motion = _with_way(plant, shift, start, following.q[0])
+        t = (done + np.arange(len(motion.t))) / shift.rate
+        name = f"piece_{number}"
+        torque = true_torque(plant, motion, name, done / shift.rate)
+        q, tau = sensed(plant.robot, torque, name, shift.seed, shift.rate)
+        done += len(t)
+        kept = t < shift.seconds
+        table = np.column_stack([t, q, tau])[kept]
+        yield pa.table(dict(zip(_NAMES, table.round(DIGITS).T, strict=True)), _SCHEMA)
+        start, number = following, number + 1
+
+
+def _plant(shift: Shift) -> Plant:
+    robot = load_robot("irb140")
+    hidden = ()
+    if shift.effect is not None:
+        rng = stream(shift.seed, f"draw/{shift.effect}")
+        hidden = (draw(robot, shift.effect, rng, None),)
+    return Plant(robot, hidden, shift.seed)
+
+
+def _motion(plant: Plant, shift: Shift, number: int) -> Reference:
+    family = FAMILIES[number % len(FAMILIES)]
+    rng = stream(shift.seed, f"motion/{number}")
+    # Two periods of a Fourier motion fit into its length: it is kept brisk.
+    length = 20.0 if family == "fourier" else PIECE
+    return make_motion(family, room(plant.robot), length, shift.rate, rng)
+
+
+def _with_way(plant: Plant, shift: Shift, motion: Reference, end: Array) -> Reference:
+    """Append the move to where the next motion begins."""
+    space, start = room(plant.robot), motion.q[-1]
+    time = 1.5 * move_time(end - start, space.velocity, space.acceleration)
+    x = np.arange(1, round(time * shift.rate) + 1)[:, None] / (time * shift.rate)
+    way = quintic(start, end, time, np.minimum(x, 1.0))
+    q, qd, qdd = (
+        np.concatenate([a, b])
+        for a, b in zip((motion.q, motion.qd, motion.qdd), way, strict=True)
+    )
+    return Reference(motion.kind, np.arange(len(q)) / shift.rate, q, qd, qdd, None)
+
+
+HOUR, WHOLE, QUICK = 3600.0, 900.0, 120.0  # s
 SECONDS, GIGABYTES, TENTH = 90.0, 2.0, 0.1
 _ARM = ("--robot", "irb140")
 
 
-def cost_figures(seconds: float) -> Figures:
-    """Time every command that takes logs on one long log.
-
-    Args:
-        seconds: Length of the log [s].
-    """
+def cost_figures(quick: bool) -> Figures:
+    """Time every command that takes logs on one long log."""
+    seconds = QUICK if quick else HOUR
     figures: Figures = {}
     with folder() as place:
         parquet, csv = map(str, write_shift(Shift(seconds), place, ("parquet", "csv")))
@@ -42,18 +151,15 @@ def cost_figures(seconds: float) -> Figures:
         for name, command in words.items():
             figures |= _cost(name, command, place)
         figures |= _cost("monitor", _monitor(place, seconds, store), place)
-    if seconds >= HOUR:
-        return figures
-    why = f"{seconds:g} s instead of an hour"
-    return {name: partial(entry, why) for name, entry in figures.items()}
+    why = f"{seconds:g} s instead of an hour" if quick else ""
+    return all_partial(figures, why)
 
 
 def _cost(name: str, words: tuple[str, ...], place: Path) -> Figures:
     done = run_shell(list(words), str(place))
     bars = {"seconds": SECONDS if name == "diagnose_parquet" else None}
     if done.code:
-        why = f"the command failed: {done.said.strip()[-200:]}"
-        return {f"{name}_gb": missing(GIGABYTES, why) | {"ok": False}}
+        return {f"{name}_gb": missing(GIGABYTES, done.failure) | {"ok": False}}
     seconds = round(done.seconds, 1)
     return {
         f"{name}_seconds": figure(
@@ -78,12 +184,9 @@ def _monitor(place: Path, seconds: float, store: tuple[str, ...]) -> tuple[str, 
     return ("monitor", "irb140", ids[-1], "--calibrate", *ids[:-1], *store)
 
 
-def same_figures(seconds: float) -> Figures:
-    """Diagnose one log in pieces and whole, and compare.
-
-    Args:
-        seconds: Length of the log [s].
-    """
+def same_figures(quick: bool) -> Figures:
+    """Diagnose one log in pieces and whole, and compare."""
+    seconds = QUICK if quick else WHOLE
     with folder() as place:
         (path,) = write_shift(Shift(seconds), place, ("parquet",))
         robot = load_robot("irb140")
@@ -99,10 +202,7 @@ def same_figures(seconds: float) -> Figures:
         "other_names": figure(other, 0, len(whole.effects)),
         "parameters_apart": figure(round(off, 3), TENTH, len(whole.effects)),
     }
-    if seconds >= WHOLE:
-        return figures
-    why = f"{seconds:g} s instead of {WHOLE:g}"
-    return {name: partial(entry, why) for name, entry in figures.items()}
+    return all_partial(figures, f"{seconds:g} s instead of {WHOLE:g}" if quick else "")
 
 
 def _apart(cut: Diagnosis, whole: Diagnosis) -> tuple[int, float]:

@@ -11,10 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
-from benchmarks.figures import Figures, figure
-from benchmarks.seeded import FEW, guarded
+from benchmarks.harness.cases import guarded
+from benchmarks.harness.figures import Figures, figure, undecided
+from benchmarks.harness.rates import at_least, at_most, rate
 from flows.blind.score import PAIR, Name, score
-from flows.blind.sums import wilson
 from flows.steps.closing.arm import Close
 from flows.steps.closing.close import Closed, adopted_verdict, close
 from flows.steps.closing.rule import ADOPT, DIAGNOSE
@@ -88,31 +88,19 @@ def figures_of(rows: Sequence[Mapping], deciding: bool) -> Figures:
     whole = [r for r in rows if "error" not in r]
     done = [r for r in whole if r["way"] == "designed"]
     looked = [r for r in done if r["quiet"] is not None]
-    ended = [r for r in done if r["ended"] == "nothing left"]
     figures = {
-        "close_both_adopted": _share([r["found"] == EFFECTS for r in done], BOTH),
-        "close_false_adopted": _share([r["extra"] > 0 for r in done], FALSE, False),
-        "close_quiet_after": _share([r["quiet"] for r in looked], QUIET),
-        "close_ended_sure": _share([r in ended for r in done], None),
+        "close_both_adopted": at_least(
+            rate(done, lambda r: r["found"] == EFFECTS), BOTH
+        ),
+        "close_false_adopted": at_most(rate(done, lambda r: r["extra"] > 0), FALSE),
+        "close_quiet_after": at_least(rate(looked, lambda r: r["quiet"]), QUIET),
+        "close_ended_sure": at_least(
+            rate(done, lambda r: r["ended"] == "nothing left"), None
+        ),
         "close_seconds_over_fixed": _seconds(whole),
         "close_crashes": figure(len(rows) - len(whole), 0, len(rows)),
     }
-    if deciding:
-        return figures
-    return {k: v | {"ok": None, "why": v.get("why", FEW)} for k, v in figures.items()}
-
-
-def _share(hits: Sequence[bool], bar: float | None, at_least: bool = True) -> dict:
-    """A rate with its interval, beside what it must reach or may not exceed."""
-    count, n = sum(map(bool, hits)), len(hits)
-    value = count / n if n else None
-    interval = wilson(count, n) if n else None
-    entry = figure(value, bar, n, interval=interval)
-    if bar is None or value is None:
-        return entry | {"why": "beside the others"} if bar is None else entry
-    if not at_least:
-        return entry
-    return entry | {"ok": value >= bar, "at_least": True}
+    return figures if deciding else undecided(figures)
 
 
 def _seconds(rows: Sequence[Mapping]) -> dict:

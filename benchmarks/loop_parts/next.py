@@ -17,16 +17,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.loop_parts.next_bars import (
-    D_OPTIMAL,
-    DESIGNED,
-    FAST_D,
-    FAST_RANDOM,
-    RANDOM,
-    SECONDS,
-    figures_of,
-)
-from benchmarks.seeded import guarded
+from benchmarks.harness.cases import guarded
+from benchmarks.harness.figures import Figures, figure, undecided
+from benchmarks.harness.logs import in_engine
+from benchmarks.harness.rates import at_least, rate
 from flows.specs.experiment import derived_seed
 from flows.steps.planning.ask import Listener
 from flows.steps.planning.design import design
@@ -40,11 +34,54 @@ from residual.planning.question import Question
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.draw import draw_hidden, usual_effects
-from sim.experiment import run_experiment
-from sim.records import PlantEffect, PlantSpec, Rates, TrajectorySpec, stream
-from sim.trajectories import make_reference
+from sim.records import PlantEffect, PlantSpec, TrajectorySpec, stream
 from sim.trajectories.fourier import arena, draw, shrunk
 from sim.trajectories.given import written
+
+SECONDS = 20.0  # of an experiment
+SETTLED, FASTER_RANDOM, FASTER_D = 0.80, 3.0, 1.5
+DESIGNED, RANDOM, D_OPTIMAL = "designed", "random", "d_optimal"
+FAST_RANDOM, FAST_D = "random of short periods", "d_optimal of short periods"
+
+
+def figures_of(rows: Sequence[Mapping], deciding: bool) -> Figures:
+    """Return the figures of some rows.
+
+    Args:
+        deciding: Whether these are the seeds that decide.
+    """
+    done = [r for r in rows if r.get("open")]
+    figures = {
+        "next_settled": at_least(rate(done, lambda r: r["settled"]), SETTLED),
+        "next_random_over_designed": _ratio(done, RANDOM, FASTER_RANDOM),
+        "next_d_optimal_over_designed": _ratio(done, D_OPTIMAL, FASTER_D),
+        "next_random_of_short_periods": _ratio(done, FAST_RANDOM, None),
+        "next_d_optimal_of_short_periods": _ratio(done, FAST_D, None),
+        "next_chance_said": figure(
+            float(np.mean([r["chance"] for r in done])) if done else None,
+            None,
+            len(done),
+            why="beside the share that was settled",
+        ),
+        "next_crashes": figure(sum("error" in r for r in rows), 0, len(rows)),
+    }
+    return figures if deciding else undecided(figures)
+
+
+def _ratio(rows: Sequence[Mapping], name: str, bar: float | None) -> dict:
+    """Median seconds of a usual motion over those of the designed one.
+
+    A motion that never has enough counts with its length: the ratio is a least one.
+    """
+    told = [r["seconds"] for r in rows if r["seconds"][DESIGNED] is not None]
+    if not told:
+        return figure(None, bar, 0, why="no case whose truth is a rival")
+    ours, theirs = (float(np.median([s[n] for s in told])) for n in (DESIGNED, name))
+    value = theirs / ours
+    never = sum(s[name] >= SECONDS for s in told)
+    entry = figure(value, bar, len(told), medians=[ours, theirs], never=never)
+    return at_least(entry, bar)
+
 
 __all__ = ["SEEDS", "figures_of", "jobs", "run", "words"]
 
@@ -244,12 +281,9 @@ def _fourier(
 
 
 def _log(plant: PlantSpec, spec: TrajectorySpec, start: float) -> Recording:
-    rates = Rates()
-    reference = make_reference(_robot(), spec, rates.control)
-    log = run_experiment(_robot(), reference, plant, rates, start).log
-    return Recording(
-        f"{spec.kind}_{start:g}", log.robot, start + log.t - log.t[0], log.q, log.tau
-    )
+    log = in_engine(_robot(), plant, spec, start)
+    t = start + log.t - log.t[0]
+    return Recording(f"{spec.kind}_{start:g}", log.robot, t, log.q, log.tau)
 
 
 @lru_cache(maxsize=1)

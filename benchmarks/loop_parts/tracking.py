@@ -5,29 +5,129 @@ feedback for all. One number per arm and family: root mean square of read minus 
 position over all joints and motions.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 
-from benchmarks.figures import Figures, figure, missing
-from benchmarks.loop_parts.tracked_arms import (
-    FIT,
-    RATE,
-    UNSEEN,
-    Case,
-    make_case,
-    motion,
-    true_model,
-)
-from benchmarks.loop_parts.wrong import wrong_figures
+from benchmarks.harness.figures import Figures, figure, missing
 from residual.calibration.calibrate import Settings, calibrate
 from residual.calibration.rows import Run
-from residual.effects import vocabulary
+from residual.close import close_the_loop
+from residual.diagnosis.result import Diagnosis
+from residual.diagnosis.validation.worth import worth
+from residual.effects import registry, vocabulary
 from residual.model.control import Use, computed_torque, feed_forward
-from residual.robot.robot import load_robot
-from sim.records import Reference
+from residual.model.model import Model
+from residual.model.term import Term
+from residual.robot.dynamics import inertial_parameters
+from residual.robot.robot import Robot, load_robot
+from sim.catalogue import acting, changed
+from sim.experiment import draw_hidden, run_experiment
+from sim.plant.arm import build_arm
+from sim.records import (
+    PlantEffect,
+    PlantRun,
+    PlantSpec,
+    Reference,
+    TrajectorySpec,
+    stream,
+)
+from sim.trajectories import make_reference
 from sim.twin import drive
+
+FIT = (*3 * ("fourier",), *3 * ("cyclic",))
+HELD_OUT = ("cyclic", "fourier")
+UNSEEN = ("welding", "move_stop_move")  # families of which no fit has seen a motion
+PAUSE, RATE = 10.0, 1000.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Case:
+    """One arm with something to hide, diagnosed.
+
+    Attributes:
+        name: The hidden effect.
+        robot: Its description.
+        plant: What it is.
+        runs: Its experiments, those to fit first.
+        found: The diagnosis.
+    """
+
+    name: str
+    robot: Robot
+    plant: PlantSpec
+    runs: tuple[PlantRun, ...]
+    found: Diagnosis
+
+    @property
+    def held_out(self) -> list:
+        """Logs that no fit has seen."""
+        return [run.log for run in self.runs[len(FIT) :]]
+
+
+def make_case(robot: Robot, name: str, seed: int, seconds: float) -> Case:
+    """Draw an effect of a usual size, run experiments, and diagnose them.
+
+    Args:
+        seconds: Length of each experiment [s].
+    """
+    effect = draw_hidden(robot, stream(seed, f"loop/{name}"), name)
+    plant = PlantSpec((effect,), seed=seed)
+    runs = tuple(
+        run_experiment(
+            robot,
+            motion(robot, kind, 100 * seed + i, seconds),
+            plant,
+            start=i * (seconds + PAUSE),
+        )
+        for i, kind in enumerate((*FIT, *HELD_OUT))
+    )
+    logs = [run.log for run in runs]
+    found = close_the_loop(robot, logs[: len(FIT)], held_out=logs[len(FIT) :])
+    return Case(name, robot, plant, runs, found)
+
+
+def motion(robot: Robot, kind: str, seed: int, seconds: float) -> Reference:
+    """Return a motion at the rate of the controller."""
+    return make_reference(robot, TrajectorySpec(kind, seconds, 1, seed), RATE)
+
+
+def true_model(case: Case) -> Model:
+    """Return the model that knows everything of an arm."""
+    robot, arm = case.robot, build_arm(case.robot, case.plant)
+    body = inertial_parameters(changed(arm.model, acting(case.plant.effects)))
+    drives = (
+        ("viscous", arm.base.viscous),
+        ("coulomb", arm.base.coulomb),
+        ("rotor_inertia", arm.base.rotor),
+    )
+    terms = [
+        _term(robot, name, (joint,), [value])
+        for name, values in drives
+        for joint, value in enumerate(values)
+    ]
+    for effect in case.plant.effects:
+        terms += _terms_of(robot, effect)
+    return Model(robot, body, tuple(terms))
+
+
+def _terms_of(robot: Robot, hidden: PlantEffect) -> list[Term]:
+    effect = registry()[hidden.name]
+    if effect.carries == "body":
+        return []  # the body has it
+    (known,) = acting([hidden])
+    values = [float(known.p[key]) for key in effect.parameters]
+    places = [(j - 1,) for j in hidden.joints] or [()]
+    return [_term(robot, hidden.name, joints, values) for joints in places]
+
+
+def _term(robot: Robot, name: str, joints: tuple, values: list[float]) -> Term:
+    effect = registry()[name]
+    theta, shape = effect.from_values(np.array(values), robot)
+    return Term(effect, joints, tuple(shape), np.asarray(theta, dtype=float))
+
 
 EFFECTS = (
     "stribeck",
@@ -165,3 +265,55 @@ def _time(case: Case, row: Mapping) -> Figures:
         law(k, *(part[k] for part in parts))
     step = (perf_counter() - begun) / len(reference.t)
     return {"tracking_step_of_period": figure(step * RATE, 1.0, len(reference.t))}
+
+
+def wrong_figures(cases: Sequence[tuple[Case, Sequence[Reference]]]) -> Figures:
+    """Count wrong corrections that pass the gate, or track as well as right ones."""
+    passed, as_good, tried, right = 0, 0, 0, 0
+    for case, references in cases:
+        nominal, model = case.found.models["nominal"], case.found.known.model
+        if not case.found.effects:
+            continue
+        right += not worth(model, nominal, case.held_out).passed
+        best = _missed_by(case, references[0], model)
+        for how, wrong in _wrongs(model, nominal):
+            tried += 1
+            through = worth(wrong, nominal, case.held_out).passed
+            missed = _missed_by(case, references[0], wrong)
+            passed += through
+            as_good += missed <= best
+            told = "passed" if through else "refused"
+            print(f"{case.name:18} {how:6} {told}, {missed / best:.2f} x", flush=True)
+    found = sum(bool(case.found.effects) for case, _ in cases)
+    return {
+        "wrong_corrections_adopted": figure(passed, 0, tried),
+        "wrong_corrections_as_good": figure(as_good, 0, tried),
+        "right_corrections_refused": figure(right, None, found),
+    }
+
+
+def _wrongs(model: Model, before: Model) -> Iterator[tuple[str, Model]]:
+    had = {(t.effect.name, t.joints) for t in before.terms}
+    new = [t for t in model.terms if (t.effect.name, t.joints) not in had]
+    yield "sign", _with_terms(model, {id(t): replace(t, theta=-t.theta) for t in new})
+    yield (
+        "twice",
+        _with_terms(model, {id(t): replace(t, theta=2 * t.theta) for t in new}),
+    )
+    local = [t for t in new if t.effect.scope == "local"]
+    if local:
+        dof = model.robot.dof
+        moved = {id(t): replace(t, joints=((t.joints[0] + 1) % dof,)) for t in local}
+        yield "joint", _with_terms(model, moved)
+
+
+def _with_terms(model: Model, other: dict[int, Term]) -> Model:
+    return replace(model, terms=tuple(other.get(id(t), t) for t in model.terms))
+
+
+def _missed_by(case: Case, reference: Reference, model: Model) -> float:
+    """Error of all joints together on one motion [rad]."""
+    motion = reference.q, reference.qd, reference.qdd
+    torque = feed_forward(model, reference.t, motion, Use())
+    done = drive(case.robot, reference, case.plant, torque)
+    return float(np.linalg.norm(done.rms))

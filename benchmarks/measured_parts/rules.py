@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from types import ModuleType
 from unittest.mock import patch
 
+from benchmarks.changes_parts.ask import make
 from benchmarks.changes_parts.case import Case
-from benchmarks.changes_parts.make import make
 from benchmarks.measured_parts.arms import KR300, LWR4, SPLITS, UR10, UR10E, read_split
 from residual import close
 from residual.diagnosis import conclude, examine

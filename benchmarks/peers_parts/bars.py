@@ -1,12 +1,11 @@
 """Figures of each program, and the tables of all."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from benchmarks.figures import Figures, figure
+from benchmarks.harness.figures import NO_BAR, Figures, figure
+from benchmarks.harness.rates import Rows, at_least, share
 from flows.blind.export import score
-from flows.blind.sums import wilson
 
-_NO_BAR = "for information, no bar of its own"
 TITLES = {"ours": "modelgap", "squares": "least squares", "sparse": "sparse selection"}
 KINDS = {
     "single": "one effect",
@@ -20,7 +19,6 @@ LEVELS = {
     "equivalent": "The same, or one of the equivalents that it states",
     "class": "By coarse class: body, friction or rotor, the rest",
 }
-Rows = Sequence[Mapping]
 
 
 def all_figures(rows: Mapping[str, Rows]) -> Figures:
@@ -39,11 +37,11 @@ def all_figures(rows: Mapping[str, Rows]) -> Figures:
         out[f"{program}_joint"] = _rate(every["joint"])
         for key in ("held_out_over_oracle", "edit_over_oracle"):
             entry = every[key]
-            value = figure(entry["median"], None, entry["n"], why=_NO_BAR)
+            value = figure(entry["median"], None, entry["n"], why=NO_BAR)
             out[f"{program}_{key}"] = value
         seconds = score.middle([row["seconds"] for row in good])
         out[f"{program}_seconds"] = figure(
-            seconds["median"], None, len(good), why=_NO_BAR
+            seconds["median"], None, len(good), why=NO_BAR
         )
     crashes = sum("error" in row for own in rows.values() for row in own)
     return out | {"crashes": figure(crashes, 0, sum(map(len, rows.values())))}
@@ -87,12 +85,10 @@ def _cell(entry: Mapping) -> str:
     return f"{entry['hits']} of {entry['n']} ({low} to {high} %)"
 
 
+def _rate(entry: Mapping | None) -> dict:
+    known = (entry["hits"], entry["n"]) if entry and entry["n"] else None
+    return at_least(share(*known) if known else figure(None, None, 0), None)
+
+
 def _ratio(entry: Mapping) -> str:
     return f"{entry['median']:.3g} ({entry['n']})" if entry["n"] else "–"
-
-
-def _rate(entry: Mapping | None) -> dict:
-    if entry is None or not entry["n"]:
-        return figure(None, None, 0, why=_NO_BAR)
-    interval = wilson(entry["hits"], entry["n"])
-    return figure(entry["value"], None, entry["n"], why=_NO_BAR, interval=interval)

@@ -13,8 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.peers_parts.linear import DRIVES, Arm, Rows
-from benchmarks.peers_parts.opened import Answer, Case
+from benchmarks.peers_parts.opened import DRIVES, Answer, Arm, Case, Rows
 from benchmarks.peers_parts.squares import SCATTER, sums
 
 Array = np.ndarray

@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import chi2
 
-from benchmarks.peers_parts.linear import DRIVES, Arm, Rows
-from benchmarks.peers_parts.opened import Answer, Case
+from benchmarks.peers_parts.opened import DRIVES, Answer, Arm, Case, Rows
 
 Array = np.ndarray
 

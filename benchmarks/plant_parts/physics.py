@@ -3,14 +3,62 @@
 import hashlib
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
-from itertools import product
+from itertools import combinations, product
 
-from benchmarks.figures import Figures, figure
-from benchmarks.plant_parts.runs import ROBOT, drawn, drive, hum, reference
-from sim.draw import usual_effects
+import numpy as np
+import pinocchio as pin
+from scipy.ndimage import uniform_filter1d
+
+from benchmarks.harness.figures import Figures, figure
+from benchmarks.synthetic.motions import make_motion
+from residual.robot.robot import load_robot
+from sim.catalogue import kinds
+from sim.draw import draw_hidden, usual_effects
+from sim.effects.base import Moving
+from sim.engine.bullet import World
 from sim.experiment import run_experiment
+from sim.plant import tables as at
+from sim.plant.arm import Phase, build_arm, channels_of, new_state, phases
+from sim.plant.controller import ComputedTorque
 from sim.plant.energy import balance
-from sim.records import PlantEffect, PlantSpec, Rates
+from sim.plant.sensors import read
+from sim.plant.step import advance
+from sim.plant.stepping import Trace, pushed, simulate
+from sim.records import PlantEffect, PlantSpec, Rates, Reference, stream
+from sim.sizes import room
+
+ROBOT = load_robot("irb140")
+Effects = tuple[PlantEffect, ...]
+
+
+def drawn(names: tuple[str, ...], seed: int) -> Effects:
+    """Draw the effects of these names."""
+    return tuple(draw_hidden(ROBOT, stream(seed, f"hidden/{n}"), n) for n in names)
+
+
+def reference(
+    family: str, duration: float, seed: int = 1, rate: float = 1000.0
+) -> Reference:
+    """Return a motion."""
+    space, rng = room(ROBOT), stream(seed, f"motion/{family}")
+    m = make_motion(family, space, duration, rate, rng)
+    return Reference(family, m.t, m.q, m.qd, m.qdd, None)
+
+
+def drive(effects: Effects, motion: Reference, seed: int) -> Trace:
+    """Drive the arm of a seed along a motion."""
+    arm = build_arm(ROBOT, PlantSpec(effects, seed=seed))
+    controller = ComputedTorque(ROBOT, motion)
+    return simulate(arm, motion, controller, "benchmark", 0.0, seed)
+
+
+def hum(trace: Trace, motion: Reference) -> float:
+    """Return what oscillates above 20 Hz in the speeds of motors 1 to 3 [rad/s]."""
+    second = round(1.0 / (motion.t[1] - motion.t[0]))
+    miss = (trace.rows[:, at.READING_RATE] - motion.qd)[second:, :3]
+    slow = uniform_filter1d(miss, second // 20, axis=0)
+    return float(np.std(miss - slow, axis=0).max())
+
 
 _COMBINATIONS = (
     (),
@@ -23,8 +71,9 @@ _COMBINATIONS = (
 _FAMILIES = ("fourier", "move_stop_move", "cyclic")
 
 
-def energy_figures(families: int, seeds: int) -> Figures:
+def energy_figures(quick: bool) -> Figures:
     """Measure the largest miss of the energy balance in 20 s, of the throughput."""
+    families, seeds = (1, 1) if quick else (3, 3)
     misses = []
     for family in _FAMILIES[:families]:
         for seed in range(1, seeds + 1):
@@ -35,13 +84,14 @@ def energy_figures(families: int, seeds: int) -> Figures:
     return {"energy_balance": figure(max(misses), 0.005, len(misses))}
 
 
-def stability_figures(duration: float, quick: bool) -> Figures:
+def stability_figures(quick: bool) -> Figures:
     """Drive soft gears on joints 1 to 3 at 1 kHz and at 4 kHz, bare and with 6 kg.
 
     Play rattles: that is physics. What a coarse step adds is not, and would show as
     speeds above 20 Hz that a step of a quarter does not have.
     """
     cases = list(product((3e3, 2e4), (0.0, 3e-4, 2e-3), (0.0, 6.0)))
+    duration = 3.0 if quick else 10.0
     ratios, hums = [], []
     for stiffness, gap, mass in cases[::3] if quick else cases:
         effects, found = _soft(stiffness, gap, mass), []
@@ -68,8 +118,9 @@ def _soft(stiffness: float, gap: float, mass: float) -> tuple[PlantEffect, ...]:
     return tuple(effects)
 
 
-def determinism_figures(specs: int) -> Figures:
+def determinism_figures(quick: bool) -> Figures:
     """Count runs whose bits differ: here again, and in two other processes."""
+    specs = 3 if quick else 18
     jobs = list(range(specs))
     first = [digest(job) for job in jobs]
     again = [digest(job) for job in reversed(jobs)][::-1]
@@ -96,3 +147,94 @@ def digest(seed: int) -> str:
         for name in sorted(part):
             total.update(part[name].tobytes())
     return total.hexdigest()
+
+
+_SOFT = ("elasticity", "backlash")
+_RIGID = tuple(name for name in kinds() if name not in _SOFT)
+
+
+def identity_figures(quick: bool) -> Figures:
+    """Measure identities: rigid combinations, elastic ones, and channel sums.
+
+    Rigid: every single effect, every pair and all at once. The miss is, with the
+    acceleration that Bullet made, motor torque minus rigid, rotor, friction and
+    explicit torques. A quick run takes every sixth pair and one seed of five.
+    """
+    seeds = 1 if quick else 5
+    states, pairs = 20, list(combinations(_RIGID, 2))[:: 6 if quick else 1]
+    rigid = [(), *((n,) for n in _RIGID), *pairs, _RIGID]
+    soft = [(s, *rest) for s in _SOFT for rest in [(), *((n,) for n in _RIGID)]]
+    soft += [_SOFT, (*_SOFT, *_RIGID)]
+    misses = {
+        "rigid": [_worst(names, s, states)[0] for names in rigid for s in range(seeds)],
+        "elastic": [
+            _worst(names, s, states)[1] for names in soft for s in range(seeds)
+        ],
+    }
+    sums = [
+        _sum_miss(names) for names in (("payload", "stribeck"), _SOFT, tuple(kinds()))
+    ]
+    return {
+        "identity_rigid": figure(
+            max(misses["rigid"]), 1e-9, len(misses["rigid"]) * states, unit="N m"
+        ),
+        "identity_elastic_link": figure(
+            max(misses["elastic"]), 1e-6, len(misses["elastic"]) * states, unit="N m"
+        ),
+        "channel_sum": figure(max(sums), 1e-9, len(sums), unit="N m"),
+    }
+
+
+def _worst(names: tuple[str, ...], seed: int, states: int) -> tuple[float, float]:
+    """Return the largest miss of all torques, and of the link side alone [N m]."""
+    effects = drawn(names, seed)
+    arm = build_arm(ROBOT, PlantSpec(effects, seed=seed))
+    series = np.full((states, 50), 0.7)
+    # From their onset on all effects act; the last phase has them all.
+    phase = phases(arm, states, 1e-3, series)[-1]
+    state, rng = new_state(arm, 0.0), np.random.default_rng(seed)
+    rows = np.zeros((states, at.CHANNELS + len(channels_of(effects)), ROBOT.dof))
+    worst = np.zeros(2)
+    with World(phase.model, 1e-3) as world:
+        for k in range(states):
+            q, qd = rng.uniform(-1, 1, (2, 6)) * [[1.5], [3.0]]
+            twist = rng.uniform(-5e-3, 5e-3, 6)
+            state.motors[:] = q + twist, qd + rng.uniform(-0.2, 0.2, 6), np.zeros(6)
+            rows[k, at.Q], rows[k, at.QD] = q, qd
+            # Nearly what holds it, so that some joints stick and others slide.
+            rows[k, at.DRIVE] = rng.uniform(-1, 1, 6) * [60, 60, 40, 8, 8, 4]
+            worst = np.maximum(worst, _step(phase, state, rows, k, world))
+    return float(worst[0]), float(worst[1])
+
+
+def _step(
+    phase: Phase, state: at.State, rows: np.ndarray, k: int, world: World
+) -> list[float]:
+    model, data, packed = (
+        phase.model,
+        phase.model.createData(),
+        at.pack(phase.constants),
+    )
+    now, zero = rows[k], np.zeros(model.nv)
+    q, qd = now[at.Q].copy(), now[at.QD].copy()
+    read(k, packed.joints, state.motors, q, rows)
+    hold = pin.rnea(model, data, q, qd, zero)
+    now[at.DRIVE] += hold
+    body = np.vstack([pin.crba(model, data, q), hold])
+    outside = sum(pushed(phase, Moving(model, data, q, qd)).values(), start=zero)
+    world.reset(q, qd)
+    link = advance(k, body, outside, packed, state, rows)
+    world.step(link)
+    rigid = pin.rnea(model, data, q, qd, (world.state()[1] - qd) / packed.dt)
+    total = rigid + now[at.ROTOR] + now[at.FRICTION] - outside
+    total = total + now[at.CHANNELS :].sum(axis=0)
+    return [np.abs(total - now[at.MOTOR]).max(), np.abs(rigid - link).max()]
+
+
+def _sum_miss(names: tuple[str, ...]) -> float:
+    """Return how far the channels of a whole run are from the torque of the motors."""
+    trace = drive(drawn(names, 1), reference("fourier", 5.0), 1)
+    rows = trace.rows
+    total = trace.rigid(1) + rows[:, at.ROTOR] + rows[:, at.FRICTION]
+    total = total + rows[:, at.CHANNELS :].sum(axis=1)
+    return float(np.abs(total - rows[:, at.MOTOR]).max())

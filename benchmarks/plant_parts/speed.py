@@ -1,38 +1,44 @@
 """Group 3: steps per second against a bare PyBullet loop in the same run."""
 
-from time import process_time
+import time
 
 import numpy as np
 import pinocchio as pin
 
-from benchmarks.figures import Figures, figure
-from benchmarks.plant_parts.runs import ROBOT, drawn, drive, reference
+from benchmarks.harness.figures import Figures, figure
+from benchmarks.harness.rates import cpu
+from benchmarks.plant_parts.physics import ROBOT, drawn, drive, reference
+from residual.robot.robot import load_robot
 from sim.engine.bullet import World
 from sim.experiment import run_experiment
 from sim.plant.controller import KD, KP
-from sim.records import PlantSpec, Rates, Reference
+from sim.records import PlantSpec, Rates, Reference, TrajectorySpec, stream
+from sim.trajectories import make_reference
+from sim.trajectories.excitation import excitation
+from sim.trajectories.fourier import arena, draw, sampled
 
 # The full plant: friction of every kind, rotors, a payload and a ripple.
 _FULL = ("payload", "stribeck", "load_friction", "ripple", "coulomb_asymmetry")
 
 
-def speed_figures(rounds: int) -> Figures:
+def speed_figures(quick: bool) -> Figures:
     """Time both loops in turn, one after the other, and one whole experiment.
 
     The bare loop is computed torque by Pinocchio's RNEA on PyBullet's own arm, with
     no rotor, friction, noise, faults or record but position.
     """
+    rounds = 3 if quick else 11
     motion, effects = reference("fourier", 5.0), drawn(_FULL, 1)
     drive(effects, motion, 1)
     _bare(motion)
     ratios, rates = [], []
     for _ in range(rounds):
-        bare, full = (_cpu(job) for job in _jobs(effects, motion))
+        bare, full = cpu(lambda: _bare(motion)), cpu(lambda: drive(effects, motion, 1))
         ratios.append(bare / full)
         rates.append(len(motion.t) / full)
     long = reference("fourier", 20.0)
     plant = PlantSpec(effects, seed=1)
-    whole = _cpu(lambda: run_experiment(ROBOT, long, plant, Rates()))
+    whole = cpu(lambda: run_experiment(ROBOT, long, plant, Rates()))
     # figure() wants small values: what must not be exceeded is bare over full rate.
     ratio = float(np.median(ratios))
     return {
@@ -49,17 +55,6 @@ def speed_figures(rounds: int) -> Figures:
     }
 
 
-def _jobs(effects: tuple, motion: Reference) -> tuple:
-    return (lambda: _bare(motion), lambda: drive(effects, motion, 1))
-
-
-def _cpu(job: object) -> float:
-    """Return the processor time of a call: other processes do not count [s]."""
-    start = process_time()
-    job()
-    return process_time() - start
-
-
 def _bare(motion: Reference) -> np.ndarray:
     model, data = ROBOT.model, ROBOT.model.createData()
     path = np.empty_like(motion.q)
@@ -72,3 +67,42 @@ def _bare(motion: Reference) -> np.ndarray:
             world.step(pin.rnea(model, data, q, qd, demand))
             q, qd = world.state()
     return path
+
+
+_RANDOM = 20
+_RATE = 250.0  # Hz
+_CONDITION, _SECONDS = 0.5, 30.0  # bars
+
+
+def excitation_figures(quick: bool) -> Figures:
+    """Compare optimised and random motions of the built-in arm, of ten seeds or two."""
+    ratios, seconds = [], []
+    for seed in range(2 if quick else 10):
+        started = time.perf_counter()
+        best = _optimised(seed)
+        seconds.append(time.perf_counter() - started)
+        ratios.append(best / _best_random(seed))
+    return {
+        "excitation_condition_vs_random": figure(
+            max(ratios), _CONDITION, len(ratios), each=[round(r, 3) for r in ratios]
+        ),
+        "excitation_seconds": figure(max(seconds), _SECONDS, len(seconds)),
+    }
+
+
+def _optimised(seed: int) -> float:
+    robot = load_robot("irb140")
+    reference = make_reference(robot, TrajectorySpec(seed=seed), _RATE)
+    once = reference.t <= reference.period
+    return excitation(
+        robot.model, reference.q[once], reference.qd[once], reference.qdd[once]
+    ).condition
+
+
+def _best_random(seed: int) -> float:
+    robot, spec = load_robot("irb140"), TrajectorySpec()
+    place = arena(robot, spec.duration / spec.periods)
+    t = np.arange(0, place.period, 1 / _RATE)
+    rng = stream(seed, "benchmark/random motions")
+    drawn = [sampled(draw(place, rng), t) for _ in range(_RANDOM)]
+    return min(excitation(robot.model, *motion).condition for motion in drawn)

@@ -4,8 +4,7 @@ import json
 import sys
 from pathlib import Path
 
-from benchmarks.plsr_parts.fit import warm
-from benchmarks.plsr_parts.rows import random_rows, seconds
+from benchmarks.plsr_parts.speed import random_rows, seconds, warm
 from residual.tables.nominal_pls import NominalForm, fit_nominal_pls
 
 

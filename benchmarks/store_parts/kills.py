@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import warehouse
-from benchmarks.figures import Figures, figure, partial
+from benchmarks.harness.figures import Figures, all_partial, figure
 from benchmarks.store_parts.made import folder
 from flows.specs.campaign import load_campaign
 from flows.steps import experiment
@@ -46,8 +46,13 @@ seed = {list(range(RUNS))}
 provenance()  # slow the first time, and the same in every process forked from here
 
 
-def kill_figures(kills: int) -> Figures:
-    """Kill campaigns, look at their stores, resume them, and compare what there is."""
+def kill_figures(quick: bool, kills: int | None = None) -> Figures:
+    """Kill campaigns, look at their stores, resume them, and compare what there is.
+
+    Args:
+        kills: How many, None for those of this benchmark.
+    """
+    kills = kills or (8 if quick else FULL)
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
     rng = random.Random(5)
@@ -74,10 +79,8 @@ def kill_figures(kills: int) -> Figures:
         "kill_inconsistent_stores": figure(len(bad), 0, kills, told=bad[:3], **about),
         "kill_resumed_otherwise": figure(len(other), 0, len(stores), told=other[:3]),
     }
-    if kills >= FULL:
-        return figures
-    why = f"{kills} kills instead of {FULL}"
-    return {name: partial(entry, why) for name, entry in figures.items()}
+    why = f"{kills} kills instead of {FULL}" if kills < FULL else ""
+    return all_partial(figures, why)
 
 
 def _kill(context, arguments: tuple, after: float) -> None:

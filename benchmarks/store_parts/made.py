@@ -7,13 +7,18 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
+import warehouse
 from residual.recording import Recording
+from warehouse.commit import Sealed, commit_record, commit_run
+from warehouse.schema import KINDS, SEALED, all_views
+from warehouse.verify import verify_all
 
 Array = np.ndarray
 
 DOF = 6
-KINDS = ("fourier", "cyclic", "move_stop_move", "welding")
+FAMILIES = ("fourier", "cyclic", "move_stop_move", "welding")
 # Of an encoder with 19 bits a turn.
 _STEP = 2 * np.pi / 2**19
 
@@ -33,7 +38,7 @@ def small(seed: int, rows: int = 50) -> tuple[Recording, Mapping, dict[str, Arra
     rng = np.random.default_rng(seed)
     q, tau = rng.normal(size=(2, rows, DOF))
     log = Recording("", "irb140", np.arange(rows) / 250, q, tau)
-    kind = KINDS[seed % len(KINDS)]
+    kind = FAMILIES[seed % len(FAMILIES)]
     manifest = {"spec": {"seed": seed, "trajectory": {"kind": kind}}}
     return log, manifest, {"e_q": q / 10, "e_tau": tau / 10}
 
@@ -56,3 +61,60 @@ def synthetic(seed: int, rows: int) -> tuple[Recording, dict[str, Array]]:
         "e_tau": noisy(q_ref, 0.02),
     }
     return log, twin
+
+
+def run(store: Path, seed: int) -> str:
+    """Commit one small simulated run with its seal and return its id."""
+    log, manifest, twin = small(seed)
+    sealed = Sealed({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
+    return commit_run(store, log, manifest, sealed, twin)
+
+
+def records(store: Path, runs: list[str]) -> list[str]:
+    """Commit a model, a diagnosis and a report of some runs and return their ids."""
+    table = {"curve": pa.table({"x": [0.5, 1.5, 2.5]})}
+    about = {"robot": "irb140", "stage": "augmented"}
+    model = commit_record(store, "models", about, table, {"fit": runs})
+    found = {"robot": "irb140", "verdict": "effects", "model_id": model}
+    diagnosis = commit_record(store, "diagnoses", found, None, {"fit": runs})
+    page = {"report.html": b"<html></html>"}
+    told = {"robot": "irb140", "kind": "demo"}
+    return [
+        model,
+        diagnosis,
+        commit_record(store, "reports", told, None, [diagnosis], page),
+    ]
+
+
+def filled(store: Path, runs: int = 3) -> list[str]:
+    """Fill a store and return the ids of its runs."""
+    ids = [run(store, seed) for seed in range(runs)]
+    records(store, ids[:2])
+    return ids
+
+
+def committed(store: Path) -> list[Path]:
+    """Return the files of all committed records."""
+    folders = [kind.folder for kind in KINDS.values()] + [SEALED]
+    paths = (p for name in folders for p in (store / name).rglob("*"))
+    return sorted(p for p in paths if p.is_file())
+
+
+def answers(store: Path) -> dict[str, pa.Table]:
+    """Return all rows of all views, in an order of their own.
+
+    Raises:
+        InputError: If something that they need is damaged.
+    """
+    with warehouse.open(store) as opened:
+        return {view: opened.sql(f"FROM {view} ORDER BY ALL") for view in all_views()}
+
+
+def damaged(store: Path) -> list[str]:
+    """Return what `verify` says against a store."""
+    return [line for each in verify_all(store) for line in each.faults]
+
+
+def without_index(store: Path) -> None:
+    """Let the next reader read the records themselves."""
+    shutil.rmtree(store / "_index", ignore_errors=True)

@@ -5,7 +5,7 @@ from pathlib import Path
 from time import monotonic
 
 import warehouse
-from benchmarks.figures import Figures, figure, partial
+from benchmarks.harness.figures import Figures, all_partial, figure
 from benchmarks.store_parts.made import folder, small
 from warehouse.commit import commit_run
 from warehouse.runs import read_run
@@ -13,8 +13,9 @@ from warehouse.runs import read_run
 WRITERS, ROWS, FULL = 3, 400, 60.0
 
 
-def together_figures(seconds: float) -> Figures:
+def together_figures(quick: bool) -> Figures:
     """Let three processes write for a while; every fifth run is of all of them."""
+    seconds = 10.0 if quick else FULL
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
     told = context.Queue()
@@ -44,10 +45,8 @@ def together_figures(seconds: float) -> Figures:
         "together_lost_runs": figure(len(lost), 0, len(written), **about),
         "together_left_in_staging": figure(left, 0, len(written)),
     }
-    if seconds >= FULL:
-        return figures
-    why = f"{seconds:g} s instead of {FULL:g} s"
-    return {name: partial(entry, why) for name, entry in figures.items()}
+    why = f"{seconds:g} s instead of {FULL:g} s" if quick else ""
+    return all_partial(figures, why)
 
 
 def _write(place: Path, who: int, until: float, told) -> None:

@@ -6,9 +6,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.attribution_parts import bars, cases, changes, judge
-from benchmarks.attribution_parts.arms import Arm, make, moved_values, six
-from benchmarks.attribution_parts.edits import true_arm
+from benchmarks.attribution_parts import bars, cases
+from benchmarks.attribution_parts.arms import (
+    DRIVES,
+    Arm,
+    draw_changes,
+    make,
+    moved_values,
+    six,
+)
+from benchmarks.attribution_parts.cases import true_arm
 from flows.blind.score import Name
 from residual.diagnosis.causes.edit.edits import MOVING, errors_on
 from residual.diagnosis.result import Detectable
@@ -103,7 +110,7 @@ def test_a_value_is_due_beyond_its_detectable_size_and_five_per_cent(monkeypatch
         {"name": "coulomb", **entry, "joints": [3]},
         {"name": "viscous", **entry, "beyond": False},
     ]
-    monkeypatch.setattr(judge, "to_json", lambda verdict: {"changes": verdict.changes})
+    monkeypatch.setattr(cases, "to_json", lambda verdict: {"changes": verdict.changes})
     # As a kept row has them: lists, not tuples.
     sizes = [
         Detectable(name, [j], 0.5, "")
@@ -117,12 +124,12 @@ def test_a_value_is_due_beyond_its_detectable_size_and_five_per_cent(monkeypatch
         ("viscous", 2): (4.0, 5.0),
         ("viscous", 9): (4.0, 9.0),  # of no known size
     }
-    found = judge.moved(Told(told), values, sizes, True)
+    found = cases.moved(Told(told), values, sizes, True)
     assert found["moved_due"] == [["coulomb", 2], ["viscous", 2], ["body", 0]]
     assert found["moved_told"] == [["coulomb", 2]]
     assert found["moved_false"] == [["coulomb", 3]]
     told.append({"name": "inertial", "joints": [4], "beyond": True})
-    assert ["body", 0] in judge.moved(Told(told), values, sizes, True)["moved_told"]
+    assert ["body", 0] in cases.moved(Told(told), values, sizes, True)["moved_told"]
 
 
 def test_an_edit_is_held_against_the_truth_and_against_least_squares():
@@ -161,9 +168,9 @@ def test_the_true_arm_predicts_its_own_log():
 
 def test_a_name_gives_way_to_one_that_has_no_other_change_to_stand_for():
     payload, link = Name("payload", (7,)), Name("link_inertia", (7,))
-    assert judge.matching([payload, link], [[payload, link], [payload]]) == {0: 1, 1: 0}
-    assert judge.matching([payload], [[link], [payload]]) == {0: 1}
-    assert judge.matching([], [[payload]]) == {}
+    assert cases.matching([payload, link], [[payload, link], [payload]]) == {0: 1, 1: 0}
+    assert cases.matching([payload], [[link], [payload]]) == {0: 1}
+    assert cases.matching([], [[payload]]) == {}
 
 
 def test_other_sets_are_read_one_name_per_joint():
@@ -171,10 +178,10 @@ def test_other_sets_are_read_one_name_per_joint():
         {"set": [{"name": "coulomb", "joints": [4, 2]}], "nats": 2.0},
         {"set": [{"name": "coupled_friction", "joints": [5, 6]}], "nats": 3.0},
     ]
-    sets = judge.alternatives({"alternatives": listed})
+    sets = cases.alternatives({"alternatives": listed})
     assert sets[0] == [Name("coulomb", (2,)), Name("coulomb", (4,))]
     assert sets[1] == [Name("coupled_friction", (5, 6))]
-    assert judge.alternatives({}) is None
+    assert cases.alternatives({}) is None
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -186,7 +193,7 @@ def test_a_light_arm_is_a_body_of_about_twenty_kilograms(seed):
     for body in bodies:
         assert np.linalg.eigvalsh(pin.PseudoInertia.FromInertia(body).toMatrix())[0] > 0
     assert not any(d.assumed for d in robot.declared.values())
-    assert set(robot.declared) == set(changes.DRIVES)
+    assert set(robot.declared) == set(DRIVES)
     assert robot.urdf != light_arm(seed + 2).urdf
 
 
@@ -210,7 +217,7 @@ def test_changes_are_clear_and_on_places_of_their_own():
     minimum += [Detectable("payload", (6,), 0.1, "kg")]
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        drawn = changes.draw_changes(arm, rng, 4, minimum)
+        drawn = draw_changes(arm, rng, 4, minimum)
         places = [(e.name, e.joints) for e in drawn]
         assert len(set(places)) == len(places) == 4
         least = {(d.name, d.joints): d.value for d in minimum}
@@ -218,7 +225,7 @@ def test_changes_are_clear_and_on_places_of_their_own():
             if (key[0], (key[1],)) in places:
                 assert abs(true - given) >= 2.999 * least[key[0], (key[1],)]
                 assert true > 0
-    nothing = changes.draw_changes(arm, np.random.default_rng(0), 2, [])
+    nothing = draw_changes(arm, np.random.default_rng(0), 2, [])
     assert nothing == []
 
 

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.changes_parts import arms, ask, bars, cases, peer, plant, power, real
+from benchmarks.changes_parts.added import rigid_body, shares, size_of, solved
+from benchmarks.changes_parts.ask import Answer, Said, judged, make
 from benchmarks.changes_parts.case import (
     CHANGE,
     GROUPS,
@@ -20,10 +22,7 @@ from benchmarks.changes_parts.case import (
     as_json,
     from_json,
 )
-from benchmarks.changes_parts.judge import Answer, Said, judged
-from benchmarks.changes_parts.make import make
-from benchmarks.changes_parts.size import rigid_body, shares, size_of, solved
-from benchmarks.figures import ROOT
+from benchmarks.harness.figures import ROOT
 from benchmarks.measured_parts.arms import data_folder
 from benchmarks.page import _WORDS
 from residual.recording import Recording

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.check_parts import bars, cases, judge
-from benchmarks.check_parts.arms import HIDDEN, SIX, host
-from benchmarks.check_parts.spoiled import Spoiled, table_of, tables_of
-from benchmarks.check_parts.traces import trace
-from benchmarks.diagnosis_parts.arms import PYBULLET, SYNTHETIC
+from benchmarks.check_parts.arms import HIDDEN, SIX, Spoiled, host, table_of, tables_of
+from benchmarks.check_parts.judge import trace
+from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair
 from sim.records import stream

@@ -1,7 +1,7 @@
 import pytest
 
-from benchmarks.demo_parts.judge import judge
-from benchmarks.figures import figure, finish, missing, partial
+from benchmarks.demo_parts.pipeline import judge
+from benchmarks.harness.figures import figure, finish, missing, partial
 from flows.blind.sums import wilson
 from tests.verdict_documents import typed
 

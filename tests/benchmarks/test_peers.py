@@ -10,8 +10,7 @@ import pytest
 
 from benchmarks import page
 from benchmarks.peers_parts import bars, sparse, squares
-from benchmarks.peers_parts.linear import Arm
-from benchmarks.peers_parts.opened import Answer, Case, Log
+from benchmarks.peers_parts.opened import Answer, Arm, Case, Log
 from flows.blind.export import score
 from flows.blind.export.case import write_csv
 from flows.blind.export.write import describe

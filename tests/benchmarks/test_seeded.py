@@ -2,14 +2,14 @@
 
 import pytest
 
-from benchmarks.seeded import (
+from benchmarks.harness.cases import (
     crash_figures,
     guarded,
     read_options,
     seed_range,
     seeded_options,
-    undecided,
 )
+from benchmarks.harness.figures import undecided
 
 
 def test_both_ends_of_the_seeds_are_included():

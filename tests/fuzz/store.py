@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hypothesis import strategies as st
 
-from benchmarks.hardening_parts.made import records, run
+from benchmarks.store_parts.made import records, run
 from flows.report.terminal.answers import as_bytes
 from residual.errors import InputError
 from tests.checkout import listing

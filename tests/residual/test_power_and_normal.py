@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.identification_parts.energy import energy, power, power_miss
-from benchmarks.identification_parts.normal_equations import normal_equations
+from benchmarks.identification_parts.identities import energy, power, power_miss
+from benchmarks.identification_parts.speed import normal_equations
 from residual.errors import InputError
 from residual.robot import dynamics
 from residual.robot.robot import load_robot

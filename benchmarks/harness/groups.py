@@ -3,10 +3,11 @@
 import argparse
 import json
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 
-from benchmarks.figures import (
+from benchmarks.harness.figures import (
     Figures,
     circumstances,
     finish,
@@ -19,32 +20,41 @@ _OF_A_RUN = ("commit", "dirty", "code_hash", "date", "cores", "quick")
 
 def run_groups(
     about: str,
-    groups: Sequence[str],
-    measure: Callable[[str, bool], Figures],
+    groups: Mapping[str, str],
+    measure: Callable[[str, bool], Figures] | None = None,
     own: argparse.ArgumentParser | None = None,
     **facts: object,
 ) -> int:
     """Measure the groups that were asked for and return the exit code.
 
     Args:
-        groups: Names of the groups, in order.
-        measure: From the name of a group, and whether to be quick, to its figures; it
-            imports what it needs itself, since NumPy must not be loaded before.
+        groups: Of each group, in order, the function that measures it, as
+            "module:function" below benchmarks; it takes whether to be quick.
+        measure: In place of calling that function, from the name of a group and
+            whether to be quick to its figures.
         own: Options of this benchmark alone (made with `add_help=False`), for `--help`.
     """
-    args = _arguments(about, groups, own)
+    args = _arguments(about, list(groups), own)
     # Before NumPy is loaded, here and in what this starts.
     one_blas_thread()
-    made: dict[str, Figures] = {}
+    found: dict[str, Figures] = {}
     for name in args.groups:
         start = perf_counter()
-        made[name] = measure(name, args.quick)
+        work = measure or (lambda name, quick: function_of(groups[name])(quick))
+        found[name] = work(name, args.quick)
         print(f"{name}: {perf_counter() - start:.1f} s", flush=True)
     if args.full_json:
+        file = args.full_json
+        earlier = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
         about_run = circumstances(quick=args.quick, **facts)
-        earlier = _read(args.full_json)
-        save(args.full_json, merged(earlier, made, about_run, groups))
-    return finish({name: f for own in made.values() for name, f in own.items()})
+        save(file, merged(earlier, found, about_run, list(groups)))
+    return finish({name: f for own in found.values() for name, f in own.items()})
+
+
+def function_of(place: str) -> Callable[..., Figures]:
+    """Return a function from "module:function"; only now its NumPy is loaded."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(f"benchmarks.{module}"), name)
 
 
 def merged(
@@ -74,10 +84,6 @@ def merged(
     return {**about, "by_group": runs, "figures": figures}
 
 
-def _read(path: Path) -> dict:
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-
-
 def _arguments(
     about: str, groups: Sequence[str], own: argparse.ArgumentParser | None
 ) -> argparse.Namespace:
@@ -88,10 +94,6 @@ def _arguments(
     )
     parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
     parser.add_argument("--groups", nargs="+", choices=groups, default=groups)
-    parser.add_argument(
-        "--full-json",
-        type=Path,
-        metavar="OUT",
-        help="results file; what it has of other groups stays",
-    )
+    text = "results file; what it has of other groups stays"
+    parser.add_argument("--full-json", type=Path, metavar="OUT", help=text)
     return parser.parse_args()

@@ -5,12 +5,18 @@ import json
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 Figures = dict[str, dict]
+
+NO_BAR = "for information, no bar of its own"
+FEW = "not the deciding draws; the full run decides"
+NO_LOGS = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
+CRASHES = "crashes"
 
 
 def one_blas_thread() -> None:
@@ -40,6 +46,26 @@ def missing(bar: float | None, why: str) -> dict:
 def partial(entry: dict, why: str) -> dict:
     """Return the figure of a run that is too small to confirm it, only to refute."""
     return {**entry, "ok": False if entry["ok"] is False else None, "why": why}
+
+
+def all_missing(bars: Mapping[str, float | None], why: str) -> Figures:
+    """Return figures that this run cannot measure, from their bars."""
+    return {name: missing(bar, why) for name, bar in bars.items()}
+
+
+def all_partial(figures: Figures, why: str) -> Figures:
+    """Return figures of a run that is too small to confirm any; "" where it is not."""
+    return {k: partial(f, why) for k, f in figures.items()} if why else figures
+
+
+def undecided(figures: Figures) -> Figures:
+    """Return figures that no bar is for, crashes apart."""
+    return {
+        name: entry | {"ok": None, "why": entry.get("why") or FEW}
+        if entry["bar"] is not None and name != CRASHES
+        else entry
+        for name, entry in figures.items()
+    }
 
 
 def show(figures: Figures) -> None:

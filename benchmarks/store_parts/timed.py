@@ -1,4 +1,4 @@
-"""Group 2: a store with ten thousand runs."""
+"""Group 1: time and size of a commit against the bare Parquet file in the same run."""
 
 import multiprocessing
 from collections.abc import Callable
@@ -6,14 +6,89 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+import pyarrow.parquet as pq
 
 import warehouse
-from benchmarks.figures import Figures, figure, partial
-from benchmarks.store_parts.made import folder, small
+from benchmarks.harness.figures import Figures, all_partial, figure
+from benchmarks.harness.rates import wall
+from benchmarks.store_parts.made import folder, small, synthetic
+from residual.recording import Recording
 from warehouse.catalogue import flush
 from warehouse.commit import commit_run
+from warehouse.files import to_table, write_parquet
 from warehouse.query.store import Store
 from warehouse.runs import read_run
+
+ROWS = 10_000
+SIM = """
+schema = 1
+robot = "irb140"
+seed = 9
+[trajectory]
+kind = "fourier"
+duration = {seconds}
+periods = 2
+[plant]
+scatter = 0.02
+noise = {{torque = 0.015, encoder = 1e-4}}
+[[plant.effect]]
+name = "stribeck"
+joints = [3]
+level = 4.0
+velocity = 0.05
+[rates]
+control = 1000
+log = 250
+"""
+
+
+def commit_figures(quick: bool) -> Figures:
+    """Commit and write the same run in turn; the bare file is not flushed to the disk.
+
+    A quick run takes signals with the noise of the plant instead of a run of it.
+    """
+    rounds, simulated = (15, False) if quick else (60, True)
+    log, twin = _plant() if simulated else synthetic(1, ROWS)
+    what = "40 s of the plant" if simulated else "synthetic signals"
+    arrays = {"t": log.t, "q": log.q, "tau": log.tau, "q_ref": log.q_ref, **twin}
+    table = to_table(arrays, {})
+    ours, bare = [], []
+    with folder() as place:
+        for seed in range(-2, rounds):
+            manifest = {"spec": {"seed": seed, "trajectory": {"kind": "fourier"}}}
+            spent = wall(lambda m=manifest: commit_run(place, log, m, None, twin))
+            alone = wall(lambda: write_parquet(place / "bare.parquet", table))
+            if seed >= 0:  # the first two load and warm
+                ours.append(spent)
+                bare.append(alone)
+        pq.write_table(table, place / "default.parquet")
+        size = _size(place / "bare.parquet") / _size(place / "default.parquet")
+    median = float(np.median(ours))
+    ratio = median / float(np.median(bare))
+    about = {"rows": len(log.t), "columns": table.num_columns, "what": what}
+    figures = {
+        "commit_ms": figure(1e3 * median, 20.0, rounds, least=1e3 * min(ours), **about),
+        "commit_over_bare_write": figure(ratio, 2.0, rounds, **about),
+        "size_over_default": figure(size, 0.65, 1, **about),
+    }
+    why = "" if simulated else "signals that stand in for those of the plant"
+    return all_partial(figures, why)
+
+
+def _plant() -> tuple[Recording, dict]:
+    from flows.specs.experiment import load_spec
+    from flows.steps.experiment import make
+
+    with folder() as place:
+        path = place / "spec.toml"
+        path.write_text(SIM.format(seconds=ROWS / 250))
+        made = make(load_spec(path))
+    return made.log, dict(made.twin)
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size
+
 
 FULL = 10_000
 ERRORS = """
@@ -22,32 +97,31 @@ ERRORS = """
 """
 
 
-def many_figures(count: int, rounds: int) -> Figures:
+def many_figures(quick: bool) -> Figures:
     """Fill a store through the real commit, then open and ask it."""
+    count, rounds = (600, 5) if quick else (FULL, 15)
     with folder() as place:
         start = perf_counter()
         _fill(place, count)
         filled = perf_counter() - start
-        first = _timed(lambda: warehouse.open(place).close())
+        first = wall(lambda: warehouse.open(place).close())
         figures = {
             "first_open_s": figure(first, None, 1, what="after the writers, no reader")
         }
         figures |= _asked(place, rounds, "")
         with warehouse.open(place) as store:
-            packing = _timed(store.compact)
+            packing = wall(store.compact)
         figures |= _asked(place, rounds, "_compact")
         figures["compact_s"] = figure(packing, None, 1)
         index = sum(p.stat().st_size for p in (place / "_index").iterdir())
     figures["fill_ms_per_run"] = figure(1e3 * filled / count, None, count, writers=2)
     figures["index_mb"] = figure(index / 1e6, None, 1)
-    if count == FULL:
-        return figures
-    why = f"with {count} runs instead of {FULL}"
-    return {name: partial(entry, why) for name, entry in figures.items()}
+    why = f"with {count} runs instead of {FULL}" if quick else ""
+    return all_partial(figures, why)
 
 
 def _asked(place: Path, rounds: int, tail: str) -> Figures:
-    opening = [_timed(lambda: warehouse.open(place).close()) for _ in range(rounds)]
+    opening = [wall(lambda: warehouse.open(place).close()) for _ in range(rounds)]
     with warehouse.open(place) as store:
         ids = store.sql("SELECT run_id FROM runs")["run_id"].to_pylist()
         some = np.random.default_rng(0).choice(ids, rounds)
@@ -69,7 +143,7 @@ def _asked(place: Path, rounds: int, tail: str) -> Figures:
                 store, 1, None, lambda _: "SELECT avg(tau1) FROM samples"
             ),
         }
-    reading = [_timed(lambda id=id: read_run(place, id)) for id in some]
+    reading = [wall(lambda id=id: read_run(place, id)) for id in some]
     figures[f"one_run_read{tail}_s"] = _median(reading, 0.05)
     return figures
 
@@ -77,18 +151,12 @@ def _asked(place: Path, rounds: int, tail: str) -> Figures:
 def _asking(
     store: Store, rounds: int, bar: float | None, query: Callable[[int], str]
 ) -> dict:
-    spent = [_timed(lambda k=k: store.sql(query(k))) for k in range(rounds)]
+    spent = [wall(lambda k=k: store.sql(query(k))) for k in range(rounds)]
     return _median(spent, bar)
 
 
 def _median(spent: list[float], bar: float | None) -> dict:
     return figure(float(np.median(spent)), bar, len(spent), most=max(spent))
-
-
-def _timed(job: Callable[[], object]) -> float:
-    start = perf_counter()
-    job()
-    return perf_counter() - start
 
 
 def _fill(place: Path, count: int) -> None:

@@ -1,1 +1,0 @@
-"""What changed between two epochs of an arm: cases, sizes, methods and bars."""

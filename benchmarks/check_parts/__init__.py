@@ -1,1 +1,0 @@
-"""Parts of benchmarks/check.py: arms, faults put into their logs, and what counts."""

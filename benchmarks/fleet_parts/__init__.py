@@ -1,1 +1,0 @@
-"""Groups of the benchmark of projects, inboxes and stores of many robots."""

@@ -1,0 +1,171 @@
+"""What benchmarks over drawn cases share: options, finished cases, rows and crashes.
+
+Cases are listed before the run; each is one guarded row, done by a pool and kept line
+by line, so that an interrupted run goes on where it was.
+"""
+
+import argparse
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.harness.figures import (
+    CRASHES,
+    ROOT,
+    Figures,
+    circumstances,
+    code_hash,
+    figure,
+    save,
+)
+from flows.storage.null import method_hash
+
+Rows = Sequence[Mapping]
+STORE = ROOT / "store" / "benchmarks"
+
+
+def seeded_options(
+    about: str, seeds: str, groups: Sequence[str], quick: str = "a part, under 50 s"
+) -> argparse.ArgumentParser:
+    """Return the options that all of them have.
+
+    Args:
+        seeds: The seeds that decide, as A:B.
+    """
+    parser = argparse.ArgumentParser(
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help=quick)
+    parser.add_argument("--seeds", default=seeds, metavar="A:B", help="both included")
+    parser.add_argument("--groups", nargs="*", default=list(groups), choices=groups)
+    parser.add_argument("--full-json", type=Path, metavar="FILE")
+    text = "where finished cases are kept instead"
+    parser.add_argument("--keep", type=Path, metavar="FILE.jsonl", help=text)
+    return parser
+
+
+def read_options(
+    parser: argparse.ArgumentParser, quick_seeds: str
+) -> argparse.Namespace:
+    """Read the command line; a quick run has seeds of its own."""
+    args = parser.parse_args()
+    if args.quick:
+        args.seeds = quick_seeds
+    return args
+
+
+def seed_range(seeds: str) -> range:
+    """Return the seeds of A:B, both included."""
+    first, last = (int(word) for word in seeds.split(":"))
+    return range(first, last + 1)
+
+
+def save_rows(args: argparse.Namespace, figures: Figures, **rows: object) -> None:
+    """Write figures and rows to the results file, if one is asked for."""
+    if args.full_json:
+        facts = circumstances(seeds=args.seeds, quick=args.quick, groups=args.groups)
+        save(args.full_json, {**facts, "figures": figures, **rows})
+
+
+def guarded(about: Mapping, work: Callable[[], dict]) -> dict:
+    """Return the row of a case, or of its crash, which is a result like any other.
+
+    Args:
+        about: What the row of a crash says of its case.
+    """
+    try:
+        return work()
+    except Exception as error:
+        # A benchmark of thousands of cases reports a crash and goes on.
+        return {**about, "error": f"{type(error).__name__}: {error}"}
+
+
+def group_figures(
+    rows: Mapping[str, Rows], makers: Mapping[str, Callable[[Rows], Figures]]
+) -> Figures:
+    """Return the figures of every group that was run, from finished cases."""
+    figures: Figures = {}
+    for group, make in makers.items():
+        if group in rows:
+            figures |= make([r for r in rows[group] if "outcome" in r])
+    return figures
+
+
+def crash_figures(rows: Mapping[str, Rows]) -> Figures:
+    """Return how many cases did not come to their end."""
+    every = [row for group in rows.values() for row in group]
+    count = sum("error" in row for row in every)
+    return {CRASHES: figure(count, 0, len(every))}
+
+
+def kept_file(name: str, *parts: str, code: str | None = None) -> Path:
+    """Return where rows are kept that are made by this very code.
+
+    Args:
+        parts: Files and folders of the repository that draw, run and judge besides the
+            product; what only makes figures of rows (`bars.py`) does not count.
+        code: In place of the hash of the product.
+    """
+    total = hashlib.sha256(b"" if code else method_hash().encode())
+    for part in parts:
+        path = ROOT / part
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            if file.name != "bars.py":
+                total.update(file.read_bytes())
+    return STORE / f"{name}-{code or code_hash()}-{total.hexdigest()[:10]}.jsonl"
+
+
+class Kept:
+    """A file with one line per finished case; a context manager.
+
+    Args:
+        path: The file (`kept_file`).
+        words: From a row to what is printed of it.
+    """
+
+    def __init__(self, path: Path, words: Callable[[Mapping], str]) -> None:
+        self._path, self._say = path, words
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._known: dict[str, dict] = {}
+
+    def __enter__(self) -> "Kept":
+        if self._path.exists():
+            for line in self._path.read_text(encoding="utf-8").splitlines():
+                try:
+                    self._known.update(json.loads(line))
+                except ValueError:
+                    continue  # the line that an interruption cut off
+        self._file = self._path.open("a", encoding="utf-8")
+        # A line of its own for what comes now, whatever the last one looks like.
+        self._file.write("\n" if self._path.stat().st_size else "")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def __contains__(self, name: str) -> bool:
+        """Whether a case is finished."""
+        return name in self._known
+
+    def run(
+        self, pool: Any, work: Callable[[Any], dict], jobs: Mapping[str, Any]
+    ) -> dict[str, dict]:
+        """Do what is not known yet; return the results of all, by name."""
+        todo = [name for name in jobs if name not in self._known]
+        if len(todo) < len(jobs):
+            print(f"{len(jobs) - len(todo)} of {len(jobs)} known already", flush=True)
+        done = pool.run(work, [jobs[name] for name in todo])
+        for count, one in enumerate(done, start=1):
+            name, value = todo[one.index], one.value
+            if one.error is not None:
+                value = {"error": str(one.error)}
+            self._known[name] = json.loads(json.dumps(value))
+            # A process that died may live another day: only results are kept.
+            if one.error is None:
+                self._file.write(json.dumps({name: value}) + "\n")
+                self._file.flush()
+            said = f"crash: {value['error']}" if "error" in value else self._say(value)
+            print(f"[{count}/{len(todo)}] {name}: {said}", flush=True)
+        return {name: self._known[name] for name in jobs}

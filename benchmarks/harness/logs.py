@@ -1,0 +1,70 @@
+"""Logs that several benchmarks make: synthetic arms, the physics engine, CSV files."""
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from residual.recording import Recording
+from residual.robot.robot import Robot, load_robot
+from sim.experiment import run_experiment
+from sim.plant.sensors import ENCODER_STEP, encoder, torque_noise
+from sim.quasi_static import Torque
+from sim.records import PlantSpec, Rates, Reference, TrajectorySpec, stream
+from sim.sizes import sizes
+from sim.trajectories import make_reference
+
+Array = np.ndarray
+RATE, CONTROL, PAUSE = 250.0, 1000.0, 10.0  # Hz, Hz, s between two logs
+
+
+def sensed(
+    robot: Robot,
+    torque: Torque,
+    label: str,
+    seed: int,
+    rate: float = RATE,
+    span: Array | None = None,
+    step: float = ENCODER_STEP,
+) -> tuple[Array, Array]:
+    """Return angles and torques as the sensors of a synthetic arm read them.
+
+    Args:
+        torque: What moves the arm, sample by sample.
+        label: Name of the log, which with the seed makes the noise.
+        span: Range of the torque of each joint that its noise goes by, None for the
+            usual one [N m]. Shape (dof,).
+        step: Of the encoders [rad].
+    """
+    rng = stream(seed, f"torque/{label}")
+    span = sizes(robot).torque if span is None else span
+    tau = torque.tau + torque_noise(len(torque.tau), span, rate, rng)
+    return encoder(torque.reading, stream(seed, f"encoder/{label}"), step), tau
+
+
+def in_engine(
+    robot: Robot,
+    plant: PlantSpec,
+    spec: TrajectorySpec,
+    start: float,
+    name: str | None = None,
+) -> Recording:
+    """Return the log of one motion of an arm in the physics engine."""
+    rates = Rates(CONTROL, RATE)
+    made = run_experiment(robot, reference(spec, robot.name), plant, rates, start)
+    return made.log if name is None else replace(made.log, id=name)
+
+
+@lru_cache(maxsize=32)
+def reference(spec: TrajectorySpec, robot: str = "irb140") -> Reference:
+    """Return a motion of a built-in arm at the rate of its controller."""
+    return make_reference(load_robot(robot), spec, CONTROL)
+
+
+def write_csv(path: Path, log: Recording) -> Path:
+    """Write a log as a CSV that the program reads."""
+    names = [f"{signal}{j}" for signal in ("q", "tau") for j in range(1, log.dof + 1)]
+    rows, head = np.column_stack([log.t, log.q, log.tau]), ",".join(["t", *names])
+    np.savetxt(path, rows, "%.6f", delimiter=",", header=head, comments="")
+    return path

@@ -1,0 +1,102 @@
+"""Figures of rows: shares with their intervals, beside the bars that they must reach.
+
+Apart from `figures`, which must load before NumPy.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from time import perf_counter, process_time
+
+import numpy as np
+
+from benchmarks.harness.figures import NO_BAR, figure
+from flows.blind.sums import wilson
+
+Rows = Sequence[Mapping]
+Hit = Callable[[Mapping], bool]
+
+
+def share(hits: int, n: int, **extra: object) -> dict:
+    """Return a share with its interval; null of nothing."""
+    value = hits / n if n else None
+    return figure(value, None, n, interval=wilson(hits, n), **extra)
+
+
+def rate(rows: Rows, hit: Hit, by: str = "") -> dict:
+    """Return the share of rows that hit; with `by`, its counts by that key of a row."""
+    hits = [bool(hit(row)) for row in rows]
+    entry = share(sum(hits), len(rows))
+    return entry | ({"data": counts(rows, hit, by)} if by else {})
+
+
+def counts(rows: Rows, hit: Hit, by: str) -> dict[str, list[int]]:
+    """Return hits and rows by a key of the rows."""
+    each: dict[str, list[int]] = {}
+    for row in rows:
+        of = each.setdefault(row[by], [0, 0])
+        of[0] += bool(hit(row))
+        of[1] += 1
+    return dict(sorted(each.items()))
+
+
+def at_least(entry: dict, bar: float | None) -> dict:
+    """Return a figure that must reach its bar; None for one without a bar."""
+    if bar is None:
+        return entry | {"why": NO_BAR}
+    ok = None if entry["value"] is None else bool(entry["value"] >= bar)
+    return entry | {"bar": bar, "ok": ok, "at_least": True}
+
+
+def at_most(entry: dict, bar: float | None) -> dict:
+    """Return a figure that may not exceed its bar; None for one without a bar."""
+    if bar is None:
+        return entry | {"why": NO_BAR}
+    ok = None if entry["value"] is None else bool(entry["value"] <= bar)
+    return entry | {"bar": bar, "ok": ok}
+
+
+def between(entry: dict, low: float, high: float) -> dict:
+    """Return a figure that must lie between two bars, both included."""
+    value = entry["value"]
+    ok = None if value is None else bool(low <= value <= high)
+    return entry | {"bar": high, "low": low, "ok": ok}
+
+
+def within_two_deviations(rows: Rows, by: str, low: float, high: float) -> dict:
+    """Return how often a stated deviation from the truth is two or less."""
+    sized = [row for row in rows if row.get("z") is not None]
+    each: dict[str, list[float]] = {}
+    for row in sized:
+        each.setdefault(row["effect"], []).append(round(row["z"], 2))
+    entry = between(rate(sized, lambda row: abs(row["z"]) <= 2, by), low, high)
+    return entry | {"z_per_effect": dict(sorted(each.items()))}
+
+
+def counted(names: Iterable[str]) -> dict[str, int]:
+    """Return how often each name occurs, the most frequent first."""
+    return dict(Counter(names).most_common())
+
+
+def rounded(values: Iterable[float], digits: int = 3) -> list[float]:
+    """Return numbers as they are recorded."""
+    return [round(float(value), digits) for value in values]
+
+
+def wall(job: Callable[[], object]) -> float:
+    """Return how long a call takes on the clock [s]."""
+    start = perf_counter()
+    job()
+    return perf_counter() - start
+
+
+def cpu(job: Callable[[], object]) -> float:
+    """Return the processor time of a call: other processes do not count [s]."""
+    start = process_time()
+    job()
+    return process_time() - start
+
+
+def in_turn(rounds: int, *jobs: Callable[[], object]) -> list[float]:
+    """Return the median processor time of calls that take turns [s]."""
+    times = np.array([[cpu(job) for job in jobs] for _ in range(rounds)])
+    return [float(time) for time in np.median(times, axis=0)]

@@ -1,1 +1,0 @@
-"""Groups of figures of benchmarks/identification.py."""

@@ -1,1 +1,0 @@
-"""Groups of the benchmark of the loop that closes itself."""

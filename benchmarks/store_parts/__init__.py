@@ -1,1 +1,0 @@
-"""Groups of the benchmark of the store."""
