@@ -18,7 +18,6 @@ from residual.calibration.methods import (
     Training,
     chosen_model,
     fit_chosen,
-    fit_paper,
     levels_of,
     methods,
 )
@@ -70,7 +69,7 @@ from residual.tables.choose import PROVEN, build_lookup
 from residual.tables.form import MAIN, NONE, EffectForm, Option
 from residual.tables.lookup import Axis, Lookup, Table
 from residual.tables.nominal_choice import ChosenLevels
-from residual.tables.nominal_pls import NominalForm, nominal_lookup
+from residual.tables.nominal_pls import NominalForm, fit_nominal_pls, nominal_lookup
 
 Progress = Callable[[str, float], None]
 # On random rows the error still falls at 30 components; the paper does not say.
@@ -245,7 +244,9 @@ def calibrate(
     tell("levels", 0.08)
     chosen = Choices(options, levels_of(training, forms) if forms.levels else None)
     if chosen.levels is None:
-        paper = nominal_lookup(fit_paper(training, settings.form))
+        paper = nominal_lookup(
+            fit_nominal_pls(rows.X, rows.Y, settings.form, fewer=True)
+        )
     else:
         paper = nominal_lookup(*fit_chosen(training, chosen.levels))
     made = Calibration(

@@ -20,16 +20,14 @@ from residual.tables.form import (
     fit_rest,
 )
 from residual.tables.form import NONE as NOTHING
-from residual.tables.levels import merge_rows
 from residual.tables.lookup import Lookup
 from residual.tables.main_tables import pair_levels
 from residual.tables.nominal_choice import ChosenLevels, choose_levels
 from residual.tables.nominal_pls import (
     NominalForm,
     NominalPls,
-    component_bound,
     fill_unvisited,
-    fit_cells,
+    fit_nominal_pls,
 )
 
 NONE, LS, PLSR, PAPER_FORM, DEFAULT = "none", "ls", "plsr", "paper", "default"
@@ -149,7 +147,9 @@ def levels_of(training: Training, forms: Forms) -> ChosenLevels:
 
 def fit_chosen(training: Training, chosen: ChosenLevels) -> tuple[NominalPls, int]:
     """The paper's form as chosen, unvisited cells filled, and its components."""
-    model = fill_unvisited(fit_paper(training, chosen.form))
+    model = fill_unvisited(
+        fit_nominal_pls(training.X, training.Y, chosen.form, fewer=True)
+    )
     return model, min(chosen.components, model.components)
 
 
@@ -254,14 +254,6 @@ def _wanted_rest(
     return Rest(levels, few, every)
 
 
-def fit_paper(training: Training, form: NominalForm) -> NominalPls:
-    """The paper's form, with fewer components where the rows bear no more."""
-    levels = form.make_levels(training.X)
-    cells = merge_rows(levels.encode(training.X))
-    count = min(form.components, component_bound(cells))
-    return fit_cells(cells, training.Y, levels, replace(form, components=count))
-
-
 def _nothing(training: Training) -> Forecast:
     return lambda rows: np.zeros((1, *rows.Y.shape))
 
@@ -272,14 +264,14 @@ def _least_squares(training: Training) -> Forecast:
 
 
 def _plsr(training: Training) -> Forecast:
-    model = fit_pls(training.X, training.Y)
-    Q = model.Q * model.y_scale[:, None]
-    most = training.X.shape[1]
-    return lambda rows: _by_count(model.transform(rows.X), Q.T, model.y_mean, most)
+    model, most = fit_pls(training.X, training.Y), training.X.shape[1]
+    return lambda rows: _by_count(
+        model.transform(rows.X), model.Q.T, model.y_mean, most
+    )
 
 
 def _nominal(training: Training, form: NominalForm) -> Forecast:
-    model = fit_paper(training, form)
+    model = fit_nominal_pls(training.X, training.Y, form, fewer=True)
     Q = model.Q * model.y_scale
     return lambda rows: _by_count(
         model.transform(rows.X), Q, model.y_mean, form.components

@@ -14,7 +14,6 @@ from residual.calibration.methods import (
     PAPER_FORM,
     Method,
     Training,
-    fit_paper,
     fixed_lookup,
 )
 from residual.calibration.rows import Rows, Run
@@ -32,7 +31,7 @@ from residual.tables.crossval import BLOCKS, HeldOut
 from residual.tables.form import PAIRS, EffectForm, Option
 from residual.tables.importance import Jackknife, jackknife, table_importance
 from residual.tables.nominal_choice import SWEEP, nominal_errors
-from residual.tables.nominal_pls import NominalForm
+from residual.tables.nominal_pls import NominalForm, fit_nominal_pls
 from residual.tables.outliers import CLASSES, nominal_distances, speed_classes
 
 INPUT, TWIN, WHITE = "input", "twin error", "white noise"
@@ -251,13 +250,13 @@ def terms_of(
 
 def oddities_of(rows: Training, whole: Rows, form: NominalForm) -> Oddities:
     """Outliers by run, and the share of cells that the other runs never visited."""
-    model = fit_paper(rows, form)
+    model = fit_nominal_pls(rows.X, rows.Y, form, fewer=True)
     classes = speed_classes(rows.X[:, list(whole.velocities)])
     far = nominal_distances(model, rows.X, rows.Y, classes)
-    found = []
+    lean, found = replace(form, components=1), []
     for number in range(len(whole.labels)):
         own = rows.run == number
-        others = fit_paper(rows.rows(~own), replace(form, components=1))
+        others = fit_nominal_pls(rows.X[~own], rows.Y[~own], lean, fewer=True)
         codes = others.levels.encode(rows.X[own])
         bad = far.y[own] > far.y_limit
         inside = [classes[own] == kind for kind in range(len(CLASSES))]

@@ -29,7 +29,7 @@ from residual.tables.form import (
     fit_rest,
 )
 from residual.tables.levels import Levels
-from residual.tables.lookup import Axis, Lookup, Table, live_tables
+from residual.tables.lookup import Axis, Lookup, Table
 
 
 def build_lookup(
@@ -64,7 +64,7 @@ def build_lookup(
         levels.names,
         as_names(None, joints, "joint "),
         tuple(axes),
-        live_tables(tables),
+        tuple(t for t in tables if t.values.any()),
         frozen(offset),
         frozen(slope),
         levels.low,
@@ -121,18 +121,13 @@ def _all_pairs(rest: Rest, chosen: Sequence[Option], offset: Array) -> _Found | 
     takers = [j for j, option in enumerate(chosen) if option.kind == PAIRS]
     if model is None or not takers:
         return None
-    tables = [np.zeros((*shape, len(chosen))) for shape in _shapes(model)]
+    tables = [np.zeros_like(table) for table in model.tables()]
     for j in takers:
         count = min(chosen[j].count, model.components)
         offset[j] += model.offset(count)[j]
         for table, own in zip(tables, model.tables(count), strict=True):
             table[..., j] = own[..., j]
     return model.levels, list(zip(model.pairs, tables, strict=True))
-
-
-def _shapes(model) -> list[tuple[int, int]]:
-    sizes = model.levels.sizes
-    return [(sizes[a], sizes[b]) for a, b in model.pairs]
 
 
 def _axes(levels: Levels) -> list[Axis]:

@@ -1,7 +1,14 @@
-"""Partial least squares regression under the names of the paper (eq. 14 to 27).
+"""Principal components and partial least squares under the names of the paper.
 
-scikit-learn fits; here are the scaling of the paper, its names, and the rule for when
-nothing is left to explain.
+Sections 2.3 and 2.4, eq. 12 to 27. scikit-learn fits; here are the scaling of the
+paper, its names, and the rules for how many components are more than chance, and for
+when nothing is left to explain.
+
+Chance, by parallel analysis: Horn, J. L. (1965), Psychometrika 30, compares with white
+noise. Rows of a log are autocorrelated: two slow signals of no relation correlate by
+chance. So chance is drawn with the spectrum of every variable kept (phase
+randomisation: Theiler et al. 1992, Physica D 58); the count from permuted rows stands
+beside it.
 """
 
 import warnings
@@ -26,71 +33,40 @@ from residual.tables.blocks import (
 
 # The weights are an eigenvector found by iteration: to the last digits, not to 1e-3.
 _TO_THE_END = {"tol": 1e-24, "max_iter": 20_000}
+LEAST_DRAWS = 20  # a 95 % limit from fewer is their maximum
+_QUANTILE = 0.95  # of the surrogates, that chance may not exceed
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pls:
-    """A fitted model; everything holds for scaled X, `coefficients` for X as given.
-
-    Columns are components; any number of leading ones is a model of its own.
+    """A fitted regression; any number of leading components is a model of its own.
 
     Attributes:
         names: Variables of X.
         x_mean, x_scale: Mean and standard deviation of X (paper, eq. 18). Shape (k,).
-        y_mean, y_scale: The same of Y; the scale is 1 unless asked for. Shape (j,).
-        T: Orthogonal scores (eq. 14). Shape (n, A).
-        W: Orthonormal loading weights (eq. 19). Shape (k, A).
-        V: Weights that give scores from X itself, V = W (P'W)^-1 (eq. 19). (k, A).
-        P, Q: Loadings of X and Y (eq. 16). Shapes (k, A), (j, A).
+        y_mean: Mean of Y. Shape (j,).
+        T: Orthogonal scores of scaled X (eq. 14). Shape (n, A).
+        V: Weights that give scores from scaled X itself (eq. 19). Shape (k, A).
+        Q: Loadings of Y (eq. 16). Shape (j, A).
     """
 
     names: tuple[str, ...]
     x_mean: Array
     x_scale: Array
     y_mean: Array
-    y_scale: Array
     T: Array
-    W: Array
     V: Array
-    P: Array
     Q: Array
 
-    @property
-    def components(self) -> int:
-        """Number of components A."""
-        return self.T.shape[1]
-
-    def coefficients(self, components: int | None = None) -> Array:
-        """B = V Q' (eq. 25), in units of Y per unit of X. Shape (k, j)."""
-        a = self._count(components)
-        return (self.V[:, :a] / self.x_scale[:, None]) @ (
-            self.Q[:, :a].T * self.y_scale
-        )
-
-    def offset(self, components: int | None = None) -> Array:
-        """b0 = ybar - xbar B (eq. 26), in units of Y. Shape (j,)."""
-        return self.y_mean - self.x_mean @ self.coefficients(components)
-
-    def transform(self, X: Array, components: int | None = None) -> Array:
-        """Scores of new rows, t = (x - xbar) V (eq. 21). Shape (m, a)."""
+    def transform(self, X: Array) -> Array:
+        """Scores of new rows, t = (x - xbar) V (eq. 21). Shape (m, A)."""
         X = as_block(X, "X")
         if X.shape[1] != len(self.names):
             raise InputError(
                 f"X has {X.shape[1]} columns, the model was fitted to "
                 f"{len(self.names)}: {', '.join(self.names)}. Give these, in order."
             )
-        return (X - self.x_mean) / self.x_scale @ self.V[:, : self._count(components)]
-
-    def predict(self, X: Array, components: int | None = None) -> Array:
-        """Return b0 + x B (eq. 24), in units of Y. Shape (m, j)."""
-        X = as_block(X, "X")
-        return self.offset(components) + X @ self.coefficients(components)
-
-    def _count(self, components: int | None) -> int:
-        if components is None:
-            return self.components
-        remedy = "Ask for fewer, or fit again with more."
-        return check_count(components, 0, self.components, "components", remedy)
+        return (X - self.x_mean) / self.x_scale @ self.V
 
 
 def fit_pls(
@@ -99,7 +75,6 @@ def fit_pls(
     components: int | None = None,
     *,
     names: Sequence[str] | None = None,
-    scale_y: bool = False,
 ) -> Pls:
     """Fit a partial least squares regression (paper, eq. 14 to 27).
 
@@ -110,7 +85,6 @@ def fit_pls(
         X: Regressors. Shape (n, k).
         Y: Responses. Shape (n, j).
         components: Number A; as many as the rank of X if None.
-        scale_y: Also scale Y, so that no response dominates by its size.
 
     Raises:
         InputError: On a constant column, more components than the rank of X, blocks
@@ -120,56 +94,37 @@ def fit_pls(
     names = as_names(names, X.shape[1], "x")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
     check_varying(X, names)
-    x_mean, y_mean = X.mean(axis=0), Y.mean(axis=0)
-    x_scale = X.std(axis=0, ddof=1)
-    # A constant response stays as it is: nothing of it is left after centring.
-    y_scale = Y.std(axis=0, ddof=1) if scale_y else np.ones(Y.shape[1])
-    y_scale = np.where(y_scale > 0, y_scale, 1.0)
+    x_mean, x_scale, y_mean = X.mean(axis=0), X.std(axis=0, ddof=1), Y.mean(axis=0)
     Z = (X - x_mean) / x_scale
     rank = int(np.linalg.matrix_rank(Z))
     remedy = f"The bound is the rank of X ({len(X)} rows, {X.shape[1]} columns)."
-    count = check_count(
-        rank if components is None else components, 1, rank, "components", remedy
-    )
-    parts = _components(Z, (Y - y_mean) / y_scale, count)
-    return Pls(names, *map(frozen, (x_mean, x_scale, y_mean, y_scale, *parts)))
-
-
-def _components(Z: Array, F: Array, count: int) -> tuple[Array, ...]:
-    """T, W, V, P and Q of scaled blocks, without components that are rounding."""
+    wanted = rank if components is None else components
+    count = check_count(wanted, 1, rank, "components", remedy)
     with warnings.catch_warnings():
         # Of a response that is explained, or of weights that rounding keeps moving.
         warnings.simplefilter("ignore")
-        fit = PLSRegression(count, scale=False, **_TO_THE_END).fit(Z, F)
+        fit = PLSRegression(count, scale=False, **_TO_THE_END).fit(Z, Y - y_mean)
     T, Q = fit.x_scores_, fit.y_loadings_
     # |w'E'F| of each component, by Q = F't / t't
     covariance = (T**2).sum(axis=0) * np.linalg.norm(Q, axis=0)
     rounding = covariance <= EXHAUSTED * covariance[0]
     used = int(np.argmax(rounding)) if rounding.any() else count
-    parts = T, fit.x_weights_, fit.x_rotations_, fit.x_loadings_, Q
-    return tuple(np.ascontiguousarray(part[:, :used]) for part in parts)
+    parts = (np.ascontiguousarray(p[:, :used]) for p in (T, fit.x_rotations_, Q))
+    return Pls(names, *map(frozen, (x_mean, x_scale, y_mean, *parts)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pca:
-    """Principal components of centred, scaled columns.
-
-    X = xbar + (T P' + E) s    (paper, eq. 12; s the standard deviations)
+    """Principal components of centred, scaled columns (paper, eq. 12).
 
     Attributes:
-        names: The variables, as columns of X.
-        mean, scale: Mean and standard deviation of each column, in the units of X.
-            Shapes (k,).
+        names: The variables.
         loadings: Orthonormal loadings P. Shape (k, a).
-        scores: Scores T, dimensionless. Shape (n, a).
         eigenvalues: Variance of each component; they add up to k. Shape (a,).
     """
 
     names: tuple[str, ...]
-    mean: Array
-    scale: Array
     loadings: Array
-    scores: Array
     eigenvalues: Array
 
     @property
@@ -187,27 +142,20 @@ class Pca:
 
 
 def fit_pca(X: Array, names: Sequence[str] | None = None) -> Pca:
-    """Return the principal components of a block, all of them.
+    """Return all principal components of signals as columns, in any units.
 
     The columns are centred and scaled to unit variance first (paper, below eq. 12):
     angles, speeds and accelerations have different units. A sign is chosen so that
     the largest loading of each component is positive.
-
-    Args:
-        X: Signals as columns, any units. Shape (n, k).
-        names: One name per column; made up if None.
     """
     X = as_block(X, "X")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
     names = as_names(names, X.shape[1], "x")
     check_varying(X, names)
-    mean, scale = X.mean(axis=0), X.std(axis=0, ddof=1)
-    Z = (X - mean) / scale
-    fit = PCA(svd_solver="full").fit(Z)
-    # The sign is scikit-learn's: of a component's loadings the largest is positive.
-    P = np.ascontiguousarray(fit.components_.T)
-    parts = mean, scale, P, Z @ P, fit.explained_variance_
-    return Pca(names, *map(frozen, parts))
+    # The sign is scikit-learn's.
+    fit = PCA(svd_solver="full").fit((X - X.mean(axis=0)) / X.std(axis=0, ddof=1))
+    loadings = np.ascontiguousarray(fit.components_.T)
+    return Pca(names, frozen(loadings), frozen(fit.explained_variance_))
 
 
 def state_block(q: Array, qd: Array, qdd: Array) -> Array:
@@ -218,9 +166,6 @@ def state_block(q: Array, qd: Array, qdd: Array) -> Array:
 def state_names(joints: Sequence[int]) -> tuple[str, ...]:
     """Names of the columns of `state_block` for joints counted from 1."""
     return tuple(f"{kind}{j}" for kind in ("q", "qd", "qdd") for j in joints)
-
-
-LEAST_DRAWS = 20  # a 95 % limit from fewer is their maximum
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -244,7 +189,6 @@ def real_components(
     *,
     run: Array | None = None,
     draws: int = 100,
-    quantile: float = 0.95,
 ) -> RealComponents:
     """Count the leading components with more variance than chance gives.
 
@@ -254,7 +198,6 @@ def real_components(
     Args:
         X: Signals as columns. Shape (n, k).
         run: Run of each row: surrogates are drawn within runs. Shape (n,); one if None.
-        quantile: Share of the surrogates that chance may not exceed.
     """
     X = as_block(X, "X")
     check_varying(X, as_names(None, X.shape[1], "x"))
@@ -270,7 +213,7 @@ def real_components(
         new = [randomise_phases(s, len(rows), rng) for s, rows in pairs]
         phase[i] = _eigenvalues(np.concatenate(new) + means)
         permuted[i] = _eigenvalues(rng.permuted(X[order], axis=0))
-    limits = [np.quantile(p, quantile, axis=0) for p in (phase, permuted)]
+    limits = [np.quantile(p, _QUANTILE, axis=0) for p in (phase, permuted)]
     counts = [_leading(own, limit) for limit in limits]
     return RealComponents(*counts, frozen(limits[0]))
 

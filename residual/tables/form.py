@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.recording import Array
 from residual.tables.blocks import as_block, as_pair, frozen
-from residual.tables.levels import Levels, merge_rows, quantile_levels
+from residual.tables.levels import Levels, quantile_levels
 from residual.tables.main_tables import (
     MOST,
     PYRAMID,
@@ -34,8 +34,7 @@ from residual.tables.main_tables import (
 from residual.tables.nominal_pls import (
     NominalForm,
     NominalPls,
-    component_bound,
-    fit_cells,
+    fit_nominal_pls,
 )
 
 WIDTHS = (6, 12)  # levels of either; speeds part at standstill
@@ -317,10 +316,8 @@ def _fit_pairs(X: Array, rest: Array, form: EffectForm) -> NominalPls | None:
         return None
     pairs = replace(form.pairs, velocities=form.velocities)
     levels = pairs.make_levels(X, form.state_names())
-    cells = merge_rows(levels.encode(X))
     # Short logs bear fewer components; nobody asked for just so many here.
-    count = min(pairs.components, component_bound(cells))
-    return fit_cells(cells, rest, levels, replace(pairs, components=count))
+    return fit_nominal_pls(X, rest, pairs, levels, fewer=True)
 
 
 def fit_linear(X: Array, Y: Array) -> Linear:

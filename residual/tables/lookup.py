@@ -19,7 +19,7 @@ import numpy as np
 from residual.errors import InputError
 from residual.lazy import Lazy
 from residual.recording import Array
-from residual.tables.blocks import as_block, frozen
+from residual.tables.blocks import as_block
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -279,16 +279,6 @@ class Lookup:
                 f"{', '.join(self.names)}. Give these, in order."
             )
         return X
-
-
-def no_slope(variables: int, joints: int) -> Array:
-    """A linear part of zeros. Shape (d, j)."""
-    return frozen(np.zeros((variables, joints)))
-
-
-def live_tables(tables: Sequence[Table]) -> tuple[Table, ...]:
-    """Leave out tables that are zero everywhere."""
-    return tuple(t for t in tables if t.values.any())
 
 
 FORM = 1  # of the exported files; raised when they change

@@ -6,7 +6,6 @@ see `residual/tables/kernels.py`. Kernel PLS: Dayal and MacGregor (1997),
 algorithm 1.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -23,7 +22,7 @@ from residual.tables.levels import (
     merge_rows,
     quantile_levels,
 )
-from residual.tables.lookup import Axis, Lookup, Table, no_slope
+from residual.tables.lookup import Axis, Lookup, Table
 
 kernels = Lazy("residual.tables.kernels")
 
@@ -68,7 +67,7 @@ class NominalPls:
         levels: Levels of the variables.
         x_mean: Share of rows in each column. Shape (p,).
         y_mean, y_scale: Mean and scale of the responses. Shape (j,).
-        W, V, P: Loading weights, weights for X itself, loadings, by row. Shape (A, p).
+        V, P: Weights for X itself, and loadings, by row. Shape (A, p).
         Q: Loadings of the scaled responses, by row. Shape (A, j).
         energy: Squared length of each score, t't. Shape (A,).
         rows: Calibration rows.
@@ -78,7 +77,6 @@ class NominalPls:
     x_mean: Array
     y_mean: Array
     y_scale: Array
-    W: Array
     V: Array
     P: Array
     Q: Array
@@ -97,7 +95,10 @@ class NominalPls:
 
     def coefficients(self, components: int | None = None) -> Array:
         """B = V Q' (eq. 25), in units of Y. Shape (p, j)."""
-        a = self.count(components)
+        remedy = "Ask for fewer, or fit again with more."
+        most = self.components
+        a = most if components is None else components
+        check_count(a, 0, most, "components", remedy)
         return self.V[:a].T @ (self.Q[:a] * self.y_scale)
 
     def offset(self, components: int | None = None) -> Array:
@@ -106,11 +107,8 @@ class NominalPls:
 
     def predict(self, X: Array, components: int | None = None) -> Array:
         """Return b0 + x B (eq. 24), in units of Y. Shape (m, j)."""
-        codes = self.levels.encode(X)
         B = self.coefficients(components)
-        out = np.empty((len(codes.values), B.shape[1]))
-        kernels.gather_pairs(*_compiled(codes), B, out)
-        return out + (self.y_mean - self.x_mean @ B)
+        return self.read(X, B) + (self.y_mean - self.x_mean @ B)
 
     def tables(self, components: int | None = None) -> tuple[Array, ...]:
         """B cut into its tables. Each of shape (levels, levels, j), in units of Y."""
@@ -122,30 +120,28 @@ class NominalPls:
 
     def transform(self, X: Array) -> Array:
         """Scores of rows, t = (x - xbar) V (eq. 21). Shape (m, A)."""
-        out = self._read(X, self.V)
-        return out - self.V @ self.x_mean
+        return self.read(X, self.V.T) - self.V @ self.x_mean
 
     def unvisited_share(self, X: Array) -> Array:
         """Share of each row's cells that no calibration row visited. Shape (m,)."""
-        seen = (self.x_mean > 0).astype(float)[None]
-        return 1 - self._read(X, seen)[:, 0] / len(self.pairs)
+        seen = (self.x_mean > 0).astype(float)[:, None]
+        return 1 - self.read(X, seen)[:, 0] / len(self.pairs)
 
-    def count(self, components: int | None) -> int:
-        """Return a number of components, checked; all of them for None."""
-        if components is None:
-            return self.components
-        remedy = "Ask for fewer, or fit again with more."
-        return check_count(components, 0, self.components, "components", remedy)
-
-    def _read(self, X: Array, table: Array) -> Array:
+    def read(self, X: Array, table: Array) -> Array:
+        """X's columns, which nobody forms, times a table. Shapes (m, d), (p, k)."""
         codes = self.levels.encode(X)
-        out = np.empty((len(codes.values), len(table)))
-        kernels.gather_pairs(*_compiled(codes), np.ascontiguousarray(table.T), out)
+        values, sizes = codes.values.astype(np.uint16), np.array(codes.sizes, np.int64)
+        out = np.empty((len(values), table.shape[1]))
+        kernels.gather_pairs(values, sizes, np.ascontiguousarray(table), out)
         return out
 
 
 def fit_nominal_pls(
-    X: Array, Y: Array, form: NominalForm | None = None, levels: Levels | None = None
+    X: Array,
+    Y: Array,
+    form: NominalForm | None = None,
+    levels: Levels | None = None,
+    fewer: bool = False,
 ) -> NominalPls:
     """Fit the paper's modified PLSR.
 
@@ -154,6 +150,7 @@ def fit_nominal_pls(
         Y: Responses, such as torque errors [N m]. Shape (n, j).
         form: Levels and components; the paper's form if None.
         levels: Levels to use in place of those that the form makes of X.
+        fewer: Whether to take fewer components where the rows bear no more.
 
     Raises:
         InputError: On fewer than 2 levels or variables, a constant column, more
@@ -163,11 +160,9 @@ def fit_nominal_pls(
     form = form or NominalForm()
     levels = form.make_levels(X) if levels is None else levels
     cells = merge_rows(levels.encode(X))
-    return fit_cells(cells, Y, levels, form)
-
-
-def fit_cells(cells: Cells, Y: Array, levels: Levels, form: NominalForm) -> NominalPls:
-    """Fit to rows that are merged already; arguments as `fit_nominal_pls`."""
+    if fewer:
+        count = min(form.components, component_bound(cells))
+        form = replace(form, components=count)
     check_components(cells, form.components)
     check_sparsity(form.sparsity)
     scale = response_scale(Y, form.scale_y)
@@ -179,8 +174,7 @@ def fit_cells(cells: Cells, Y: Array, levels: Levels, form: NominalForm) -> Nomi
     # The responses are centred, so that their product with X - xbar is that with X.
     S = np.ascontiguousarray(table[:, :-1].T)
     parts = _components(cells, S, x_mean, form)
-    fields = (x_mean, y_mean, scale, *parts)
-    return NominalPls(levels, *map(frozen, fields), n)
+    return NominalPls(levels, *map(frozen, (x_mean, y_mean, scale, *parts)), n)
 
 
 def component_bound(cells: Cells) -> int:
@@ -229,7 +223,7 @@ def leading(S: Array) -> tuple[Array, float]:
 def _components(
     cells: Cells, S: Array, x_mean: Array, form: NominalForm
 ) -> tuple[Array, ...]:
-    """Return W, V, P, Q and t't."""
+    """Return V, P, Q and t't."""
     count = form.components
     W, V, P = (np.zeros((count, S.shape[1])) for _ in range(3))
     Q, energy = np.zeros((count, len(S))), np.zeros(count)
@@ -247,12 +241,7 @@ def _components(
         )
         Q[a] = kernels.explain(S, V[a], P[a], x_mean, energy[a], total)
         done = a + 1
-    return W[:done], V[:done], P[:done], Q[:done], energy[:done]
-
-
-def _compiled(codes) -> tuple[Array, Array]:
-    """Levels and sizes in the types that the kernels are compiled for."""
-    return codes.values.astype(np.uint16), np.array(codes.sizes, dtype=np.int64)
+    return V[:done], P[:done], Q[:done], energy[:done]
 
 
 def fill_unvisited(model: NominalPls) -> NominalPls:
@@ -289,26 +278,17 @@ def _filled(weights: Array, share: Array, shape: tuple[int, int]) -> Array:
     return out
 
 
-def nominal_lookup(
-    model: NominalPls,
-    components: int | None = None,
-    joints: Sequence[str] | None = None,
-) -> Lookup:
-    """The paper form as its 36 tables per joint.
-
-    Args:
-        components: Leading components to use; all if None.
-    """
+def nominal_lookup(model: NominalPls, components: int | None = None) -> Lookup:
+    """The paper form as its 36 tables per joint, of some leading components, or all."""
     levels, offset = model.levels, model.offset(components)
-    axes = tuple(Axis(i, edges) for i, edges in enumerate(levels.edges))
     pairs = zip(model.pairs, model.tables(components), strict=True)
     return Lookup(
         levels.names,
-        as_names(joints, len(offset), "joint "),
-        axes,
+        as_names(None, len(offset), "joint "),
+        tuple(Axis(i, edges) for i, edges in enumerate(levels.edges)),
         tuple(Table(pair, values) for pair, values in pairs),
         offset,
-        no_slope(len(levels.names), len(offset)),
+        frozen(np.zeros((len(levels.names), len(offset)))),
         levels.low,
         levels.high,
     )

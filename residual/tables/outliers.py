@@ -11,7 +11,6 @@ from scipy import stats
 
 from residual.recording import Array
 from residual.tables.blocks import as_pair, check_count, frozen
-from residual.tables.kernels import gather_pairs
 from residual.tables.nominal_pls import NominalPls
 
 ALPHA = 0.01  # share of good rows that a limit calls outliers
@@ -98,12 +97,7 @@ def nominal_distances(
     """
     X, Y = as_pair(X, Y)
     table = np.vstack([model.V, model.P, model.x_mean[None]])
-    codes = model.levels.encode(X)
-    read = np.empty((len(X), len(table)))
-    sizes = np.array(codes.sizes, dtype=np.int64)
-    values = codes.values.astype(np.uint16)
-    gather_pairs(values, sizes, np.ascontiguousarray(table.T), read)
-    read -= table @ model.x_mean
+    read = model.read(X, table.T) - table @ model.x_mean
     a = model.components
     t, onto, middle = read[:, :a], read[:, a : 2 * a], read[:, 2 * a]
     # x'x - 2 x'xbar + xbar'xbar, with x'xbar - xbar'xbar just read.

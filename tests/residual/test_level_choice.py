@@ -68,9 +68,9 @@ def test_sparse_weights_are_few_and_scores_stay_orthogonal():
     T = sparse.transform(X)
     np.testing.assert_allclose(T.T @ T, np.diag(sparse.energy), atol=1e-8)
     # The first direction by hand: soft-thresholded products of columns and responses.
-    S = (dense.W[0] != 0) * dense.W[0]
+    S = (dense.V[0] != 0) * dense.V[0]
     soft = np.sign(S) * np.maximum(np.abs(S) - 0.6 * np.abs(S).max(), 0)
-    np.testing.assert_allclose(sparse.W[0], soft / np.linalg.norm(soft), atol=1e-9)
+    np.testing.assert_allclose(sparse.V[0], soft / np.linalg.norm(soft), atol=1e-9)
     with pytest.raises(InputError, match="sparsity"):
         fit_nominal_pls(X, Y, NominalForm(8, 4, sparsity=1.0))
 

@@ -17,7 +17,6 @@ from residual.tables.lookup import (
     Table,
     export_lookup,
     find_triples,
-    no_slope,
 )
 from residual.tables.nominal_pls import NominalForm, fit_nominal_pls, nominal_lookup
 from tests.residual.motion_blocks import NAMES, motion
@@ -88,7 +87,7 @@ def test_known_levels_give_the_same_as_values(block, model):
 def test_tables_of_the_same_axes_are_added(rng):
     axes = Axis(0, np.array([0.0])), Axis(1, np.array([-0.5, 0.5]))
     tables = tuple(Table((0, 1), rng.normal(size=(2, 3, 1))) for _ in range(2))
-    low, high, none = -np.ones(2), np.ones(2), no_slope(2, 1)
+    low, high, none = -np.ones(2), np.ones(2), np.zeros((2, 1))
     lookup = Lookup(("a", "b"), ("j",), axes, tables, np.zeros(1), none, low, high)
     y = lookup.predict(np.array([[0.5, 0.0]]))[0, 0]
     assert y == pytest.approx(sum(t.values[1, 1, 0] for t in tables))
@@ -176,4 +175,3 @@ def test_bad_rows_are_refused(model):
         lookup.predict(np.full((1, 9), np.nan))
     with pytest.raises(InputError, match="components must be 0 to 5, got 6"):
         nominal_lookup(model, 6)
-    assert no_slope(9, 3).shape == (9, 3)

@@ -1,0 +1,158 @@
+"""Principal components and PLSR: what scikit-learn fits is what the paper wants."""
+
+import numpy as np
+import pytest
+
+from residual.errors import InputError
+from residual.tables.components import (
+    fit_pca,
+    fit_pls,
+    randomise_phases,
+    real_components,
+    state_block,
+    state_names,
+)
+
+
+def blocks(rng, n=60, k=6, j=3):
+    X = rng.normal(size=(n, k)) @ rng.normal(size=(k, k)) * 10.0 ** np.arange(k) + 3
+    return X, X[:, :j] / 10.0 ** np.arange(j) + rng.normal(size=(n, j))
+
+
+def predicted(model, X, components=None):
+    a = model.Q.shape[1] if components is None else components
+    return model.y_mean + model.transform(X)[:, :a] @ model.Q[:, :a].T
+
+
+def test_all_components_are_least_squares(rng):
+    X, Y = blocks(rng)
+    one = np.c_[np.ones(len(X)), X]
+    expected = one @ np.linalg.lstsq(one, Y, rcond=None)[0]
+    np.testing.assert_allclose(predicted(fit_pls(X, Y), X), expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("j", [1, 3])
+def test_every_number_of_components_of_one_fit_equals_ikpls(rng, j):
+    PLS = pytest.importorskip("ikpls.numpy").PLS
+    X, Y = blocks(rng, j=j)
+    peer = PLS(scale_X=True, scale_Y=False, ddof=1)
+    peer.fit(X, Y, 5)
+    ours = fit_pls(X, Y)
+    for a in (1, 3, 5):
+        np.testing.assert_allclose(predicted(ours, X, a), peer.predict(X, a), rtol=1e-9)
+    np.testing.assert_allclose(ours.T, ours.transform(X), atol=1e-8)
+
+
+def test_nothing_left_to_tell_ends_the_components_early(rng):
+    X = rng.normal(size=(50, 5))
+    X = np.linalg.qr(X - X.mean(0))[0]
+    m = fit_pls(X, X[:, :1], 5)
+    assert m.T.shape == (50, 1)
+    np.testing.assert_allclose(predicted(m, X), X[:, :1], atol=1e-12)
+    assert fit_pls(X, np.ones((50, 2)), 3).T.shape == (50, 0)
+
+
+def test_units_of_x_do_not_matter(rng):
+    X, Y = blocks(rng)
+    scaled = X * [1, 1e3, 1e-3, 5, 7, 9]
+    first, second = (
+        predicted(fit_pls(X, Y, 3), X),
+        predicted(fit_pls(scaled, Y, 3), scaled),
+    )
+    np.testing.assert_allclose(first, second, rtol=1e-9)
+
+
+X9 = np.random.default_rng(0).normal(size=(9, 3))
+
+
+@pytest.mark.parametrize(
+    ("X", "Y", "components", "message"),
+    [
+        (X9 * [1, 0, 1], X9, 1, "constant over all 9 rows: x2 = 0"),
+        (X9[:, [0, 0, 1]], X9, 3, "components must be 1 to 2, got 3. .*rank of X"),
+        (X9, X9, 4, "components must be 1 to 3, got 4"),
+        (X9, X9, 0, "components must be 1 to 3, got 0"),
+        (X9, X9[:5], 1, "X has 9 rows and Y 5"),
+        (X9[:1], X9[:1], 1, "rows of X must be 2"),
+        (X9, np.full((9, 1), np.inf), 1, "Y is NaN or infinite in row 0, column 1"),
+        (X9[:, :0], X9, 1, "X has shape"),
+    ],
+)
+def test_bad_input_is_refused_with_bound_value_and_remedy(X, Y, components, message):
+    with pytest.raises(InputError, match=message):
+        fit_pls(X, Y, components)
+
+
+def test_other_columns_and_names_than_fitted_are_refused():
+    with pytest.raises(InputError, match="fitted to 3: x1, x2, x3"):
+        fit_pls(X9, X9[:, :1]).transform(X9[:, :2])
+    with pytest.raises(InputError, match="2 names for 3 columns"):
+        fit_pls(X9, X9, 1, names=("a", "b"))
+
+
+def test_components_are_eigenvectors_of_the_correlations(rng):
+    X = rng.normal(size=(60, 4)) @ rng.normal(size=(4, 4))
+    pca, C = fit_pca(X), np.corrcoef(X.T)
+    np.testing.assert_allclose(pca.eigenvalues, np.linalg.eigvalsh(C)[::-1], atol=1e-10)
+    np.testing.assert_allclose(
+        C @ pca.loadings, pca.loadings * pca.eigenvalues, atol=1e-10
+    )
+    largest = np.abs(pca.loadings).argmax(axis=0)
+    assert (pca.loadings[largest, range(4)] > 0).all()
+    names = [name for name, _ in pca.strongest(0, 4)]
+    assert names == [f"x{i + 1}" for i in np.argsort(-np.abs(pca.loadings[:, 0]))]
+
+
+def test_state_columns_are_named_in_order():
+    q = np.zeros((2, 2))
+    assert state_block(q, q + 1, q + 2)[0].tolist() == [0, 0, 1, 1, 2, 2]
+    assert state_names((1, 2)) == ("q1", "q2", "qd1", "qd2", "qdd1", "qdd2")
+
+
+@pytest.mark.parametrize("rows", [16, 17])
+def test_random_phases_keep_mean_and_spectrum_of_each_variable(rng, rows):
+    X = rng.normal(size=(rows, 3))
+    spectrum = np.fft.rfft(X, axis=0)
+    new = randomise_phases(spectrum, rows, rng)
+    assert not np.allclose(new, X)
+    np.testing.assert_allclose(np.abs(np.fft.rfft(new, axis=0)), np.abs(spectrum))
+    np.testing.assert_allclose(new.mean(0), X.mean(0))
+
+
+def test_slow_signals_of_no_relation_have_no_component_where_permutation_sees_one():
+    rng = np.random.default_rng(3)
+    t = np.arange(400) / 400
+    waves = [
+        sum(
+            rng.normal() * np.sin(2 * np.pi * k * t + rng.uniform(0, 6)) for k in (1, 2)
+        )
+        for _ in range(6)
+    ]
+    X = np.stack(waves, axis=1)
+    found = real_components(X, np.random.default_rng(0), draws=60)
+    assert found.count == 0
+    assert found.permuted > 0
+
+
+def test_a_common_signal_is_one_component_and_white_noise_none(rng):
+    noise = rng.normal(size=(500, 5))
+    common = noise + 2 * rng.normal(size=(500, 1))
+    run = np.repeat([0, 1], 250)
+    assert real_components(noise, rng, run=run, draws=60).count == 0
+    found = real_components(common, rng, run=run, draws=60)
+    assert (found.count, found.permuted) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("X", "options", "message"),
+    [
+        (np.ones((9, 2)), {}, "constant over all 9 rows: x1 = 1, x2 = 1"),
+        (np.full((9, 2), np.nan), {}, "NaN or infinite in row 0"),
+        (np.eye(9), {"draws": 3}, "draws must be 20 to .* got 3"),
+        (np.eye(9), {"run": [0] * 8 + [1]}, "rows of a run must be 4 .* got 1"),
+        (np.eye(9), {"run": [0, 1]}, "run has shape"),
+    ],
+)
+def test_bad_blocks_are_refused_with_what_to_do(rng, X, options, message):
+    with pytest.raises(InputError, match=message):
+        real_components(X, rng, **options)
