@@ -64,20 +64,12 @@ def listed(values: Iterable, form: str = "") -> str:
 
 
 def joints_listed(numbers: Sequence[int]) -> str:
-    """Return joints as a sentence has them: 'joint 2', 'joints 2, 3'.
-
-    Args:
-        numbers: The joints, from 1.
-    """
+    """Return joints, from 1, as a sentence has them: 'joint 2', 'joints 2, 3'."""
     return f"joint{'s' if len(numbers) > 1 else ''} {listed(numbers)}"
 
 
 def check_nesting(content: Content, where: str) -> Content:
-    """Return the content of a file if its tables and lists are not nested too deep.
-
-    Args:
-        content: What a reader of TOML or JSON made of it.
-    """
+    """Return the content of a TOML or JSON file if it is not nested too deep."""
     level: list = [content]
     for _ in range(DEEPEST + 1):
         inside = (part for part in level if isinstance(part, dict | list))

@@ -96,14 +96,9 @@ def _kept_safe(value: object) -> bool:
 
 
 def usual_speed(recording: Recording, stride: int, share: float) -> Array:
-    """Return the speed that a share of a log's samples stay below.
+    """Return the speed that a share of a log's samples stay below [rad/s]. (dof,).
 
-    Args:
-        stride: Samples over which a speed is taken, so that noise does not count.
-        share: The share, from 0 to 1.
-
-    Returns:
-        Speed of each joint [rad/s]. Shape (dof,).
+    A speed is taken over a stride of samples, so that noise does not count.
     """
     t, q = recording.t[::stride], recording.q[::stride]
     speed = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])

@@ -337,12 +337,8 @@ def _views(
 def corrected_model(made: Calibration) -> Corrected | None:
     """Return model and tables as one model, which predicts a torque.
 
-    Args:
-        made: A calibration.
-
-    Returns:
-        The model that was identified from all logs with the tables on top; None where
-        they correct a simulated twin, or torque as a sensor reports it.
+    The model that was identified from all logs with the tables on top; None where they
+    correct a simulated twin, or torque as a sensor reports it.
     """
     model, lookup = made.nominal, made.lookup
     if made.rows.mode == PAPER or model is None:

@@ -112,9 +112,7 @@ class Choices:
 def methods(forms: Forms, fixed: Choices | None = None) -> Mapping[str, Method]:
     """Return every model by name.
 
-    Args:
-        forms: What they may be chosen from.
-        fixed: What was chosen; None to choose within the training rows.
+    What was chosen is fixed, or None to choose within the training rows.
     """
 
     def default(training: Training) -> Forecast:
@@ -228,7 +226,7 @@ def fixed_lookup(
     X = training.loaded if form.loads else training.X
     base = fit_base(X, training.Y, form)
     ridges = [o.ridge if o.ridge else form.ridges[-1] for o in options]
-    main = base.predict(X, form).main
+    _, main, _ = base.predict(X, form)
     taken = [main[form.ridges.index(r), :, j] for j, r in enumerate(ridges)]
     left = training.Y - np.stack(taken, axis=1)
     return build_lookup(
@@ -259,8 +257,8 @@ def _nothing(training: Training) -> Forecast:
 
 
 def _least_squares(training: Training) -> Forecast:
-    model = fit_linear(training.X, training.Y)
-    return lambda rows: model.predict(rows.X)[None]
+    offset, slope = fit_linear(training.X, training.Y)
+    return lambda rows: (offset + rows.X @ slope)[None]
 
 
 def _plsr(training: Training) -> Forecast:

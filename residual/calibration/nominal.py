@@ -79,11 +79,7 @@ class Prepared:
 def prepare_runs(
     robot: Robot, runs: Sequence[Run], declared: Sequence[str] | None
 ) -> Prepared:
-    """Filter all logs once.
-
-    Args:
-        declared: Effects that the model has; None for the robot's own list.
-    """
+    """Filter all logs once; declared effects are the robot's own list for None."""
     logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), whole=True)
     nominal = start_nominal(logs, declared_names(robot, declared))
     parts = cut_parts([track.t[chosen_rows(track)] for track in logs.tracks])
@@ -95,11 +91,9 @@ def prepare_runs(
 def identified_without(
     prepared: Prepared, left_out: Collection[int] = (), named: Sequence[Term] = ()
 ) -> Model:
-    """Identify the model from all parts of the runs but some.
+    """Identify the model from all parts of the runs but some, by number.
 
-    Args:
-        left_out: Numbers of the parts that it must not see.
-        named: Effects beyond the declared ones; their coefficients are fitted.
+    Coefficients of named effects, beyond the declared ones, are fitted too.
     """
     design, nominal, parts = prepared.design, prepared.nominal, prepared.parts
     if left_out:

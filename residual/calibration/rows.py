@@ -43,11 +43,7 @@ class Part:
 
 
 def cut_parts(times: Sequence[Array]) -> tuple[Part, ...]:
-    """Cut every run into blocks of equally many rows.
-
-    Args:
-        times: Times of the rows of each run [s]. Shapes (n,).
-    """
+    """Cut every run into blocks of equally many rows, given at their times [s]."""
     out = []
     for run, t in enumerate(times):
         inner = t[np.arange(1, BLOCKS) * len(t) // BLOCKS]
@@ -57,13 +53,9 @@ def cut_parts(times: Sequence[Array]) -> tuple[Part, ...]:
 
 
 def part_of_rows(parts: Sequence[Part], times: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the part of every row, and the other part that it is close to.
+    """Return the part of every row, given their times [s], and one that it is close to.
 
-    Args:
-        times: Times of the rows of each run [s]. Shapes (n,).
-
-    Returns:
-        Numbers of parts; -1 where no other part is close. Shapes (n,), all runs.
+    Numbers of parts; -1 where no other part is close. Shapes (n,), all runs.
     """
     own, near = [], []
     for run, t in enumerate(times):
@@ -82,9 +74,8 @@ def part_of_rows(parts: Sequence[Part], times: Sequence[Array]) -> tuple[Array, 
 def label_rows(tracks: Sequence[Track], parts: Sequence[Part]) -> list[Array]:
     """Number the rows by part: three for each, its inside and both of its edges.
 
-    Returns:
-        3 times the part's number, and 0, 1 or 2 for rows close to the part before, to
-        none and to the part after. Shapes (m,).
+    3 times the part's number, and 0, 1 or 2 for rows close to the part before, to none
+    and to the part after. Shapes (m,).
     """
     out = []
     for run, track in enumerate(tracks):
@@ -115,11 +106,7 @@ def folds_without(parts: Sequence[Part], left_out: Collection[int]) -> Array:
 def tracks_without(
     tracks: Sequence[Track], parts: Sequence[Part], left_out: Collection[int]
 ) -> tuple[Track, ...]:
-    """Return what is left of each track.
-
-    Args:
-        left_out: Numbers of the parts that must not be seen.
-    """
+    """Return what is left of each track without some parts, by number."""
     out = []
     for run, track in enumerate(tracks):
         own = [n for n, part in enumerate(parts) if part.run == run]
@@ -222,8 +209,7 @@ class Rows:
 def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows:
     """Return the rows of the paper: X of the reference, Y the twin's error one ahead.
 
-    Args:
-        joints: Joints of X and Y, from 1; the paper's first three for None.
+    Of joints from 1, or of the paper's first three.
     """
     for run in runs:
         _check_paper(run)
@@ -248,11 +234,10 @@ def measured_rows(
     joints: Sequence[int] | None = None,
     thin: int = 1,
 ) -> Rows:
-    """Return rows on measured motion.
+    """Return rows on measured motion, of some joints from 1 or of all.
 
     Args:
         residuals: Measured minus model torque on each track's times [N m]. (n, dof).
-        joints: Joints of X and Y, from 1; all for None.
         thin: Take every so manieth row, where there are more than tables can use.
     """
     joints = _joints(joints, runs[0].log.dof, runs[0].log.dof)
@@ -281,13 +266,10 @@ def chosen_rows(track: Track, thin: int = 1) -> Array:
 
 
 def repeat_period(q: Array) -> int | None:
-    """Return after how many rows a motion repeats itself, None if it does not.
+    """Return after how many rows positions (n, d) repeat, None if they do not.
 
     d(L) = mean |z(t + L) - z(t)|^2 / (2 d) of standardised joints z is 1 by chance and
     0 for a repetition; its first valley after the motion has left its start counts.
-
-    Args:
-        q: Joint positions at a steady rate. Shape (n, d).
     """
     moving = np.ptp(q, axis=0) > 0
     if not moving.any() or len(q) < 8:
@@ -402,10 +384,7 @@ def shorten(runs: Sequence[Run]) -> tuple[tuple[Run, ...], tuple[str, ...]]:
     """Keep the middle of every run where all of them are longer than tables can use.
 
     Of the paper's rows each needs the next one. Those of more than a quarter of an hour
-    would take gigabytes and hours, and say what these say.
-
-    Returns:
-        The logs, each cut to the same share of its length, and what was done, a line.
+    would take gigabytes and hours, and say what these say. A line says what was done.
     """
     total = sum(run.log.duration for run in runs)
     if total <= MOST:

@@ -241,12 +241,9 @@ def _score(scheme: str, model: str, sums: tuple[Array, ...]) -> Score:
 def ratio_interval(one: Score, other: Score, rng: np.random.Generator) -> Interval:
     """Error of one model over that of another, over all joints, with its interval.
 
-    Folds are drawn with replacement, both models of a fold together: the percentile
-    bootstrap of Efron and Tibshirani (1993, ch. 13). Blocks of one run are more alike
-    than runs, so that an interval of blocks is of these runs only.
-
-    Args:
-        other: Errors of the one that it is held against, under the same scheme.
+    Both under one scheme. Folds are drawn with replacement, both models of a fold
+    together: the percentile bootstrap of Efron and Tibshirani (1993, ch. 13). Blocks of
+    one run are more alike than runs: an interval of blocks is of these runs only.
     """
     misses = np.stack([one.miss.sum(axis=1), other.miss.sum(axis=1)])
     folds = misses.shape[1]

@@ -233,19 +233,18 @@ def terms_of(
         Option(PAIRS, r if r in form.ridges else form.ridges[-1], count) for r in ridges
     ]
     whole = table_importance(fixed_lookup(rows, form, options), rows.X)
+    none = np.zeros(rows.Y.shape[1])
 
     def jackknifed(folds: Array) -> Jackknife:
         left_out = []
         for fold in np.unique(folds):
             part = rows.rows(folds != fold)
             found = table_importance(fixed_lookup(part, form, options), part.X)
-            sizes = dict(zip(found.names, found.rms, strict=True))
-            none = np.zeros(whole.rms.shape[1])
-            left_out.append([sizes.get(name, none) for name in whole.names])
-        return jackknife(np.array(left_out), whole.rms)
+            left_out.append([found.get(name, none) for name in whole])
+        return jackknife(np.array(left_out), np.array([*whole.values()]))
 
     drawn = rng.permutation(len(rows.X)) % BLOCKS
-    return Terms(whole.names, jackknifed(rows.run), jackknifed(drawn))
+    return Terms(tuple(whole), jackknifed(rows.run), jackknifed(drawn))
 
 
 def oddities_of(rows: Training, whole: Rows, form: NominalForm) -> Oddities:
@@ -319,12 +318,8 @@ def unseen_run(
 ) -> Unseen:
     """Correct the run of the middle error by models that were fitted without it.
 
-    Args:
-        whole: The rows with their labels.
-        scheme: The scheme that leaves runs out.
-        models: Models by name, chosen on all rows: the choice, unlike the fit, has seen
-            the run.
-        response: What a nominal model leaves that was identified without some parts.
+    They were chosen on all rows: the choice, unlike the fit, has seen the run. The
+    scheme leaves runs out.
     """
     runs = range(len(whole.labels))
     size = [float((rows.Y[rows.run == run] ** 2).mean()) for run in runs]

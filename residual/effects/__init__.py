@@ -29,9 +29,7 @@ def vocabulary() -> dict[str, Mapping[str, str]]:
 def reported_joints(name: str, joints: Iterable[int], dof: int) -> tuple[int, ...]:
     """Joints (from 1) as a verdict has them: what is at the flange is on the last.
 
-    Args:
-        name: Name of an effect; one that nobody looks for stays where it is.
-        joints: Joints on which an arm has it, from 1.
+    What an effect that nobody looks for sits on stays where it is.
     """
     effect = registry().get(name)
     at_flange = effect is not None and effect.scope == "flange"

@@ -64,12 +64,9 @@ def model_of(state: State) -> pin.Model:
 
 
 def moved(state: State, joint: int, shift: Array, rates: tuple[Array, Array]) -> Array:
-    """Change of all torques when one joint is shifted. Shape (n, dof).
+    """Change of all torques when joint j (from 0) is shifted [rad]. Shape (n, dof).
 
-    Args:
-        joint: The joint, from 0.
-        shift: By how much [rad]. Shape (n,).
-        rates: First and second derivative of the shift [rad/s, rad/s^2].
+    Rates are the first and second derivative of the shift [rad/s, rad/s^2].
     """
     parts = zip(sensitivity(state), (shift, *rates), strict=True)
     return sum(slope[:, :, joint] * x[:, None] for slope, x in parts)

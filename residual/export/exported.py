@@ -43,12 +43,7 @@ class Motion:
 
 
 def exciting(robot: Robot, seconds: float = SECONDS, rate: float = RATE) -> Motion:
-    """Return three sines per joint, within its range and near its speed limit.
-
-    Args:
-        seconds: How long [s].
-        rate: Samples per second [Hz].
-    """
+    """Return three sines per joint, within its range and near its speed limit."""
     lower, upper, speed = limits(robot)
     t = np.arange(round(seconds * rate)) / rate
     q, qd, qdd = np.zeros((3, len(t), robot.dof))
@@ -68,8 +63,7 @@ def exciting(robot: Robot, seconds: float = SECONDS, rate: float = RATE) -> Moti
 def random_states(robot: Robot, count: int, slowest: Array | float = 0.0) -> Motion:
     """Return states that have nothing to do with each other.
 
-    Args:
-        slowest: Least speed of each joint [rad/s]. Shape (dof,).
+    No joint is slower than its `slowest` [rad/s].
     """
     lower, upper, speed = limits(robot)
     limit = robot.acceleration_limit
@@ -164,9 +158,7 @@ class Split:
 def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Split:
     """Part what a target can carry from what it cannot.
 
-    Args:
-        refuse: Why a term cannot be carried; "" where it can.
-        tables: Why tables cannot be carried; "" where they can.
+    It refuses a term, or tables, by saying why; by "" it takes them.
     """
     whole = _in_terms(whole)
     model = body_of(whole)

@@ -239,9 +239,7 @@ def arrays_of(program: Program) -> dict[str, Array]:
 def reads_of(tables: Tables, arrays: Mapping[str, str], load: str) -> list[str]:
     """Return what the tables of a joint read, as expressions; the load is the last.
 
-    Args:
-        arrays: What the program calls the columns of a table.
-        load: What it calls the torque of all joints.
+    Given what the program calls the columns of a table, and the torque of all joints.
     """
     reads = []
     for on, of, form in tables.columns:

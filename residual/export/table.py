@@ -42,15 +42,8 @@ def support_points(
 ) -> tuple[Array, Array, float]:
     """Return support points of a curve, and the largest error between them.
 
-    A point is added where the lines miss most, until they miss by next to nothing.
-
-    Args:
-        curve: Values at given places. Shape (n,) -> (n,).
-        start: Places to begin with, increasing; the ends of the range among them.
-        most: How many points at most.
-
-    Returns:
-        Places and values, shapes (k,), and the largest error of linear interpolation.
+    A point is added where the lines miss most, until they miss by next to nothing, or
+    there are as many as may be. The ends of the range are the ends of `start`.
     """
     ends = np.linspace(start[0], start[-1], DENSE)
     # What happens near zero is narrow.
@@ -148,12 +141,7 @@ def _start(model: Model, file: str, j: int, ends: Sequence[float]) -> Array:
 
 
 def curve_at(model: Model, file: str, j: int, x: Array) -> Array:
-    """Return the torque of one joint over its speed or position [N m]. Shape (n,).
-
-    Args:
-        j: The joint, from 0.
-        x: Speeds or positions [rad/s] or [rad]. Shape (n,).
-    """
+    """Return the torque of a joint over its speed or position [SI]. Shape (n,)."""
     motion = np.zeros((3, len(x), model.robot.dof))
     motion[1 if file == SPEED else 0, :, j] = x
     state = model.by_sign().state(1.0, np.zeros(len(x)), motion)

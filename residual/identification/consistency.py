@@ -105,14 +105,11 @@ def solver() -> ModuleType:
 
 
 def _unconstrained(found: Identification, scale: float) -> tuple[Array, Array]:
-    """Return the best parameters without the cone, and the way from there.
+    """Return the best parameters without the cone (s,), and U^-1 in SI units (s, s).
 
     With A = U'U the information of rows and nominal together, parameters best +
     U^-1 e cost e'e more than the best: in e the solver sees a round bowl, whatever
     the units and however unequal the knowledge of single parameters.
-
-    Returns:
-        best (s,), U^-1 in SI units (s, s).
     """
     estimate, start = found.estimate, found.nominal.coefficients()
     unit = np.sqrt(np.diag(found.spread))
@@ -182,11 +179,7 @@ def _checked(model: Model) -> Model:
 
 
 def link_scales(robot: Robot) -> Array:
-    """Return the square root of the size of each link's pseudo-inertia: sqrt(m) (r, 1).
-
-    Returns:
-        Shape (dof, 4).
-    """
+    """Return the root of the size of each pseudo-inertia: sqrt(m) (r, 1). (dof, 4)."""
     out, bodies = [], list(robot.model.inertias)[1:]
     least = _FLOOR_MASS * sum(body.mass for body in bodies)
     for body in bodies:
@@ -216,16 +209,10 @@ def least_eigenvalues(model: Model) -> Array:
 
 
 def least_mass_matrix(model: Model, poses: int = POSES, seed: int = 0) -> float:
-    """Return the smallest eigenvalue of M(q), rotors included, over random poses.
+    """Return the least eigenvalue of M(q) [kg m^2], rotors included, over random poses.
 
     M is positive definite for every pose where it is for every one that was tried
     only in all likelihood; for consistent links it is proved.
-
-    Args:
-        model: Rigid body and effects; rotors add to the diagonal.
-
-    Returns:
-        Eigenvalue [kg m^2]; negative where M is not positive definite.
     """
     robot, rng = model.robot, np.random.default_rng(seed)
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)

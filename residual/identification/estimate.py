@@ -136,11 +136,7 @@ class Estimate:
 
 
 def compress(rows: Rows, weights: tuple[Array, ...] | None = None) -> Blocks:
-    """Return R_j of every joint, shapes (at most b + 1, b + 1).
-
-    Args:
-        weights: A weight of each row, or None. Shapes (m_j,).
-    """
+    """Return R_j of every joint, (at most b + 1, b + 1), of rows or weighted rows."""
     out = []
     for j, (x, y) in enumerate(zip(rows.x, rows.y, strict=True)):
         both = np.column_stack([x, y])
@@ -199,11 +195,7 @@ def residuals(rows: Rows, theta: Array) -> tuple[Array, ...]:
 
 
 def autocorrelation(rows: Rows, left: tuple[Array, ...]) -> Array:
-    """Return how many rows tell as much as one independent row would. Shape (dof,).
-
-    Args:
-        left: Residuals of each joint's rows. Shapes (m_j,).
-    """
+    """Return how many rows of residuals (m_j,) tell as much as one would. (dof,)."""
     out = np.ones(len(left))
     for j, (values, series) in enumerate(zip(left, rows.series, strict=True)):
         lines = []

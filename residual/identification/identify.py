@@ -66,11 +66,7 @@ class Essential:
 def reduce(
     blocks: tuple[Array, ...], start: Start, estimate: Estimate, every: int
 ) -> Essential:
-    """Drop parameters one by one.
-
-    Args:
-        estimate: The full fit; its weights are kept.
-    """
+    """Drop parameters one by one; the full fit's weights are kept."""
     weight = estimate.weight
     rows = float(estimate.independent.sum())
     least = float(weight @ squares(blocks, estimate.theta))

@@ -40,11 +40,7 @@ class AccelerationError:
 def torque_errors(
     models: Mapping[str, Model], recordings: Sequence[Recording]
 ) -> dict[str, Errors]:
-    """Return the error of torque from motion, of several models on unseen logs.
-
-    Args:
-        models: Models of one signal path, by name.
-    """
+    """Return the error of torque from motion on unseen logs, of models by name."""
     if not models or not recordings:
         raise InputError("Validation needs at least one model and one held-out log.")
     some = next(iter(models.values()))
@@ -80,14 +76,9 @@ def acceleration_error(
 
 
 def acceleration(model: Model, track: Track, tau: Array) -> Array:
-    """Return the acceleration that a torque gives the model [rad/s^2].
+    """Return the acceleration that a torque [N m] gives the model [rad/s^2]. (n, dof).
 
-    Args:
-        model: Body and effects. Effects may depend on acceleration linearly.
-        tau: Torque at the same samples [N m]. Shape (n, dof).
-
-    Returns:
-        Shape (n, dof).
+    Effects may depend on acceleration linearly.
     """
     still = replace(track, qdd=np.zeros_like(track.qdd))
     state = model.observe(still)

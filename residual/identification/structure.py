@@ -140,17 +140,11 @@ def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> Ro
 
 
 def doubt(model: Model, rms: Array, columns: Array) -> Array:
-    """Return how much each nominal coefficient is doubted at a relative scale of 1.
+    """Return how much each nominal coefficient is doubted, at a relative scale of 1.
 
-    Inertia as in ``prior``; the coefficient of an effect by its own size, or, where
-    that is 0, by what would make 30 % of the torque.
-
-    Args:
-        rms: Torque rms of each joint [N m]. Shape (dof,).
-        columns: All columns on some states. Shape (n, dof, s).
-
-    Returns:
-        Covariance. Shape (s, s).
+    A covariance (s, s): inertia as in ``prior``; the coefficient of an effect by its
+    own size, or, where that is 0, by what would make 30 % of the torque, given the
+    torque rms of each joint [N m] and all columns on some states (n, dof, s).
     """
     size = len(model.inertial)
     coefficients = model.coefficients()
@@ -167,12 +161,9 @@ def doubt(model: Model, rms: Array, columns: Array) -> Array:
 
 
 def load(model: Model) -> Array:
-    """Return what a usual load would add to each coefficient, 0 for effects.
+    """Return what a usual load adds to each coefficient, 0 for effects. Shape (s,).
 
     However small a link's nominal inertia is, it may carry a tool.
-
-    Returns:
-        Standard deviations [SI]. Shape (s,).
     """
     out = np.zeros(len(model.coefficients()))
     mass = _LOAD * sum(body.mass for body in model.robot.model.inertias)

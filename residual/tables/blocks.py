@@ -14,14 +14,7 @@ EXHAUSTED = 1e-12
 
 
 def as_block(values: Array, name: str) -> Array:
-    """Return a block as float64, two-dimensional and finite.
-
-    Args:
-        values: What was given. Shape (n, k), or (n,) for one column.
-
-    Returns:
-        The block. Shape (n, k).
-    """
+    """Return a block (n, k) as float64, finite; (n,) is one column."""
     block = np.asarray(values, dtype=float)
     block = block[:, None] if block.ndim == 1 else block
     if block.ndim != 2 or 0 in block.shape:
@@ -59,9 +52,7 @@ def as_names(names: Sequence[str] | None, count: int, letter: str) -> tuple[str,
 def check_varying(X: Array, names: Sequence[str], where: str = "") -> None:
     """Refuse constant columns: they carry no information and cannot be scaled.
 
-    Args:
-        X: The block. Shape (n, k).
-        where: Which rows these are, for the message; all of them if empty.
+    The message says which rows these are; all of them if `where` is empty.
     """
     spread = np.ptp(X, axis=0)
     constant = spread <= CONSTANT * np.abs(X).max(axis=0)

@@ -44,8 +44,7 @@ def build_lookup(
     main = [np.zeros((size, joints)) for size in levels.sizes]
     for j, option in enumerate(chosen):
         if option.kind == LEAST_SQUARES:
-            offset[j] = base.linear.offset[j]
-            slope[:, j] = base.linear.slope[:, j]
+            offset[j], slope[:, j] = (part[..., j] for part in base.linear)
         if option.ridge is not None:
             number = form.ridges.index(option.ridge)
             loaded = option.kind == LOADED
@@ -231,7 +230,7 @@ def _choose_ridge(X, Y, folds, bases, form, power) -> list[int]:
     order = np.argsort(form.ridges)[::-1]
     miss = []
     for keep, base in zip(_training(folds), bases, strict=True):
-        gap = Y[~keep] - base.predict(X[~keep], form).main[order]
+        gap = Y[~keep] - base.predict(X[~keep], form)[1][order]
         miss.append((gap**2).sum(axis=1))
     errors = HeldOut(folds.scheme, np.stack(miss, axis=1), power)
     return [int(order[simplest(errors, j)]) for j in range(Y.shape[1])]
@@ -244,17 +243,17 @@ def _all_options(X, Y, folds, bases, form, ridge) -> Array:
     for keep, base in zip(_training(folds), bases, strict=True):
         left = Y[keep] - _main(base, X[keep], ridge, form)
         rest = fit_rest(X[keep], left, run[keep], form)
-        parts = base.predict(X[~keep], form)
-        main = _of_joints(parts.main, ridge)
-        loaded = [_of_joints(parts.loaded, ridge)] if form.loads else []
+        linear, by_ridge, with_loads = base.predict(X[~keep], form)
+        main = _of_joints(by_ridge, ridge)
+        loaded = [_of_joints(with_loads, ridge)] if form.loads else []
         more = main + rest.predict(X[~keep], form)
-        guess = [np.zeros_like(main), parts.linear, main, *loaded, *more]
+        guess = [np.zeros_like(main), linear, main, *loaded, *more]
         miss.append(((Y[~keep] - np.stack(guess)) ** 2).sum(axis=1))
     return np.stack(miss, axis=1)
 
 
 def _main(base: Base, X: Array, ridge: list[int], form: EffectForm) -> Array:
-    return _of_joints(base.predict(X, form).main, ridge)
+    return _of_joints(base.predict(X, form)[1], ridge)
 
 
 def _of_joints(by_ridge: Array, ridge: list[int]) -> Array:

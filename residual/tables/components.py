@@ -193,11 +193,7 @@ def real_components(
     """Count the leading components with more variance than chance gives.
 
     A component counts if its eigenvalue, and those of all before it, exceed the
-    quantile of the same eigenvalue over the surrogates.
-
-    Args:
-        X: Signals as columns. Shape (n, k).
-        run: Run of each row: surrogates are drawn within runs. Shape (n,); one if None.
+    quantile of the same eigenvalue over the surrogates, which are drawn within runs.
     """
     X = as_block(X, "X")
     check_varying(X, as_names(None, X.shape[1], "x"))
@@ -219,14 +215,9 @@ def real_components(
 
 
 def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:
-    """Return signals of the same amplitude spectra with independent random phases.
+    """Return signals of given one-sided spectra with independent random phases.
 
-    Args:
-        spectrum: One-sided transform of each column (`numpy.fft.rfft`).
-            Shape (rows // 2 + 1, k).
-
-    Returns:
-        Signals; mean and amplitude at every frequency are kept. Shape (rows, k).
+    Mean and amplitude at every frequency are kept. (rows // 2 + 1, k) to (rows, k).
     """
     turn = np.exp(2j * np.pi * rng.random(spectrum.shape))
     # Mean and, for an even length, the highest frequency must stay real.

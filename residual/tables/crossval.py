@@ -88,10 +88,8 @@ def systematic_repeats(
 ) -> Folds:
     """Hold out sequential blocks of a period in all of a run's repetitions together.
 
-    Args:
-        run: Run of each row. Shape (n,).
-        period: Rows of one period: of all runs, or by run.
-        blocks: Blocks in all; each run gets an equal number, rounded up.
+    A period has so many rows, of all runs or by run; each run gets an equal number of
+    the blocks, rounded up.
     """
     run = np.asarray(run)
     _check_blocks(len(run), blocks)
@@ -136,13 +134,10 @@ def check_folds(folds: Folds, rows: int) -> None:
 def simplest(errors: HeldOut, joint: int) -> int:
     """The first choice that is as good as the best, within one standard error.
 
-    The standard error is that of the difference to the best over the folds: runs differ
-    in how hard they are, which says nothing about the choice (Breiman et al. 1984 take
-    that of the best itself). A difference under 2 % of the squared error is none.
-
-    Args:
-        errors: Errors of choices that are ordered from simple to involved.
-        joint: Response, from 0.
+    Choices are ordered from simple to involved. The standard error is that of the
+    difference to the best over the folds: runs differ in how hard they are, which says
+    nothing about the choice (Breiman et al. 1984 take that of the best itself). A
+    difference under 2 % of the squared error is none.
     """
     miss = errors.miss[:, :, joint] / max(errors.power[:, joint].sum(), 1e-300)
     best = int(np.argmin(miss.sum(axis=1)))

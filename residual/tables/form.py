@@ -67,18 +67,11 @@ class Loaded:
 def fit_loaded(
     normal: Normal, pyramid: Pyramid, pairs: Array, Y: Array, ridges: Sequence[float]
 ) -> tuple[Loaded, ...]:
-    """Fit main effects together with one table per joint.
+    """Fit main effects together with one table per joint, once per ridge.
 
     The equations of the main effects are solved already; what a table adds is a Schur
-    complement of its own size.
-
-    Args:
-        pairs: Speed [rad/s] and load [N m] of each joint by turns. Shape (n, 2 j).
-        Y: Responses [N m]. Shape (n, j).
-        ridges: Ridges per 20 000 rows; of the tables as of the main effects.
-
-    Returns:
-        One fit per ridge.
+    complement of its own size. Pairs are speed [rad/s] and load [N m] of each joint by
+    turns, shape (n, 2 j); ridges, per 20 000 rows, are of tables as of main effects.
     """
     speeds = tuple(range(0, pairs.shape[1], 2))
     layers = [
@@ -189,59 +182,32 @@ class Option:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Linear:
-    """Least squares with a constant, the LS of the paper's table 1.
-
-    Attributes:
-        offset: Constant. Shape (j,).
-        slope: Coefficients, units of Y per unit of X. Shape (d, j).
-    """
-
-    offset: Array
-    slope: Array
-
-    def predict(self, X: Array) -> Array:
-        """Return offset + X slope. Shape (m, j)."""
-        return self.offset + X @ self.slope
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class Base:
     """What needs no choice before it: least squares, and main effects by ridge.
 
     Attributes:
-        linear: Least squares.
+        linear: Least squares with a constant, the LS of the paper's table 1: constant
+            (j,), and coefficients in units of Y per unit of X (d, j).
         main: Main effects, one fit per ridge of the form.
         loaded: The same with tables of speed and load; none where there are no loads.
     """
 
-    linear: Linear
+    linear: tuple[Array, Array]
     main: tuple[MainEffects, ...]
     loaded: tuple[Loaded, ...]
 
-    def predict(self, X: Array, form: EffectForm) -> "Parts":
-        """Return the corrections of all parts."""
+    def predict(self, X: Array, form: EffectForm) -> tuple[Array, Array, Array]:
+        """Return corrections [N m] by least squares, main effects, and with loads.
+
+        Shapes (m, j), (ridges, m, j) and the same, or (0,) where there are no loads.
+        """
         X = as_block(X, "X")
         plain, loads = form.states(X), form.speeds_and_loads(X)
         codes = self.main[0].levels.encode(plain)
+        offset, slope = self.linear
         main = np.stack([fit.read(codes) for fit in self.main])
         loaded = [fit.predict(plain, loads) for fit in self.loaded]
-        return Parts(self.linear.predict(plain), main, np.array(loaded))
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Parts:
-    """Corrections by the parts of a base [N m].
-
-    Attributes:
-        linear: Least squares. Shape (m, j).
-        main: Main effects by ridge. Shape (ridges, m, j).
-        loaded: The same with tables of speed and load. (ridges, m, j), or (0,).
-    """
-
-    linear: Array
-    main: Array
-    loaded: Array
+        return offset + plain @ slope, main, np.array(loaded)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -296,13 +262,9 @@ def fit_base(X: Array, Y: Array, form: EffectForm) -> Base:
 
 
 def fit_rest(X: Array, rest: Array, run: Array, form: EffectForm) -> Rest:
-    """Fit pair tables to what main effects leave.
+    """Fit pair tables to what main effects leave of the responses [N m], shape (n, j).
 
-    Args:
-        X: Variables. Shape (n, d).
-        rest: Responses less main effects [N m]. Shape (n, j).
-        run: Run of each row: a named table must predict each run from the others. (n,).
-        form: What may be chosen from.
+    A named table must predict each run from the others.
     """
     X = form.states(X)
     levels = pair_levels(X, form.state_names(), form.velocities)
@@ -320,10 +282,10 @@ def _fit_pairs(X: Array, rest: Array, form: EffectForm) -> NominalPls | None:
     return fit_nominal_pls(X, rest, pairs, levels, fewer=True)
 
 
-def fit_linear(X: Array, Y: Array) -> Linear:
-    """Least squares of Y on the columns of X and a constant (paper, table 1)."""
+def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:
+    """Least squares of Y: a constant (j,), and coefficients of X's columns (d, j)."""
     mean, scale = X.mean(axis=0), X.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     slope = np.linalg.lstsq((X - mean) / scale, Y - Y.mean(axis=0), rcond=None)[0]
     slope = slope / scale[:, None]
-    return Linear(Y.mean(axis=0) - mean @ slope, slope)
+    return Y.mean(axis=0) - mean @ slope, slope

@@ -18,57 +18,39 @@ from residual.tables.blocks import as_block, check_count, frozen
 from residual.tables.lookup import Lookup, Table
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Importance:
-    """Contributions over the rows of a log.
-
-    Attributes:
-        names: Variables first, then pairs, as "q2 * qd3".
-        rms: Size of the contribution about its mean [N m]. Shape (terms, j).
-    """
-
-    names: tuple[str, ...]
-    rms: Array
-
-
-def table_importance(lookup: Lookup, X: Array) -> Importance:
-    """Return the size of each term's contribution on given rows.
-
-    Args:
-        X: Rows to judge it on. Shape (n, d).
+def table_importance(lookup: Lookup, X: Array) -> dict[str, Array]:
+    """Return the size of each term's contribution about its mean on rows X (n, d).
 
     Returns:
-        Variables in order, then every pair that has a table.
+        Variables in order, then every pair that has a table, as "q2 * qd3": [N m],
+        shapes (j,).
     """
     X = as_block(X, "X")
     level = [a.edges.searchsorted(X[:, a.variable], side="right") for a in lookup.axes]
     main = {v: X[:, [v]] * lookup.slope[v] for v in range(len(lookup.names))}
-    pairs: dict[tuple[int, int], Array] = {}
+    pairs: dict[tuple[int, ...], Array] = {}
     for table in lookup.tables:
         variables = tuple(lookup.axes[a].variable for a in table.axes)
         at = [level[a] for a in table.axes]
         if len(variables) == 1:
             main[variables[0]] = main[variables[0]] + table.values[at[0]]
             continue
-        first, second, both = split_pair(table, *at)
-        main[variables[0]] = main[variables[0]] + first[at[0]]
-        main[variables[1]] = main[variables[1]] + second[at[1]]
+        *own, both = split_pair(table, *at)
+        for variable, effect, k in zip(variables, own, at, strict=True):
+            main[variable] = main[variable] + effect[k]
         pairs[variables] = pairs.get(variables, 0.0) + both[at[0], at[1]]
-    names = [*lookup.names]
-    names += [f"{lookup.names[a]} * {lookup.names[b]}" for a, b in pairs]
-    parts = [*main.values(), *pairs.values()]
-    return Importance(tuple(names), frozen(np.stack([p.std(axis=0) for p in parts])))
+    parts = {(v,): part for v, part in main.items()} | pairs
+    return {
+        " * ".join(lookup.names[v] for v in variables): part.std(axis=0)
+        for variables, part in parts.items()
+    }
 
 
 def split_pair(table: Table, first: Array, second: Array) -> tuple[Array, ...]:
     """Split a pair table into two main effects and what only both can say.
 
-    min over r, c of the sum over rows of (v_ab - r_a - c_b)^2, level by level.
-
-    Args:
-        table: A table of two axes.
-        first: Levels of the rows on its first axis. Shape (n,).
-        second: Levels of the rows on its second axis. Shape (n,).
+    min over r, c of the sum over rows of (v_ab - r_a - c_b)^2, level by level, given
+    the levels of the rows on either axis.
 
     Returns:
         r, c and v - r - c; they add up to the table. Shapes (k1, j), (k2, j) and
@@ -118,13 +100,9 @@ class Jackknife:
 
 
 def jackknife(left_out: Array, full: Array) -> Jackknife:
-    """Return standard errors from fits that leave one group out each.
+    """Return standard errors from fits (G, ...) that leave one group out each.
 
     s^2 = (G - 1) / G sum_g (b_g - b)^2    (Martens and Martens 2001)
-
-    Args:
-        left_out: Fitted numbers without each group. Shape (G, ...).
-        full: The same fitted to all rows. Shape (...).
     """
     left_out, full = np.asarray(left_out, float), np.asarray(full, float)
     groups = check_count(len(left_out), 2, 2**62, "groups", "Take more runs.")

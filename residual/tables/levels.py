@@ -51,11 +51,7 @@ class Levels:
         return tuple(len(edges) + 1 for edges in self.edges)
 
     def encode(self, X: Array) -> "Codes":
-        """Return the level of every value; the outermost levels reach to infinity.
-
-        Args:
-            X: Variables in the units of the edges. Shape (n, d).
-        """
+        """Return the level of every value; the outermost reach to infinity. (n, d)."""
         X = as_block(X, "X")
         if X.shape[1] != len(self.edges):
             raise InputError(
@@ -103,9 +99,7 @@ Count = int | Sequence[int]  # levels of all variables, or of each
 def equal_levels(X: Array, count: Count, names: Sequence[str] | None = None) -> Levels:
     """Equally wide levels over the range of each variable (paper, section 2.6.1).
 
-    Args:
-        X: Calibration rows. Shape (n, d).
-        count: Levels of all variables, or of each, at least 2.
+    Count is of levels of all variables, or of each, at least 2.
     """
     X, names, counts = _checked(X, count, names)
     low, high = X.min(axis=0), X.max(axis=0)
@@ -132,8 +126,6 @@ def quantile_levels(
     tell one side from the other.
 
     Args:
-        X: Calibration rows. Shape (n, d).
-        count: Levels of all variables, or of each, at least 2.
         velocities: Columns (from 0) that hold velocities [rad/s].
         constant: Whether a column may be constant; all of it is then in one level.
     """
@@ -149,13 +141,8 @@ def quantile_levels(
 def shift_ahead(X: Array, Y: Array, run: Array | None = None) -> tuple[Array, ...]:
     """Pair X(t) with Y(t + 1), the paper's step-ahead form (section 2.4).
 
-    Args:
-        X: Regressors. Shape (n, k).
-        Y: Responses. Shape (n, j).
-        run: Run of each row; the last row of a run has no successor. (n,); one if None.
-
-    Returns:
-        X(t), Y(t + 1) and the rows of X that are left. Shapes (m, k), (m, j), (m,).
+    Returns X(t), Y(t + 1) and the rows of X that are left: the last row of a run has no
+    successor.
     """
     X, Y = as_pair(X, Y)
     run = np.zeros(len(X), int) if run is None else np.asarray(run)
@@ -231,9 +218,8 @@ class Cells:
 def merge_rows(codes: Codes) -> Cells:
     """Merge rows that have all levels in common.
 
-    Returns:
-        The cells; neighbours share their first variables, so that tables that are
-        read one after the other lie close in memory.
+    Neighbours share their first variables, so that tables that are read one after the
+    other lie close in memory.
     """
     key = _keys(codes)
     _, first, of_row, count = np.unique(

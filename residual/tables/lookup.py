@@ -90,12 +90,8 @@ def pack(
 def find_triples(pairs: Sequence[Pair], sizes: Sequence[int]) -> list[tuple]:
     """Choose triples of axes whose three pairs are all given, no pair used twice.
 
-    Args:
-        pairs: Pairs of axes, the smaller number first.
-        sizes: Levels of each axis: a triple must not have more than CUBE cells.
-
-    Returns:
-        The triples; as many as a search of bounded length finds.
+    As many as a search of bounded length finds; of the axes, with so many levels each,
+    no triple may have more than CUBE cells. The smaller axis of a pair comes first.
     """
     best: list[tuple] = []
     tries = 0
@@ -211,12 +207,7 @@ class Lookup:
         return out
 
     def predict_row(self, x: Array, out: Array) -> None:
-        """Write the correction of one row into `out`, unchecked: for control loops.
-
-        Args:
-            x: Variables; float64. Shape (d,).
-            out: Where the correction goes; float64. Shape (j,).
-        """
+        """Write the correction of x (d,) into out (j,), float64, unchecked."""
         kernels.evaluate_row(x, self.packed, out)
 
     def outside(self, X: Array) -> Array:
@@ -227,9 +218,7 @@ class Lookup:
     def predict_levels(self, levels: Array) -> Array:
         """Return offset and tables at levels that are known; the slope needs values.
 
-        Args:
-            levels: Level of each row on each axis, from 0; unsigned, 1 or 2 bytes.
-                Shape (m, axes).
+        Levels are of each row on each axis, from 0; unsigned, 1 or 2 bytes. (m, axes).
         """
         out = np.empty((len(levels), len(self.joints)))
         kernels.evaluate_levels(np.ascontiguousarray(levels), self.packed, out)
@@ -285,13 +274,10 @@ FORM = 1  # of the exported files; raised when they change
 
 
 def export_lookup(lookup: Lookup) -> dict[str, bytes]:
-    """Return the files of an export by name; whoever calls writes them.
+    """Return the files of an export by name; the same bytes for the same tables.
 
     `model.npz` holds everything, `tables.csv` the same cells to read, `model.json` what
     the tables are, `evaluate.py` evaluates the NPZ with numpy alone.
-
-    Returns:
-        File name and content; the same bytes for the same tables.
     """
     evaluator = resources.files(__package__).joinpath("evaluate.py")
     return {

@@ -99,9 +99,7 @@ class Normal:
     def cross(self, cell: Array, share: Array) -> Array:
         """Products of the directions with indicators of cells, centred. (r, size).
 
-        Args:
-            cell: Cell of each row. Shape (n,).
-            share: Share of the rows in each. Shape (size,).
+        Given the cell of each row, and the share of the rows in each cell.
         """
         size = len(share)
         counts = [
@@ -134,9 +132,8 @@ def make_pyramid(
 def unite(layers: Sequence[Levels]) -> list[tuple[Array, list[Array]]]:
     """Return the union of all edges of each variable, and what is one level where.
 
-    Returns:
-        By variable: edges, and for each width the level that each level of the union
-        is in. Shapes (k - 1,), (k,).
+    By variable: edges (k - 1,), and for each width the level (k,) that each level of
+    the union is in.
     """
     out = []
     for own in zip(*(layer.edges for layer in layers), strict=True):
@@ -159,14 +156,7 @@ def root_of(groups: Sequence[Array]) -> Array:
 def main_effects(
     normal: Normal, pyramid: Pyramid, ridges: Sequence[float] = RIDGES
 ) -> tuple[MainEffects, ...]:
-    """Fit all tables by ridge regression, for several ridges at once.
-
-    Args:
-        ridges: Ridges per 20 000 rows, above 0.
-
-    Returns:
-        One fit per ridge.
-    """
+    """Fit all tables by ridge regression, once per ridge (per 20 000 rows, above 0)."""
     if not len(ridges) or min(ridges) <= 0:
         raise InputError(
             f"ridges must be above 0, got {list(ridges)}: levels of several widths "
@@ -256,18 +246,11 @@ def pair_levels(
 def add_pairs(
     codes: Codes, rest: Array, run: Array, most: int = MOST
 ) -> tuple[NamedPair, ...]:
-    """Add tables greedily, each the best on runs left out.
+    """Add tables of one response greedily, each the best on runs left out.
 
     A cell's correction is its sum over its count plus a ridge. The gain of a table is
-    the drop of the squared rest of each run under a table of the other runs.
-
-    Args:
-        rest: One response after main effects [N m]. Shape (n,).
-        run: Run of each row. Shape (n,).
-        most: Tables at most.
-
-    Returns:
-        The tables in the order they were found; none if none gains 3 %.
+    the drop of the squared rest of each run under a table of the other runs. None that
+    gains less than 3 % comes back.
     """
     _, run = np.unique(run, return_inverse=True)
     pairs = list(combinations(range(len(codes.sizes)), 2))

@@ -65,16 +65,8 @@ def nominal_errors(
 ) -> tuple[HeldOut, ...]:
     """Errors of 0 to A components on held-out rows, for several schemes at once.
 
-    Levels are those of all rows: the responses of held-out rows stay unseen, but their
-    range is known.
-
-    Args:
-        X: Variables. Shape (n, d).
-        Y: Responses [N m]. Shape (n, j).
-        torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
-
-    Returns:
-        Errors of each scheme; choice a has a components.
+    Levels are those of all rows: the responses [N m] of held-out rows stay unseen, but
+    their range is known. Errors are relative to the measured torque [N m].
     """
     X, Y = as_pair(X, Y)
     form = form or NominalForm()
@@ -199,8 +191,6 @@ def choose_levels(
     """Choose levels and components of the paper's form.
 
     Args:
-        X: Variables. Shape (n, d).
-        Y: Responses [N m]. Shape (n, j).
         group: Run of each row, or block where runs are few. Shape (n,).
         torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
         form: The form; its components are the most that are tried.

@@ -69,13 +69,10 @@ def spe_limit(spe: Array, alpha: float = ALPHA) -> float:
 
 
 def speed_classes(speed: Array) -> Array:
-    """Number of `CLASSES` that each joint's speed is in, row by row. Shape (n, j).
+    """Number of `CLASSES` that each speed [rad/s] is in. Shape (n, j).
 
     Residuals at standstill are of another size than those in motion: under one scale
     for all, every slow row is an outlier, or none.
-
-    Args:
-        speed: Speeds [rad/s]. Shape (n, j).
     """
     size = np.abs(speed)
     usual = np.quantile(size, 0.95, axis=0)
@@ -87,13 +84,8 @@ def nominal_distances(
 ) -> Distances:
     """Distances of calibration rows in the nominal form; no row of X is ever formed.
 
-    SPE = x'x - 2 x'xbar + xbar'xbar - 2 t'P'(x - xbar) + t'P'P t: reads of tables.
-
-    Args:
-        X: Variables. Shape (n, d).
-        Y: Responses. Shape (n, j).
-        classes: Class of each response and row, each with a scale of its own; None for
-            one scale. Shape (n, j).
+    SPE = x'x - 2 x'xbar + xbar'xbar - 2 t'P'(x - xbar) + t'P'P t: reads of tables. Each
+    class (n, j) of responses and rows has a scale of its own.
     """
     X, Y = as_pair(X, Y)
     table = np.vstack([model.V, model.P, model.x_mean[None]])
