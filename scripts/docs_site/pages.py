@@ -1,8 +1,212 @@
 """The generated pages of the site, as Markdown: effects, their list, the glossary."""
 
+import ast
+import json
+import re
+from collections import Counter, defaultdict
+from functools import cache
+from importlib.util import find_spec
+from inspect import cleandoc
+from pathlib import Path
+
+import modelgap as mg
+from flows.cli.app import _COMMANDS
 from flows.report.words.explain import TERMS, VERDICTS, effect_page
 from residual.effects import registry
-from scripts.docs_site import alike, commands, curve, found
+from scripts.docs_site import curve
+
+_ENTRY = re.compile(r"^    (\w+): (.*(?:\n        .*)*)", re.M)
+
+
+def commands_page() -> str:
+    """Return every command with all of its options, as Markdown."""
+    parts = [
+        "# Commands",
+        "What `modelgap COMMAND --help` prints, in one place. Exit codes: 0 done, "
+        "whatever was found; 1 the run failed; 2 bad usage or input; 130 interrupted.",
+    ]
+    for heading, commands in _COMMANDS.items():
+        parts.append(f"## {heading}")
+        parts += [
+            _command_section(name, source_of(place[0]))
+            for name, place in commands.items()
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
+def source_of(place: str) -> ast.FunctionDef:
+    """Return the source of a command, given as MODULE:FUNCTION below `flows.cli`."""
+    module, _, name = place.partition(":")
+    source = Path(find_spec(f"flows.cli.{module}").origin).read_text(encoding="utf-8")
+    (node,) = (
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.FunctionDef) and node.name == name
+    )
+    return node
+
+
+def option_words(node: ast.FunctionDef) -> dict[str, str]:
+    """Return every word and option of a command, by its argument, as it is shown."""
+    given = [*node.args.posonlyargs, *node.args.args]
+    out = {one.arg: f"`{_dashed(one.arg).upper()}`" for one in given}
+    if node.args.vararg:
+        out[node.args.vararg.arg] = f"`{_dashed(node.args.vararg.arg).upper()}...`"
+    for one, usual in zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True):
+        plain = isinstance(usual, ast.Constant) and not isinstance(usual.value, bool)
+        shown = plain and usual.value not in (None, "")
+        default = f" (`{usual.value}`)" if shown else ""
+        out[one.arg] = f"`--{_dashed(one.arg)}`{default}"
+    return out
+
+
+def _command_section(name: str, node: ast.FunctionDef) -> str:
+    about, _, arguments = cleandoc(ast.get_docstring(node)).partition("\n\nArgs:\n")
+    entries = _ENTRY.findall(arguments.replace("|", "\\|"))
+    told = {key: " ".join(says.split()) for key, says in entries}
+    rows = [
+        f"| {shown} | {told.get(key, '')} |"
+        for key, shown in option_words(node).items()
+    ]
+    table = "\n".join(["| word or option | what it is |", "| --- | --- |", *rows])
+    return "\n\n".join([f"### {name}", about, *([table] if rows else [])])
+
+
+def _dashed(name: str) -> str:
+    return name.rstrip("_").replace("_", "-")
+
+
+RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
+FILES = ("diagnosis.json", "diagnosis_fresh.json")
+RIGHT = ("right", "class")  # by its own name, or by an equivalent
+NOT_MEASURED = "not measured"
+
+
+@cache
+def _read(name: str) -> dict:
+    return json.loads((RESULTS / name).read_text(encoding="utf-8"))
+
+
+def recorded_rows(name: str) -> list[str]:
+    """Return a Markdown row per recorded run and group of cases for one effect."""
+    out = []
+    for file in FILES:
+        result = _read(file)
+        made = f"{result['commit'][:7]}, {result['date'][:10]}"
+        for group, what in (
+            ("singles", "alone, three times its detectable size or more"),
+            ("usual", "alone, at a usual size where no multiple could be drawn"),
+            ("detection", "at exactly its detectable size (a half is expected)"),
+        ):
+            cases = _cases(result, group, name)
+            if cases:
+                right = sum(case["outcome"] in RIGHT for case in cases)
+                told = f"{right} of {len(cases)} | {result['seeds']} | {made}"
+                out.append(f"| {what} | {told} |")
+    return out
+
+
+def _cases(result: dict, group: str, name: str) -> list[dict]:
+    if group == "detection":
+        chosen = result["cases"].get("detection", ())
+        return [case for case in chosen if case["effect"] == name]
+    usual = group == "usual"
+    return [
+        case
+        for case in result["cases"].get("singles", ())
+        if case["effect"] == name and (case["multiple"] is None) == usual
+    ]
+
+
+def named_instead(name: str) -> Counter[str]:
+    """Return what was named first in its place, where it was hidden alone."""
+    return Counter(
+        case["named_first"]
+        for file in FILES
+        for group in ("singles", "detection", "forms")
+        for case in _read(file)["cases"].get(group, ())
+        if case["effect"] == name and case["named_first"] not in (None, name)
+    )
+
+
+def how_often_found(name: str) -> str:
+    """Return the section of an effect's page."""
+    table = recorded_rows(name)
+    if not table:
+        return f"{NOT_MEASURED.capitalize()}: no recorded run has hidden it."
+    head = "| hidden on a simulated arm | right | seeds | code |"
+    return "\n".join([head, "| --- | --- | --- | --- |", *table])
+
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "hidden"
+
+
+@cache
+def _on_the_example() -> dict[str, tuple[int, Counter[str]]]:
+    """By name: on how many joints it would show, and on how many not alone."""
+    robot = mg.load_robot("irb140")
+    fit = mg.read_logs([str(EXAMPLE / f"fit_{i}.csv") for i in (1, 2, 3)], robot)
+    places: Counter[str] = Counter()
+    others: dict[str, Counter[str]] = defaultdict(Counter)
+    for one in mg.diagnose(robot, fit).verdict.minimum_detectable:
+        places[one.name] += 1
+        others[one.name].update({other.name for other in one.confusable} - {one.name})
+    return {name: (count, others[name]) for name, count in places.items()}
+
+
+def confused_with(name: str) -> str:
+    """Return the section of an effect's page."""
+    return "\n\n".join(
+        part for part in (_family(name), _example(name), _recorded(name)) if part
+    )
+
+
+def _family(name: str) -> str:
+    family = registry()[name].family
+    same = [n for n, e in registry().items() if e.family == family and n != name]
+    if not family or not same:
+        return ""
+    return (
+        f"On one joint only one of these is named, since small motion does not tell "
+        f"them apart: {_links(same)}."
+    )
+
+
+def _example(name: str) -> str:
+    count, others = _on_the_example().get(name, (0, Counter()))
+    if not count:
+        return (
+            "The logs of `examples/hidden` were not asked about it: no size shows, "
+            "or it is what they have."
+        )
+    if not others:
+        return (
+            "On the motion of `examples/hidden`, at three times its smallest "
+            "detectable size, it is confused with nothing."
+        )
+    told = ", ".join(f"{_link(o)} ({n} of {count})" for o, n in others.most_common())
+    return (
+        "On the motion of `examples/hidden`, at three times its smallest detectable "
+        f"size, these could not be told from it (on so many of the places where it may "
+        f"sit): {told}."
+    )
+
+
+def _recorded(name: str) -> str:
+    named = named_instead(name)
+    if not named:
+        return ""
+    told = ", ".join(f"{_link(o)} {n} times" for o, n in named.most_common())
+    return f"In the recorded runs below another name came first: {told}."
+
+
+def _links(names) -> str:
+    return ", ".join(map(_link, names))
+
+
+def _link(name: str) -> str:
+    return f"[{name}]({name}.md)"
+
 
 FOLDER = "effects"
 
@@ -10,7 +214,7 @@ FOLDER = "effects"
 def generated() -> dict[str, str]:
     """Return every generated page by its place below docs/."""
     pages = {f"{FOLDER}/{name}.md": _effect(name) for name in registry()}
-    return {**pages, "glossary.md": glossary(), "commands.md": commands.page()}
+    return {**pages, "glossary.md": glossary(), "commands.md": commands_page()}
 
 
 def _effect(name: str) -> str:
@@ -29,8 +233,8 @@ def _effect(name: str) -> str:
         [
             f"{head}{drawn}",
             f"{equation}{rest}",
-            f"## What it is confused with\n\n{alike.page(name)}",
-            f"## How often it is found\n\n{found.page(name)}",
+            f"## What it is confused with\n\n{confused_with(name)}",
+            f"## How often it is found\n\n{confused_with(name)}",
             "What the rows mean, and all other figures: "
             "[what was measured](../benchmarks.md).",
             f"Its file: `residual/effects/{name}.py`.",
