@@ -31,11 +31,11 @@ def test_a_page_shows_no_command_that_is_not_there(page):
 
 
 def test_the_reference_explains_every_option_of_every_command():
-    sections = re.split(r"^### ", pages.page(), flags=re.M)[1:]
+    sections = re.split(r"^### ", pages.commands_page(), flags=re.M)[1:]
     assert [section.split("\n")[0] for section in sections] == COMMANDS
     places = [place for group in _COMMANDS.values() for place, _ in group.values()]
     for section, place in zip(sections, places, strict=True):
-        wanted = pages.words(pages.function(place)).values()
+        wanted = pages.option_words(pages.source_of(place)).values()
         table = dict(re.findall(r"^\| (`.*) \| (.*) \|$", section, re.M))
         assert set(wanted) <= set(table), place
         assert [word for word in wanted if len(table[word]) < 8] == [], place

@@ -1,4 +1,4 @@
-"""A C99 header, compiled and run."""
+"""What is compiled here: a C99 header, run, and an FMU, played by FMPy."""
 
 import ctypes
 import os
@@ -19,6 +19,7 @@ from residual.export.exported import Exported, Motion, Whole, body_of, exciting
 from residual.export.fmu import SOURCE, fmu_parts, to_fmu
 from residual.recording import Array
 
+SIGNALS = ("q", "qd", "qdd")  # inputs of an FMU
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC")
 AROUND = """\
 #include "{header}"
@@ -93,9 +94,6 @@ def build(place: Path, sources: list[str], name: str, *flags: str) -> None:
     if done.returncode:
         reason = next((x for x in done.stderr.splitlines() if "error" in x), "")
         raise RunError(f"The C compiler refuses the export: {reason[:160]}")
-
-
-SIGNALS = ("q", "qd", "qdd")
 
 
 def make_fmu(whole: Whole) -> Exported:

@@ -1,4 +1,4 @@
-"""The figure of a round trip through a target."""
+"""Round trips of an export through what reads it: files, NumPy, Pinocchio, MuJoCo."""
 
 import json
 import runpy
@@ -21,6 +21,9 @@ from residual.model.record import from_record
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.urdf import build_model
+
+STATES = 1000  # random ones, of one comparison
+CREEP = 1e-3  # rad/s: dry friction must have its value from here on
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +109,6 @@ def loaded(made: Exported) -> Iterator:
         yield runpy.run_path(str(Path(folder) / "torque.py"))["torque"]
 
 
-STATES = 1000
-
-
 def prove_json(made: Exported) -> Proof:
     """Read the file and predict with it, along a motion."""
     again = from_record(json.loads(text_of(made)))
@@ -127,9 +127,13 @@ def prove_urdf(made: Exported) -> Proof:
     states = random_states(model.robot, STATES, speed)
     got = inverse_dynamics(read, *states.parts)
     got += states.qd * read.damping + np.sign(states.qd) * read.upperDryFrictionLimit
-    note = "gravity is not in a URDF: set it where the URDF is used"
-    notes = (note, _slow(speed)) if (read.upperDryFrictionLimit > 0).any() else (note,)
-    return compared("Pinocchio", got, model.torque(*states.parts), notes)
+    notes = ["gravity is not in a URDF: set it where the URDF is used"]
+    if (read.upperDryFrictionLimit > 0).any():
+        notes.append(
+            f"compared above {_listed(speed)} rad/s: below, dry friction here is "
+            "smooth and there it jumps"
+        )
+    return compared("Pinocchio", got, model.torque(*states.parts), tuple(notes))
 
 
 def prove_table(made: Exported) -> Proof:
@@ -153,18 +157,6 @@ def prove_table(made: Exported) -> Proof:
     return Proof(by, points, max(gaps), max(sizes), tuple(notes))
 
 
-def _slow(speed: np.ndarray) -> str:
-    shown = ", ".join(f"{v:.3g}" for v in speed)
-    return (
-        f"compared above {shown} rad/s: below, dry friction here is smooth and there "
-        "it jumps"
-    )
-
-
-RANDOM_STATES = 1000
-CREEP = 1e-3  # rad/s: dry friction must have its value from here on
-
-
 def prove_mjcf(made: Exported) -> Proof:
     """Compare MuJoCo's inverse dynamics on random states, where friction is all there.
 
@@ -174,7 +166,7 @@ def prove_mjcf(made: Exported) -> Proof:
     mujoco = extra("mujoco")
     model, text = body_of(made.carried), text_of(made)
     speed = saturated_speed(model)
-    states = random_states(model.robot, RANDOM_STATES, speed)
+    states = random_states(model.robot, STATES, speed)
     got = inverse(text, states)
     notes: tuple[str, ...] = ()
     if (np.array(mujoco_model(text).dof_frictionloss) > 0).any():
@@ -202,13 +194,16 @@ def inverse(text: str, states: Motion) -> Array:
 def _creeping(made: Exported, text: str, speed: Array) -> str:
     """By how much the two differ where our dry friction is smooth."""
     model = body_of(made.carried)
-    fast = random_states(model.robot, RANDOM_STATES, speed)
+    fast = random_states(model.robot, STATES, speed)
     rng = np.random.default_rng(1)  # the same states at every call
     qd = rng.uniform(-1, 1, fast.qd.shape) * speed
     slow = Motion(fast.t, fast.q, qd, 0 * fast.qdd)
     gap = np.abs(inverse(text, slow) - model.torque(*slow.parts)).max()
-    shown = ", ".join(f"{v:.3g}" for v in speed)
     return (
-        f"below {shown} rad/s dry friction is smooth here and jumps there: up to "
-        f"{gap:.3g} N m apart while the joints creep"
+        f"below {_listed(speed)} rad/s dry friction is smooth here and jumps there: "
+        f"up to {gap:.3g} N m apart while the joints creep"
     )
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{v:.3g}" for v in values)

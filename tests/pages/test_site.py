@@ -11,8 +11,7 @@ import yaml
 
 from residual.effects import registry
 from scripts.docs_site import curve
-from scripts.docs_site import pages as alike
-from scripts.docs_site.pages import glossary
+from scripts.docs_site.pages import glossary, how_often_found
 from tests.pages.page import ROOT
 
 
@@ -65,11 +64,11 @@ def test_an_effect_s_rate_is_that_of_the_recorded_figure():
     figures = json.loads(path.read_text(encoding="utf-8"))["figures"]
     for name, (right, total) in figures["singles_right"]["per_effect"].items():
         told = f"three times its detectable size or more | {right} of {total} |"
-        assert told in alike.page(name)
+        assert told in how_often_found(name)
 
 
 def test_an_effect_that_nobody_measured_says_so():
-    assert alike.page("creaking").startswith("Not measured")
+    assert how_often_found("creaking").startswith("Not measured")
 
 
 def test_the_glossary_has_a_heading_for_every_word():

@@ -189,17 +189,7 @@ def _judge(folder):
 
 
 def test_the_judge_runs_alone_with_numpy(folder):
-    words = [
-        sys.executable,
-        "-I",
-        "sealed/score.py",
-        "answers.json",
-        "--json",
-        "s.json",
-    ]
-    done = subprocess.run(
-        words, cwd=folder, capture_output=True, text=True, check=False
-    )
+    done = _judge(folder)
     assert done.returncode == 0, done.stderr
     assert "mine: 4 of 4 answered" in done.stdout
     figures = json.loads((folder / "s.json").read_text())["kinds"]["single"]
@@ -208,9 +198,7 @@ def test_the_judge_runs_alone_with_numpy(folder):
     assert figures["edit_over_oracle"] == {"median": 3.0, "n": 1}
     wrong = folder / "predictions" / "case_001" / "held_out_1.csv"
     _csv(wrong, np.zeros((3, 2)), "tau1,tau2")
-    done = subprocess.run(
-        words, cwd=folder, capture_output=True, text=True, check=False
-    )
+    done = _judge(folder)
     assert done.returncode == 2
     assert "(3, 2), expected (500, 2)" in done.stderr
 
