@@ -1,6 +1,5 @@
 """modelgap demo: the main job on an arm of our own, the truth shown last."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,16 +11,10 @@ from flows.report.stored import as_hidden, demo_page
 from flows.report.terminal.diagnosis import print_diagnosis, print_truth
 from flows.report.words.staged import Staged
 from flows.requests import Demo
-from flows.scheduled.surroundings import Surroundings, surrounded
-from flows.service.api import answers
-from flows.service.server import start_server
-from flows.service.state import CLIENT, read_running, store_key
-from flows.settings import API, cores, prefect_home, prepare_prefect, store_folder
+from flows.settings import store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of
-from flows.steps.experiment import load_engine
 from flows.storage.diagnosis import read_outcome
-from flows.workers.pool import Pool
 from sim.records import CLEAN, BackgroundWord
 from warehouse.objects.mirror import shown
 
@@ -43,8 +36,8 @@ class Made:
     page: Path
 
 
-def run_plain(asked: Demo, progress: Progress | None = None) -> Made:
-    """Do all steps one after the other, without Prefect.
+def run(asked: Demo, progress: Progress | None = None) -> Made:
+    """Do all steps one after the other.
 
     Args:
         asked: Which demonstration.
@@ -55,40 +48,6 @@ def run_plain(asked: Demo, progress: Progress | None = None) -> Made:
     ids = diagnose_runs(request_of(runs, store), progress)
     hidden = steps.open_seal(runs, ids[0], store)
     return Made(*ids, hidden, demo_page(ids, runs["fit"][0], hidden, store))
-
-
-def run_flow(asked: Demo, progress: Progress | None = None) -> Made:
-    """Do the same steps as a Prefect flow; no server need run.
-
-    A server that PREFECT_API_URL names and that answers is used, else one of our own.
-
-    Args:
-        asked: Which demonstration; Prefect's own files go into its store too.
-        progress: Told the stage and the share done.
-    """
-    store = store_folder(asked.store)
-    home = prefect_home(store)
-    prepare_prefect(home)
-    own = None if answers(os.environ.get(API)) else start_server(home)
-    running = read_running(home)
-    if running and running.url == os.environ.get(API):
-        os.environ.setdefault(CLIENT, store_key(home))
-    with Pool(cores()) as pool:
-        # A server takes as long to start as the processes take to load the engine.
-        pool.warm(load_engine)
-        if progress:
-            progress("starting", 0.0)
-        if own:
-            own.use()
-        # Only now, since Prefect takes its settings when it is loaded.
-        from flows.scheduled.flows import demo
-
-        if own:
-            own.wait()
-        with surrounded(Surroundings(progress, pool)):
-            done = demo(asked.seed, asked.effect, str(store), asked.background)
-    page = Path(done["page"])
-    return Made(done["diagnosis"], done["proof"], done["hidden"], page)
 
 
 def demo(
@@ -120,6 +79,7 @@ def demo(
         background: What all joints have beside it: nothing, that of an arm in use, or
             twice as much.
     """
+    del plain  # there is no other way any more; who asks for it gets it
     place, console = store_folder(store), Console()
     check_between("--seed", seed, 0, SEEDS)
     asked = Demo(seed, effect, place, background)
@@ -128,7 +88,7 @@ def demo(
     arm = f"the simulated {steps.ROBOT}, background {background}"
     say(console, f"{count} experiments on {arm}, into {shown(place)}")
     with progress_bar() as progress:
-        made = (run_plain if plain else run_flow)(asked, progress)
+        made = run(asked, progress)
     outcome = read_outcome(place, made.proof)
     print_diagnosis(outcome, console)
     print_truth(Staged(b"", "", as_hidden(made.hidden), outcome.verdict), console)

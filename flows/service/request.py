@@ -178,11 +178,6 @@ def worker_environment(running: Running, store: Path, home: Path) -> dict:
     }
 
 
-def code_path() -> str:
-    """Return where Python finds our code, whatever folder a program is started in."""
-    return os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-
-
 def _base(home: Path) -> dict[str, str]:
     """The environment of ours without what others set for their own Prefect."""
     kept = {
@@ -192,4 +187,6 @@ def _base(home: Path) -> dict[str, str]:
     }
     # Its log is a file that somebody reads when something is wrong.
     level = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "WARNING"}
-    return kept | quiet_prefect(home) | level | {"PYTHONPATH": code_path()}
+    # Python finds our code, whatever folder a program is started in.
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    return kept | quiet_prefect(home) | level | {"PYTHONPATH": path}

@@ -13,19 +13,29 @@ from flows.service.state import CLIENT
 from flows.settings import API, quiet_prefect
 
 ROOT = Path(__file__).parents[2]
-# Ends with us, since it then has no input any more, and its server with it.
+# It ends the server once it has no input any more, as when we are killed.
 OWNER = """
-import sys
+import socket, sys
 from pathlib import Path
-from flows.service.server import start_server
-from flows.settings import prepare_prefect
+from flows.service.api import answers
+from flows.service.request import server_environment
+from flows.service.state import Running, start, stop, store_key
+from flows.service.up import server_command
+from tests.waiting import until
 
 home = Path(sys.argv[1])
-prepare_prefect(home)
-own = start_server(home)
-own.wait()
-print(own.url, own.process.pid, own.key, flush=True)
-sys.stdin.read()
+with socket.socket() as probe:
+    probe.bind(("127.0.0.1", 0))
+    running = Running("127.0.0.1", probe.getsockname()[1], "sqlite")
+# Its pages are asked for by nobody here.
+env = server_environment(running, home, None) | {"PREFECT_UI_ENABLED": "false"}
+own = start("server", server_command(running), env, home / "server.log")
+try:
+    until(lambda: answers(running.url) or not own.lives, "the server answers")
+    print(running.url, own.pid, store_key(home), flush=True)
+    sys.stdin.read()
+finally:
+    stop([own])
 """
 PATIENCE = 10.0  # s that messages to a server which was killed are waited for
 
@@ -53,7 +63,7 @@ class Server:
         return self.owner.poll() is None
 
     def end(self) -> None:
-        self.owner.kill()
+        self.owner.stdin.close()
         self.owner.wait()
 
 

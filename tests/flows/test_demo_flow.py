@@ -13,12 +13,10 @@ import yaml
 from flows.errors import RunError
 from flows.requests import Demo
 from flows.scheduled.surroundings import Surroundings, surrounded
-from flows.service import server as server_of
 from flows.settings import PAGES
 from flows.steps import demo
 from tests.flows.blind_rows import row
 from tests.flows.faked_night import NAME, faked
-from tests.waiting import until
 
 ROOT = Path(__file__).parents[2]
 
@@ -251,19 +249,3 @@ def test_prefect_is_prepared_to_be_quiet_and_at_home_in_the_store(tmp_path):
     )
     assert done.stderr == ""
     assert done.stdout.split() == [str(tmp_path), "None", "False", "json"]
-
-
-def test_an_address_that_is_none_is_no_server():
-    assert not server_of.answers(None)
-    assert not server_of.answers("nonsense")
-
-
-def test_our_server_answers_and_ends_when_its_owner_is_killed(server):
-    """The last of this file: whoever asks for a server after it gets a new one."""
-    assert server_of.answers(server.url)
-    server.owner.kill()
-    server.owner.wait()
-    # An ended process that nobody has taken note of yet has no command line.
-    command = Path(f"/proc/{server.process}/cmdline")
-    until(lambda: not command.exists() or not command.read_bytes(), "it has ended")
-    assert not server_of.answers(server.url)

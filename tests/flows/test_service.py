@@ -105,6 +105,11 @@ def test_an_address_is_one_that_a_browser_can_open():
     assert Running("::1", 4200, "").url == "http://[::1]:4200/api"
 
 
+def test_an_address_that_is_none_is_no_server():
+    assert not api.answers(None)
+    assert not api.answers("nonsense")
+
+
 @pytest.mark.parametrize(
     ("wish", "words"),
     [
