@@ -1,41 +1,35 @@
 """The one Prefect server of a test process, and what a file of tests asks it with."""
 
 import os
+import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from flows.service.state import CLIENT
+from flows.service.api import answers
+from flows.service.request import server_environment
+from flows.service.state import CLIENT, Process, Running, start, stop
+from flows.service.up import server_command
 from flows.settings import API, quiet_prefect
+from tests.waiting import until
 
 ROOT = Path(__file__).parents[2]
 # It ends the server once it has no input any more, as when we are killed.
 OWNER = """
-import socket, sys
+import sys
 from pathlib import Path
-from flows.service.api import answers
-from flows.service.request import server_environment
-from flows.service.state import Running, start, stop, store_key
-from flows.service.up import server_command
-from tests.waiting import until
+from flows.service.state import store_key
+from tests.flows.prefect_server import served
 
 home = Path(sys.argv[1])
-with socket.socket() as probe:
-    probe.bind(("127.0.0.1", 0))
-    running = Running("127.0.0.1", probe.getsockname()[1], "sqlite")
-# Its pages are asked for by nobody here.
-env = server_environment(running, home, None) | {"PREFECT_UI_ENABLED": "false"}
-own = start("server", server_command(running), env, home / "server.log")
-try:
-    until(lambda: answers(running.url) or not own.lives, "the server answers")
-    print(running.url, own.pid, store_key(home), flush=True)
+with served(home, PREFECT_UI_ENABLED="false") as (running, process):
+    print(running.url, process.pid, store_key(home), flush=True)
     sys.stdin.read()
-finally:
-    stop([own])
 """
 PATIENCE = 10.0  # s that messages to a server which was killed are waited for
 
@@ -71,13 +65,36 @@ def started(home: Path) -> Server:
     owner = subprocess.Popen(
         [sys.executable, "-c", OWNER, str(home)],
         cwd=ROOT,
-        env={k: v for k, v in os.environ.items() if not k.startswith("PREFECT")},
+        env={
+            **{k: v for k, v in os.environ.items() if not k.startswith("PREFECT")},
+            "PYTHONPATH": str(ROOT),
+        },
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
     url, process, key = owner.stdout.readline().split()
     return Server(home, url, int(process), key, owner)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@contextmanager
+def served(home: Path, **more: str) -> Iterator[tuple[Running, Process]]:
+    """Start the server of `modelgap up` as it starts it, and no worker."""
+    running = Running("127.0.0.1", free_port(), "sqlite")
+    env = server_environment(running, home, None) | more
+    process = start("server", server_command(running), env, home / "server.log")
+    try:
+        until(lambda: answers(running.url) or not process.lives, "it answers", 0.2)
+        assert process.lives, (home / "server.log").read_text()
+        yield running, process
+    finally:
+        stop([process])
 
 
 @contextmanager

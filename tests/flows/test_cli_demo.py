@@ -42,7 +42,7 @@ raise SystemExit(main())
 def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     tmp_path, compiled_plant
 ):
-    """The whole of it, with physics, Prefect and nothing faked, on fewer motions."""
+    """The whole of it, with physics and nothing faked, on fewer motions."""
     plain = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
     plain |= {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path / "home")}
     words = ["demo", "--effect", "payload", "--store", "store"]
@@ -69,7 +69,7 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     assert edit["error"] < 0.5 * edit["kept"]
     verdict = json.loads((page.parent / "verdict.json").read_text())
     assert verdict["effects"][0]["name"] == "payload"
-    assert (tmp_path / "store" / "_prefect" / "prefect.db").exists()
+    assert not (tmp_path / "store" / "_prefect").exists()
     assert not (tmp_path / "home" / ".prefect").exists()
 
 

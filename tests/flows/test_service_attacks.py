@@ -2,7 +2,6 @@
 
 import http.client
 import json
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -16,13 +15,10 @@ from websockets.sync.client import connect
 
 from flows.errors import RunError
 from flows.service import api
-from flows.service.api import answers
-from flows.service.request import server_environment
-from flows.service.state import Running, start, stop, store_key
-from flows.service.up import server_command
+from flows.service.state import store_key
 from flows.settings import prefect_home
 from tests.flows.browser import PROGRAM, browser
-from tests.waiting import until
+from tests.flows.prefect_server import served as serving
 
 EVIL = "http://evil.example"
 FLOW = b'{"name": "attack"}'
@@ -58,22 +54,10 @@ pytestmark = [pytest.mark.prefect, pytest.mark.slow]
 def served(tmp_path_factory):
     """The server of `modelgap up`, as it starts it, and no worker."""
     home = prefect_home(tmp_path_factory.mktemp("attacked") / "store")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        running = Running("127.0.0.1", probe.getsockname()[1], "sqlite")
-    env = server_environment(running, home, None)
-    process = start("server", server_command(running), env, home / "server.log")
-    try:
-        until(lambda: answers(running.url) or not process.lives, "it answers", 0.2)
-        assert process.lives, (home / "server.log").read_text()
+    with serving(home) as (running, _):
         yield SimpleNamespace(
-            api=api.Api(running.url, store_key(home)),
-            ui=running.ui,
-            port=running.port,
-            log=home / "server.log",
+            api=api.Api(running.url, store_key(home)), ui=running.ui, port=running.port
         )
-    finally:
-        stop([process])
 
 
 def send(served, method: str, path: str, body: bytes | None = None, **given) -> int:

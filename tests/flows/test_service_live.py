@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import sqlite3
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import pytest
 from flows.service import api
 from flows.service.state import read_running, store_key
 from flows.service.up import start_every
+from tests.flows.prefect_server import free_port
 from tests.waiting import PATIENCE, until
 
 ROOT = Path(__file__).parents[2]
@@ -46,9 +46,7 @@ def modelgap(*words: str, **options) -> subprocess.CompletedProcess:
 def service(tmp_path_factory):
     """A store that was brought up as by a user, from another folder."""
     folder = tmp_path_factory.mktemp("service")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = str(probe.getsockname()[1])
+    port = str(free_port())
     words = ["--store", str(folder / "store")]
     try:
         done = modelgap("up", "--port", port, *words, cwd=folder)

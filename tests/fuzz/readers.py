@@ -4,8 +4,5 @@ from tests.fuzz.logs import LOGS
 from tests.fuzz.records import RECORDS
 from tests.fuzz.store import STORES
 from tests.fuzz.tables import TABLES
-from tests.fuzz.urdf import URDFS
 
-READERS = {
-    reader.name: reader for reader in (*LOGS, *TABLES, *URDFS, *RECORDS, *STORES)
-}
+READERS = {reader.name: reader for reader in (*LOGS, *TABLES, *RECORDS, *STORES)}

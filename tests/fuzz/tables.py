@@ -1,4 +1,4 @@
-"""Readers of TOML: COLUMNS.toml, robot.toml, SPEC.toml and campaigns."""
+"""Readers of text: URDF, COLUMNS.toml, robot.toml, SPEC.toml and campaigns."""
 
 from pathlib import Path
 
@@ -158,6 +158,29 @@ def _read_campaign(data: bytes, place: Path) -> None:
         assert len(run_id_of(entry.spec)) == ID_DIGITS
 
 
+_CONTINUOUS = URDF.replace("revolute", "continuous").replace(
+    '<limit lower="-2" upper="2" velocity="3" effort="50"/>', ""
+)
+_TOOL = URDF.replace(
+    "</robot>",
+    '<joint name="tool" type="fixed"><parent link="link2"/><child link="flange"/>'
+    '<origin xyz="0 0 0.1" rpy="0 1.57 0"/></joint>'
+    '<link name="flange"><visual><geometry><box size="1 1 1"/></geometry></visual>'
+    "</link></robot>",
+)
+_URDF_WORDS = tuple(
+    b"robot link joint parent child origin axis limit inertial mass inertia revolute "
+    b"continuous fixed prismatic mimic link0 link1 link2 joint1 lower upper xyz rpy "
+    b"value ixx ixy name type <!-- --> <![CDATA[ ]]> <?xml <!DOCTYPE xacro: /> "
+    b"</".split()
+)
+
+
+def _read_urdf(data: bytes, place: Path) -> None:
+    (place / "arm.urdf").write_bytes(data)
+    check_robot(load_robot(place / "arm.urdf"))
+
+
 def _reader(name: str, texts: tuple[str, ...], words: tuple, read) -> Reader:
     seeds = [text.encode() for text in texts]
     return Reader(name, lambda: mutated(seeds, words), lambda: seeds, read)
@@ -165,6 +188,7 @@ def _reader(name: str, texts: tuple[str, ...], words: tuple, read) -> Reader:
 
 TABLES = (
     _reader("map", _MAPS[:1], _MAP_WORDS, _read_map),
+    _reader("urdf", (URDF, _CONTINUOUS, _TOOL), _URDF_WORDS, _read_urdf),
     _reader("robot", _ROBOTS, _ROBOT_WORDS, _read_robot),
     _reader("spec", _SPECS, _SPEC_WORDS, _read_spec),
     _reader("campaign", _GRIDS, _SPEC_WORDS, _read_campaign),

@@ -1,20 +1,16 @@
 """Every page of a served store in a real browser: what it opens, says and asks for."""
 
 import json
-import socket
 from types import SimpleNamespace
 
 import pytest
 
 from flows.service import api
-from flows.service.api import answers
-from flows.service.request import server_environment
-from flows.service.state import Running, start, stop, store_key
-from flows.service.up import server_command
+from flows.service.state import store_key
 from flows.settings import prefect_home
 from tests.flows.browser import PROGRAM, browser
 from tests.flows.night.stores import fill
-from tests.waiting import until
+from tests.flows.prefect_server import served as serving
 
 pytestmark = [pytest.mark.prefect, pytest.mark.slow, pytest.mark.long]
 
@@ -39,17 +35,8 @@ def served(tmp_path_factory):
     """A store of some nights, and its server as `modelgap up` starts it."""
     nights = fill(tmp_path_factory.mktemp("seen") / "store", THIEF)
     home = prefect_home(nights.store)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        running = Running("127.0.0.1", probe.getsockname()[1], "sqlite")
-    env = server_environment(running, home, None)
-    process = start("server", server_command(running), env, home / "server.log")
-    try:
-        until(lambda: answers(running.url) or not process.lives, "it answers", 0.2)
-        assert process.lives, (home / "server.log").read_text()
+    with serving(home) as (running, _):
         yield SimpleNamespace(running=running, key=store_key(home), nights=nights)
-    finally:
-        stop([process])
 
 
 @pytest.fixture
