@@ -22,9 +22,8 @@ from flows.blind.score import Name, members
 from flows.blind.size import measured, smallest
 from flows.specs.experiment import derived_seed
 from flows.steps.edit import is_named, with_truth
-from residual.close import close_the_loop
-from residual.diagnosis.causes.edit.dense import dense_model
-from residual.diagnosis.causes.edit.edits import MOVING, sealed_edit
+from residual.diagnose import diagnose
+from residual.diagnosis.causes.edits import MOVING, dense_model, sealed_edit
 from residual.diagnosis.result import Detectable, Diagnosis, Place, Verdict
 from residual.diagnosis.verdict import to_json
 from residual.effects import reported_joints
@@ -284,7 +283,7 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     arm, effects = task.made_of, changes_of(task, minimum)
     made = make(arm, effects)
     begun = perf_counter()
-    found = close_the_loop(made.robot, made.fit, (), made.held_out)
+    found = diagnose(made.robot, made.fit, (), made.held_out)
     seconds = round(perf_counter() - begun, 2)
     verdict = found.verdict
     sizes = least or list(verdict.minimum_detectable)

@@ -12,7 +12,7 @@ from benchmarks.changes_parts import arms, peer, real
 from benchmarks.changes_parts.case import DRIFT, EDGE, LOAD, MEASURED, Case, Made, Truth
 from benchmarks.changes_parts.plant import as_effect, times
 from benchmarks.harness.cases import guarded
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.errors import ModelgapError
 from sim.catalogue import amount, main_parameter, stated
 
@@ -271,7 +271,7 @@ def _row(job: Job) -> dict:
 def ask_product(made: Made) -> Answer:
     """Ask this program."""
     begun = process_time()
-    found = close_the_loop(
+    found = diagnose(
         made.robot, made.second, baseline=made.first, held_out=made.held_out
     )
     seconds, verdict = process_time() - begun, found.verdict

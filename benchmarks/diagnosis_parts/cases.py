@@ -14,7 +14,7 @@ from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
 from flows.blind.size import draw_sized, measured
 from flows.blind.sums import CLEAR
 from flows.specs.experiment import derived_seed
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
 from residual.recording import Recording
@@ -222,7 +222,7 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     effects = [as_form(e, task.what) for e in meant] if task.group == "forms" else meant
     made = make(task.data, effects, task.motion, task.arm)
     begun = perf_counter()
-    verdict = close_the_loop(made.robot, made.fit, (), made.held_out).verdict
+    verdict = diagnose(made.robot, made.fit, (), made.held_out).verdict
     seconds = round(perf_counter() - begun, 2)
     about = {**asdict(task), "seconds": seconds}
     if task.group == "bench":

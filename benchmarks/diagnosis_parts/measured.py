@@ -14,10 +14,10 @@ from benchmarks.harness.figures import Figures, figure, missing
 from benchmarks.measured_parts.arms import data_folder
 from flows.blind.score import Name, Said, members
 from flows.blind.sums import wilson
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.examine import examine
+from residual.evidence.fit import as_model
 from residual.evidence.rules import Rules
-from residual.evidence.states import as_model
 from residual.model.compare import prepare_held_out
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
@@ -48,7 +48,7 @@ def run(job: tuple[str, str]) -> dict:
     robot, fit, held_out = _logs(folder, arm, kind)
     if kind in (WHITE, SHUFFLED):
         fit, held_out = _without_structure(robot, fit, held_out, kind)
-    verdict = close_the_loop(robot, fit, (), held_out).verdict
+    verdict = diagnose(robot, fit, (), held_out).verdict
     return {
         "arm": arm,
         "kind": kind,

@@ -6,8 +6,7 @@ from functools import cache
 import numpy as np
 
 from residual.effects import registry
-from residual.model.model import Model
-from residual.model.term import Term
+from residual.model.model import Model, Term
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 

@@ -16,7 +16,7 @@ from benchmarks.harness.logs import sensed
 from benchmarks.harness.shell import run_shell
 from benchmarks.store_parts.made import folder
 from benchmarks.synthetic.motions import FAMILIES, make_motion
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.result import Diagnosis
 from residual.robot.robot import load_robot
 from residual.signals import pieces
@@ -191,12 +191,12 @@ def same_figures(quick: bool) -> Figures:
         (path,) = write_shift(Shift(seconds), place, ("parquet",))
         robot = load_robot("irb140")
         log, _ = read_log(str(path), robot)
-        cut = close_the_loop(robot, [log])
+        cut = diagnose(robot, [log])
         with (
             patch.object(pieces, "LONG", np.inf),
             patch.object(pieces, "SKETCH", np.inf),
         ):
-            whole = close_the_loop(robot, [log])
+            whole = diagnose(robot, [log])
     other, off = _apart(cut, whole)
     figures = {
         "other_names": figure(other, 0, len(whole.effects)),

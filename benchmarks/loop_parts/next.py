@@ -25,7 +25,7 @@ from flows.specs.experiment import derived_seed
 from flows.steps.planning.ask import Listener
 from flows.steps.planning.design import design
 from flows.steps.planning.motions import Search, with_twins
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.result import Diagnosis, Place
 from residual.effects import reported_joints
 from residual.planning.outlook import Pair, realised
@@ -146,7 +146,7 @@ def _row(seed: int) -> dict:
     )
     made = design(case.search)
     fit = (case.logs[0], _log(case.plant, made.best.spec, _LATER))
-    after = close_the_loop(_robot(), fit, held_out=case.logs[1:])
+    after = diagnose(_robot(), fit, held_out=case.logs[1:])
     logs = {k: _log(case.plant, m, _LATER) for k, m in _motions(case, seed).items()}
     return {
         "seed": seed,
@@ -192,7 +192,7 @@ def _drawn(seed: int) -> Case | None:
         specs = [_fourier(rng, FIRST, POOR) for _ in range(2)]
         logs = tuple(_log(plant, s, 30.0 * i) for i, s in enumerate(specs))
         heard = Listener()
-        found = close_the_loop(robot, logs[:1], held_out=logs[1:], inside=heard)
+        found = diagnose(robot, logs[:1], held_out=logs[1:], inside=heard)
         if heard.question is None or not found.effects:
             continue
         if not heard.question.contests:

@@ -14,13 +14,12 @@ import numpy as np
 from benchmarks.harness.figures import Figures, figure, missing
 from residual.calibration.calibrate import Settings, calibrate
 from residual.calibration.rows import Run
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.validation.worth import worth
 from residual.effects import registry, vocabulary
 from residual.model.control import Use, computed_torque, feed_forward
-from residual.model.model import Model
-from residual.model.term import Term
+from residual.model.model import Model, Term
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot
 from sim.catalogue import acting, changed
@@ -85,7 +84,7 @@ def make_case(robot: Robot, name: str, seed: int, seconds: float) -> Case:
         for i, kind in enumerate((*FIT, *HELD_OUT))
     )
     logs = [run.log for run in runs]
-    found = close_the_loop(robot, logs[: len(FIT)], held_out=logs[len(FIT) :])
+    found = diagnose(robot, logs[: len(FIT)], held_out=logs[len(FIT) :])
     return Case(name, robot, plant, runs, found)
 
 

@@ -8,7 +8,7 @@ from time import process_time
 import numpy as np
 
 from benchmarks.harness.figures import ROOT
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.dynamics import regressor
 from residual.robot.robot import Robot, load_robot
@@ -164,7 +164,7 @@ def measure(name: str) -> dict:
     """
     robot, logs = read_split(SPLITS[name])
     begun = process_time()
-    verdict = close_the_loop(robot, **logs).verdict
+    verdict = diagnose(robot, **logs).verdict
     seconds = process_time() - begun
     errors, found = verdict.error, verdict.effects
     peer = None

@@ -13,7 +13,7 @@ from unittest.mock import patch
 from benchmarks.changes_parts.ask import make
 from benchmarks.changes_parts.case import Case
 from benchmarks.measured_parts.arms import KR300, LWR4, SPLITS, UR10, UR10E, read_split
-from residual import close
+from residual import diagnose
 from residual.diagnosis import conclude, examine
 from residual.diagnosis.result import Verdict
 from residual.diagnosis.validation import angle_noise, held_out, standing
@@ -75,7 +75,7 @@ def ask(job: Job) -> list[dict]:
     rows, found = [], _Once(examine._search)
     for rule in (NONE, *RULES):
         with _searched_once(found), _without(rule):
-            verdict = close.close_the_loop(robot, fit, (), proof).verdict
+            verdict = diagnose.diagnose(robot, fit, (), proof).verdict
         counts = _counted(
             verdict, truth, lambda n: (arm, n) in KNOWN or (used and n in HAS)
         )
@@ -162,7 +162,7 @@ def _without(rule: str) -> Iterator[None]:
             stack.enter_context(patch.object(module, name, instead))
         # What is not asked here costs most of the time.
         stack.enter_context(patch.object(conclude, "minimum_detectable", _nothing))
-        stack.enter_context(patch.object(close, "_hint", lambda case: None))
+        stack.enter_context(patch.object(diagnose, "_hint", lambda case: None))
         yield
 
 

@@ -34,8 +34,8 @@ from residual.calibration.scores import (
     ratio_interval,
     relative_error,
 )
-from residual.close import close_the_loop
-from residual.model.term import Term
+from residual.diagnose import diagnose
+from residual.model.model import Term
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot, load_robot
 from residual.tables.form import PAIR_FORM, EffectForm
@@ -211,7 +211,7 @@ def _calibrated(folder: Path) -> Calibration:
 
 def _named(robot: Robot, logs: list[Recording]) -> tuple[Term, ...]:
     """What a diagnosis of all logs names: its names have seen every block."""
-    models = close_the_loop(robot, logs).models
+    models = diagnose(robot, logs).models
     return models["augmented"].terms[len(models["nominal"].terms) :]
 
 

@@ -9,14 +9,13 @@ from flows.outputs import write_all
 from flows.report.page.diagnosis import render, summary
 from flows.steps.check import checked
 from flows.storage.null import of_this_version
-from residual.close import close_the_loop
+from residual import diagnose as method
 from residual.diagnosis import result
 from residual.diagnosis.null_record import Null
 from residual.diagnosis.verdict import to_json
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
-from residual.trust import with_check
 from warehouse.logs import check_distinct
 
 Progress = Callable[[str, float], None]
@@ -72,7 +71,7 @@ def diagnose(
     report = checked(sets, declared, trust_log)
     nulls, outdated = of_this_version([null] if null else (), robot)
     # One thread: the products are small, two threads only wait for each other.
-    found = close_the_loop(
+    found = method.diagnose(
         robot,
         fit,
         baseline=baseline,
@@ -81,7 +80,7 @@ def diagnose(
         progress=progress,
         null=nulls[0] if nulls else None,
     )
-    found = with_check(found, report)
+    found = method.with_check(found, report)
     warned = replace(found.verdict, warnings=(*outdated, *found.warnings))
     found = replace(found, verdict=warned)
     return Diagnosis(*(getattr(found, field.name) for field in fields(found)))

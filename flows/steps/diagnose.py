@@ -16,9 +16,8 @@ from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 
 check = Lazy("flows.steps.check")
-method = Lazy("residual.close")
+method = Lazy("residual.diagnose")
 result = Lazy("residual.diagnosis.result")
-trust = Lazy("residual.trust")
 versions = Lazy("flows.storage.null")
 kept = Lazy("flows.storage.diagnosis")
 null = Lazy("flows.storage.null")
@@ -82,19 +81,18 @@ def diagnose(
     # What is compared with logs of before needs no null: these show what chance does.
     nulls, outdated = ((), ()) if before else _nulls(request, logs.robot, store)
     # One thread: the products are small, two threads only wait for each other.
-    found = method.close_the_loop(
+    found = method.diagnose(
         logs.robot,
         logs.fit,
         baseline=before,
         held_out=logs.held_out,
-        declared=request.declared,
+        declared=request.declared if model is None else model,
         progress=progress,
         null=nulls[0] if request.null and nulls else nulls,
         inside=inside,
-        model=model,
     )
     logs = replace(logs, warnings=(*logs.warnings, *outdated))
-    return _with_reading(trust.with_check(found, report), logs)
+    return _with_reading(method.with_check(found, report), logs)
 
 
 def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]:

@@ -13,12 +13,10 @@ import pinocchio as pin
 from flows.inputs.robots import load
 from flows.steps.experiment import reference_of
 from flows.storage.diagnosis import read_models, read_verdict
-from residual.diagnosis.causes.edit.dense import dense_model
-from residual.diagnosis.causes.edit.edits import sealed_edit
+from residual.diagnosis.causes.edits import dense_model, sealed_edit
 from residual.diagnosis.result import Edit, Place, Verdict
 from residual.effects import registry, reported_joints
-from residual.model.model import Model
-from residual.model.term import Term
+from residual.model.model import Model, Term
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
 from residual.threads import one_blas_thread

@@ -18,8 +18,7 @@ from flows.storage.null import KIND, method_hash, null_records
 from flows.workers.pool import Here, Pool
 from residual.diagnosis.null_record import Null, from_record
 from residual.errors import InputError, ModelgapError
-from residual.null.draws import block
-from residual.null.source import source
+from residual.nulls import block, source
 from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.ids import data_hash

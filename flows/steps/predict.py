@@ -18,8 +18,8 @@ from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.result import ErrorTables
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
-from residual.model.prediction import EDITED, WHOLE, Edits, Prediction
-from residual.model.prediction import predict as core_predict
+from residual.model.compare import EDITED, WHOLE, Edits, Prediction
+from residual.model.compare import predict as core_predict
 from residual.quantity import plain
 from residual.threads import one_blas_thread
 

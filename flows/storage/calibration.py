@@ -16,10 +16,9 @@ from residual.diagnosis.result import Finding
 from residual.export.c99 import to_c99
 from residual.export.exported import to_json
 from residual.export.numpy_file import to_numpy
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.model.nominal import declared_names
 from residual.model.record import to_record
-from residual.model.term import Term
 from residual.robot.robot import Robot
 from residual.tables.crossval import relative_error
 from residual.tables.lookup import export_lookup

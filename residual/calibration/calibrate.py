@@ -61,8 +61,7 @@ from residual.calibration.views import (
     unseen_run,
 )
 from residual.model.corrected import NEAREST, Column, Corrected, Tables
-from residual.model.model import Model
-from residual.model.term import Term
+from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.tables.choose import PROVEN, build_lookup

@@ -20,19 +20,17 @@ from residual.calibration.rows import (
     tracks_without,
 )
 from residual.evidence.design import Design
-from residual.evidence.fit import fit, start
+from residual.evidence.fit import as_model, fit, start
 from residual.evidence.priors import priors
-from residual.evidence.states import as_model
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.model.nominal import (
     Logs,
     Nominal,
     declared_names,
     prepare_logs,
     start_nominal,
+    with_standstill,
 )
-from residual.model.standstill import with_standstill
-from residual.model.term import Term
 from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.signals.pieces import spread

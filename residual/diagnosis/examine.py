@@ -13,14 +13,12 @@ from residual.diagnosis.prior_scale import Selection, select
 from residual.diagnosis.search import Task, refined, search
 from residual.effects import registry
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, fit
+from residual.evidence.fit import Fit, Prior, as_model, first_design, fit, physical
 from residual.evidence.priors import Space
 from residual.evidence.rules import RULES, Rules
-from residual.evidence.states import as_model, first_design, physical
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
-from residual.model.nominal import Logs, Nominal
-from residual.model.standstill import with_standstill
+from residual.model.nominal import Logs, Nominal, with_standstill
 from residual.recording import Array
 
 Progress = Callable[[str, float], None]

@@ -13,13 +13,10 @@ import numpy as np
 from residual.diagnosis.result import Change
 from residual.epochs.rows import JointFit, joint_fit, without
 from residual.epochs.search import Found
-from residual.evidence.fit import Fit
+from residual.evidence.fit import Fit, as_model
 from residual.evidence.priors import SCALES
-from residual.evidence.states import as_model
-from residual.model.model import Model
-from residual.model.nominal import Logs, Nominal, begin
-from residual.model.standstill import with_standstill
-from residual.model.term import Term, with_slots
+from residual.model.model import Model, Term, with_slots
+from residual.model.nominal import Logs, Nominal, begin, with_standstill
 from residual.quantity import plain
 from residual.recording import Array
 

@@ -14,12 +14,10 @@ import numpy as np
 from residual.effects import registry
 from residual.epochs.rules import Rules
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, fit, settled
+from residual.evidence.fit import Fit, Prior, as_model, fit, settled
 from residual.evidence.priors import relative_prior
-from residual.evidence.states import as_model
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.model.nominal import Logs, Nominal
-from residual.model.term import Term
 from residual.recording import Array
 from residual.signals.pieces import logs_of
 

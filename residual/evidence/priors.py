@@ -11,9 +11,8 @@ from residual.effects.base import Joints
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior
 from residual.evidence.rules import RULES
-from residual.model.model import Model
+from residual.model.model import Model, with_slots
 from residual.model.nominal import ASSUMED, GIVEN, Nominal
-from residual.model.term import with_slots
 from residual.recording import Array
 from residual.robot.robot import Robot
 

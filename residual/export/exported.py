@@ -9,9 +9,8 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.model.corrected import Corrected
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.model.record import to_record
-from residual.model.term import Term
 from residual.recording import Array
 from residual.robot.robot import Robot
 

@@ -10,8 +10,7 @@ import numpy as np
 from residual.effects.base import BRISTLE, Portable
 from residual.export.exported import Split, Whole, body_of, file_stem, split
 from residual.model.corrected import DIFFERENCE, Corrected, Tables
-from residual.model.model import LEAST_SPEED, Model
-from residual.model.term import Term
+from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import Chain, chain_of
 from residual.signals.direction import SMOOTH, Standstill

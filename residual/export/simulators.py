@@ -16,8 +16,7 @@ from residual.export.exported import (
     split,
     with_bodies,
 )
-from residual.model.model import LEAST_SPEED, Model
-from residual.model.term import Term
+from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import chain_of
 from residual.robot.robot import with_inertials

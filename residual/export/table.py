@@ -27,8 +27,7 @@ from residual.export.exported import (
 )
 from residual.export.program import WORD
 from residual.model.corrected import Corrected
-from residual.model.model import Model
-from residual.model.term import Term
+from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.tables.form import NONE
 from residual.tables.lookup import export_lookup

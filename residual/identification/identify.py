@@ -35,8 +35,7 @@ from residual.identification.structure import (
     structure,
 )
 from residual.model.model import Model
-from residual.model.nominal import Logs, begin, prepare_logs
-from residual.model.standstill import with_standstill
+from residual.model.nominal import Logs, begin, prepare_logs, with_standstill
 from residual.recording import Array, Recording
 from residual.robot.base_parameters import BaseParameters, random_states
 from residual.robot.robot import Robot

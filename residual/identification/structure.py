@@ -18,8 +18,7 @@ import numpy as np
 
 from residual.effects.base import State
 from residual.evidence.priors import inertial_precision
-from residual.model.model import Model
-from residual.model.term import Term
+from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot import dynamics
 from residual.robot.base_parameters import (

@@ -9,8 +9,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.model.corrected import Corrected
-from residual.model.model import Model
-from residual.model.term import Term
+from residual.model.model import Model, Term
 from residual.names import check_nesting
 from residual.recording import Array
 from residual.signals.direction import CHOICES

@@ -15,17 +15,15 @@ import numpy as np
 from residual.effects import registry
 from residual.effects.base import Span
 from residual.epochs.joint import Joint
-from residual.epochs.pursuit import chosen
 from residual.epochs.rows import LOOSE, Layout, joint_fit
 from residual.epochs.rules import Rules as EpochRules
+from residual.epochs.unrest import chosen
 from residual.epochs.window import SLOW, Looks, Rules, Usual, follow, nothing, products
 from residual.errors import InputError
 from residual.evidence.design import LAGS
-from residual.evidence.fit import autocorrelation_time
-from residual.evidence.states import as_model
-from residual.model.model import Model
+from residual.evidence.fit import as_model, autocorrelation_time
+from residual.model.model import Model, Term
 from residual.model.nominal import Logs, Nominal
-from residual.model.term import Term
 from residual.monitoring.monitor import LEAST_RUNS, check_limits, check_log
 from residual.monitoring.reference import Reference, body_sd, columns_of
 from residual.monitoring.rows import Rows, Samples, Window, start, take

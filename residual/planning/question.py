@@ -17,10 +17,9 @@ from residual.effects import registry
 from residual.effects.base import Effect, Joints, Shape
 from residual.errors import InputError
 from residual.evidence.design import Group
-from residual.evidence.fit import Fit, System
+from residual.evidence.fit import Fit, System, as_model, physical
 from residual.evidence.rules import RULES
 from residual.evidence.screen import screen
-from residual.evidence.states import as_model, physical
 from residual.model.model import Model
 from residual.names import check_name, shortened
 from residual.recording import Array

@@ -11,8 +11,8 @@ import numpy as np
 
 from residual.effects import vocabulary
 from residual.effects.base import Effect, Span, State, against_position
+from residual.model.model import Term
 from residual.model.nominal import build_nominal, declared_names
-from residual.model.term import Term
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 

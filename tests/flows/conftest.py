@@ -35,7 +35,7 @@ def calls(monkeypatch):
     """Replace core, check and report; returns the list of calls of the core."""
     made = []
 
-    def close_the_loop(robot, fit, **options):
+    def diagnose(robot, fit, **options):
         made.append({"robot": robot.name, "fit": fit, **options})
         if options["progress"]:
             options["progress"]("search", 0.5)
@@ -48,7 +48,7 @@ def calls(monkeypatch):
     def render(outcome, robot_name, motion=None, origin=None):
         return f"<html>{robot_name} {outcome.notes} {origin.command}</html>"
 
-    monkeypatch.setattr("residual.close.close_the_loop", close_the_loop)
+    monkeypatch.setattr("residual.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr(
         "flows.report.terminal.diagnosis.print_diagnosis", print_diagnosis

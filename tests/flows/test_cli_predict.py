@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.export_parts.models import model_with, robot_of
 from flows.cli import main
+from residual.model.compare import EDITED, WHOLE, predict
 from residual.model.corrected import Corrected
 from residual.model.model import Model
-from residual.model.prediction import EDITED, WHOLE, predict
 from residual.recording import Recording
 from tests.residual.arms import smooth_motion
 

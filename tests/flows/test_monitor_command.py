@@ -15,8 +15,8 @@ from flows.storage.diagnosis import store_outcome
 from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
 from residual.errors import InputError
+from residual.model.model import Term
 from residual.model.nominal import prepare_logs, start_nominal
-from residual.model.term import Term
 from residual.monitoring.monitor import from_record
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters

@@ -266,13 +266,13 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
     """A store with a diagnosis whose numbers are those of its runs."""
     from residual.diagnosis.result import Diagnosis
 
-    def close_the_loop(robot, fit, **options):
+    def diagnose(robot, fit, **options):
         made = store_samples.verdict([log.id for log in options["held_out"]])
         made["robot"] = robot.name
         made["nominal_scale"] = float(sum(log.tau.sum() for log in fit)) + plant["tau"]
         return Diagnosis(typed(made, 2))
 
-    monkeypatch.setattr("residual.close.close_the_loop", close_the_loop)
+    monkeypatch.setattr("residual.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.storage.diagnosis.errors_by_run", lambda found: [])
     runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
     asked = Diagnose(tuple(runs[:2]), "irb140", (runs[2],), store=tmp_path)

@@ -23,9 +23,8 @@ from flows.steps.rerun import rerun as reruns
 from residual.effects import registry
 from residual.errors import InputError
 from residual.model.control import WIDTH, Use, computed_torque, feed_forward
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.model.record import to_record
-from residual.model.term import Term
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
 from sim.plant.controller import maker_of

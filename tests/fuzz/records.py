@@ -13,9 +13,8 @@ from residual.diagnosis.null_record import Key, Null
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
 from residual.model.corrected import Corrected
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record
-from residual.model.term import Term
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
 from tests.fuzz.arm import arm, as_csv, samples

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.examine import Examined, examine
 from residual.diagnosis.findings import Named, findings
 from residual.diagnosis.result import Diagnosis
@@ -105,7 +105,7 @@ def diagnose_case(case: Case, declared=None, **changes) -> Diagnosis:
         "declared": declared,
         **changes,
     }
-    return close_the_loop(**inputs)
+    return diagnose(**inputs)
 
 
 def names(verdict) -> list[tuple[str, tuple[int, ...]]]:

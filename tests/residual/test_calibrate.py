@@ -45,7 +45,7 @@ from residual.calibration.scores import (
 )
 from residual.effects import registry
 from residual.errors import InputError
-from residual.model.term import Term
+from residual.model.model import Term
 from residual.tables.choose import fit_effect_tables
 from residual.tables.form import MAIN, NAMED, PAIRS, EffectForm, Option
 from residual.tables.nominal_pls import NominalForm

@@ -66,18 +66,16 @@ def adopted():
 
 def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted):
     model, before, now = adopted
-    found = diagnose_case(now, baseline=before.fit, model=model)
+    found = diagnose_case(now, baseline=before.fit, declared=model)
     assert names(found.verdict) == [("coulomb", (2,))]
     assert "spring" in found.verdict.declared
     assert {t.effect.name for t in model.terms} <= set(found.verdict.declared)
 
 
-def test_an_adopted_model_comes_with_its_logs_and_without_other_words(adopted):
-    model, before, now = adopted
+def test_an_adopted_model_comes_with_its_logs(adopted):
+    model, _, now = adopted
     with pytest.raises(InputError, match="without the logs behind it"):
-        diagnose_case(now, model=model)
-    with pytest.raises(InputError, match="Give one of them"):
-        diagnose_case(now, baseline=before.fit, model=model, declared=("viscous",))
+        diagnose_case(now, declared=model)
 
 
 def test_who_plans_is_shown_the_new_logs_by_themselves(adopted):
@@ -86,7 +84,7 @@ def test_who_plans_is_shown_the_new_logs_by_themselves(adopted):
     diagnose_case(
         now,
         baseline=before.fit,
-        model=model,
+        declared=model,
         inside=lambda examined, fitted, named: shown.append(examined),
     )
     (examined,) = shown

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
-from residual.diagnosis.causes.edit.dense import dense_model, set_back
-from residual.diagnosis.causes.edit.edits import (
+from residual.diagnosis.causes.edits import (
     baseline_edits,
+    dense_model,
     edited,
     errors_on,
     sealed_edit,
+    set_back,
 )
 from residual.diagnosis.result import Place
 from residual.effects import registry
 from residual.errors import UnknownNameError
+from residual.model.model import Term
 from residual.model.nominal import prepare_logs, start_nominal
-from residual.model.term import Term
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from sim.quasi_static import Plant

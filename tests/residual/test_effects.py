@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from residual import effects
 from residual.effects import registry
 from residual.effects.base import Span, State
-from residual.model.term import Term
+from residual.model.model import Term
 from residual.robot import dynamics
 from tests.residual.arms import SEVEN, arm, bare_irb140
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.epochs.contrast import SQUARES, expected_worth, worth_of
 from residual.epochs.joint import OWN, Joint
 from residual.epochs.rows import Layout
@@ -152,7 +152,7 @@ def test_a_model_of_before_needs_the_logs_behind_it():
     case = short_case(arm(FOUR), seed=90, baseline=True)
     model = diagnose_case(case).models["augmented"]
     with pytest.raises(InputError, match="baseline"):
-        close_the_loop(case.robot, case.fit, held_out=case.held_out, model=model)
+        diagnose(case.robot, case.fit, held_out=case.held_out, declared=model)
 
 
 @pytest.fixture(scope="module")
@@ -171,13 +171,13 @@ def ur10e():
 def test_other_days_of_a_measured_arm_are_no_change(ur10e):
     robot, log = ur10e
     days = [log("feb05"), log("feb06")], [log("feb12")]
-    found = close_the_loop(robot, days[1], baseline=days[0])
+    found = diagnose(robot, days[1], baseline=days[0])
     assert found.effects == ()
 
 
 def test_a_weighed_load_on_a_measured_arm_is_a_load(ur10e):
     robot, log = ur10e
-    found = close_the_loop(robot, [log("feb19_load")], baseline=[log("feb19")])
+    found = diagnose(robot, [log("feb19_load")], baseline=[log("feb19")])
     first = found.effects[0]
     assert (first.name, first.joints) == ("payload", (6,))
     assert 2.7 < first.parameters["mass"].value < 3.1

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.detectable import lookalikes
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.result import Place
@@ -50,12 +50,12 @@ def log(name, seed, noise, rotor=ROTOR):
     return Recording(id=name, robot=arm().name, t=t, q=read, tau=tau, q_ref=q)
 
 
-def diagnose(noise, reference=True, rotor=ROTOR):
+def diagnosed(noise, reference=True, rotor=ROTOR):
     logs = [log(f"log {i}", i, noise, rotor) for i in range(4)]
     if not reference:
         logs = [replace(r, q_ref=None) for r in logs]
     held_out = [log("held out", 9, noise, rotor)]
-    return close_the_loop(arm(), logs, (), held_out, declared=())
+    return diagnose(arm(), logs, (), held_out, declared=())
 
 
 def inertia(outcome):
@@ -70,14 +70,14 @@ def said(outcome, words):
 
 
 def test_instruments_free_a_parameter_of_the_noise_of_a_coarse_encoder():
-    outcome = diagnose(COARSE)
+    outcome = diagnosed(COARSE)
     value, std = inertia(outcome)
     assert said(outcome, "contradicts least squares on rotor_inertia")
     assert abs(value - ROTOR) < 3 * std
 
 
 def test_with_a_fine_encoder_both_agree_and_it_is_said():
-    outcome = diagnose(0.0)
+    outcome = diagnosed(0.0)
     value, _ = inertia(outcome)
     assert said(outcome, "agree with least squares")
     assert value == pytest.approx(ROTOR, rel=0.01)
@@ -92,7 +92,7 @@ def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
         return fits[-1]
 
     monkeypatch.setattr(instruments, "checked", keep)
-    outcome = diagnose(COARSE, reference=False)
+    outcome = diagnosed(COARSE, reference=False)
     value, std = inertia(outcome)
     assert said(outcome, "parameters of rotor_inertia are corrected for it")
     assert abs(value - ROTOR) < 2 * std
@@ -106,7 +106,7 @@ def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
 
 @pytest.mark.parametrize("reference", [True, False])
 def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
-    verdict = diagnose(COARSE, reference, rotor=0.0).verdict
+    verdict = diagnosed(COARSE, reference, rotor=0.0).verdict
     assert verdict.verdict == "none"
     assert verdict.unexplained.joints == ()
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.effects import registry
 from residual.errors import RecordingError
 from residual.evidence.columns import ColumnCache, fold_labels
@@ -228,9 +228,9 @@ def test_a_log_in_pieces_gets_the_verdict_of_the_whole(short, monkeypatch):
     logs = [
         replace(r, tau=r.tau + s) for r, s in zip((fit, held_out), spring, strict=True)
     ]
-    cut = close_the_loop(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
+    cut = diagnose(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
     monkeypatch.setattr(pieces, "LONG", np.inf)
-    whole = close_the_loop(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
+    whole = diagnose(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
     assert [(e.name, e.joints) for e in whole.effects] == [("spring", (1,))]
     assert [(e.name, e.joints) for e in cut.effects] == [("spring", (1,))]
     for key, value in whole.effects[0].parameters.items():

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import Case
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.examine import examine
+from residual.evidence.fit import as_model
 from residual.evidence.rules import Rules
-from residual.evidence.states import as_model
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
@@ -47,7 +47,7 @@ def log(name, spec):
 def kr300(declared=None):
     """Verdict on A and B, C held out."""
     a, b, c = (log("kr300", f"run_{k}.csv") for k in "ABC")
-    return close_the_loop(robot("kr300"), [a, b], held_out=[c], declared=declared)
+    return diagnose(robot("kr300"), [a, b], held_out=[c], declared=declared)
 
 
 def test_ur10_without_coulomb_friction_in_its_model_is_told_of_it():
@@ -155,7 +155,7 @@ SPARE = 1.05
 
 def test_friction_by_load_is_named_on_a_ur10e_and_halves_what_is_left():
     day, other = log("ur10e", "feb10.csv"), log("ur10e", "feb12.csv")
-    verdict = close_the_loop(robot("ur10e"), [day], held_out=[other]).verdict
+    verdict = diagnose(robot("ur10e"), [day], held_out=[other]).verdict
     assert names(verdict) == [("load_friction", (2, 3))]
     moving = verdict.error.moving
     for joint in (1, 2):
@@ -165,7 +165,7 @@ def test_friction_by_load_is_named_on_a_ur10e_and_halves_what_is_left():
 
 def test_what_was_reached_on_a_ur10_is_reached():
     fit, held_out = (log("ur10", f"run.csv@{part}") for part in (":60%", "60%:"))
-    verdict = close_the_loop(robot("ur10"), [fit], held_out=[held_out]).verdict
+    verdict = diagnose(robot("ur10"), [fit], held_out=[held_out]).verdict
     error = np.array(verdict.error.filtered["augmented"])
     assert (error < SPARE * np.array(UR10_REACHED)).all()
 
@@ -179,7 +179,7 @@ def test_no_joint_of_an_lwr4_is_worse_than_by_plain_least_squares():
     """Its sensors have constants that nothing names on joints that keep more."""
     fit = [log("lwr4", f"run_{k}.csv") for k in (1, 2)]
     held_out = [log("lwr4", "run_3.csv")]
-    found = close_the_loop(robot("lwr4"), fit, held_out=held_out)
+    found = diagnose(robot("lwr4"), fit, held_out=held_out)
     moving = found.errors.moving
     ours, plain = (np.array(moving[k]) for k in ("augmented", "least_squares"))
     assert (ours < SPARE * plain).all()

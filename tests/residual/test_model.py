@@ -5,19 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.effects import registry
 from residual.effects.base import Span
 from residual.errors import InputError, UnknownNameError
 from residual.evidence.priors import ASSUMED
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.model.nominal import (
     DEFAULT_DECLARED,
     GIVEN,
     build_nominal,
     declared_names,
 )
-from residual.model.term import Term
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
@@ -255,7 +254,7 @@ def test_a_declared_payload_without_values_is_ten_free_coefficients():
 def test_an_unknown_effect_is_answered_with_the_nearest(name, hint):
     log, _ = log_of(arm(), np.arange(750) / 250)
     with pytest.raises(UnknownNameError, match=hint):
-        close_the_loop(arm(), [log], declared=[name])
+        diagnose(arm(), [log], declared=[name])
 
 
 @pytest.mark.parametrize("where", ["fit", "baseline", "held_out"])
@@ -270,4 +269,4 @@ def test_a_log_of_another_robot_is_refused_wherever_it_is_given(where):
         where: [replace(bad, id="b")],
     }
     with pytest.raises(InputError, match="b has 7 joints, small_arm has 2"):
-        close_the_loop(arm(), **logs)
+        diagnose(arm(), **logs)

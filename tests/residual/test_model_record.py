@@ -12,9 +12,8 @@ from residual.effects import registry
 from residual.effects.base import Span
 from residual.errors import InputError, UnknownNameError
 from residual.model.corrected import Corrected, Tables
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record
-from residual.model.term import Term
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot
 from residual.signals.direction import CHOICES

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from residual import nulls
 from residual.diagnosis.null_record import (
     Key,
     Null,
@@ -15,10 +16,16 @@ from residual.diagnosis.null_record import (
     to_record,
 )
 from residual.errors import InputError
-from residual.evidence.colour import LONGEST, autocovariance, coloured
-from residual.null import draws
-from residual.null.draws import block, loudest
-from residual.null.source import null_recordings, redrawn, source
+from residual.nulls import (
+    LONGEST,
+    autocovariance,
+    block,
+    coloured,
+    loudest,
+    null_recordings,
+    redrawn,
+    source,
+)
 from sim.records import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
 from tests.residual.linear import DOF, Problem, build, every_group
@@ -85,8 +92,8 @@ def test_draws_that_share_their_encoder_noise_count_for_less():
 
 
 def test_beyond_the_largest_an_exponential_tail_goes_on():
-    draws = np.random.default_rng(1).exponential(2.0, 4000) + 5
-    null = null_of(draws)
+    drawn = np.random.default_rng(1).exponential(2.0, 4000) + 5
+    null = null_of(drawn)
     for x in (3.0, 6.0, 12.0):
         assert null.beyond(x) == pytest.approx(np.exp(-x / 2), rel=0.5)
     assert null.beyond(40.0) > 0
@@ -233,8 +240,8 @@ def test_null_recordings_move_as_the_logs_and_lack_what_was_found():
 def test_the_nominal_model_is_redrawn_around_the_truth():
     after, _ = made_after()
     rng = np.random.default_rng(3)
-    draws = [redrawn(after, rng).model.inertial for _ in range(40)]
-    spread = np.std(draws, axis=0)
+    drawn = [redrawn(after, rng).model.inertial for _ in range(40)]
+    spread = np.std(drawn, axis=0)
     moved = spread > 0
     assert moved.any()
     masses = slice(0, None, 10)
@@ -254,10 +261,10 @@ def test_a_block_is_the_same_for_the_same_seed_and_names_nothing():
 def test_a_draw_with_the_same_noise_and_nominal_is_the_same_draw(monkeypatch):
     """What a further draw is held against is the torque of the first, and no less."""
     after, _ = made_after()
-    logs, hiss = draws._noisy(after, np.random.default_rng(5))
-    monkeypatch.setattr(draws, "_noisy", lambda *_: (logs, hiss))
-    monkeypatch.setattr(draws, "redrawn", lambda *_: after.nominal)
-    monkeypatch.setattr(draws, "_blocks", lambda *_: hiss)
+    logs, hiss = nulls._noisy(after, np.random.default_rng(5))
+    monkeypatch.setattr(nulls, "_noisy", lambda *_: (logs, hiss))
+    monkeypatch.setattr(nulls, "redrawn", lambda *_: after.nominal)
+    monkeypatch.setattr(nulls, "_blocks", lambda *_: hiss)
     first, second = block(after, 4, 0, 2)
     assert second.nats == pytest.approx(first.nats, rel=1e-6)
     assert second.named == first.named

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.oracle import oracle
 from residual.epochs import oracle as epochs
 from residual.epochs.compare import Asked
@@ -43,7 +43,7 @@ def test_the_right_effect_predicts_better_than_another_and_than_none(logs):
 
 def test_a_diagnosis_that_names_it_is_as_good(logs):
     robot = load_robot("irb140")
-    verdict = close_the_loop(robot, logs[0], (), logs[1]).verdict
+    verdict = diagnose(robot, logs[0], (), logs[1]).verdict
     assert [(e.name, list(e.joints)) for e in verdict.effects] == [
         ("position_friction", [2])
     ]

@@ -15,9 +15,8 @@ from residual.evidence.priors import (
     priors,
     relative_prior,
 )
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.model.nominal import GIVEN, Nominal
-from residual.model.term import Term
 from residual.robot.dynamics import inertial_parameters
 from tests.residual.arms import SEVEN, arm, bare_irb140
 from tests.residual.linear import NOMINAL, Problem, random_state, track

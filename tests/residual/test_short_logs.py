@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
-from residual.close import close_the_loop
-from residual.diagnosis.least_squares import outdone, plain_fit
+from residual.diagnose import diagnose
+from residual.diagnosis.validation.whole import outdone, plain_fit
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
@@ -35,7 +35,7 @@ COUPLING = Hidden(
 def test_a_coupling_is_named_on_five_seconds(hidden, expected):
     robot = load_robot("irb140")
     fit, held_out = make(Plant(robot, hidden, 41), PLAN, 41)
-    verdict = close_the_loop(robot, [fit], held_out=[held_out]).verdict
+    verdict = diagnose(robot, [fit], held_out=[held_out]).verdict
     assert names(verdict) == expected
     if expected:
         moving = verdict.error.moving
@@ -51,7 +51,7 @@ def test_smoothed_friction_that_grew_is_told_with_all_joints_in_the_headline():
         qd = np.gradient(log.q, log.t, axis=0)
         return replace(log, tau=log.tau + rub * np.tanh(qd / 0.01))
 
-    found = close_the_loop(
+    found = diagnose(
         case.robot,
         [rubbed(r) for r in case.fit],
         baseline=case.baseline,

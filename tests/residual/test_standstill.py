@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from residual.effects import registry
-from residual.model.model import Model
-from residual.model.standstill import with_standstill
-from residual.model.term import Term
+from residual.model.model import Model, Term
+from residual.model.nominal import with_standstill
 from residual.robot.dynamics import inertial_parameters
 from residual.signals.direction import (
     CHOICES,

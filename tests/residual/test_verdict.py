@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from residual.check.result import Fault, LogCheck
-from residual.close import close_the_loop
+from residual.diagnose import diagnose, with_check
 from residual.diagnosis.result import PLAIN
 from residual.diagnosis.verdict import from_json, to_json
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
-from residual.trust import with_check
 from sim.records import Hidden
 from tests.residual.arms import (
     SEVEN,
@@ -40,7 +39,7 @@ def half_dead(moving, silent=()):
     logs = plain_logs(arm(), moving, [2.0, 0.0], count=5)
     for j in silent:
         logs = [replace(r, tau=r.tau * (np.arange(2) != j)) for r in logs]
-    return close_the_loop(arm(), logs[:4], held_out=logs[4:])
+    return diagnose(arm(), logs[:4], held_out=logs[4:])
 
 
 MAKE = {
@@ -584,7 +583,7 @@ def test_the_held_out_log_never_changes_what_is_fitted(outcome_of):
 def test_progress_runs_from_the_features_to_the_proof():
     told = []
     case = short_case(arm(), seed=57, duration=6.0)
-    close_the_loop(
+    diagnose(
         case.robot, case.fit, held_out=case.held_out, progress=lambda *x: told.append(x)
     )
     stages = list(dict.fromkeys(stage for stage, _ in told))

@@ -14,8 +14,7 @@ from residual.effects import registry
 from residual.effects._sensitivity import sensitivity
 from residual.effects.backlash import _flight
 from residual.effects.base import State
-from residual.model.model import Model
-from residual.model.term import Term
+from residual.model.model import Model, Term
 from residual.robot import dynamics
 from residual.signals.track import Filters, prepare
 from tests.residual.arms import SEVEN, arm, bare_irb140, recording, smooth_motion

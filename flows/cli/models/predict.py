@@ -15,7 +15,7 @@ from flows.outputs import (
 from flows.report.terminal.prediction import print_errors
 from flows.settings import store_folder
 from flows.steps import predict as steps
-from residual.model.prediction import WHOLE
+from residual.model.compare import WHOLE
 
 
 def predict(

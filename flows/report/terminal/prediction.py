@@ -5,7 +5,7 @@ from rich.console import Console
 from rich.table import Table
 
 from residual.diagnosis.result import ErrorTables
-from residual.model.prediction import EDITED, WHOLE
+from residual.model.compare import EDITED, WHOLE
 from residual.quantity import bare_percent, known
 
 _WORDS = {WHOLE: "", EDITED: "\nedited"}

@@ -20,7 +20,7 @@ from residual.effects.base import Effect
 from residual.evidence.fit import Fit, scaled_inverse
 from residual.evidence.priors import inertial_sd
 from residual.evidence.rules import RULES
-from residual.model.term import Term, with_slots
+from residual.model.model import Term, with_slots
 from residual.quantity import plain
 from residual.recording import Array
 from residual.robot.base_parameters import base_parameters

@@ -19,9 +19,16 @@ from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.validation.held_out import Verdicts, without
 from residual.evidence.design import Design
-from residual.evidence.fit import Fit, System, chance_of, scaled_inverse
+from residual.evidence.fit import (
+    Fit,
+    System,
+    as_model,
+    chance_of,
+    first_design,
+    physical,
+    scaled_inverse,
+)
 from residual.evidence.rules import RULES
-from residual.evidence.states import as_model, first_design, physical
 from residual.recording import Array, Recording
 from residual.signals.pieces import in_pieces
 from residual.signals.track import on_rows_of, prepare

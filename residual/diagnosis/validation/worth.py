@@ -20,8 +20,7 @@ from residual.model.compare import (
     moving_power,
     prepare_held_out,
 )
-from residual.model.model import Model
-from residual.model.term import Term
+from residual.model.model import Model, Term
 from residual.names import joints_listed
 from residual.recording import Array, Recording
 

@@ -3,7 +3,7 @@
 from functools import cache
 
 from benchmarks.synthetic.logs import LogPlan, make
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.planning.question import open_question, parse_wish, wished_question
 from residual.robot.robot import load_robot
 from sim.draw import draw
@@ -35,5 +35,5 @@ def asked(effect, seed, want=None):
         else:
             heard.append(open_question(examined, fitted, named))
 
-    close_the_loop(robot, [fit], held_out=[proof], inside=inside)
+    diagnose(robot, [fit], held_out=[proof], inside=inside)
     return robot, heard[0]

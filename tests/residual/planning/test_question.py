@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.motions import make_motion
-from residual.close import close_the_loop
+from residual.diagnose import diagnose
 from residual.diagnosis.causes.sets import Rival
 from residual.diagnosis.result import Place
 from residual.errors import InputError, UnknownNameError
@@ -150,7 +150,7 @@ def test_a_candidate_without_evidence_is_no_rival_of_nothing(monkeypatch):
         monkeypatch.setattr(gather, "screen", lambda *words: np.zeros(len(words[2])))
         heard.append(open_question(doubted, plain, []))
 
-    close_the_loop(robot, [fit], held_out=[proof], inside=inside)
+    diagnose(robot, [fit], held_out=[proof], inside=inside)
     found, none = heard
     (contest,) = found.contests
     assert contest.rivals[-1].place == NOTHING
@@ -175,7 +175,7 @@ def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch
         question = open_question(examined, fitted, named)
         seen.append((question, members[0], others))
 
-    close_the_loop(robot, [fit], held_out=[proof], inside=inside)
+    diagnose(robot, [fit], held_out=[proof], inside=inside)
     ((question, gone, others),) = seen
     contest = question.contests[-1]
     names = TOGETHER.join(g.effect.name for g in others)

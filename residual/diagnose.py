@@ -4,9 +4,10 @@ residual -> undeclared effect -> augmented model -> error before and after on mo
 that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PLSR).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from residual.check.result import LogCheck
 from residual.diagnosis.conclude import Case, conclude
 from residual.diagnosis.examine import (
     Examined,
@@ -14,20 +15,20 @@ from residual.diagnosis.examine import (
     examine,
 )
 from residual.diagnosis.findings import Named, clouds, folded
-from residual.diagnosis.least_squares import (
+from residual.diagnosis.null_record import Null, choose_null, key_of, null_sentences
+from residual.diagnosis.result import PLAIN, Diagnosis, ErrorTables, Verdict
+from residual.diagnosis.unexplained import Remains, examine_leftover
+from residual.diagnosis.validation.angle_noise import noise_notes
+from residual.diagnosis.validation.held_out import Verdicts, three_models, unproven
+from residual.diagnosis.validation.standing import Standing, stand
+from residual.diagnosis.validation.whole import (
     Plain,
+    contradictions,
     given_constants,
     outdone,
     plain_fit,
     plain_names,
 )
-from residual.diagnosis.null_record import Null, choose_null, key_of, null_sentences
-from residual.diagnosis.result import PLAIN, Diagnosis
-from residual.diagnosis.unexplained import Remains, examine_leftover
-from residual.diagnosis.validation.angle_noise import noise_notes
-from residual.diagnosis.validation.held_out import Verdicts, three_models, unproven
-from residual.diagnosis.validation.impossible import contradictions
-from residual.diagnosis.validation.standing import Standing, stand
 from residual.diagnosis.warnings import signal_notes, warnings
 from residual.epochs.compare import Asked, compared
 from residual.errors import InputError
@@ -61,16 +62,15 @@ from residual.signals.track import Filters
 Inside = Callable[[Examined, Fit, Sequence[Named]], None]
 
 
-def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
+def diagnose(
     robot: Robot,
     fit: Sequence[Recording],
     baseline: Sequence[Recording] = (),
     held_out: Sequence[Recording] = (),
-    declared: Sequence[str] | None = None,
+    declared: Sequence[str] | Model | None = None,
     progress: Progress | None = None,
     null: Null | Sequence[Null] | None = None,
     inside: Inside | None = None,
-    model: Model | None = None,
 ) -> Diagnosis:
     """Find what a robot's model lacks, add it, and prove it on held-out motion.
 
@@ -78,13 +78,13 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
         baseline: Logs of the arm as it was: then what has changed since is found.
         held_out: Logs for the proof. Where there are none, the last quarter of the
             longest fit log is cut off and held out.
-        declared: Effects that the model has; None for the robot's own list.
+        declared: Effects that the model has; None for the robot's own list. Or the
+            model that was adopted (`Diagnosis.known`), with the logs behind it as the
+            baseline.
         progress: Told the stage and the share done.
         null: The calibrated null to go by, or several to choose a fitting one from;
             with a baseline none is needed.
         inside: Shown what the search knows, before it is let go.
-        model: The model that was adopted (`Diagnosis.known`), with the logs behind it
-            as the baseline.
 
     Raises:
         InputError: If a log does not belong to the robot, an effect is unknown, the
@@ -95,35 +95,20 @@ def close_the_loop(  # noqa: PLR0913  called from outside, by keyword
     same_run = not held_out
     if same_run:
         fit, held_out = hold_out_end(fit)
-    start = _start(declared, model, baseline)
-    wanted = _Wanted(fit, held_out, same_run, tell, inside)
-    if not baseline:
-        return _alone(robot, start, wanted, null)
-    found = compared(Asked(robot, baseline, fit, held_out, start, same_run), tell)
-    if inside:
-        # A motion is planned for what one arm's logs leave open, and a comparison asks
-        # nothing of one arm: so the new logs are looked at by themselves.
-        _alone(robot, start, wanted)
-    return found
-
-
-def _start(
-    declared: Sequence[str] | None, model: Model | None, baseline: Sequence[Recording]
-) -> Sequence[str] | Model | None:
-    """What says which model is doubted: an adopted one, or effects."""
-    if model is None:
-        return declared
-    if declared is not None:
-        raise InputError(
-            "An adopted model and declared effects each say what the model has. Give "
-            "one of them."
-        )
-    if not baseline:
+    if isinstance(declared, Model) and not baseline:
         raise InputError(
             "An adopted model comes without the logs behind it, so what changed since "
             "cannot be told. Give them as the baseline."
         )
-    return model
+    wanted = _Wanted(fit, held_out, same_run, tell, inside)
+    if not baseline:
+        return _alone(robot, declared, wanted, null)
+    found = compared(Asked(robot, baseline, fit, held_out, declared, same_run), tell)
+    if inside:
+        # A motion is planned for what one arm's logs leave open, and a comparison asks
+        # nothing of one arm: so the new logs are looked at by themselves.
+        _alone(robot, declared, wanted)
+    return found
 
 
 def _alone(
@@ -279,3 +264,57 @@ def _check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:
                 f"{recording.id} has {recording.dof} joints, {robot.name} has "
                 f"{robot.dof}. Give the log's own robot with --robot."
             )
+
+
+_FOUND = ("augmented", "plsr")  # models that have what was named, or what remained
+
+
+def with_check(found: Diagnosis, report: LogCheck) -> Diagnosis:
+    """Return a diagnosis with the check of its logs.
+
+    With a certain fault nothing is named, and nothing is said to be missing or not:
+    what was found may be the fault.
+    """
+    warnings = (*report.sentences, *found.warnings)
+    verdict = replace(found.verdict, log_check=report, warnings=warnings)
+    if not report.certain:
+        return replace(found, verdict=verdict)
+    models = {k: m for k, m in found.models.items() if k not in _FOUND}
+    if "identified" in models:
+        models["augmented"] = models["identified"]
+    return replace(
+        found,
+        verdict=_unnamed(verdict),
+        models=models,
+        proofs=tuple(replace(p, tau_hat=_refit(p.tau_hat)) for p in found.proofs),
+        clouds=(),
+        sentences=(),
+    )
+
+
+def _unnamed(verdict: Verdict) -> Verdict:
+    return replace(
+        verdict,
+        verdict="unknown",
+        effects=(),
+        minimum_detectable=(),
+        next_experiment=None,
+        edit=None,
+        error=_errors(verdict.error),
+    )
+
+
+def _errors(error: ErrorTables) -> ErrorTables:
+    overall = ("overall", "overall_filtered", "overall_moving")
+    tables = {
+        name: _refit(getattr(error, name))
+        for name in ("held_out", "filtered", "moving", *overall)
+    }
+    tables = {k: table | {"plsr": None} for k, table in tables.items()}
+    return replace(error, worse=(), **tables)
+
+
+def _refit(by_model: Mapping) -> dict:
+    """Return what is known of every model, where nothing was found."""
+    kept = {name: value for name, value in by_model.items() if name not in _FOUND}
+    return kept | {"augmented": by_model["identified"]}

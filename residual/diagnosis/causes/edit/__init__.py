@@ -1,1 +1,0 @@
-"""Taken out again: what a right cause passes and a good fit need not."""

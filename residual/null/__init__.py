@@ -1,1 +1,0 @@
-"""Recordings in which nothing is missing: what chance alone brings about."""
