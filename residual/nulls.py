@@ -21,8 +21,8 @@ from residual.diagnosis.null_record import Key, key_of
 from residual.diagnosis.prior_scale import select
 from residual.diagnosis.search import Task, _shortlist
 from residual.evidence.design import LAGS, Design
-from residual.evidence.fit import Fit, System, first_design, fit, gain, possible
-from residual.evidence.priors import Space, inertial_precision
+from residual.evidence.fit import Fit, System, fit, gain, possible
+from residual.evidence.priors import Space, first_design, inertial_precision
 from residual.evidence.rules import Rules
 from residual.model.model import Model
 from residual.model.nominal import (

@@ -13,8 +13,8 @@ from residual.diagnosis.prior_scale import Selection, select
 from residual.diagnosis.search import Task, refined, search
 from residual.effects import registry
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, as_model, first_design, fit, physical
-from residual.evidence.priors import Space
+from residual.evidence.fit import Fit, Prior, as_model, fit, physical
+from residual.evidence.priors import Space, first_design
 from residual.evidence.rules import RULES, Rules
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model

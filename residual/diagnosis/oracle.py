@@ -16,8 +16,8 @@ from residual.effects import registry
 from residual.effects.base import Effect, Joints
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
-from residual.evidence.fit import Fit, as_model, first_design, fit, physical
-from residual.evidence.priors import priors
+from residual.evidence.fit import Fit, as_model, fit, physical
+from residual.evidence.priors import first_design, priors
 from residual.evidence.rules import Rules
 from residual.model.compare import Errors, compare, prepare_held_out
 from residual.model.model import Model

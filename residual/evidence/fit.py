@@ -13,10 +13,9 @@ from scipy.special import chdtrc
 
 from residual.effects.base import Limits
 from residual.evidence.design import LAGS, Design, Group
-from residual.evidence.priors import relative_prior
 from residual.evidence.rules import RULES
 from residual.model.model import Model, Term, with_slots
-from residual.model.nominal import Logs, Nominal
+from residual.model.nominal import Nominal
 from residual.recording import Array
 from residual.robot.dynamics import reach
 
@@ -392,20 +391,6 @@ def _had(design: Design, fitted: Fit, group: Group) -> Array:
         if same and term.shape == group.shape:
             out = out + now[own]
     return out
-
-
-def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
-    """Nominal columns, and features seen with a model that fits these logs roughly.
-
-    Args:
-        named: A model to see features with instead, such as one with what was named.
-    """
-    design = Design(logs.tracks, nominal.model)
-    if named is None:
-        prior = relative_prior(design, nominal, RULES.first_scale)
-        named = as_model(nominal, start(design, prior))
-    design.show_torque(named)
-    return design
 
 
 def physical(model: Model) -> Model:

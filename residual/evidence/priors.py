@@ -9,10 +9,10 @@ import numpy as np
 from residual.effects import registry
 from residual.effects.base import Joints
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior
+from residual.evidence.fit import Fit, Prior, as_model, start
 from residual.evidence.rules import RULES
 from residual.model.model import Model, with_slots
-from residual.model.nominal import ASSUMED, GIVEN, Nominal
+from residual.model.nominal import ASSUMED, GIVEN, Logs, Nominal
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -214,3 +214,17 @@ def widened(fitted: Fit, group: Group) -> Group | None:
         precision=group.precision / size,
         log_det=group.log_det - count * np.log(size) - 2 * PRICE,
     )
+
+
+def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
+    """Nominal columns, and features seen with a model that fits these logs roughly.
+
+    Args:
+        named: A model to see features with instead, such as one with what was named.
+    """
+    design = Design(logs.tracks, nominal.model)
+    if named is None:
+        prior = relative_prior(design, nominal, RULES.first_scale)
+        named = as_model(nominal, start(design, prior))
+    design.show_torque(named)
+    return design

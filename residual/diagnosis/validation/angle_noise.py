@@ -24,10 +24,10 @@ from residual.evidence.fit import (
     System,
     as_model,
     chance_of,
-    first_design,
     physical,
     scaled_inverse,
 )
+from residual.evidence.priors import first_design
 from residual.evidence.rules import RULES
 from residual.recording import Array, Recording
 from residual.signals.pieces import in_pieces
