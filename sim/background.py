@@ -189,7 +189,7 @@ def _warmths(start, power, times, growth):
     return out
 
 
-USUAL_SPEED = 0.35  # of the speed of the robot's room
+USUAL_SPEED = 0.35  # of the robot's usual speed
 
 
 class Rubbing(NamedTuple):

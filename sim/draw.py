@@ -13,7 +13,7 @@ from residual.robot.robot import Robot, robot_from_texts
 from sim.catalogue import kinds, of_drives, vocabulary
 from sim.effects.base import Effect, Here, Joints, Rng
 from sim.records import Hidden, PlantEffect, Sizes, stream
-from sim.sizes import room, sizes
+from sim.sizes import sizes, usual_limits
 
 
 def draw_hidden(
@@ -83,7 +83,7 @@ def _joints(
 
 
 def _here(robot: Robot, usual: Sizes, joints: Joints) -> Here:
-    rows, space = [j - 1 for j in joints] or [0], room(robot)
+    rows, space = [j - 1 for j in joints] or [0], usual_limits(robot)
     least = (usual.torque, usual.coulomb, usual.viscous, usual.rotor)
     middle = (space.centre, space.amplitude)
     return Here(

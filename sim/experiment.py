@@ -10,65 +10,20 @@ from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from sim.background import logged
 from sim.catalogue import acting
-from sim.draw import draw_hidden
 from sim.plant import tables as at
-from sim.plant.arm import Arm, build_arm
-from sim.plant.controller import ComputedTorque, Law, controller_by
-from sim.plant.sensors import WHITE_TORQUE, encoder, hold_frozen, reported, torque_noise
-from sim.plant.stepping import Trace, simulate
-from sim.records import (
-    Noise,
-    PlantEffect,
-    PlantRun,
-    PlantSpec,
-    Rates,
-    Reference,
-    motion_label,
-    stream,
+from sim.plant.arm import Arm
+from sim.plant.controller import Law
+from sim.plant.sensors import (
+    WHITE_TORQUE,
+    encoder,
+    hold_frozen,
+    reported,
+    torque_noise,
 )
+from sim.plant.stepping import Trace, drive
+from sim.records import PlantRun, PlantSpec, Rates, Reference, motion_label, stream
 from sim.sizes import sizes
 from sim.twin import twin_errors, twin_of
-
-
-def log_of(
-    robot: Robot,
-    trace: Trace,
-    reference: Reference,
-    effects: tuple[PlantEffect, ...],
-    noise: tuple[Noise, int, str, float],
-    rates: Rates,
-) -> Recording:
-    """Return the log.
-
-    Args:
-        effects: Effects of the arm; some sit in the reports of the drives.
-        noise: Sizes, seed of the arm, label of the motion, and start of the log on the
-            clock of the session [s].
-
-    Returns:
-        Encoder positions, reported torque and reference at the rate of the log.
-    """
-    sizes_, seed, label, start = noise
-    every = every_nth(rates)
-    t = trace.t[::every]
-    q = trace.rows[::every, at.READING]
-    if sizes_.encoder > 0:
-        q = encoder(q, stream(seed, f"encoder/{label}"), sizes_.encoder)
-    hidden = acting(effects)
-    q = hold_frozen(q, t, hidden)
-    tau = reported(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
-    span = sizes(robot).torque * (sizes_.torque / WHITE_TORQUE)
-    rng = stream(seed, f"torque/{label}")
-    tau = tau + torque_noise(len(t), span, rates.log, rng)
-    return Recording("", robot.name, start + t, q, tau, q_ref=reference.q[::every])
-
-
-def every_nth(rates: Rates) -> int:
-    """Return how many control steps make one sample of the log."""
-    return round(rates.control / rates.log)
-
-
-__all__ = ["draw_hidden", "run_experiment"]
 
 
 def run_experiment(
@@ -96,19 +51,39 @@ def run_experiment(
         DivergedError: If the simulation runs away.
     """
     _check(reference, rates, robot.dof)
-    every, label = every_nth(rates), motion_label(reference, start)
-    arm = build_arm(robot, plant)
-    controller = ComputedTorque(robot, reference)
-    if given is not None:
-        controller = controller_by(robot, reference, given)
-    trace = simulate(arm, reference, controller, label, start, plant.seed)
-    reference = _as_far(reference, len(trace.t))
-    noise = (plant.noise, plant.seed, label, start)
-    log = log_of(robot, trace, reference, plant.effects, noise, rates)
-    log = replace(log, tau=logged(arm.own, log.tau, rates.log))
-    errors = twin_errors(log, trace, twin_of(robot, reference), every)
-    truth = {**truth_of(trace, every), **_drawn(arm, len(log.t))}
-    return PlantRun(log, truth, errors)
+    trace, every = drive(robot, reference, plant, start, given), every_nth(rates)
+    log = log_of(trace, reference, plant, rates, start)
+    twin = twin_of(robot, _as_far(reference, len(trace.t)))
+    truth = {**truth_of(trace, every), **_drawn(trace.arm, len(log.t))}
+    return PlantRun(log, truth, twin_errors(log, trace, twin, every))
+
+
+def log_of(
+    trace: Trace, reference: Reference, plant: PlantSpec, rates: Rates, start: float
+) -> Recording:
+    """Return encoder positions, reported torque and reference at the log's rate.
+
+    Args:
+        start: Of the log on the clock of the session [s].
+    """
+    every, label, arm = every_nth(rates), motion_label(reference, start), trace.arm
+    t, q = trace.t[::every], trace.rows[::every, at.READING]
+    if plant.noise.encoder > 0:
+        rng = stream(plant.seed, f"encoder/{label}")
+        q = encoder(q, rng, plant.noise.encoder)
+    hidden = acting(plant.effects)
+    q = hold_frozen(q, t, hidden)
+    tau = reported(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
+    span = sizes(arm.robot).torque * (plant.noise.torque / WHITE_TORQUE)
+    rng = stream(plant.seed, f"torque/{label}")
+    tau = logged(arm.own, tau + torque_noise(len(t), span, rates.log, rng), rates.log)
+    asked = reference.q[: len(trace.t) : every]
+    return Recording("", arm.robot.name, start + t, q, tau, q_ref=asked)
+
+
+def every_nth(rates: Rates) -> int:
+    """Return how many control steps make one sample of the log."""
+    return round(rates.control / rates.log)
 
 
 def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:

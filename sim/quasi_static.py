@@ -20,11 +20,10 @@ from sim.background import (
     draw_background,
 )
 from sim.catalogue import Acting, acting, changed
-from sim.effects._bristle import deflection
-from sim.effects.base import State
+from sim.effects.base import State, deflection
 from sim.plant.sensors import reported
 from sim.records import CLEAN, BackgroundWord, Hidden, Reference, stream
-from sim.sizes import room, scatter, sizes
+from sim.sizes import scatter, sizes, usual_limits
 
 _RIGID_SCATTER = 0.02
 # Friction that the robot declares is off by little; that of a bare URDF is anything.
@@ -160,7 +159,7 @@ def true_torque(
     total, more, gain = rigid + base + sum(parts), None, _gain(hidden, plant.robot.dof)
     if own is not None:
         moving = (motion.t, drives, qd, z, rigid)
-        usual = USUAL_SPEED * room(plant.robot).velocity
+        usual = USUAL_SPEED * usual_limits(plant.robot).velocity
         since = start if worked is None else worked
         levels = (friction.coulomb, friction.viscous, usual, since)
         more = added(own, Rubbing(*moving, *levels))

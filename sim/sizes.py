@@ -1,4 +1,4 @@
-"""How large torques, friction and effects are on a given robot."""
+"""How far and fast a given robot moves, how large its torques and friction are."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ _UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Room:
+class UsualLimits:
     """What a motion may use.
 
     Attributes:
@@ -40,8 +40,8 @@ class Room:
     acceleration: Array
 
 
-def room(robot: Robot) -> Room:
-    """Return the room of a robot, inside its limits with a margin."""
+def usual_limits(robot: Robot) -> UsualLimits:
+    """Return what motions of a robot usually use, inside its limits with a margin."""
     lower = np.maximum(robot.lower, -np.pi) + _MARGIN
     upper = np.minimum(robot.upper, np.pi) - _MARGIN
     amplitude = np.minimum(0.35 * (upper - lower), _WIDEST)
@@ -54,10 +54,10 @@ def room(robot: Robot) -> Room:
         acceleration = np.minimum(acceleration, 0.9 * robot.acceleration_limit)
     # As near to the zero posture as the range allows: there arms carry their weight.
     centre = np.clip(0.0, lower + amplitude, upper - amplitude)
-    return Room(lower, upper, centre, amplitude, velocity, acceleration)
+    return UsualLimits(lower, upper, centre, amplitude, velocity, acceleration)
 
 
-def draw_centre(space: Room, rng: np.random.Generator) -> Array:
+def draw_centre(space: UsualLimits, rng: np.random.Generator) -> Array:
     """Return the middle of one motion, up to 0.3 rad off the usual one [rad]."""
     centre = space.centre + rng.uniform(-0.3, 0.3, len(space.centre))
     return np.clip(centre, space.lower + space.amplitude, space.upper - space.amplitude)
@@ -113,7 +113,7 @@ def declared(robot: Robot, effect: Effect, otherwise: Array) -> Array:
 
 
 def _random_states(robot: Robot) -> tuple[Array, Array, Array]:
-    space = room(robot)
+    space = usual_limits(robot)
     rng = stream(0, "sizes")
     unit = rng.uniform(-1, 1, (3, 300, robot.dof))
     q = space.centre + space.amplitude * unit[0]

@@ -16,17 +16,16 @@ from residual.robot.toml import Declared
 from sim.catalogue import of_drives
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
-from sim.plant.controller import ComputedTorque, FeedForward, Law, Replay, controller_by
-from sim.plant.stepping import Trace, simulate
-from sim.records import PlantSpec, Rates, Reference, motion_label
+from sim.plant.controller import Law, replay
+from sim.plant.stepping import Trace, drive, simulate
+from sim.records import PlantSpec, Rates, Reference
 
 _NOMINAL = PlantSpec(scatter=0.0)
 
 
 def twin_of(robot: Robot, reference: Reference) -> Trace:
     """Simulate the nominal model, friction as declared, in closed loop."""
-    arm = build_arm(robot, _NOMINAL)
-    return simulate(arm, reference, ComputedTorque(robot, reference))
+    return drive(robot, reference, _NOMINAL)
 
 
 def twin_errors(
@@ -67,11 +66,7 @@ def track(robot: Robot, reference: Reference, plant: PlantSpec, torque: Array) -
     Returns:
         Read minus wanted position [rad]. Shape (n, dof).
     """
-    controller = FeedForward(robot, reference, torque)
-    label = motion_label(reference, 0.0)
-    trace = simulate(
-        build_arm(robot, plant), reference, controller, label, seed=plant.seed
-    )
+    trace = drive(robot, reference, plant, given=torque)
     return trace.rows[:, at.READING] - reference.q
 
 
@@ -94,15 +89,10 @@ def open_loop(
         part = slice(first, first + length)
         if first + 2 > len(reference.t):
             break
-        piece = Reference(
-            reference.kind,
-            reference.t[part] - reference.t[first],
-            reference.q[part],
-            reference.qd[part],
-            reference.qdd[part],
-            None,
-        )
-        trace = simulate(arm, piece, Replay(torque[part]))
+        own = (x[part] for x in (reference.q, reference.qd, reference.qdd))
+        t = reference.t[part] - reference.t[first]
+        piece = Reference(reference.kind, t, *own, None)
+        trace = simulate(arm, piece, replay(torque[part]))
         error[part] = trace.rows[:, at.Q] - piece.q
     return error
 
@@ -123,7 +113,7 @@ class Driven:
     energy: Array
 
 
-def drive(
+def run_along(
     robot: Robot, reference: Reference, plant: PlantSpec, given: Array | Law
 ) -> Driven:
     """Drive the arm along a reference by torques, or by a law, handed in.
@@ -134,9 +124,7 @@ def drive(
     Args:
         given: Torque along the reference [N m], shape (n, dof); or the law.
     """
-    controller = controller_by(robot, reference, given)
-    label, arm = motion_label(reference, 0.0), build_arm(robot, plant)
-    trace = simulate(arm, reference, controller, label, seed=plant.seed)
+    trace = drive(robot, reference, plant, given=given)
     dt = reference.t[1] - reference.t[0]
     miss = trace.rows[:, at.READING] - reference.q
     torque, speed = trace.rows[:, at.DRIVE], trace.rows[:, at.QD]

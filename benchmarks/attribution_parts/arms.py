@@ -24,7 +24,7 @@ from sim.draw import draw_hidden, light_arm
 from sim.plant.sensors import WHITE_TORQUE
 from sim.quasi_static import Plant, true_friction, true_torque
 from sim.records import Hidden, PlantEffect, Reference, stream
-from sim.sizes import room, sizes
+from sim.sizes import sizes, usual_limits
 
 Array = np.ndarray
 
@@ -116,7 +116,7 @@ def make_edited(arm: Arm, effects: Sequence[PlantEffect]) -> Recording:
 def motion(arm: Arm, name: str, family: str, seconds: float) -> Reference:
     """Return the motion of one log."""
     rng = stream(arm.seed, f"motion/{name}")
-    return make_motion(family, room(arm.robot), seconds, RATE, rng)
+    return make_motion(family, usual_limits(arm.robot), seconds, RATE, rng)
 
 
 def record(

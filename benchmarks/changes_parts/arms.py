@@ -22,9 +22,8 @@ from sim.experiment import log_of
 from sim.laws import thinned
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
-from sim.plant.controller import ComputedTorque
 from sim.plant.friction import AMBIENT, RISE
-from sim.plant.stepping import simulate
+from sim.plant.stepping import drive
 from sim.quasi_static import (
     Plant,
     background_of,
@@ -41,10 +40,9 @@ from sim.records import (
     Rates,
     Reference,
     TrajectorySpec,
-    motion_label,
     stream,
 )
-from sim.sizes import room
+from sim.sizes import usual_limits
 from sim.trajectories import make_reference
 
 Array = np.ndarray
@@ -145,7 +143,7 @@ def _synthetic(
     hidden = tuple(Hidden(e.name, e.joints, dict(e.parameters)) for e in effects)
     plant = Plant(robot, hidden, case.plant, case.background)
     motion = make_motion(
-        part.what, room(robot), part.duration, RATE, stream(part.seed, "motion")
+        part.what, usual_limits(robot), part.duration, RATE, stream(part.seed, "motion")
     )
     worked = _worked(case, label) + start
     torque = true_torque(plant, motion, label, start, True, worked)
@@ -166,18 +164,14 @@ def _in_engine(
     reference = _reference(TrajectorySpec(part.what, part.duration, 2, part.seed))
     start += _SHIFT * (case.noise % 1000) + (0.0 if label.startswith(FIRST) else 1.0)
     spec = _spec(case, effects, _worked(case, label), exact)
-    arm, name = build_arm(robot, spec), motion_label(reference, start)
-    controller = ComputedTorque(robot, reference)
-    trace = simulate(arm, reference, controller, name, start, spec.seed)
-    noise = (spec.noise, spec.seed, name, start)
-    log = log_of(robot, trace, reference, spec.effects, noise, rates)
-    log = replace(log, tau=logged(arm.own, log.tau, RATE))
-    if arm.own is None:
+    trace = drive(robot, reference, spec, start)
+    log, own = log_of(trace, reference, spec, rates, start), trace.arm.own
+    if own is None:
         return log, None
     every = round(CONTROL / RATE)
     warm = (trace.rows[::every, at.TEMPERATURE] - AMBIENT) / RISE
     speed = trace.rows[::every, at.QD]
-    return log, _where_it_moves(thinned(warm, arm.own.growth), speed)
+    return log, _where_it_moves(thinned(warm, own.growth), speed)
 
 
 def _spec(case: Case, effects: Effects, worked: float, exact: bool) -> PlantSpec:

@@ -16,7 +16,7 @@ from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 from sim.quasi_static import Plant, true_torque
 from sim.records import Noise, PlantSpec, Reference, TrajectorySpec, stream
-from sim.sizes import room
+from sim.sizes import usual_limits
 from warehouse.logs import load_columns, read_log
 
 Array = np.ndarray
@@ -71,7 +71,7 @@ def synthetic(name: str, seed: int) -> Host:
     logs = []
     for i, family in enumerate(FAMILIES):
         rng = stream(seed, f"motion/{name}/{family}")
-        motion = make_motion(family, room(robot), DURATION, RATE, rng)
+        motion = make_motion(family, usual_limits(robot), DURATION, RATE, rng)
         start = i * (DURATION + PAUSE)
         logs.append(recorded(plant, motion, f"{name}_{family}", start))
     return Host(name, robot, tuple(logs), plant)

@@ -19,7 +19,7 @@ from benchmarks.check_parts.arms import (
 )
 from benchmarks.synthetic.motions import make_motion
 from sim.records import Reference
-from sim.sizes import room
+from sim.sizes import usual_limits
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -139,7 +139,7 @@ def lockstep(host: Host, size: int, rng: Rng) -> Spoiled | None:
         return None
     dof = host.robot.dof
     joints = some(rng, dof, (2, dof // 2, dof)[size])
-    space = room(host.robot)
+    space = usual_limits(host.robot)
 
     def couple(motion: Reference) -> Reference:
         q, qd, qdd = motion.q.copy(), motion.qd.copy(), motion.qdd.copy()
@@ -160,7 +160,7 @@ def no_reversal(host: Host, size: int, rng: Rng) -> Spoiled | None:
         return None
     dof = host.robot.dof
     joints = some(rng, dof, (1, dof // 2, dof)[size])
-    space, rate = room(host.robot), 2 * np.pi / 3.0
+    space, rate = usual_limits(host.robot), 2 * np.pi / 3.0
 
     def one_way(motion: Reference) -> Reference:
         q, qd, qdd, t = motion.q.copy(), motion.qd.copy(), motion.qdd.copy(), motion.t
@@ -179,7 +179,7 @@ def no_reversal(host: Host, size: int, rng: Rng) -> Spoiled | None:
 def _moved(host: Host, rng: Rng, kind: str, joints, change) -> Spoiled:
     logs = []
     for i in range(2):
-        motion = make_motion("fourier", room(host.robot), DURATION, RATE, rng)
+        motion = make_motion("fourier", usual_limits(host.robot), DURATION, RATE, rng)
         label = f"{kind}_{i}"
         logs.append(recorded(host.plant, change(motion), label, 30.0 * i))
     return Spoiled(kind, joints, [table_of(log) for log in logs])

@@ -27,7 +27,7 @@ from residual.check.motion import Motion, thin_rows
 from residual.recording import Recording
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.signals.low_pass import low_pass
-from sim.sizes import room
+from sim.sizes import usual_limits
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -226,7 +226,7 @@ def held(host: Host, rng: Rng) -> Host | None:
         return None
     logs = []
     for i, family in enumerate(("fourier", "cyclic")):
-        motion = make_motion(family, room(host.robot), DURATION, RATE, rng)
+        motion = make_motion(family, usual_limits(host.robot), DURATION, RATE, rng)
         joint = int(rng.integers(host.robot.dof))
         q, qd, qdd = motion.q.copy(), motion.qd.copy(), motion.qdd.copy()
         q[:, joint], qd[:, joint], qdd[:, joint] = q[0, joint], 0.0, 0.0

@@ -22,7 +22,7 @@ from residual.robot.robot import Robot, load_robot
 from sim.catalogue import forms, kinds, unnamed
 from sim.quasi_static import Plant, true_friction, true_torque
 from sim.records import Hidden, Noise, PlantEffect, PlantSpec, TrajectorySpec, stream
-from sim.sizes import room, sizes
+from sim.sizes import sizes, usual_limits
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 
@@ -100,7 +100,7 @@ def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: i
     for place, family in enumerate((*plan.fit, *plan.held_out)):
         name = f"{'fit' if place < len(plan.fit) else 'held_out'}_{place}_{family}"
         rng = stream(motion, f"motion/{name}")
-        made = make_motion(family, room(robot), plan.duration, RATE, rng)
+        made = make_motion(family, usual_limits(robot), plan.duration, RATE, rng)
         start = place * (plan.duration + PAUSE)
         torque = true_torque(plant, made, name, start)
         signals = sensed(robot, torque, name, arm)

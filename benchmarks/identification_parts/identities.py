@@ -22,7 +22,7 @@ from residual.robot.robot import load_robot
 from sim.experiment import run_experiment
 from sim.plant.arm import build_arm
 from sim.records import Noise, PlantSpec, Rates, Reference, stream
-from sim.sizes import room
+from sim.sizes import usual_limits
 
 Array = np.ndarray
 
@@ -112,7 +112,7 @@ def _plant(seed: int, noise: float) -> PlantSpec:
 
 def _log(family: str, number: int, seed: int, noise: float) -> Recording:
     rng = stream(1000 * seed + number, f"motion/{family}")
-    m = make_motion(family, room(ROBOT), _DURATION, 1000.0, rng)
+    m = make_motion(family, usual_limits(ROBOT), _DURATION, 1000.0, rng)
     motion = Reference(family, m.t, m.q, m.qd, m.qdd, None)
     start = 2 * _DURATION * number
     log = run_experiment(ROBOT, motion, _plant(seed, noise), Rates(), start).log

@@ -23,7 +23,7 @@ from residual.signals import pieces
 from sim.draw import draw
 from sim.quasi_static import Plant, true_torque
 from sim.records import Reference, stream
-from sim.sizes import room
+from sim.sizes import usual_limits
 from sim.trajectories.curves import move_time, quintic
 from warehouse.logs import read_log
 
@@ -112,12 +112,12 @@ def _motion(plant: Plant, shift: Shift, number: int) -> Reference:
     rng = stream(shift.seed, f"motion/{number}")
     # Two periods of a Fourier motion fit into its length: it is kept brisk.
     length = 20.0 if family == "fourier" else PIECE
-    return make_motion(family, room(plant.robot), length, shift.rate, rng)
+    return make_motion(family, usual_limits(plant.robot), length, shift.rate, rng)
 
 
 def _with_way(plant: Plant, shift: Shift, motion: Reference, end: Array) -> Reference:
     """Append the move to where the next motion begins."""
-    space, start = room(plant.robot), motion.q[-1]
+    space, start = usual_limits(plant.robot), motion.q[-1]
     time = 1.5 * move_time(end - start, space.velocity, space.acceleration)
     x = np.arange(1, round(time * shift.rate) + 1)[:, None] / (time * shift.rate)
     way = quintic(start, end, time, np.minimum(x, 1.0))

@@ -35,8 +35,8 @@ from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.draw import draw_hidden, usual_effects
 from sim.records import PlantEffect, PlantSpec, TrajectorySpec, stream
-from sim.trajectories.fourier import arena, draw, shrunk
-from sim.trajectories.given import written
+from sim.trajectories.fourier import draw, shrunk, written
+from sim.trajectories.limits import workspace
 
 SECONDS = 20.0  # of an experiment
 SETTLED, FASTER_RANDOM, FASTER_D = 0.80, 3.0, 1.5
@@ -276,7 +276,7 @@ def _fourier(
     rng: np.random.Generator, seconds: float, size: float, periods: int = 2
 ) -> TrajectorySpec:
     """A random Fourier motion by its numbers, of a share of the size it may have."""
-    series = shrunk(draw(arena(_robot(), seconds / periods), rng), size)
+    series = shrunk(draw(workspace(_robot(), seconds / periods), rng), size)
     return TrajectorySpec("fourier", seconds, periods, 0, written(series))
 
 

@@ -23,7 +23,8 @@ from residual.model.model import Model, Term
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot
 from sim.catalogue import acting, changed
-from sim.experiment import draw_hidden, run_experiment
+from sim.draw import draw_hidden
+from sim.experiment import run_experiment
 from sim.plant.arm import build_arm
 from sim.records import (
     PlantEffect,
@@ -34,7 +35,7 @@ from sim.records import (
     stream,
 )
 from sim.trajectories import make_reference
-from sim.twin import drive
+from sim.twin import run_along
 
 FIT = (*3 * ("fourier",), *3 * ("cyclic",))
 HELD_OUT = ("cyclic", "fourier")
@@ -212,7 +213,7 @@ def _row(case: Case, kind: str, ways: Mapping[str, Torque], count: int) -> dict:
 
 def _missed(case: Case, reference: Reference, torque: np.ndarray) -> float:
     """Squared error of all joints together [rad^2]."""
-    done = drive(case.robot, reference, case.plant, torque)
+    done = run_along(case.robot, reference, case.plant, torque)
     return float((done.rms**2).sum())
 
 
@@ -314,5 +315,5 @@ def _missed_by(case: Case, reference: Reference, model: Model) -> float:
     """Error of all joints together on one motion [rad]."""
     motion = reference.q, reference.qd, reference.qdd
     torque = feed_forward(model, reference.t, motion, Use())
-    done = drive(case.robot, reference, case.plant, torque)
+    done = run_along(case.robot, reference, case.plant, torque)
     return float(np.linalg.norm(done.rms))

@@ -52,7 +52,7 @@ from sim.background import logged
 from sim.plant.sensors import encoder, torque_noise
 from sim.quasi_static import Plant, background_of, true_friction, true_torque
 from sim.records import Hidden, stream
-from sim.sizes import room, sizes
+from sim.sizes import sizes, usual_limits
 
 RATE = arms.RATE
 LOAD, GAIN, SMALL_GAIN, FRICTION = "load", "gain", "small_gain", "friction"
@@ -137,7 +137,11 @@ def _recorded(run: Run, effects: tuple[Hidden, ...]) -> Recording:
     """Return a log that is changed from its begin on, or not at all."""
     plant, label = _plant(run, effects), f"watch/{run.arm}/{run.number}"
     motion = make_motion(
-        run.family, room(plant.robot), run.seconds, RATE, stream(run.number, label)
+        run.family,
+        usual_limits(plant.robot),
+        run.seconds,
+        RATE,
+        stream(run.number, label),
     )
     torque = true_torque(plant, motion, label, run.start, True, run.worked)
     rng = stream(run.number, f"{label}/torque")

@@ -19,13 +19,13 @@ from sim.engine.bullet import World
 from sim.experiment import run_experiment
 from sim.plant import tables as at
 from sim.plant.arm import Phase, build_arm, channels_of, new_state, phases
-from sim.plant.controller import ComputedTorque
+from sim.plant.controller import computed_torque
 from sim.plant.energy import balance
 from sim.plant.sensors import read
 from sim.plant.step import advance
 from sim.plant.stepping import Trace, pushed, simulate
 from sim.records import PlantEffect, PlantSpec, Rates, Reference, stream
-from sim.sizes import room
+from sim.sizes import usual_limits
 
 ROBOT = load_robot("irb140")
 Effects = tuple[PlantEffect, ...]
@@ -40,7 +40,7 @@ def reference(
     family: str, duration: float, seed: int = 1, rate: float = 1000.0
 ) -> Reference:
     """Return a motion."""
-    space, rng = room(ROBOT), stream(seed, f"motion/{family}")
+    space, rng = usual_limits(ROBOT), stream(seed, f"motion/{family}")
     m = make_motion(family, space, duration, rate, rng)
     return Reference(family, m.t, m.q, m.qd, m.qdd, None)
 
@@ -48,7 +48,7 @@ def reference(
 def drive(effects: Effects, motion: Reference, seed: int) -> Trace:
     """Drive the arm of a seed along a motion."""
     arm = build_arm(ROBOT, PlantSpec(effects, seed=seed))
-    controller = ComputedTorque(ROBOT, motion)
+    controller = computed_torque(ROBOT, motion)
     return simulate(arm, motion, controller, "benchmark", 0.0, seed)
 
 

@@ -15,7 +15,8 @@ from sim.plant.controller import KD, KP
 from sim.records import PlantSpec, Rates, Reference, TrajectorySpec, stream
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import excitation
-from sim.trajectories.fourier import arena, draw, sampled
+from sim.trajectories.fourier import draw, sampled
+from sim.trajectories.limits import workspace
 
 # The full plant: friction of every kind, rotors, a payload and a ripple.
 _FULL = ("payload", "stribeck", "load_friction", "ripple", "coulomb_asymmetry")
@@ -101,7 +102,7 @@ def _optimised(seed: int) -> float:
 
 def _best_random(seed: int) -> float:
     robot, spec = load_robot("irb140"), TrajectorySpec()
-    place = arena(robot, spec.duration / spec.periods)
+    place = workspace(robot, spec.duration / spec.periods)
     t = np.arange(0, place.period, 1 / _RATE)
     rng = stream(seed, "benchmark/random motions")
     drawn = [sampled(draw(place, rng), t) for _ in range(_RANDOM)]

@@ -21,16 +21,13 @@ from residual.recording import Recording
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from sim.experiment import log_of
-from sim.plant.arm import build_arm
-from sim.plant.controller import ComputedTorque
-from sim.plant.stepping import simulate
+from sim.plant.stepping import drive
 from sim.records import (
     PlantEffect,
     PlantSpec,
     Rates,
     Reference,
     TrajectorySpec,
-    motion_label,
     stream,
 )
 from sim.sizes import sizes
@@ -118,12 +115,8 @@ def _cut(motion: Reference, steps: int) -> Reference:
 
 def _drive(arm: int, motion: Reference, effects: tuple, start: float) -> Recording:
     """Drive an arm and log it; its twin, which takes as long, is not needed."""
-    plant, label = PlantSpec(effects, seed=arm), motion_label(motion, start)
-    control = ComputedTorque(ROBOT, motion)
-    trace = simulate(build_arm(ROBOT, plant), motion, control, label, start, arm)
-    noise = (plant.noise, plant.seed, label, start)
-    asked = _cut(motion, len(trace.t))
-    return log_of(ROBOT, trace, asked, effects, noise, Rates())
+    plant = PlantSpec(effects, seed=arm)
+    return log_of(drive(ROBOT, motion, plant, start), motion, plant, Rates(), start)
 
 
 # Within how many seconds each fault is to be found; None: told, without a bar.

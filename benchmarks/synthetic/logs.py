@@ -11,7 +11,7 @@ from sim.draw import draw
 from sim.plant.sensors import encoder, torque_noise
 from sim.quasi_static import Plant, background_of, true_friction, true_torque
 from sim.records import Hidden, stream
-from sim.sizes import room, sizes
+from sim.sizes import sizes, usual_limits
 
 RATE = 250.0  # Hz
 DURATION = 20.0  # s
@@ -173,7 +173,7 @@ def _record(
     now, session = clock
     motion = make_motion(
         entry.family,
-        room(plant.robot),
+        usual_limits(plant.robot),
         entry.duration,
         entry.rate,
         stream(seed, f"motion/{entry.name}"),

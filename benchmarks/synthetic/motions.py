@@ -9,7 +9,7 @@ import numpy as np
 
 from residual.recording import Array
 from sim.records import Reference
-from sim.sizes import Room, draw_centre
+from sim.sizes import UsualLimits, draw_centre
 from sim.trajectories.curves import (
     RAMP,
     Series,
@@ -26,7 +26,11 @@ _DWELL = (0.3, 0.9)  # s
 
 
 def make_motion(
-    family: str, space: Room, duration: float, rate: float, rng: np.random.Generator
+    family: str,
+    space: UsualLimits,
+    duration: float,
+    rate: float,
+    rng: np.random.Generator,
 ) -> Reference:
     """Draw one motion.
 
@@ -57,7 +61,9 @@ def make_motion(
     return Reference(family, t, *evaluate(curve, t, duration), None)
 
 
-def draw_fourier(space: Room, duration: float, rng: np.random.Generator) -> Series:
+def draw_fourier(
+    space: UsualLimits, duration: float, rng: np.random.Generator
+) -> Series:
     """Draw five harmonics; two periods fit into the duration."""
     dof = len(space.centre)
     order = np.arange(1, 6)[:, None]
@@ -67,7 +73,7 @@ def draw_fourier(space: Room, duration: float, rng: np.random.Generator) -> Seri
 
 
 def draw_cyclic(
-    space: Room, period: float, share: float, rng: np.random.Generator
+    space: UsualLimits, period: float, share: float, rng: np.random.Generator
 ) -> Series:
     """Draw strokes back and forth: 1 to 3 per period and joint, nearly triangular."""
     dof = len(space.centre)
@@ -85,7 +91,7 @@ def draw_cyclic(
 
 
 def move_stop_move(
-    space: Room, t: Array, duration: float, rng: np.random.Generator
+    space: UsualLimits, t: Array, duration: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Draw a program of moves and repeat it until the time is over.
 
@@ -122,7 +128,7 @@ def move_stop_move(
     return q, qd, qdd
 
 
-def _within(space: Room, series: Series, share: float) -> Series:
+def _within(space: UsualLimits, series: Series, share: float) -> Series:
     """Scale each joint as large as its range (times share), speed and acceleration."""
     position, velocity, acceleration = peaks(series)
     scale = np.min(

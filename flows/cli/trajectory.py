@@ -20,7 +20,7 @@ from flows.steps.trajectory import as_csv
 from sim.engine.render import animate
 from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
-from sim.trajectories.usage import usage
+from sim.trajectories.excitation import usage
 
 
 def trajectory(

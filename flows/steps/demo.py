@@ -27,7 +27,7 @@ from residual.quantity import plain
 from sim.catalogue import kinds
 from sim.records import BACKGROUNDS, HIDDEN, PlantEffect, TrajectorySpec, stream
 from sim.trajectories import make_reference
-from sim.trajectories.given import draw_slow
+from sim.trajectories.fourier import draw_slow
 from sim.visible import Stage, draw_visible
 from warehouse import runs as stored
 

@@ -25,10 +25,8 @@ from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
 from residual.threads import one_blas_thread
 from sim.plant import tables as at
-from sim.plant.arm import build_arm
-from sim.plant.controller import ComputedTorque
-from sim.plant.stepping import DivergedError, simulate
-from sim.records import PlantSpec, Reference, TrajectorySpec, motion_label
+from sim.plant.stepping import DivergedError, drive
+from sim.records import PlantSpec, Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from sim.twin import open_loop, track, twin_of
 from warehouse.commit import about_run, commit_record
@@ -143,8 +141,7 @@ def feed_forward_errors(
         Root mean square of read minus wanted position: nominal, arm [rad]. (dof,) each.
     """
     # Under the label and at the start of `track`: chance and warmth are the same.
-    label, loop = motion_label(reference, 0.0), ComputedTorque(robot, reference)
-    arm = simulate(build_arm(robot, plant), reference, loop, label, seed=plant.seed)
+    arm = drive(robot, reference, plant)
     given = {"nominal": twin_of(robot, reference), "arm": arm}
     return {
         name: _rms(track(robot, reference, plant, trace.rows[:, at.DRIVE]))

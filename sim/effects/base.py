@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numba import njit
 
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -251,3 +252,39 @@ def split(size: float, angle: float, keys: Sequence[str] = ("cos", "sin")) -> di
     """Return a vector of that length and direction by its two components."""
     parts = size * float(np.cos(angle)), size * float(np.sin(angle))
     return dict(zip(keys, parts, strict=True))
+
+
+def deflection(x: Array, displacement: Array) -> Array:
+    """Return the state of the bristles of several contacts, between -1 and 1.
+
+    Dry friction with memory, driven by the true displacement.
+
+    dz/dx = (1 - z sign(dx)) / displacement    (Dahl 1968, exponent 1)
+
+    integrated exactly between samples: z goes to sign(dx) over some displacements and
+    stays where it is at standstill, so that the torque of a joint at rest can be any
+    value within its friction.
+
+    Args:
+        x: Relative positions of the two sides [rad]. Shape (n, k).
+        displacement: Displacement over which a contact yields [rad]. Shape (k,).
+
+    Returns:
+        States, zero at the first sample. Shape (n, k).
+    """
+    return _dahl(
+        np.ascontiguousarray(x, dtype=float), np.asarray(displacement, dtype=float)
+    )
+
+
+@njit(cache=True)
+def _dahl(x, displacement):
+    n, k = x.shape
+    z = np.zeros((n, k))
+    for i in range(1, n):
+        for j in range(k):
+            step = x[i, j] - x[i - 1, j]
+            side = 1.0 if step >= 0 else -1.0
+            rest = np.exp(-abs(step) / displacement[j])
+            z[i, j] = side + (z[i - 1, j] - side) * rest
+    return z

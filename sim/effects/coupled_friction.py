@@ -5,8 +5,7 @@ f = level z(u) + coefficient u'; torque (f, sign f), z a bristle driven by u.
 
 import numpy as np
 
-from sim.effects._bristle import deflection
-from sim.effects.base import Effect, sign
+from sim.effects.base import Effect, deflection, sign
 
 
 def _law(state, p):

@@ -3,8 +3,7 @@
 import numpy as np
 
 from sim import laws
-from sim.effects._bristle import deflection
-from sim.effects.base import Effect, any_joint, row
+from sim.effects.base import Effect, any_joint, deflection, row
 
 
 def _law(state, p):

@@ -1,4 +1,4 @@
-"""PyBullet as the integrator of the link side; the only file that imports it.
+"""PyBullet: integrator of the link side, and camera; the only file that imports it.
 
 One step is exact: tau = RNEA(q_k, v_k, (v_(k+1) - v_k) / dt) to about 1e-11 N m, and
 q_(k+1) = q_k + dt v_(k+1). Every setting below is needed for that.
@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -102,9 +102,43 @@ with silence():
 
 _FREE = 1e3  # rad and rad/s: limits that nothing reaches
 
+_LOOK = {"yaw": 52.0, "pitch": -18.0, "roll": 0.0, "upAxisIndex": 2}
+_FIELD = 40.0  # degrees from top to bottom
+_AWAY = 2.1  # distance of the camera, in lengths of the arm
+_UP = 0.4  # height that it looks at, in lengths of the arm
+_TILES = 4  # from the middle to the edge of the floor
+_FLOOR = ((0.86, 0.88, 0.9, 1.0), (0.76, 0.79, 0.82, 1.0))
+_LIGHT = (1.2, -1.6, 3.0)
 
-class World:
-    """One arm in one physics client; close it, or use it in a with block.
+
+class _Client:
+    """One arm in one physics client; close it, or use it in a with block."""
+
+    def __init__(self, urdf: str, flags: int = 0) -> None:
+        self._client = bullet.connect(bullet.DIRECT)
+        self._on = {"physicsClientId": self._client}
+        with tempfile.TemporaryDirectory() as folder, silence():
+            path = Path(folder) / "arm.urdf"
+            path.write_text(urdf, encoding="utf-8")
+            self._arm = bullet.loadURDF(
+                str(path), useFixedBase=True, flags=flags, **self._on
+            )
+
+    def close(self) -> None:
+        """Let go of the physics client; twice is once."""
+        if self._client >= 0:
+            bullet.disconnect(self._client)
+            self._client = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class World(_Client):
+    """One arm that moves by physics.
 
     Args:
         model: Rigid body of the arm, gravity included.
@@ -112,11 +146,9 @@ class World:
     """
 
     def __init__(self, model: pin.Model, dt: float) -> None:
+        super().__init__(urdf_of(model), bullet.URDF_USE_INERTIA_FROM_FILE)
         self._joints = list(range(model.nv))
-        self._client = bullet.connect(bullet.DIRECT)
-        self._on = {"physicsClientId": self._client}
         bullet.setGravity(*model.gravity.linear.tolist(), **self._on)
-        self._arm = self._load(urdf_of(model))
         bullet.setPhysicsEngineParameter(
             fixedTimeStep=dt,
             numSubSteps=0,
@@ -126,15 +158,6 @@ class World:
             **self._on,
         )
         self._set_free()
-
-    def _load(self, urdf: str) -> int:
-        with tempfile.TemporaryDirectory() as folder, silence():
-            path = Path(folder) / "arm.urdf"
-            path.write_text(urdf, encoding="utf-8")
-            flags = bullet.URDF_USE_INERTIA_FROM_FILE
-            return bullet.loadURDF(
-                str(path), useFixedBase=True, flags=flags, **self._on
-            )
 
     def _set_free(self) -> None:
         """Switch off dampers, limits and motors that Bullet adds by itself."""
@@ -175,32 +198,11 @@ class World:
         )
         bullet.stepSimulation(physicsClientId=self._client)
 
-    def close(self) -> None:
-        """Let go of the physics client."""
-        bullet.disconnect(**self._on)
 
-    def __enter__(self) -> "World":
-        return self
+class Camera(_Client):
+    """A camera on one arm, on a floor, without a display.
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-with silence():
-    import pybullet as bullet
-
-
-_LOOK = {"yaw": 52.0, "pitch": -18.0, "roll": 0.0, "upAxisIndex": 2}
-_FIELD = 40.0  # degrees from top to bottom
-_AWAY = 2.1  # distance of the camera, in lengths of the arm
-_UP = 0.4  # height that it looks at, in lengths of the arm
-_TILES = 4  # from the middle to the edge of the floor
-_FLOOR = ((0.86, 0.88, 0.9, 1.0), (0.76, 0.79, 0.82, 1.0))
-_LIGHT = (1.2, -1.6, 3.0)
-
-
-class Camera:
-    """A camera on one arm; close it, or use it in a with block.
+    TinyRenderer computes pictures on the processor; nothing here moves by physics.
 
     Args:
         urdf: What the arm looks like: primitive shapes, no meshes.
@@ -212,10 +214,8 @@ class Camera:
     def __init__(
         self, urdf: str, length: float, floor: bool, size: tuple[int, int]
     ) -> None:
+        super().__init__(urdf)
         self._size = size
-        self._client = bullet.connect(bullet.DIRECT)
-        self._on = {"physicsClientId": self._client}
-        self._arm = self._load(urdf)
         self._joints = [
             joint
             for joint in range(bullet.getNumJoints(self._arm, **self._on))
@@ -256,29 +256,6 @@ class Camera:
         )
         pixels = np.asarray(picture[2], dtype=np.uint8)
         return pixels.reshape(height, width, 4)[:, :, :3]
-
-    def close(self) -> None:
-        """Give the physics client back."""
-        if self._client >= 0:
-            bullet.disconnect(self._client)
-            self._client = -1
-
-    def __enter__(self) -> "Camera":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def _load(self, urdf: str) -> int:
-        with tempfile.TemporaryDirectory() as folder, silence():
-            path = Path(folder) / "arm.urdf"
-            path.write_text(urdf, encoding="utf-8")
-            return bullet.loadURDF(str(path), useFixedBase=True, **self._on)
 
     def _lay_floor(self, half: float) -> None:
         """Lay tiles of two shades, which show where the arm stands.

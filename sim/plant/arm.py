@@ -29,7 +29,7 @@ from sim.plant.sensors import (
 )
 from sim.plant.tables import Constants, State
 from sim.records import Drives, PlantEffect, PlantSpec, stream
-from sim.sizes import room, scatter
+from sim.sizes import scatter, usual_limits
 
 Effects = Sequence[PlantEffect]
 COGGING = "background"  # channel of what the background adds beside friction
@@ -282,7 +282,7 @@ def _phase(
     springs = _springs(effects, rotor, arm.own)
     elastic = (springs[0] > 0).astype(float)
     errors = encoder_errors(effects, dof)
-    usual = USUAL_SPEED * room(robot).velocity
+    usual = USUAL_SPEED * usual_limits(robot).velocity
     constants = Constants(
         dt=dt,
         rotor=rotor,

@@ -7,7 +7,6 @@ The paper prints the inverse of M in eq. 8; it must be M.
 """
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -23,12 +22,11 @@ KP, KD = 900.0, 60.0  # 1/s^2, 1/s
 _SOFT = 0.05  # rad/s: over which the controller turns its dry friction
 
 
-class Controller(Protocol):
-    """Turns readings into torque commands."""
-
-    def torque(self, k: int, reading: Array, rate: Array) -> Array:
-        """Return the commands of step k [N m]. Shape (dof,)."""
-        ...
+# From step, read position and read speed to the torque commanded [N m]. Shapes (dof,).
+Controller = Callable[[int, Array, Array], Array]
+# From step, position, speed and the acceleration that reference and feedback want
+# (eq. 9) to torque [N m]. Shapes (dof,).
+Law = Callable[[int, Array, Array, Array], Array]
 
 
 def maker_of(robot: Robot) -> Drives:
@@ -37,91 +35,64 @@ def maker_of(robot: Robot) -> Drives:
     return Drives(usual.coulomb, usual.viscous, usual.rotor)
 
 
-class ComputedTorque:
-    """The controller of the paper, with the nominal model of the robot."""
-
-    def __init__(self, robot: Robot, reference: Reference) -> None:
-        self._model, self._data = robot.model, robot.model.createData()
-        self._maker = np.array(maker_of(robot))
-        self._wanted = wanted(reference)
-
-    def torque(self, k: int, reading: Array, rate: Array) -> Array:
-        """Return the commands of step k [N m]. Shape (dof,)."""
-        demand, rest = _demand(self._wanted[k], reading, rate, self._maker)
-        return pin.rnea(self._model, self._data, reading, rate, demand) + rest
-
-
-class FeedForward:
-    """Given torques, with the same feedback but joint by joint: no model in the loop.
+def controller_of(
+    robot: Robot, reference: Reference, given: Array | Law | None = None
+) -> Controller:
+    """Return what drives an arm along a reference.
 
     Args:
-        robot: The robot.
-        reference: The motion.
-        given: Torque for it, from any model [N m]. Shape (n, dof).
+        given: Of some model: torque along the reference [N m], shape (n, dof), which
+            goes with plain feedback; or a law, which closes the loop. None for the
+            controller of the paper, with the nominal model.
     """
-
-    def __init__(self, robot: Robot, reference: Reference, given: Array) -> None:
-        data = robot.model.createData()
-        mass = np.diag(pin.crba(robot.model, data, reference.q[0]))
-        self._inertia = mass + maker_of(robot).rotor
-        self._given, self._wanted = given, wanted(reference)
-
-    def torque(self, k: int, reading: Array, rate: Array) -> Array:
-        """Return the commands of step k [N m]. Shape (dof,)."""
-        q, qd, _ = self._wanted[k]
-        push = KP * (q - reading) + KD * (qd - rate)
-        return self._given[k] + self._inertia * push
-
-
-# From step, position, speed and the acceleration that reference and feedback want
-# (eq. 9) to torque [N m]. Shapes (dof,).
-Law = Callable[[int, Array, Array, Array], Array]
-
-
-class ByLaw:
-    """Computed torque by a law that is handed in, from whatever model.
-
-    Args:
-        reference: The motion.
-        law: The law.
-    """
-
-    def __init__(self, reference: Reference, law: Law) -> None:
-        self._wanted, self._law = wanted(reference), law
-
-    def torque(self, k: int, reading: Array, rate: Array) -> Array:
-        """Return the commands of step k [N m]. Shape (dof,)."""
-        q, qd, qdd = self._wanted[k]
-        demand = qdd + KP * (q - reading) + KD * (qd - rate)
-        return self._law(k, reading, rate, demand)
-
-
-def controller_by(
-    robot: Robot, reference: Reference, given: Array | Law
-) -> ByLaw | FeedForward:
-    """Return a controller by what some model gives.
-
-    Args:
-        given: Torque along the reference [N m], shape (n, dof), which goes with plain
-            feedback; or a law, which closes the loop.
-    """
+    if given is None:
+        return computed_torque(robot, reference)
     if callable(given):
-        return ByLaw(reference, given)
-    return FeedForward(robot, reference, given)
+        return by_law(reference, given)
+    return feed_forward(robot, reference, given)
 
 
-class Replay:
-    """Given torques and nothing else: no feedback."""
+def computed_torque(robot: Robot, reference: Reference) -> Controller:
+    """Return the controller of the paper, with the nominal model of the robot."""
+    model, data = robot.model, robot.model.createData()
+    maker, goal = np.array(maker_of(robot)), _goal(reference)
 
-    def __init__(self, given: Array) -> None:
-        self._given = given
+    def torque(k: int, reading: Array, rate: Array) -> Array:
+        demand, rest = _demand(goal[k], reading, rate, maker)
+        return pin.rnea(model, data, reading, rate, demand) + rest
 
-    def torque(self, k: int, reading: Array, rate: Array) -> Array:
-        """Return the torques given for step k [N m]. Shape (dof,)."""
-        return self._given[k]
+    return torque
 
 
-def wanted(reference: Reference) -> Array:
+def feed_forward(robot: Robot, reference: Reference, given: Array) -> Controller:
+    """Return given torques with the same feedback, joint by joint: no model in it."""
+    mass = np.diag(pin.crba(robot.model, robot.model.createData(), reference.q[0]))
+    inertia, goal = mass + maker_of(robot).rotor, _goal(reference)
+
+    def torque(k: int, reading: Array, rate: Array) -> Array:
+        q, qd, _ = goal[k]
+        return given[k] + inertia * (KP * (q - reading) + KD * (qd - rate))
+
+    return torque
+
+
+def by_law(reference: Reference, law: Law) -> Controller:
+    """Return computed torque by a law that is handed in, from whatever model."""
+    goal = _goal(reference)
+
+    def torque(k: int, reading: Array, rate: Array) -> Array:
+        q, qd, qdd = goal[k]
+        return law(k, reading, rate, qdd + KP * (q - reading) + KD * (qd - rate))
+
+    return torque
+
+
+def replay(given: Array) -> Controller:
+    """Return given torques and nothing else: no feedback."""
+    return lambda k, reading, rate: given[k]
+
+
+def _goal(reference: Reference) -> Array:
     """Return q, qd and qdd of the reference in one array. Shape (n, 3, dof)."""
     return np.stack([reference.q, reference.qd, reference.qdd], axis=1)
 

@@ -8,16 +8,17 @@ import pinocchio as pin
 
 from residual.errors import ModelgapError
 from residual.recording import Array
+from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 from sim.effects.base import Moving
 from sim.engine.bullet import World
 from sim.plant import tables as at
-from sim.plant.arm import Arm, Phase, new_state, phases, series_of
-from sim.plant.controller import Controller
+from sim.plant.arm import Arm, Phase, build_arm, new_state, phases, series_of
+from sim.plant.controller import Controller, Law, controller_of
 from sim.plant.sensors import read, true_angle
 from sim.plant.step import advance
 from sim.plant.tables import State, pack
-from sim.records import Reference
+from sim.records import PlantSpec, Reference, motion_label
 
 
 class DivergedError(ModelgapError):
@@ -47,15 +48,20 @@ class Trace:
         t: Times [s]. Shape (n,).
         rows: Rows of `tables`, then one per channel. Shape (n, rows, dof).
         qdd: Accelerations (v_(k+1) - v_k) / dt [rad/s^2]. Shape (n, dof).
-        channels: Names of the explicit torques.
+        arm: What was driven.
         phases: The arm between onsets.
     """
 
     t: Array
     rows: Array
     qdd: Array
-    channels: tuple[str, ...]
+    arm: Arm
     phases: tuple[Phase, ...]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the explicit torques."""
+        return self.arm.channels
 
     def rigid(self, every: int) -> Array:
         """Return the torque of the true rigid body at every n-th step [N m].
@@ -70,6 +76,23 @@ class Trace:
                 q, qd = self.rows[k, at.Q], self.rows[k, at.QD]
                 out.append(pin.rnea(phase.model, data, q, qd, self.qdd[k]))
         return np.array(out)
+
+
+def drive(
+    robot: Robot,
+    reference: Reference,
+    plant: PlantSpec,
+    start: float = 0.0,
+    given: Array | Law | None = None,
+) -> Trace:
+    """Build the arm of a spec and drive it; arguments as of `simulate`.
+
+    Args:
+        given: What drives it in place of the nominal model (`controller_of`).
+    """
+    arm, label = build_arm(robot, plant), motion_label(reference, start)
+    controller = controller_of(robot, reference, given)
+    return simulate(arm, reference, controller, label, start, plant.seed)
 
 
 @one_blas_thread
@@ -114,7 +137,7 @@ def simulate(
     if not np.isfinite(qd).all():
         raise DivergedError(t[-1], q, qd, int(np.isfinite(qd).argmin()) + 1)
     speeds = np.vstack([rows[:, at.QD], qd])
-    return Trace(t, rows, np.diff(speeds, axis=0) / dt, channels, tuple(parts))
+    return Trace(t, rows, np.diff(speeds, axis=0) / dt, arm, tuple(parts))
 
 
 class _Run(NamedTuple):
@@ -142,9 +165,7 @@ def _run(phase: Phase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
                 raise DivergedError(k * arm.dt, q, qd, astray)
             if phase.faults is not None:
                 phase.faults.read(k, arm.dt, rows)
-            now[at.DRIVE] = run.controller.torque(
-                k, now[at.READING], now[at.READING_RATE]
-            )
+            now[at.DRIVE] = run.controller(k, now[at.READING], now[at.READING_RATE])
             body[:dof] = pin.crba(model, data, q)
             body[dof] = pin.rnea(model, data, q, qd, still)
             if phase.pushes:

@@ -12,6 +12,7 @@ from numpy.polynomial import chebyshev
 from residual.recording import Array
 
 Motion = tuple[Array, Array, Array]  # q, qd and qdd, shapes (n, dof)
+Curve = Callable[[Array], Motion]  # at any times, shape (n,)
 
 RAMP = 1.0  # s in which a series goes from rest to full speed, and back at the end
 _STROKE_RAMP = 0.2  # share of a stroke in which it gathers speed, and loses it again
@@ -149,7 +150,7 @@ class Stage:
     """
 
     time: float
-    motion: Callable[[Array], Motion]
+    motion: Curve
 
 
 def dwell(q: Array, time: float) -> Stage:
@@ -229,7 +230,7 @@ def shortest(stage: Stage, velocity: Array, acceleration: Array) -> float:
     return stage.time * float(max(by_speed, by_acceleration))
 
 
-def repeated(stages: list[Stage]) -> Callable[[Array], Motion]:
+def repeated(stages: list[Stage]) -> Curve:
     """Return the motion that runs through the stages again and again."""
     ends = np.cumsum([stage.time for stage in stages])
 

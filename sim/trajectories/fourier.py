@@ -5,9 +5,13 @@ q(t) = a0 + sum_k a_k cos(k w t) + b_k sin(k w t)    (G2017 eq. 4)
 with sum_k k b_k = 0 and sum_k k^2 a_k = 0, so that speed and acceleration are zero
 wherever a period begins. Each joint moves as far as its range, speed and acceleration
 let it (eq. 5), which are bounded over the whole period and not only at samples.
+
+A motion may also be given by its numbers, written down, read back, and the same again:
+so can one be given that no search would end with, a slow one.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import null_space
@@ -15,10 +19,10 @@ from scipy.linalg import null_space
 from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.engine.geometry import MARGIN, Body, body, clearances
-from sim.sizes import draw_centre, room
+from sim.engine.geometry import MARGIN, clearances
+from sim.sizes import draw_centre, usual_limits
 from sim.trajectories.curves import Series, derivative, peaks
-from sim.trajectories.limits import Limits, between, largest_torque, plan_limits
+from sim.trajectories.limits import Workspace, between, largest_torque, workspace
 
 HARMONICS = 5
 FREE = 2 * (HARMONICS - 1)  # coefficients of a joint that rest at the ends leaves
@@ -32,28 +36,8 @@ _GRID = 400  # samples of a period that torque and clearance are taken at
 _FEW = 10  # each of so many of them is looked at first
 _TRIES = 100
 _APART = 0.6  # of half of the range, where a centre may lie
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Arena:
-    """A robot with all that bounds its motion.
-
-    Attributes:
-        robot: The arm.
-        limits: What a motion may use.
-        arm: Its capsules.
-        period: Length of one period [s].
-    """
-
-    robot: Robot
-    limits: Limits
-    arm: Body
-    period: float
-
-
-def arena(robot: Robot, period: float) -> Arena:
-    """Return the arena of a robot for motions of that period [s]."""
-    return Arena(robot, plan_limits(robot), body(robot.model), period)
+DIGITS = 9  # of a number that is written down [rad]
+_SLOW_TRIES = 50  # slow motions that are drawn at most
 
 
 def harmonics(free: Array) -> tuple[Array, Array]:
@@ -74,7 +58,7 @@ def sampled(series: Series, t: Array) -> tuple[Array, Array, Array]:
     return series.centre + q, qd, qdd
 
 
-def draw(place: Arena, rng: np.random.Generator) -> Series:
+def draw(place: Workspace, rng: np.random.Generator) -> Series:
     """Draw a random motion, made as large as the limits let it.
 
     Raises:
@@ -92,7 +76,7 @@ def draw(place: Arena, rng: np.random.Generator) -> Series:
     )
 
 
-def draw_any(place: Arena, rng: np.random.Generator, anywhere: bool) -> Series:
+def draw_any(place: Workspace, rng: np.random.Generator, anywhere: bool) -> Series:
     """Draw a motion that only keeps range, speed and acceleration.
 
     Args:
@@ -101,18 +85,18 @@ def draw_any(place: Arena, rng: np.random.Generator, anywhere: bool) -> Series:
     """
     limits = place.limits
     free = rng.normal(size=(FREE, place.robot.dof))
-    near = draw_centre(room(place.robot), rng)
+    near = draw_centre(usual_limits(place.robot), rng)
     far = limits.middle + rng.uniform(-_APART, _APART, len(near)) * limits.half
     centre = far if anywhere else near
     return largest(place, Series(centre, *harmonics(free), place.period))
 
 
-def largest(place: Arena, series: Series) -> Series:
+def largest(place: Workspace, series: Series) -> Series:
     """Scale every joint to the end of its range, speed or acceleration."""
     return shrunk(series, room_left(place, series))
 
 
-def room_left(place: Arena, series: Series) -> Array:
+def room_left(place: Workspace, series: Series) -> Array:
     """Return by what factor each joint may still grow about its centre. (dof,)."""
     limits = place.limits
     position, velocity, acceleration = peaks(series)
@@ -133,7 +117,7 @@ def shrunk(series: Series, scale: Array | float) -> Series:
     return replace(series, sine=scale * series.sine, cosine=scale * series.cosine)
 
 
-def fit_in(place: Arena, series: Series, roughly: bool = False) -> Series | None:
+def fit_in(place: Workspace, series: Series, roughly: bool = False) -> Series | None:
     """Make a motion so much smaller that it keeps all limits, those of bodies too.
 
     Args:
@@ -155,7 +139,7 @@ def fit_in(place: Arena, series: Series, roughly: bool = False) -> Series | None
     return None
 
 
-def _free(place: Arena, series: Series, t: Array, fully: bool) -> bool:
+def _free(place: Workspace, series: Series, t: Array, fully: bool) -> bool:
     """Say whether torque and clearance hold at some times, and fully: between them."""
     motion = sampled(series, t)
     torque = largest_torque(place.robot, *motion)
@@ -164,3 +148,56 @@ def _free(place: Arena, series: Series, t: Array, fully: bool) -> bool:
         torque = torque + between(torque)
         space = space - between(space)
     return bool((torque <= place.limits.torque).all() and (space >= MARGIN).all())
+
+
+def written(series: Series) -> tuple[tuple[float, ...], ...]:
+    """Return the coefficients of a series at rest at its ends, rounded.
+
+    Returns:
+        Centre, then the free coefficients: 9 rows of dof numbers [rad].
+    """
+    rows = np.vstack([series.centre, free_of(series)]).round(DIGITS) + 0.0
+    return tuple(tuple(row) for row in rows.tolist())
+
+
+def given(rows: Sequence[Sequence[float]], dof: int, period: float) -> Series:
+    """Return the series of such coefficients.
+
+    Args:
+        period: Length of one period [s].
+
+    Raises:
+        InputError: If they are not finite numbers of that shape.
+    """
+    shapes = {len(row) for row in rows}
+    if len(rows) != 1 + FREE or shapes != {dof}:
+        raise InputError(
+            f"coefficients: expected {1 + FREE} rows of {dof} numbers, got "
+            f"{len(rows)} rows of {', '.join(str(n) for n in sorted(shapes))}."
+        )
+    values = np.array(rows, dtype=float)
+    if not np.isfinite(values).all():
+        raise InputError("coefficients: expected finite numbers.")
+    return Series(values[0], *harmonics(values[1:]), period)
+
+
+def draw_slow(
+    robot: Robot, period: float, speed: float, rng: np.random.Generator
+) -> tuple[tuple[float, ...], ...]:
+    """Draw a motion that creeps, for friction that lives at low speed.
+
+    Args:
+        period: Length of one period [s].
+        speed: What no joint is faster than [rad/s].
+
+    Raises:
+        InputError: If no motion that keeps the limits is found.
+    """
+    place = workspace(robot, period)
+    for _ in range(_SLOW_TRIES):
+        series = draw(place, rng)
+        slow = shrunk(series, np.minimum(1.0, speed / peaks(series)[1]))
+        fitted = fit_in(place, slow)
+        if fitted is not None:
+            return written(fitted)
+    raise InputError(f"fourier: found no motion of {robot.name} below {speed:g} rad/s.")

@@ -4,6 +4,7 @@ Planned motions keep a part of what the arm has, so that a controller can still 
 and a heavier or stiffer arm than the nominal one can still follow.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,14 @@ from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
 from sim.catalogue import of_drives
+from sim.engine.geometry import MARGIN, Body, body, clearances
 from sim.records import Drives
-from sim.sizes import declared, room
+from sim.sizes import declared, usual_limits
+from sim.trajectories.curves import Curve
 
 SPEED, ACCELERATION, TORQUE = 0.8, 0.9, 0.8  # of the robot's own limits
 _UNITS = {"range": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
+_FINE, _COARSE = 1000.0, 100.0  # Hz, for limits and for clearance
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,7 +77,7 @@ def plan_limits(robot: Robot) -> Limits:
     acceleration. Where the robot states none: one turn, 2 rad/s, and that speed within
     0.15 s; nothing is known of torque then.
     """
-    space = room(robot)
+    space = usual_limits(robot)
     speed = np.asarray(robot.velocity_limit, dtype=float)
     known = np.isfinite(speed) & (speed > 0)
     velocity = np.where(known, SPEED * speed, space.velocity)
@@ -83,6 +87,28 @@ def plan_limits(robot: Robot) -> Limits:
     torque = np.asarray(robot.torque_limit, dtype=float)
     torque = np.where(torque > 0, TORQUE * torque, np.inf)
     return Limits(space.lower, space.upper, velocity, acceleration, torque)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Workspace:
+    """A robot with all that bounds its motion.
+
+    Attributes:
+        robot: The arm.
+        limits: What a motion may use.
+        arm: Its capsules.
+        period: Length of one period of a motion [s].
+    """
+
+    robot: Robot
+    limits: Limits
+    arm: Body
+    period: float
+
+
+def workspace(robot: Robot, period: float) -> Workspace:
+    """Return what bounds motions of that period [s]."""
+    return Workspace(robot, plan_limits(robot), body(robot.model), period)
 
 
 def declared_friction(robot: Robot) -> Drives:
@@ -117,6 +143,54 @@ def between(values: Array) -> Array:
     if len(values) < 3:
         return np.zeros(values.shape[1])
     return np.abs(np.diff(values, 2, axis=0)).max(axis=0) / 2
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Plan:
+    """A motion at any time.
+
+    Attributes:
+        kind: Family.
+        curve: q, qd and qdd at any times from 0 to `duration`.
+        duration: Length [s].
+        period: Length of one repetition [s].
+        once: Length from the start that shows all of it [s]: what comes after repeats.
+    """
+
+    kind: str
+    curve: Curve
+    duration: float
+    period: float
+    once: float
+
+
+def check(robot: Robot, plan: Plan) -> None:
+    """Make sure that a motion keeps limits and clearance, between samples too.
+
+    Raises:
+        LimitError: With the joint, when, and by how much.
+    """
+    t = even(plan.once, _FINE)
+    motion = plan.curve(t)
+    check_limits(robot, plan.kind, t, motion)
+    every = round(_FINE / _COARSE)
+    check_clearance(body(robot.model), plan.kind, t[::every], motion[0][::every])
+
+
+def largest(robot: Robot, plans: Iterable[Plan]) -> Plan | LimitError | None:
+    """Return the first of some plans that keeps all limits; else what the last broke.
+
+    Args:
+        plans: Of fewer and fewer moves, so that the first is the best.
+    """
+    problem = None
+    for plan in plans:
+        try:
+            check(robot, plan)
+            return plan
+        except LimitError as error:
+            problem = error
+    return problem
 
 
 def check_limits(robot: Robot, kind: str, t: Array, motion: tuple) -> None:
@@ -177,3 +251,37 @@ def _advice(name: str, share: float) -> str:
     # Speeds fall with the time a motion takes, accelerations with its square.
     longer = share if name == "speed" else np.sqrt(share)
     return f"Make a period about {longer:.1f} times as long, or try another seed."
+
+
+def check_clearance(arm: Body, kind: str, t: Array, q: Array) -> None:
+    """Make sure that an arm stays clear of the floor and of itself.
+
+    Args:
+        t: Even times [s]. Shape (n,).
+        q: Positions at those times [rad]. Shape (n, dof).
+
+    Raises:
+        LimitError: With what comes too near, when, and by how much.
+    """
+    space = clearances(arm, q)
+    if not space.size:
+        return
+    space = space - between(space)
+    row, worst = np.unravel_index(int(space.argmin()), space.shape)
+    least = float(space[row, worst])
+    if least < MARGIN:
+        raise LimitError(
+            f"{kind}: at {t[row]:.2f} s the room of {arm.names[worst]} is "
+            f"{1000 * least:.0f} mm, needed {1000 * MARGIN:.0f} mm, "
+            f"{1000 * (MARGIN - least):.0f} mm too little (arm as capsules of "
+            f"{1000 * arm.radius:.0f} mm radius). Try another seed.",
+            0,
+            float(t[row]),
+            least,
+            MARGIN,
+        )
+
+
+def even(duration: float, rate: float) -> Array:
+    """Return even times from 0 to the duration, both included [s]. Shape (n,)."""
+    return np.arange(round(duration * rate) + 1) / rate

@@ -10,35 +10,24 @@ import numpy as np
 from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.engine.geometry import MARGIN, Body, body, clearances
-from sim.sizes import Room, draw_centre, room
+from sim.engine.geometry import MARGIN, clearances
+from sim.sizes import draw_centre, usual_limits
 from sim.trajectories.curves import dwell, move, move_time, repeated
-from sim.trajectories.limits import LimitError, Limits, largest_torque, plan_limits
-from sim.trajectories.plan import Plan, check
+from sim.trajectories.limits import Plan, Workspace, largest, largest_torque, workspace
 
 _MOST, _LEAST = 40, 2  # places per period
 _DWELL = (0.3, 0.9)  # s
 _SLOWER = (1.02, 1.4)  # than the limits allow, so that moves differ in speed
-_SPREAD = 0.9  # of the amplitude in the room of the robot
+_SPREAD = 0.9  # of the usual amplitude
 _TRIES = 80  # points drawn for one place
-_CENTRES = 20  # postures that tours are drawn about
+_CENTRES = 20  # postures that routes are drawn about
 _LONGER, _STEPS = 1.15, 10  # by which a move that needs too much torque is slowed
 _SAMPLES = 60  # of a move
 _SPARE = 0.97  # of torque, since it is seen at samples here
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Yard:
-    """An arm with all that bounds its moves."""
-
-    robot: Robot
-    space: Room
-    limits: Limits
-    arm: Body
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Tour:
+class _Waypoints:
     """Places [rad], times of the moves to them from the one before, and dwells [s]."""
 
     places: list[Array]
@@ -63,89 +52,87 @@ def plan_move_stop_move(
         LimitError: If even two places per period are too fast.
         InputError: If the arm cannot move anywhere without touching something.
     """
-    yard = _Yard(robot, room(robot), plan_limits(robot), body(robot.model))
-    period = duration / periods
-    tour, problem = _draw_tour(yard, period, rng), _nowhere(robot)
-    for count in range(len(tour.places), _LEAST - 1, -1):
-        plan = _closed(yard, tour, count, (duration, period))
-        if plan is None:
-            continue
-        try:
-            check(robot, plan)
-            return plan
-        except LimitError as error:
-            problem = error
-    raise problem
+    space = workspace(robot, duration / periods)
+    route = _draw_waypoints(space, rng)
+    counts = range(len(route.places), _LEAST - 1, -1)
+    plans = (_closed(space, route, count, duration) for count in counts)
+    found = largest(robot, (plan for plan in plans if plan))
+    if isinstance(found, Plan):
+        return found
+    raise found or _nowhere(robot)
 
 
-def _draw_tour(yard: _Yard, period: float, rng: np.random.Generator) -> _Tour:
+def _draw_waypoints(space: Workspace, rng: np.random.Generator) -> _Waypoints:
     """Draw more places than fit into a period, but two at least."""
+    usual = usual_limits(space.robot)
     for number in range(_CENTRES):
-        centre = draw_centre(yard.space, rng)
+        centre = draw_centre(usual, rng)
         if number:  # the zero posture of some arms lies on the floor
-            limits = yard.limits
+            limits = space.limits
             centre = limits.middle + rng.uniform(-0.6, 0.6, len(centre)) * limits.half
-        tour = _around(yard, centre, period, rng)
-        if len(tour.places) >= _LEAST:
-            return tour
-    raise _nowhere(yard.robot)
+        route = _around(space, centre, usual.amplitude, rng)
+        if len(route.places) >= _LEAST:
+            return route
+    raise _nowhere(space.robot)
 
 
 def _around(
-    yard: _Yard, centre: Array, period: float, rng: np.random.Generator
-) -> _Tour:
-    """Draw a tour about a posture; it is shorter where the next place is not found."""
-    tour, limits = _Tour([], [], []), yard.limits
-    while len(tour.places) < _LEAST or (
-        len(tour.places) < _MOST and tour.length < period
+    space: Workspace, centre: Array, amplitude: Array, rng: np.random.Generator
+) -> _Waypoints:
+    """Draw a route about a posture; it is shorter where the next place is not found."""
+    route, limits = _Waypoints([], [], []), space.limits
+    while len(route.places) < _LEAST or (
+        len(route.places) < _MOST and route.length < space.period
     ):
         for _ in range(_TRIES):
-            reach = rng.uniform(-_SPREAD, _SPREAD, yard.robot.dof)
-            place = centre + reach * yard.space.amplitude
+            reach = rng.uniform(-_SPREAD, _SPREAD, space.robot.dof)
+            place = centre + reach * amplitude
             place = np.clip(place, limits.lower, limits.upper)
-            time = _move_time(yard, tour.places[-1] if tour.places else place, place)
+            time = _move_time(space, route.places[-1] if route.places else place, place)
             if time is not None:
                 break
         else:
-            return tour
-        if tour.places:
-            tour.times.append(time * rng.uniform(*_SLOWER))
-        tour.places.append(place)
-        tour.dwells.append(rng.uniform(*_DWELL))
-    return tour
+            return route
+        if route.places:
+            route.times.append(time * rng.uniform(*_SLOWER))
+        route.places.append(place)
+        route.dwells.append(rng.uniform(*_DWELL))
+    return route
 
 
-def _move_time(yard: _Yard, start: Array, end: Array) -> float | None:
+def _move_time(space: Workspace, start: Array, end: Array) -> float | None:
     """Return the shortest time of a move [s], None where something is in the way."""
-    limits = yard.limits
+    limits = space.limits
     time = move_time(end - start, limits.velocity, limits.acceleration)
     for _ in range(_STEPS):
         motion = move(start, end, time).motion(np.linspace(0, time, _SAMPLES))
-        if (clearances(yard.arm, motion[0]) < 2 * MARGIN).any():
+        if (clearances(space.arm, motion[0]) < 2 * MARGIN).any():
             return None
-        if (largest_torque(yard.robot, *motion) <= _SPARE * limits.torque).all():
+        if (largest_torque(space.robot, *motion) <= _SPARE * limits.torque).all():
             return time
         time *= _LONGER
     return None
 
 
-def _closed(yard: _Yard, tour: _Tour, count: int, times: tuple) -> Plan | None:
-    """Return the tour of the first places and back, None where it does not fit.
+def _closed(
+    space: Workspace, route: _Waypoints, count: int, duration: float
+) -> Plan | None:
+    """Return the route of the first places and back, None where it does not fit.
 
     It is stretched to fill the period. Two places are pressed into any period: then the
     checks say what is too fast.
     """
-    duration, period = times
-    back = _move_time(yard, tour.places[count - 1], tour.places[0])
+    period = space.period
+    back = _move_time(space, route.places[count - 1], route.places[0])
     if back is None:
         return None
-    moves = [*tour.times[: count - 1], _SLOWER[0] * back]
-    needed = sum(moves) + sum(tour.dwells[:count])
+    moves = [*route.times[: count - 1], _SLOWER[0] * back]
+    needed = sum(moves) + sum(route.dwells[:count])
     if needed > period and count > _LEAST:
         return None
-    stages, places = [], [*tour.places[:count], tour.places[0]]
+    stages, places = [], [*route.places[:count], route.places[0]]
     for i in range(count):
-        stages.append(dwell(places[i], tour.dwells[i] * period / needed))
+        stages.append(dwell(places[i], route.dwells[i] * period / needed))
         stages.append(move(places[i], places[i + 1], moves[i] * period / needed))
     return Plan("move_stop_move", repeated(stages), duration, period, period)
 

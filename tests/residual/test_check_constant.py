@@ -11,7 +11,7 @@ from residual.recording import Recording
 from sim.plant.sensors import torque_noise
 from sim.quasi_static import Plant, true_torque
 from sim.records import stream
-from sim.sizes import room, sizes
+from sim.sizes import sizes, usual_limits
 from tests.residual.arms import bare_irb140
 from tests.residual.check.damaged import clean_logs
 
@@ -51,7 +51,9 @@ def test_a_joint_that_is_held_has_a_clean_log(joint):
     plant, j = Plant(robot, (), 5), joint - 1
     logs = []
     for i, family in enumerate(("fourier", "cyclic")):
-        motion = make_motion(family, room(robot), 12.0, 125.0, stream(5, family))
+        motion = make_motion(
+            family, usual_limits(robot), 12.0, 125.0, stream(5, family)
+        )
         q, qd, qdd = (np.array(x) for x in (motion.q, motion.qd, motion.qdd))
         q[:, j], qd[:, j], qdd[:, j] = q[0, j], 0.0, 0.0
         still = replace(motion, q=q, qd=qd, qdd=qdd)

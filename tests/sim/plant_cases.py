@@ -5,10 +5,10 @@ import numpy as np
 from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
 from sim.plant.arm import build_arm
-from sim.plant.controller import ComputedTorque
+from sim.plant.controller import computed_torque
 from sim.plant.stepping import simulate
 from sim.records import PlantEffect, PlantSpec, Reference, stream
-from sim.sizes import room
+from sim.sizes import usual_limits
 
 ROBOT = load_robot("irb140")
 NOMINAL_ARM = {"scatter": 0.0}
@@ -20,7 +20,9 @@ def effect(name, joints=(), onset=0.0, **parameters):
 
 
 def motion(family="fourier", duration=3.0, seed=1, rate=1000.0):
-    return make_motion(family, room(ROBOT), duration, rate, stream(seed, "motion"))
+    return make_motion(
+        family, usual_limits(ROBOT), duration, rate, stream(seed, "motion")
+    )
 
 
 def standing(duration, q=None, rate=1000.0):
@@ -34,6 +36,6 @@ def standing(duration, q=None, rate=1000.0):
 def drive(*effects, reference=None, controller=None, start=0.0, **spec):
     reference = motion() if reference is None else reference
     plant = PlantSpec(effects, **spec)
-    controller = controller or ComputedTorque(ROBOT, reference)
+    controller = controller or computed_torque(ROBOT, reference)
     arm = build_arm(ROBOT, plant)
     return simulate(arm, reference, controller, "", start, plant.seed)

@@ -12,7 +12,7 @@ from residual.robot.robot import load_robot
 from sim.background import Rubbing, added, cogging, draw_background, logged
 from sim.quasi_static import Plant, background_of, true_friction, true_torque
 from sim.records import Hidden, stream
-from sim.sizes import room, sizes
+from sim.sizes import sizes, usual_limits
 
 ROBOT = load_robot("irb140")
 SEEDS = range(1, 13)
@@ -118,7 +118,9 @@ def test_ripple_is_a_part_of_the_torque_range_and_no_single_wave(seed, word):
 
 @pytest.mark.parametrize("word", SCALE)
 def test_drives_report_more_or_less_than_they_give(word):
-    motion = make_motion("fourier", room(ROBOT), 6.0, 250.0, stream(1, "motion"))
+    motion = make_motion(
+        "fourier", usual_limits(ROBOT), 6.0, 250.0, stream(1, "motion")
+    )
     for seed in SEEDS:
         plant = Plant(ROBOT, (), seed, word)
         told = true_torque(plant, motion, "log")
@@ -129,7 +131,9 @@ def test_drives_report_more_or_less_than_they_give(word):
 
 
 def test_gears_twist_with_their_load_and_harden():
-    motion = make_motion("fourier", room(ROBOT), 6.0, 250.0, stream(1, "motion"))
+    motion = make_motion(
+        "fourier", usual_limits(ROBOT), 6.0, 250.0, stream(1, "motion")
+    )
     for seed in SEEDS:
         told = true_torque(Plant(ROBOT, (), seed, "workshop"), motion, "log")
         load = told.rigid / sizes(ROBOT).torque
@@ -183,7 +187,9 @@ def test_a_clean_arm_is_what_it_was():
 
 
 def test_friction_of_a_used_arm_takes_power():
-    motion = make_motion("move_stop_move", room(ROBOT), 8.0, 250.0, stream(1, "m"))
+    motion = make_motion(
+        "move_stop_move", usual_limits(ROBOT), 8.0, 250.0, stream(1, "m")
+    )
     for seed in SEEDS:
         plant = Plant(ROBOT, (), seed, "worn")
         told, own = true_torque(plant, motion, "log"), background_of(plant)

@@ -17,7 +17,7 @@ from sim.effects import registry
 from sim.experiment import run_experiment
 from sim.quasi_static import Plant, true_torque
 from sim.records import Hidden, Noise, PlantSpec, stream
-from sim.sizes import room
+from sim.sizes import usual_limits
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent
@@ -74,7 +74,7 @@ def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(creaking):
 
 
 def test_one_new_file_acts_on_the_synthetic_arm(creaking):
-    moved = make_motion("fourier", room(ROBOT), 8.0, 125.0, stream(1, "motion"))
+    moved = make_motion("fourier", usual_limits(ROBOT), 8.0, 125.0, stream(1, "motion"))
     hidden = Hidden(creaking, (2,), {"coefficient": SIZE})
     with_it, without = (
         true_torque(Plant(ROBOT, x, 1), moved, "log").tau for x in ((hidden,), ())
@@ -85,7 +85,7 @@ def test_one_new_file_acts_on_the_synthetic_arm(creaking):
 
 
 def test_what_only_the_engine_has_is_refused_by_the_synthetic_arm():
-    moved = make_motion("fourier", room(ROBOT), 4.0, 125.0, stream(1, "motion"))
+    moved = make_motion("fourier", usual_limits(ROBOT), 4.0, 125.0, stream(1, "motion"))
     hidden = draw(ROBOT, "x_wall", stream(1, "hidden"))
     with pytest.raises(InputError, match="x_wall"):
         true_torque(Plant(ROBOT, (hidden,), 1), moved, "log")

@@ -5,10 +5,9 @@ import pytest
 from residual.robot.base_parameters import base_columns
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics, regressor
 from residual.robot.robot import load_robot
-from sim.trajectories.excitation import cost, excitation
-from sim.trajectories.fourier import arena, draw, room_left, shrunk
-from sim.trajectories.problem import problem
-from sim.trajectories.reference import _stirred
+from sim.trajectories.excitation import _stirred, cost, excitation, problem
+from sim.trajectories.fourier import draw, room_left, shrunk
+from sim.trajectories.limits import workspace
 from tests.sim.arms import TWO, arm
 
 ROBOT = load_robot("irb140")
@@ -30,7 +29,7 @@ def test_rounded_angles_of_a_description_make_no_base_parameters_of_their_own():
 
 
 def test_a_joint_that_the_search_put_to_sleep_is_stirred():
-    place = arena(ROBOT, 10.0)
+    place = workspace(ROBOT, 10.0)
     size = np.ones(6)
     size[2] = 1e-7
     asleep = shrunk(draw(place, np.random.default_rng(1)), size)
@@ -76,7 +75,7 @@ def test_the_slope_of_the_cost_is_its_derivative():
 
 @pytest.mark.parametrize("size", [0.7, 1.6], ids=["within limits", "beyond them"])
 def test_slopes_of_the_search_are_derivatives(size):
-    place = arena(ROBOT, 8.0)
+    place = workspace(ROBOT, 8.0)
     search = problem(place)
     x = size * search.point(draw(place, np.random.default_rng(1)))
     way, step = np.random.default_rng(2).normal(size=x.shape), 1e-6
@@ -88,7 +87,7 @@ def test_slopes_of_the_search_are_derivatives(size):
 
 
 def test_unknowns_and_motion_are_the_same_thing():
-    place = arena(ROBOT, 8.0)
+    place = workspace(ROBOT, 8.0)
     search, series = problem(place), draw(place, np.random.default_rng(3))
     again = search.series(search.point(series))
     for name in ("centre", "sine", "cosine"):

@@ -6,7 +6,7 @@ from residual.robot.robot import load_robot
 from sim.engine.geometry import dexterity, follow, inverse, kinematics, pose
 from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
-from sim.trajectories.workpiece import cell, draw_piece
+from sim.trajectories.tools import cell, draw_piece
 from tests.sim.arms import SEVEN, arm
 
 ROBOT = load_robot("irb140")
@@ -51,7 +51,7 @@ def test_a_spare_joint_comes_home_with_the_flange(tmp_path):
 
 
 def test_a_work_piece_stands_where_the_arm_can_work():
-    space, rng = cell(ROBOT, "test"), np.random.default_rng(0)
+    space, rng = cell(ROBOT, "test", 10.0), np.random.default_rng(0)
     piece = next(p for _ in range(20) if (p := draw_piece(space, rng)) is not None)
     assert space.fits(piece.posture[None])
     error = pose(space.ways, piece.posture).actInv(piece.origin)

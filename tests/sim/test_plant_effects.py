@@ -6,7 +6,7 @@ from scipy.ndimage import uniform_filter1d
 
 from sim.catalogue import acting
 from sim.plant import tables as at
-from sim.plant.controller import Replay
+from sim.plant.controller import replay
 from sim.plant.friction import series_spring, slide
 from sim.plant.sensors import reported
 from tests.sim.plant_cases import ROBOT, drive, effect, motion, standing
@@ -38,7 +38,7 @@ def test_a_standing_arm_does_not_creep():
     push = 0.5 + 0.3 * np.sin(2 * np.pi * 3 * t)
     start = standing(5.0, q=motion("move_stop_move", 1.0).q[0])
     given = hold + push * np.array([12, 12, 8, 3, 3, 1.5])
-    trace = drive(reference=start, controller=Replay(given), scatter=0.0)
+    trace = drive(reference=start, controller=replay(given), scatter=0.0)
     assert np.abs(trace.rows[:, at.Q] - start.q).max() < 1e-12
 
 
@@ -231,7 +231,7 @@ def test_reports_of_torque_come_late_and_end_at_their_range():
 def test_a_drive_gives_no_more_than_the_limit_of_the_robot():
     given = np.full((50, 6), 1e4)
     given[:, 1:] = 0.0
-    trace = drive(reference=standing(0.05), controller=Replay(given))
+    trace = drive(reference=standing(0.05), controller=replay(given))
     assert trace.rows[:, at.DRIVE, 0].max() == ROBOT.torque_limit[0]
 
 

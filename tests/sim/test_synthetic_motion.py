@@ -4,9 +4,9 @@ import pytest
 from benchmarks.synthetic.motions import FAMILIES, make_motion
 from residual.robot.robot import load_robot
 from sim.records import stream
-from sim.sizes import room
+from sim.sizes import usual_limits
 
-SPACE = room(load_robot("irb140"))
+SPACE = usual_limits(load_robot("irb140"))
 ROBOT = load_robot("irb140")
 SEEDS = range(3)
 

@@ -8,10 +8,10 @@ from residual.robot.dynamics import inertial_parameters, outward
 from residual.robot.robot import load_robot
 from sim.catalogue import acting, changed, unnamed
 from sim.draw import draw, usual_effects
-from sim.effects._bristle import deflection
+from sim.effects.base import deflection
 from sim.quasi_static import Plant, true_friction, true_model, true_torque
 from sim.records import Hidden, stream
-from sim.sizes import room, scatter
+from sim.sizes import scatter, usual_limits
 
 ROBOT = load_robot("irb140")
 IN_ENGINE = ("x_dead_zone", "x_wall")
@@ -19,7 +19,7 @@ LOCAL = sorted({*usual_effects(), *unnamed()} - {"payload", *IN_ENGINE})
 
 
 def motion(family="fourier", seed=1):
-    return make_motion(family, room(ROBOT), 8.0, 250.0, stream(seed, "motion"))
+    return make_motion(family, usual_limits(ROBOT), 8.0, 250.0, stream(seed, "motion"))
 
 
 def dahl(x, displacement):

@@ -10,10 +10,10 @@ from residual.robot.robot import load_robot
 from sim.engine.geometry import MARGIN, body, clearances
 from sim.records import TrajectorySpec
 from sim.trajectories import KINDS, make_reference
-from sim.trajectories import reference as search
+from sim.trajectories import excitation as search
 from sim.trajectories.curves import peaks
-from sim.trajectories.fourier import arena, draw, draw_any, sampled
-from sim.trajectories.limits import plan_limits
+from sim.trajectories.fourier import draw, draw_any, sampled
+from sim.trajectories.limits import plan_limits, workspace
 from sim.trajectories.reference import make_plan, sample
 
 ROBOT = load_robot("irb140")
@@ -134,7 +134,7 @@ def test_fourier_coefficients_are_five_harmonics_of_the_period():
 
 
 def test_bounds_of_a_series_hold_over_the_whole_period():
-    place = arena(ROBOT, 6.0)
+    place = workspace(ROBOT, 6.0)
     series = draw(place, np.random.default_rng(3))
     t = np.random.default_rng(4).uniform(0, 6.0, 20_000)
     q, qd, qdd = sampled(series, t)
@@ -145,7 +145,7 @@ def test_bounds_of_a_series_hold_over_the_whole_period():
 
 
 def test_each_joint_goes_as_far_as_one_of_its_limits_lets_it():
-    place = arena(ROBOT, 10.0)
+    place = workspace(ROBOT, 10.0)
     series = draw_any(place, np.random.default_rng(5), anywhere=True)
     q, qd, qdd = sampled(series, np.linspace(0, 10, 2000))
     left = np.minimum(LIMITS.upper - q.max(axis=0), q.min(axis=0) - LIMITS.lower)

@@ -7,11 +7,10 @@ from residual.errors import InputError
 from residual.robot.robot import load_robot
 from sim.engine.geometry import MARGIN, body, clearances
 from sim.records import TrajectorySpec
-from sim.trajectories import KINDS, LimitError, make_reference, reference
-from sim.trajectories.excitation import excitation
-from sim.trajectories.limits import check_limits, plan_limits
-from sim.trajectories.plan import check_clearance
-from sim.trajectories.usage import usage
+from sim.trajectories import KINDS, LimitError, make_reference
+from sim.trajectories import excitation as search
+from sim.trajectories.excitation import excitation, usage
+from sim.trajectories.limits import check_clearance, check_limits, plan_limits
 from tests.sim.arms import FLAT, SEVEN, TWO, arm
 
 ROBOT = load_robot("irb140")
@@ -48,7 +47,7 @@ def test_a_closed_path_is_closed_even_for_an_arm_with_a_spare_joint(moved):
 
 @pytest.mark.slow
 def test_the_search_improves_an_arm_with_seven_joints(tmp_path, monkeypatch):
-    monkeypatch.setattr(reference, "_STEPS", (10, 20))  # enough for what is asked below
+    monkeypatch.setattr(search, "_STEPS", (10, 20))  # enough for what is asked below
     robot = arm(SEVEN, tmp_path)
     found = [
         make_reference(robot, TrajectorySpec(), 100.0, optimised)

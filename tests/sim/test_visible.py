@@ -8,7 +8,7 @@ from sim.draw import draw_hidden, usual_effects
 from sim.plant import tables as at
 from sim.records import PlantEffect, TrajectorySpec, stream
 from sim.trajectories import make_reference
-from sim.trajectories.given import draw_slow
+from sim.trajectories.fourier import draw_slow
 from sim.visible import MOST, VISIBLE, Stage, draw_visible, share
 from tests.sim.plant_cases import NOMINAL_ARM, ROBOT, drive, effect
 

@@ -19,8 +19,8 @@ from residual.quantity import number, probability
 from residual.robot.robot import Robot
 from sim.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
+from sim.trajectories.excitation import usage
 from sim.trajectories.limits import plan_limits
-from sim.trajectories.usage import usage
 
 _RATE = 50.0  # Hz, of what is drawn
 _MOST_POINTS, _HEIGHT = 1200, 300

@@ -6,7 +6,7 @@ from rich.table import Table
 
 from residual.robot.robot import Robot
 from sim.records import Reference, TrajectorySpec
-from sim.trajectories.usage import Usage
+from sim.trajectories.excitation import Usage
 
 _NEAR = 0.95  # of a limit, shown in bold
 

@@ -29,7 +29,7 @@ from residual.signals.track import Filters
 from residual.threads import one_blas_thread
 from sim.records import PlantSpec, Reference, TrajectorySpec
 from sim.trajectories import make_reference
-from sim.twin import Driven, drive
+from sim.twin import Driven, run_along
 from warehouse.commit import commit_record
 from warehouse.layout import find
 from warehouse.runs import read_manifest, read_run
@@ -193,7 +193,7 @@ def tracked(
             ways = [(cell, use, "feed_forward") for cell, use in CELLS.items()]
             for cell, use, kind in (*ways, (LOOP, Use(), "computed_torque")):
                 given = torque_of(model, motion.reference, kind, use)
-                done = drive(robot, motion.reference, motion.plant, given)
+                done = run_along(robot, motion.reference, motion.plant, given)
                 cells.setdefault(name + cell, []).append(done)
         tell("drive", (i + 1) / len(motions))
     return Tracked(tuple(motions), {k: tuple(v) for k, v in cells.items()})

@@ -24,7 +24,6 @@ from sim.records import TrajectorySpec, stream
 from sim.trajectories.curves import Series
 from sim.trajectories.fourier import (
     FREE,
-    Arena,
     fit_in,
     free_of,
     harmonics,
@@ -32,6 +31,7 @@ from sim.trajectories.fourier import (
     room_left,
     shrunk,
 )
+from sim.trajectories.limits import Workspace
 from sim.trajectories.reference import KINDS
 
 Array = np.ndarray
@@ -52,7 +52,7 @@ class Form:
     """
 
     search: Search
-    place: Arena
+    place: Workspace
 
     @property
     def dof(self) -> int:
@@ -85,7 +85,7 @@ class Form:
         return -float(np.log(self.search.weighed(gram).worth + _NONE))
 
 
-def improve(search: Search, place: Arena, series: Series, looks: int) -> Series:
+def improve(search: Search, place: Workspace, series: Series, looks: int) -> Series:
     """Return a motion that promises more, by a local search from one."""
     form = Form(search, place)
     start = form.numbers(series)

@@ -18,9 +18,8 @@ from residual.planning.question import Question
 from residual.robot.robot import Robot
 from sim.records import TrajectorySpec, stream
 from sim.trajectories.curves import Series
-from sim.trajectories.fourier import Arena, arena, draw, sampled
-from sim.trajectories.given import written
-from sim.trajectories.plan import Plan
+from sim.trajectories.fourier import draw, sampled, written
+from sim.trajectories.limits import Plan, Workspace, workspace
 from sim.trajectories.reference import make_plan
 
 Array = np.ndarray
@@ -70,9 +69,9 @@ class Search:
     seed: int = 0
     twins: frozenset[Pair] = frozenset()
 
-    def arena(self, periods: int) -> Arena:
+    def workspace(self, periods: int) -> Workspace:
         """Return the arm's limits, for so many periods."""
-        return arena(self.robot, self.seconds / periods)
+        return workspace(self.robot, self.seconds / periods)
 
     @property
     def periods(self) -> tuple[int, ...]:
@@ -88,13 +87,13 @@ class Search:
 def with_twins(search: Search) -> Search:
     """Return the same search with the pairs left out that are one on every motion."""
     rng = stream(search.seed, "next/free")
-    place = search.arena(search.periods[0])
+    place = search.workspace(search.periods[0])
     grams = [series_gram(search, place, draw(place, rng)) for _ in range(FREE)]
     return replace(search, twins=structural_twins(search.question, grams))
 
 
 def series_gram(
-    search: Search, place: Arena, series: Series, finer: float = 1.0
+    search: Search, place: Workspace, series: Series, finer: float = 1.0
 ) -> Array:
     """Return the Gram of a Fourier motion, by one of its periods. Shape (m, m)."""
     rate = finer * search.question.signals.rate
@@ -104,17 +103,17 @@ def series_gram(
     return planned_gram(search.question, motion, count / place.period, search.seconds)
 
 
-def drawn(search: Search, count: int) -> list[tuple[Arena, Series]]:
+def drawn(search: Search, count: int) -> list[tuple[Workspace, Series]]:
     """Return random Fourier motions, as large as the limits let them."""
     rng, places = stream(search.seed, "next/fourier"), []
-    every = [search.arena(n) for n in search.periods]
+    every = [search.workspace(n) for n in search.periods]
     for i in range(count):
         place = every[i % len(every)]
         places.append((place, draw(place, rng)))
     return places
 
 
-def fourier(search: Search, place: Arena, series: Series) -> Motion:
+def fourier(search: Search, place: Workspace, series: Series) -> Motion:
     """Return a Fourier motion by its numbers, looked at closely."""
     periods = round(search.seconds / place.period)
     spec = TrajectorySpec(FOURIER, search.seconds, periods, 0, written(series))

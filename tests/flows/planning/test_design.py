@@ -20,8 +20,8 @@ from residual.robot.dynamics import inverse_dynamics
 from sim.engine.geometry import MARGIN, body, clearances
 from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
-from sim.trajectories.fourier import arena, draw
-from sim.trajectories.given import given, written
+from sim.trajectories.fourier import draw, given, written
+from sim.trajectories.limits import workspace
 from tests.residual.planning.asked import asked
 
 
@@ -65,7 +65,7 @@ def test_what_is_found_keeps_all_limits_over_the_whole_motion(search, better):
 
 
 def test_a_motion_is_the_same_when_it_is_written_down(search):
-    place = arena(search.robot, 6.0)
+    place = workspace(search.robot, 6.0)
     series = draw(place, np.random.default_rng(0))
     again = given(written(series), search.robot.dof, 6.0)
     for name in ("centre", "sine", "cosine"):

@@ -18,8 +18,8 @@ from flows.steps.rerun import rerun
 from residual.errors import InputError
 from residual.recording import Recording
 from sim.records import TrajectorySpec
-from sim.trajectories.fourier import arena, draw
-from sim.trajectories.given import written
+from sim.trajectories.fourier import draw, written
+from sim.trajectories.limits import workspace
 from warehouse.commit import commit_run
 from warehouse.runs import open_seal, read_manifest, read_run
 
@@ -38,7 +38,7 @@ def spec(number, kind):
 
 
 def motion(seconds=6.0):
-    place = arena(load("irb140"), seconds)
+    place = workspace(load("irb140"), seconds)
     series = draw(place, np.random.default_rng(4))
     return TrajectorySpec("fourier", seconds, 1, 0, written(series))
 

@@ -21,14 +21,14 @@ from residual.planning.question import (
     parse_wish,
 )
 from sim.records import stream
-from sim.sizes import room
+from sim.sizes import usual_limits
 from tests.residual.planning.asked import SECONDS, asked, logs
 
 RATE = 50.0  # Hz
 
 
 def motion(robot, family, seconds=10.0, seed=1):
-    made = make_motion(family, room(robot), seconds, RATE, stream(seed, family))
+    made = make_motion(family, usual_limits(robot), seconds, RATE, stream(seed, family))
     return made.q, made.qd, made.qdd
 
 

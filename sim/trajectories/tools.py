@@ -1,0 +1,396 @@
+"""Work with a tool: painting a panel and welding seams, where the arm reaches.
+
+A work piece is a plane in front of the arm. Painting (cyclic) goes to and fro over it;
+welding follows straight seams at even speed, with air moves between them: of the same
+kind as pick and place, with more segments (G2017 section 2.1), since the arm stands
+still where a seam begins and ends. Seams and air moves are paths of poses; the joint
+angles along each are a polynomial through its nodes, exact to rounding.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+from residual.errors import InputError
+from residual.recording import Array
+from residual.robot.robot import Robot
+from sim.engine.geometry import (
+    MARGIN,
+    NEAR_SINGULAR,
+    Kinematics,
+    body,
+    clearances,
+    dexterity,
+    follow,
+    inverse,
+    kinematics,
+    pose,
+)
+from sim.sizes import usual_limits
+from sim.trajectories.curves import (
+    RAMP,
+    Path,
+    Series,
+    Stage,
+    along,
+    dwell,
+    evaluate,
+    nodes,
+    path,
+    repeated,
+    shortest,
+)
+from sim.trajectories.limits import (
+    LimitError,
+    Limits,
+    Plan,
+    Workspace,
+    largest,
+    plan_limits,
+)
+
+_PIECES = 150  # work pieces drawn at most
+_GUESSES = 6  # postures that the arm is tried in
+# Ranges that a work piece is drawn from; lengths as shares of the stretched arm.
+_ASIDE = (-0.4, 0.4)  # rad
+_AWAY, _HIGH = (0.35, 0.6), (0.15, 0.6)
+_DOWN = (0.35, 1.4)  # rad that the tool points below the horizon
+_SIDEWAYS = (-0.6, 0.6)  # rad that it points away from straight ahead
+_WIDE, _TALL = (0.10, 0.18), (0.05, 0.10)  # half sizes
+# Painting.
+_STROKES = 8  # strokes to and fro per period at most
+_STROKE = 2.0  # s that one may take where the limits let it
+_TURN = 0.07  # share of the third harmonic; 1/9 would be a sharp triangle
+_SWING = 0.2  # rad
+_STROKE_NODES = 64  # of a stroke, and of four strokes at least
+_SMALLEST = 1e-9  # rad; higher harmonics are left out
+# Welding.
+_MOST, _LEAST = 8, 2  # seams per period
+_NODES = 33  # of a path
+_DWELL = 0.2  # s, for the arc to start and the crater to fill
+_EASE = 1.15  # what takes that much longer than it must
+_AIR, _SEAM = 0.4, 0.8  # s, least times
+_LEAN = 0.3  # rad by which a torch leans at most
+_LIFT = 0.06  # of the stretched arm, above the piece between seams
+_LENGTH = 0.7  # least length of a seam, in half widths of the piece
+
+Attempt = Callable[["Cell", "Piece"], Plan | LimitError | None]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cell(Workspace):
+    """An arm with all that bounds a path of its tool.
+
+    Attributes:
+        ways: Its kinematics.
+    """
+
+    ways: Kinematics
+
+    def fits(self, q: Array) -> bool:
+        """Say whether postures are in range, clear of all and not near singular."""
+        inside = (q >= self.limits.lower) & (q <= self.limits.upper)
+        return bool(
+            inside.all()
+            and dexterity(self.ways, q).min() > NEAR_SINGULAR
+            and (clearances(self.arm, q) >= MARGIN).all()
+        )
+
+
+def cell(robot: Robot, family: str, period: float) -> Cell:
+    """Return the cell of a robot; the error of `kinematics` for a short arm."""
+    limits, arm = plan_limits(robot), body(robot.model)
+    return Cell(robot, limits, arm, period, kinematics(robot, family))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Piece:
+    """A plane to work on.
+
+    Attributes:
+        origin: Pose of the flange over its middle.
+        across: Level direction in the plane. Shape (3,).
+        along: Direction in the plane that is square to it. Shape (3,).
+        half: Half sizes across and along [m]. Shape (2,).
+        posture: Joint angles with the tool in the middle [rad]. Shape (dof,).
+    """
+
+    origin: pin.SE3
+    across: Array
+    along: Array
+    half: Array
+    posture: Array
+
+    def pose(self, x: float, y: float, turn: Array, lift: float = 0.0) -> pin.SE3:
+        """Return the pose of the flange over a point.
+
+        Args:
+            x: Place across, from -1 to 1.
+            y: Place along, from -1 to 1.
+            turn: Rotation away from the upright tool, a vector in the base frame
+                [rad]. Shape (3,).
+            lift: Height above the plane [m].
+        """
+        off = np.cross(self.across, self.along)
+        place = self.origin.translation + x * self.half[0] * self.across
+        place = place + y * self.half[1] * self.along + lift * off
+        return pin.SE3(pin.exp3(turn) @ self.origin.rotation, place)
+
+
+def plan_cyclic(
+    robot: Robot, duration: float, periods: int, rng: np.random.Generator
+) -> Plan:
+    """Draw a panel and paint it with as many strokes as the limits allow.
+
+    Args:
+        duration: Length [s].
+
+    Raises:
+        LimitError: If even one stroke per period is too fast.
+        InputError: If the arm has too few joints or reaches no panel.
+    """
+    space = cell(robot, "cyclic", (duration - RAMP) / periods)
+
+    def painted(space: Cell, piece: Piece) -> Plan | LimitError | None:
+        return largest(robot, _paintings(space, piece, duration))
+
+    return _on_a_piece("cyclic", space, rng, painted, too_fast=4)
+
+
+def plan_welding(
+    robot: Robot, duration: float, periods: int, rng: np.random.Generator
+) -> Plan:
+    """Draw a work piece and weld as many seams per period as the limits allow.
+
+    Args:
+        duration: Length [s].
+
+    Raises:
+        LimitError: If even two seams per period are too fast.
+        InputError: If the arm has too few joints or reaches no piece.
+    """
+    space = cell(robot, "welding", duration / periods)
+
+    def welded(space: Cell, piece: Piece) -> Plan | LimitError | None:
+        seams = [_draw_seam(piece, rng) for _ in range(_MOST)]
+        if _routes(space, piece, seams) is None:
+            return None
+        return largest(robot, _weldings(space, piece, seams, duration))
+
+    return _on_a_piece("welding", space, rng, welded, too_fast=3)
+
+
+def _on_a_piece(
+    family: str,
+    space: Cell,
+    rng: np.random.Generator,
+    attempt: Attempt,
+    too_fast: int,
+) -> Plan:
+    """Draw work pieces until there is a plan.
+
+    Args:
+        attempt: From a piece to a plan, to what is too fast even about the least work,
+            or to None where the arm cannot work there.
+        too_fast: Pieces on which it was too fast, before giving up.
+    """
+    errors: list[LimitError] = []
+    for _ in range(_PIECES):
+        piece = draw_piece(space, rng)
+        found = None if piece is None else attempt(space, piece)
+        if isinstance(found, Plan):
+            return found
+        errors += [found] if found else []
+        if len(errors) == too_fast:
+            break
+    if errors:
+        raise errors[0]
+    raise InputError(
+        f"{family}: found no place for a work piece that {space.robot.name} reaches "
+        "within its ranges, clear of the floor and itself and away from singular "
+        "postures. Try another seed, or fourier."
+    )
+
+
+def _paintings(space: Cell, piece: Piece, duration: float) -> Iterator[Plan]:
+    """Return plans of fewer and fewer strokes, as far as the arm can follow."""
+    period = space.period
+    for strokes in range(int(np.clip(period / _STROKE, 1, _STROKES)), 0, -1):
+        series = _series(space, piece, strokes)
+        if series is None:
+            return
+        curve = partial(evaluate, series, duration=duration)
+        yield Plan("cyclic", curve, duration, period, duration)
+
+
+def _weldings(
+    space: Cell, piece: Piece, seams: list, duration: float
+) -> Iterator[Plan]:
+    """Return plans of fewer and fewer seams, where the arm can follow them."""
+    period = space.period
+    for count in range(_MOST, _LEAST - 1, -1):
+        routes = _routes(space, piece, seams[:count])
+        stages = routes and _timed(space.limits, routes, period, count == _LEAST)
+        if stages:
+            yield Plan("welding", repeated(stages), duration, period, period)
+
+
+def draw_piece(space: Cell, rng: np.random.Generator) -> Piece | None:
+    """Draw a work piece in front of the arm; None where the arm cannot work on it."""
+    ways = space.ways
+    angle = _front(ways) + rng.uniform(*_ASIDE)
+    away, high = (ways.length * rng.uniform(*share) for share in (_AWAY, _HIGH))
+    down, roll = rng.uniform(*_DOWN), rng.uniform(0, 2 * np.pi)
+    half = ways.length * np.array([rng.uniform(*_WIDE), rng.uniform(*_TALL)])
+    ahead = angle + rng.uniform(*_SIDEWAYS)
+    across = np.array([-np.sin(ahead), np.cos(ahead), 0.0])
+    tool = np.array([np.cos(ahead), np.sin(ahead), -np.tan(down)]) * np.cos(down)
+    place = np.array([away * np.cos(angle), away * np.sin(angle), high])
+    rotation = _turned(ways.tool, tool) @ pin.exp3(roll * ways.tool)
+    posture = _best_posture(space, pin.SE3(rotation, place), rng)
+    if posture is None:
+        return None
+    # across x along points back along the tool, so that a lift leaves the piece.
+    along = np.cross(across, tool)
+    return Piece(pin.SE3(rotation, place), across, along, half, posture)
+
+
+def _best_posture(
+    space: Cell, target: pin.SE3, rng: np.random.Generator
+) -> Array | None:
+    """Return the posture for a pose that is farthest from singular ones. (dof,)."""
+    limits, found, usual = space.limits, [], usual_limits(space.robot)
+    for share in rng.uniform(-1, 1, (_GUESSES, space.robot.dof)):
+        guess = usual.centre + share * usual.amplitude
+        q = inverse(space.ways, target, guess)
+        if q is None:
+            continue
+        # Whole turns are the same posture; the one amid the range has most room.
+        q = q - 2 * np.pi * np.round((q - limits.middle) / (2 * np.pi))
+        if space.fits(q[None]):
+            found.append(q)
+    free = [float(dexterity(space.ways, q[None])[0]) for q in found]
+    return found[int(np.argmax(free))] if found else None
+
+
+def _front(ways: Kinematics) -> float:
+    """Return the direction in which the arm points at its zero posture [rad]."""
+    place = pose(ways, pin.neutral(ways.model)).translation
+    if np.hypot(*place[:2]) < 0.05 * ways.length:
+        return 0.0
+    return float(np.arctan2(place[1], place[0]))
+
+
+def _turned(a: Array, b: Array) -> Array:
+    """Return the rotation that turns direction a into b. Shape (3, 3)."""
+    return pin.Quaternion.FromTwoVectors(a, b).toRotationMatrix()
+
+
+def _series(space: Cell, piece: Piece, strokes: int) -> Series | None:
+    """Return the joint angles of painting, None where the arm cannot follow."""
+    count = _STROKE_NODES * max(strokes, 4)
+    angle = 2 * np.pi * np.arange(count) / count
+    targets = [_gun(piece, a, strokes) for a in angle]
+    q = follow(space.ways, [*targets, targets[0]], piece.posture, piece.posture)
+    # An arm may end in another posture than it began in, or one turn farther.
+    if q is None or not space.fits(q) or np.abs(q[-1] - q[0]).max() > 1e-6:
+        return None
+    waves = np.fft.rfft(q[:-1], axis=0) / count
+    size = np.abs(waves).max(axis=1)
+    last = int(np.flatnonzero(size > _SMALLEST)[-1])
+    if last > count // 3:
+        return None
+    waves = waves[: max(last, 1) + 1]
+    return Series(waves[0].real, -2 * waves[1:].imag, 2 * waves[1:].real, space.period)
+
+
+def _gun(piece: Piece, angle: float, strokes: int):
+    """Return the pose of the flange at one point of a period, 0 to 2 pi."""
+    own = strokes * angle
+    x = (np.sin(own) - _TURN * np.sin(3 * own)) / (1 + _TURN)
+    return piece.pose(x, np.cos(angle), _SWING * np.sin(own) * piece.along)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Point:
+    """Where the torch is: place on the piece, -1 to 1, and lean [rad]."""
+
+    place: Array
+    lean: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Routes:
+    """Joint angles along seams, and along the air move that follows each.
+
+    The last air move leads back to the first seam.
+    """
+
+    seams: list[Path]
+    moves: list[Path]
+
+
+def _draw_seam(piece: Piece, rng: np.random.Generator) -> tuple[_Point, _Point]:
+    axes = np.array([piece.across, piece.along, np.cross(piece.across, piece.along)])
+    lean = rng.uniform(-_LEAN, _LEAN, 3) @ axes
+    ends = rng.uniform(-1, 1, (2, 2))
+    while np.linalg.norm((ends[1] - ends[0]) * piece.half) < _LENGTH * piece.half[0]:
+        ends = rng.uniform(-1, 1, (2, 2))
+    return _Point(ends[0], lean), _Point(ends[1], lean)
+
+
+def _routes(space: Cell, piece: Piece, seams: list) -> _Routes | None:
+    """Return the joint angles along all paths, None where the arm cannot follow."""
+    lift, found = _LIFT * space.ways.length, []
+    last = piece.posture
+    for (start, end), (after, _) in zip(seams, [*seams[1:], seams[0]], strict=True):
+        for points, height in (((start, end), 0.0), ((end, after), lift)):
+            targets = [_torch(piece, points, height, x) for x in nodes(_NODES)]
+            q = follow(space.ways, targets, last, piece.posture)
+            if q is None or not space.fits(q):
+                return None
+            found.append(q)
+            last = q[-1]
+    if np.abs(found[-1][-1] - found[0][0]).max() > 1e-6:
+        return None  # back over the first seam in another posture
+    return _Routes([path(q) for q in found[::2]], [path(q) for q in found[1::2]])
+
+
+def _torch(piece: Piece, points: tuple, height: float, x: float) -> pin.SE3:
+    """Return the pose of the flange on the way between two points, x from 0 to 1."""
+    start, end = points
+    place = start.place + x * (end.place - start.place)
+    lean = start.lean + x * (end.lean - start.lean)
+    return piece.pose(place[0], place[1], lean, height * 16 * x**2 * (1 - x) ** 2)
+
+
+def _timed(
+    limits: Limits, routes: _Routes, period: float, hurry: bool
+) -> list[Stage] | None:
+    """Return the stages of one period; what time is left goes to the seams.
+
+    Returns:
+        The stages; None where the period is too short, unless in a hurry: then all is
+        so fast that it fits.
+    """
+    bounds = (limits.velocity, limits.acceleration)
+    seams = np.array([shortest(along(r, 1.0, True), *bounds) for r in routes.seams])
+    moves = np.array([shortest(along(r, 1.0, False), *bounds) for r in routes.moves])
+    seams = np.maximum(_EASE * seams, _SEAM)
+    moves, still = np.maximum(_EASE * moves, _AIR), _DWELL
+    needed = seams.sum() + moves.sum() + 2 * still * len(seams)
+    if needed <= period:
+        seams = seams + (period - needed) * seams / seams.sum()
+    elif hurry:
+        seams, moves, still = (part * period / needed for part in (seams, moves, still))
+    else:
+        return None
+    stages = []
+    for i, (seam, air) in enumerate(zip(routes.seams, routes.moves, strict=True)):
+        begin, end = (seam.at(np.array([x]))[0] for x in (0.0, 1.0))
+        stages += [dwell(begin, still), along(seam, float(seams[i]), True)]
+        stages += [dwell(end, still), along(air, float(moves[i]), False)]
+    return stages
