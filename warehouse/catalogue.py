@@ -68,11 +68,7 @@ class Catalogue:
 def read_new(
     ids: Sequence[str], kind: Kind, folders: Mapping[str, str]
 ) -> tuple[list[pa.Table], list[str]]:
-    """Return rows that are read from the records, and what is damaged of them.
-
-    Args:
-        folders: Their folders, by id.
-    """
+    """Return rows that are read from the records, and what is damaged of them."""
     new, damaged = [], []
     for id in ids:
         try:
@@ -167,11 +163,7 @@ def _filled(store: Path, places: Places, known: Rows) -> tuple[Catalogue, Rows]:
 
 
 def remember(store: Path, kind: Kind, row: pa.Table) -> None:
-    """Keep the catalogue row of a record that is committed now.
-
-    Args:
-        row: Its row; columns beyond those of the catalogue are left out.
-    """
+    """Keep the catalogue row of a record that is committed now."""
     key = (str(Path(store).resolve()), kind.name)
     with _lock:
         rows = _waiting.setdefault(key, [])
@@ -262,7 +254,7 @@ def _rows(
     store: Path, kind: Kind, folders: Mapping[str, str], before: Catalogue | None
 ) -> tuple[pa.Table, list[str]]:
     old = before.rows[kind.name] if before else _read_index(store, kind)
-    parts, merged = [_still_there(old, kind, folders)], []
+    parts, merged = [_once(old, kind, folders)], []
     gone = len(old) - len(parts[0])
     if len(folders) > len(parts[0]) + (_SPARE if before else 0):
         left, merged = read_segments(store, kind)
@@ -279,11 +271,6 @@ def _rows(
         _write_index(store, kind, rows)
         drop_segments(merged)
     return rows, damaged
-
-
-def _still_there(rows: pa.Table, kind: Kind, folders: Mapping) -> pa.Table:
-    listed = [id in folders for id in rows.column(kind.key).to_pylist()]
-    return rows if all(listed) else rows.filter(pa.array(listed, pa.bool_()))
 
 
 def _once(rows: pa.Table, kind: Kind, folders: Mapping) -> pa.Table:

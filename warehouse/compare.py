@@ -82,14 +82,7 @@ def differing(channels: Sequence[Channel]) -> tuple[Channel, ...]:
 
 
 def values_apart(one: object, two: object, at: str = "") -> list[Channel]:
-    """Compare two records as JSON holds them, value by value.
-
-    Args:
-        at: Where the parts are, such as "document.effects".
-
-    Returns:
-        One entry for each value that differs; none for those that do not.
-    """
+    """Compare two records as JSON holds them: one entry for each value that differs."""
     if isinstance(one, Mapping) and isinstance(two, Mapping):
         keys = dict.fromkeys([*one, *two])
         pairs = [(f"{at}.{key}".lstrip("."), key) for key in keys]

@@ -125,11 +125,7 @@ def block_sums(known: Mapping) -> list[str]:
 
 
 def file_faults(folder: Path) -> tuple[str, ...]:
-    """Return what of a folder's files is not as it was written, byte for byte.
-
-    Args:
-        folder: Folder of a record; without sums nothing is said.
-    """
+    """Return what of a record's files is not as written; without sums nothing."""
     try:
         sums = read_sums(folder)
     except InputError as error:
@@ -280,11 +276,7 @@ def staged(store: Path, label: str) -> Iterator[Path]:
 
 
 def publish(folder: Path, target: Path) -> bool:
-    """Make a staged folder visible at its place with its sums, whole or not at all.
-
-    Returns:
-        Whether it is this one; False if another writer was faster.
-    """
+    """Make a staged folder visible at its place, whole; False if another was faster."""
     write_sums(folder)
     if place_of(target):
         return upload(folder, target)
@@ -322,11 +314,7 @@ def replace_file(store: Path, target: Path, content: bytes | pa.Table) -> None:
 
 
 def sweep_staging(store: Path, age: float = 86400.0) -> None:
-    """Remove what killed writers left behind.
-
-    Args:
-        age: Only what is older, so that nobody loses what is being written [s].
-    """
+    """Remove what writers killed over `age` seconds ago left behind."""
     oldest = time.time() - age
     for folder in (store / STAGING).glob("*"):
         # Gone meanwhile is as good.

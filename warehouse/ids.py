@@ -72,20 +72,12 @@ def digest(*parts: object) -> str:
 
 
 def run_id(open_half: object, sealed_sha256: str | None, code_hash: str) -> str:
-    """Return the id of a simulated run, known before it is simulated.
-
-    Args:
-        sealed_sha256: Hash of the hidden part (``seal.sealed_hash``), None for none.
-    """
+    """Return the id of a simulated run, known before it is simulated."""
     return digest(open_half, sealed_sha256, code_hash)[:ID_DIGITS]
 
 
 def decision_id(loop: str, number: int) -> str:
-    """Return the id of a decision of a loop: there is one of each number.
-
-    Args:
-        number: Which decision, from 1.
-    """
+    """Return the id of a decision of a loop: there is one of each number, from 1."""
     return digest("decisions", loop, number)[:ID_DIGITS]
 
 

@@ -82,11 +82,7 @@ def find_run(store: Path, id: str) -> Found:
 
 
 def read_record(store: Path, id: str) -> dict:
-    """Return what a record was committed with; of a run, its manifest.
-
-    Args:
-        id: Id of a record of any kind, or its beginning.
-    """
+    """Return what a record was committed with; of a run, its manifest."""
     found = find(store, id)
     return json.loads(
         read_cell(found.row, "manifest" if found.kind == "runs" else "record")

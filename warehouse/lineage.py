@@ -39,21 +39,15 @@ class Relative:
         id: Its id.
         kind: Name of its kind; None where it is not in this store.
         role: What it was to the one above it, or that one to it; "" at the root.
-        relatives: Those below it.
         again: Whether it stands elsewhere in the tree, with its relatives.
+        relatives: Those below it.
     """
 
     id: str
     kind: str | None
     role: str = ""
-    relatives: tuple["Relative", ...] = ()
     again: bool = False
-
-    def as_record(self) -> dict:
-        """Return it as JSON can hold it."""
-        below = [each.as_record() for each in self.relatives]
-        told = {"id": self.id, "kind": self.kind, "role": self.role}
-        return told | {"again": self.again, "relatives": below}
+    relatives: tuple["Relative", ...] = ()
 
 
 def tree(store: Store, id: str, down: bool = False) -> Relative:
@@ -139,7 +133,7 @@ def _grown(
         return Relative(id, kind, role, again=bool(below))
     shown.add(id)
     relatives = tuple(_grown(far, r, links, kinds, shown) for far, r in below)
-    return Relative(id, kind, role, relatives)
+    return Relative(id, kind, role, relatives=relatives)
 
 
 @dataclass(frozen=True, slots=True)

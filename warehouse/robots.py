@@ -26,11 +26,7 @@ ROBOTS, TOML = "robots", "robot.toml"
 
 
 def keep_robot(store: Path, word: str, robot: Robot) -> None:
-    """Put the description of a robot into the store; one that is there stays.
-
-    Args:
-        word: What the robot was loaded from; built-in ones are not kept.
-    """
+    """Put the description of a robot into the store, unless it is built in."""
     target = robot_folder(store, robot.content_hash)
     if is_there(target) or _is_built_in(word, robot):
         return

@@ -54,11 +54,7 @@ def checked(record: type[Record], content: dict[str, Any], where: str) -> Record
 
 
 def faults(record: type, content: dict[str, Any]) -> list[tuple[str, tuple]]:
-    """Return the faults of the content of a file, as words and the place of the key.
-
-    Args:
-        record: What the file must hold: a model or dataclass of pydantic.
-    """
+    """Return the faults of the content of a file: words, and the place of the key."""
     try:
         TypeAdapter(record).validate_python(content)
     except ValidationError as error:

@@ -1,6 +1,7 @@
 """modelgap diff and lineage: two records side by side, and a record's relatives."""
 
 import json
+from dataclasses import asdict
 from typing import Literal
 
 from flows.cli.options import Flag
@@ -70,7 +71,7 @@ def lineage(
             if asked
         }
     if format == "json":
-        told = {words: root.as_record() for words, root in trees.items()}
+        told = {words: asdict(root) for words, root in trees.items()}
         print(json.dumps(told, indent=2))
         return
     for words, root in trees.items():

@@ -282,11 +282,7 @@ def check_units(
 
 
 def default_signal(name: str, dof: int) -> SignalMap:
-    """Return what is meant by a signal that no map names: q1, q2, ... in SI units.
-
-    Args:
-        name: "q", "qd", "qdd", "q_ref" or "tau".
-    """
+    """Return what is meant by a signal that no map names: q1, q2, ... in SI units."""
     columns = tuple(f"{name}{i}" for i in range(1, dof + 1))
     return SignalMap(columns=columns, unit=next(iter(UNITS[name])))
 

@@ -34,12 +34,7 @@ def from_seconds(seconds: float) -> datetime | None:
 
 
 def from_lines(lines: Iterable[str]) -> tuple[datetime | None, str | None]:
-    """Look for a date with time and zone in the lines above a table.
-
-    Returns:
-        The first one, UTC; and what was found that says no zone, which is used for
-        nothing.
-    """
+    """Return the first moment in lines above a table, UTC; or one that says no zone."""
     for line in lines:
         if found := _STAMP.search(line):
             moment = _parsed(found[0])
@@ -48,11 +43,7 @@ def from_lines(lines: Iterable[str]) -> tuple[datetime | None, str | None]:
 
 
 def parse(text: str, what: str) -> datetime:
-    """Return a moment that a user gave.
-
-    Args:
-        text: ISO 8601 with a zone, such as 2026-11-20T14:03:00+01:00.
-    """
+    """Return a moment that a user gave, in ISO 8601 with a zone."""
     moment = _parsed(text)
     if moment is None or not _EARLIEST <= moment < _LATEST:
         raise InputError(

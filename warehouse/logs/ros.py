@@ -105,11 +105,7 @@ class JointStateLog(LogFile):
 
 
 def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
-    """Open a bag: a .bag or .db3 file, or the folder of a ROS 2 bag.
-
-    Args:
-        joints: Names of the robot's joints in the URDF, joint 1 first.
-    """
+    """Open a bag: a .bag or .db3 file, or the folder of a ROS 2 bag."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -134,11 +130,7 @@ def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLo
 
 
 def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
-    """Open an MCAP file.
-
-    Args:
-        joints: Names of the robot's joints in the URDF, joint 1 first.
-    """
+    """Open an MCAP file."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -166,7 +158,7 @@ def _readable(path: Path, what: str, hint: str = "") -> Iterator[None]:
 
 
 def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
-    """Return the topic to read."""
+    """Return the topic to read: the one that is named, or the only one."""
     found = sorted(set(topics))
     listed = ", ".join(found)
     if not found:

@@ -228,11 +228,7 @@ def is_number(text: str) -> bool:
 
 
 def find_layout(lines: Sequence[str], form: CsvFormat) -> Layout | None:
-    """Find the table in the first lines of a file.
-
-    Returns:
-        Where names and samples are, or None for a table without anything above it.
-    """
+    """Find the table in the first lines of a file; None with nothing above it."""
     rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
     for place, row in enumerate(rows[: _ABOVE + 1]):
         separator = form.separator or _separator(lines, rows[:place], row)

@@ -51,11 +51,7 @@ def is_address(word: str) -> bool:
 
 
 def parse(word: str) -> Address:
-    """Return the address in a word.
-
-    Args:
-        word: As s3://bucket/prefix.
-    """
+    """Return the address in a word, such as s3://bucket/prefix."""
     found = _SCHEME.match(word)
     if found is None or found[1].lower() != "s3" or not word[3:].startswith("//"):
         raise InputError(
@@ -185,7 +181,7 @@ class Listed:
 
 
 class Bucket:
-    """A bucket below a prefix.
+    """A bucket below a prefix; a verb that it does not do raises BucketError.
 
     Args:
         store: A store of obstore, which has the prefix.
@@ -232,11 +228,7 @@ class Bucket:
             )
 
     def objects(self, prefix: str) -> list[Listed]:
-        """Return all objects whose keys begin with a folder's name, in their order.
-
-        Args:
-            prefix: Whole parts of a key, such as "_index/tail".
-        """
+        """Return all objects below whole parts of a key, such as "_index/tail"."""
         with self._told("list"):
             pages = self._obstore.list(self._store, prefix)
             found = [
@@ -288,9 +280,7 @@ def _library() -> Any:
     try:
         import obstore
     except ImportError as error:
-        raise InputError(
-            "Object storage needs the extra: pip install '.[scale]' in the checkout."
-        ) from error
+        raise InputError(_SCALE) from error
     return obstore
 
 

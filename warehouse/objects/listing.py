@@ -271,11 +271,7 @@ def still_noted(store: Path, kind: str, rows: pa.Table) -> pa.Table:
 
 
 def replace(store: Path, rows: Mapping[str, pa.Table]) -> bool:
-    """Write the catalogue of a bucket anew, and clear the notes of its records away.
-
-    Returns:
-        Whether it was done; False where somebody else wrote one meanwhile.
-    """
+    """Write the catalogue of a bucket anew; False where somebody else did meanwhile."""
     bucket = bucket_of(store)
     # Of a damaged head the number is still known.
     heads = bucket.objects(HEADS)

@@ -97,11 +97,7 @@ def make_identity(bucket: Bucket, shown: str) -> str:
 
 
 def mirror_of(word: str) -> Path:
-    """Return the mirror of the store at an address; it is there where the store is.
-
-    Args:
-        word: As s3://bucket/prefix.
-    """
+    """Return the mirror of the store at s3://...; it is there where the store is."""
     address = parse(word)
     named = f"{endpoint_url() or ''} {address.url}"
     name = f"{address.bucket}-{hashlib.sha256(named.encode()).hexdigest()[:16]}"
@@ -156,12 +152,7 @@ def place_of(path: Path) -> tuple[Path, str] | None:
 
 
 def at_hand(path: Path) -> None:
-    """Copy a file of a store in a bucket into the mirror, if it is not there yet.
-
-    Args:
-        path: A file of any store; nothing is done for one in a folder, nor for one
-            that the bucket does not have.
-    """
+    """Copy a file of a store in a bucket into the mirror, if it is not there yet."""
     place = place_of(path)
     if place is None or path.exists():
         return
@@ -203,12 +194,7 @@ def is_there(folder: Path) -> bool:
 
 
 def names_in(store: Path, folder: str) -> list[str]:
-    """Return the names of what lies in a folder of a store, one after the other.
-
-    Args:
-        folder: A folder of it whose files lie in a bucket by their own names, or one
-            of folders; it need not be there.
-    """
+    """Return the names in a folder of a store, in order; it need not be there."""
     bucket = bucket_of(store)
     if bucket is None:
         place = store / folder
@@ -267,20 +253,12 @@ def keep(path: Path, data: bytes) -> None:
 
 
 def note_of(kind: str, id: str, robot: str) -> str:
-    """Return the key of the note of a record.
-
-    Args:
-        robot: Robot of a run; of other kinds it is not looked at.
-    """
+    """Return the key of the note of a record; the robot is looked at for runs only."""
     return f"{TAIL}/{kind}/{robot if kind == 'runs' else NOBODY}/{id}"
 
 
 def note_key(folder: str) -> str | None:
-    """Return the key of the note of a record, None for what is in no list.
-
-    Args:
-        folder: Its folder in the store, as samples/robot=arm/run_id=0f.
-    """
+    """Return the key of the note of a record's folder, None for what is in no list."""
     top, _, rest = folder.partition("/")
     if top not in _FOLDERS:
         return None
@@ -320,11 +298,7 @@ def upload(folder: Path, target: Path) -> bool:
 
 
 def upload_file(path: Path, target: Path) -> bool:
-    """Put a file by itself into a bucket; one that is there already stays.
-
-    Returns:
-        Whether it goes into a bucket; False where its place is in a folder only.
-    """
+    """Put a file by itself into a bucket; False where its place is in a folder."""
     place = place_of(target)
     if place is None:
         return False

@@ -6,7 +6,6 @@ It reads whole blocks of a run's sums and holds each against its CRC-32; what is
 bucket never changes, so what was read once is not read again while it fits.
 """
 
-import io
 import re
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
@@ -15,6 +14,7 @@ from pathlib import Path
 from threading import Lock
 
 from fsspec import AbstractFileSystem
+from fsspec.spec import AbstractBufferedFile
 
 from residual.errors import InputError
 from warehouse.files import BLOCK, block_sums, crc
@@ -75,7 +75,7 @@ class BucketSamples(AbstractFileSystem):
         _, known = self._known(path)
         return {"name": path, "size": known["bytes"], "type": "file"}
 
-    def _open(self, path: str, mode: str = "rb", **_: object) -> io.RawIOBase:
+    def _open(self, path: str, mode: str = "rb", **_: object) -> AbstractBufferedFile:
         if mode != "rb":
             raise PermissionError("Samples are read, not written.")
         key, known = self._known(path)
@@ -147,48 +147,18 @@ def _checked(data: bytes, first: int, known: Mapping) -> dict[int, bytes]:
     return out
 
 
-class _Samples(io.RawIOBase):
+class _Samples(AbstractBufferedFile):
     """One file, for reading from anywhere in it."""
 
     def __init__(
         self, samples: BucketSamples, path: str, key: str, known: Mapping
     ) -> None:
-        super().__init__()
-        self._samples, self._path, self._key, self._known = samples, path, key, known
-        self._at = 0
+        # What was read is held by the file system, for all files and queries.
+        super().__init__(samples, path, cache_type="none", size=known["bytes"])
+        self._key, self._known = key, known
 
-    def readable(self) -> bool:
-        """Return True."""
-        return True
-
-    def seekable(self) -> bool:
-        """Return True."""
-        return True
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """Go somewhere."""
-        base = {
-            io.SEEK_SET: 0,
-            io.SEEK_CUR: self._at,
-            io.SEEK_END: self._known["bytes"],
-        }
-        self._at = base[whence] + offset
-        return self._at
-
-    def tell(self) -> int:
-        """Return where it is."""
-        return self._at
-
-    def readinto(self, buffer: memoryview) -> int:
-        """Fill a buffer from here on."""
-        end = min(self._at + len(buffer), self._known["bytes"])
-        if end <= self._at:
-            return 0
-        first = self._at // BLOCK
+    def _fetch_range(self, start: int, end: int) -> bytes:
+        first = start // BLOCK
         numbers = range(first, (end - 1) // BLOCK + 1)
-        about = (self._path, self._key, self._known)
-        data = self._samples.read_blocks(*about, numbers)
-        start, count = self._at - first * BLOCK, end - self._at
-        buffer[:count] = data[start : start + count]
-        self._at = end
-        return count
+        data = self.fs.read_blocks(self.path, self._key, self._known, numbers)
+        return data[start - first * BLOCK : end - first * BLOCK]

@@ -96,12 +96,7 @@ def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> str:
 
 
 def table_names(connection: duckdb.DuckDBPyConnection, query: str) -> frozenset[str]:
-    """Return the names of tables and views that a query has in it, in small letters.
-
-    Args:
-        connection: Any connection; nothing is executed but the parser.
-        query: What `check_reads_only` gave back.
-    """
+    """Return the names of tables and views in a query, in small letters."""
     kind, text = _one_statement(connection, query)
     nodes = _nodes(_tree(connection, _explained(text) if kind == "EXPLAIN" else text))
     named = (node for node in nodes if node.get("type") == "BASE_TABLE")
@@ -249,11 +244,7 @@ def collected(reader: pa.RecordBatchReader) -> pa.Table:
 def limited(
     connection: duckdb.DuckDBPyConnection, seconds: float | None
 ) -> Iterator[None]:
-    """Interrupt what runs on a connection after some time.
-
-    Args:
-        seconds: How long it may take [s]; None for ever.
-    """
+    """Interrupt what runs on a connection after some seconds, None for never."""
     if seconds is None:
         yield
         return

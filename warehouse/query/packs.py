@@ -71,11 +71,7 @@ class Packed:
 
 
 def read_packs(store: Path, folders: Mapping[str, str]) -> tuple[Pack, ...]:
-    """Return the packs that hold nothing but runs of the store.
-
-    Args:
-        folders: Folder of every run that is there, by id.
-    """
+    """Return the packs that hold nothing but runs of the store, given by their id."""
     try:
         listed = json.loads((store / INDEX / LIST).read_bytes())
         packs = [_pack(store, name, told) for name, told in listed.items()]

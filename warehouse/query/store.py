@@ -225,11 +225,7 @@ class Store:
             self._load_catalogue()
 
     def compact(self, largest: int = SMALL) -> Packed:
-        """Copy the samples of small runs into a few files, for queries over many.
-
-        Args:
-            largest: Size of the samples of a run that still counts as small [bytes].
-        """
+        """Copy the samples of runs of up to so many bytes into a few files, for SQL."""
         if self._remote:
             raise InputError(
                 "The samples of a store in a bucket are not copied together; its "
