@@ -1,4 +1,8 @@
-"""A record with all that it was made from, as one file; what such a file may hold."""
+"""A record with all that it was made from as one file, to and from another machine.
+
+What comes from elsewhere is checked before any of it is in the store: nothing is
+believed.
+"""
 
 import errno
 import hashlib

@@ -1,4 +1,9 @@
-"""What a record was made from, and what was made from it."""
+"""What a record was made from, what was made from it, and runs that nothing needs.
+
+A run is needed while a model, a diagnosis, a validation or an adoption was made from
+it, or an alarm was raised on it. That it was only looked at (watched without an alarm,
+or listed in a batch) binds nothing; an old one may go to a folder that keeps it.
+"""
 
 import os
 import shutil

@@ -1,4 +1,7 @@
-"""Every column that SQL shows, with type, unit and meaning: said here and only here."""
+"""Every kind of record, and every column that SQL shows, with type, unit and meaning.
+
+They are said here and only here.
+"""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,7 @@
-"""COLUMNS.toml: which column is what, in which unit. Nothing is converted by guess."""
+"""COLUMNS.toml: which column is what, in which unit, and from there to SI at the link.
+
+Nothing is converted by guess.
+"""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""When a log was recorded: what a file says of it, and nothing that is guessed.
+"""A log file as named columns, and when it was recorded: what it says, and no guess.
 
 The date of the file itself is not asked: copying changes it.
 """

@@ -1,4 +1,4 @@
-"""Text logs with any separator, also with more lines above than one.
+"""Parquet logs, and text with any separator, also with more lines above than one.
 
 RobotStudio's viewers of signals, and those of other makers, write lines about the
 recording, a line of names, and often the unit of every signal: in brackets behind its

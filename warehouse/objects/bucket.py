@@ -1,4 +1,10 @@
-"""The few things that a store asks of object storage, through obstore."""
+"""What a store asks of object storage, through obstore: where it is, and a few verbs.
+
+Endpoint and credentials are from where every program looks for them, the variables of
+the AWS tools: AWS_ENDPOINT_URL_S3 or AWS_ENDPOINT_URL, AWS_ACCESS_KEY_ID,
+AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN, AWS_REGION or AWS_DEFAULT_REGION; without keys
+in them the profile (AWS_PROFILE, ~/.aws) as botocore reads it.
+"""
 
 import ipaddress
 import os

@@ -2,7 +2,9 @@
 
 `_index/heads/<number>.json` names the catalogue files of each kind; the highest number
 holds. A new one is written under the condition that its number is free, so of two that
-compact at once one begins anew from the other's. Catalogue files never change.
+compact at once one begins anew from the other's. Catalogue files never change; small
+ones are joined when there are many of one size, so a row is written anew only as often
+as the store grows by a factor.
 
 Before a record is committed its writer leaves a note: an empty object with the record's
 name under `_index/tail/`. Who lists looks at the tail first and at the head after that,

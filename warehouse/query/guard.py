@@ -1,4 +1,4 @@
-"""What of SQL may run: one SELECT that reads, or an EXPLAIN of one.
+"""What of SQL may run, one SELECT that reads or an EXPLAIN of one; what it reaches.
 
 The type of a statement is not enough. In DuckDB 2.0 all of these are SELECT or EXPLAIN
 and write a file wherever files may be read:

@@ -44,7 +44,7 @@ class Pack:
         file: Its path.
         held: Signals and number of joints of its runs.
         runs: Ids of its runs.
-        sums: Sums of the file (``sums.sums_of``).
+        sums: Sums of the file (``files.sums_of``).
     """
 
     file: str

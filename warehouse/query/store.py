@@ -52,7 +52,7 @@ class Watched:
     """The reads of one connection.
 
     Attributes:
-        copies: Sums of files that lie in no record, by their path (`sums.sums_of`).
+        copies: Sums of files that lie in no record, by their path (`files.sums_of`).
     """
 
     def __init__(self, connection: duckdb.DuckDBPyConnection) -> None:

@@ -1,4 +1,10 @@
-"""The views over the store, as SQL."""
+"""The views over the store as SQL, and as a database for who knows DuckDB alone.
+
+That database is an export outside of the store: nothing guards it. Its views read the
+store's Parquet files by absolute paths when they are asked, so what is committed later
+is there too; nothing is checked against its sums, and whoever opens it may read any
+file.
+"""
 
 import os
 import tempfile
