@@ -2,8 +2,8 @@
 
 Uncommitted changes are a patch that can be put back. What is kept is named by the hash
 of what is in it: ``made_with/changes-<sha256>.patch.gz``, ``packages-<sha256>.txt``.
-The commit of the program is what git says in a checkout; a wheel has it in a file that was
-written when it was built (`setup.py`).
+The commit of the program is what git says in a checkout; a wheel has it in a file that
+was written when it was built (`setup.py`).
 """
 
 import ast
