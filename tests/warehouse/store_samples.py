@@ -2,6 +2,7 @@
 
 import numpy as np
 
+import warehouse
 from flows.storage.diagnosis import effect_rows, error_rows
 from residual.diagnosis.verdict import from_json
 from residual.recording import Recording
@@ -43,6 +44,19 @@ def commit(store, seed=0, kind="fourier", rows=50, **more):
     twin = {"e_q": log.q / 10, "e_tau": log.tau / 10}
     told = manifest(seed, kind, **more)
     return commit_run(store, log, told, sealed(seed, rows), twin)
+
+
+def ask(store, query, values=None):
+    """Return the rows of an answer."""
+    with warehouse.open(store) as opened:
+        return opened.sql(query, values).to_pylist()
+
+
+def flip(path, at=None, bit=0):
+    """Flip one bit of a file, in its middle where it is not said where."""
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 if at is None else at] ^= 1 << bit
+    path.write_bytes(data)
 
 
 def verdict(logs=(), **more):

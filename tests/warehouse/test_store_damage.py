@@ -6,11 +6,12 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
+from tests.warehouse.store_samples import flip
 from warehouse.bundle import read_bundle, write_bundle
 from warehouse.files import BLOCK, SUMS, sums_of, write_sums
 from warehouse.layout import find, find_run
 from warehouse.query.store import Watched
-from warehouse.runs import open_seal, quarantine, read_run
+from warehouse.runs import open_seal, quarantine
 from warehouse.verify import faults, verify_all
 
 SUM = "SELECT sum(q1) AS s FROM samples WHERE run_id = $id"
@@ -22,13 +23,6 @@ def store(tmp_path):
     runs = [made.commit(folder, seed) for seed in range(3)]
     last = made.store_verdict(folder, made.verdict([runs[1]]), {"theta": [1]}, runs[:2])
     return folder, runs, last
-
-
-def flip(path, at=None, bit=0):
-    data = bytearray(path.read_bytes())
-    at = len(data) // 2 if at is None else at
-    data[at] ^= 1 << bit
-    path.write_bytes(data)
 
 
 def committed(folder):
@@ -67,21 +61,6 @@ def test_verify_names_a_file_that_is_gone(store, name):
         assert told == ((), False)
     else:
         assert told == ((f"{name} is missing",), True)
-
-
-@pytest.mark.parametrize("share", [0.001, 0.3, 0.6, 0.999])
-def test_one_flipped_bit_is_an_error_in_sql_that_names_the_run(store, share):
-    folder, runs, _ = store
-    path = find_run(folder, runs[1]).folder / "part-0.parquet"
-    flip(path, int(share * path.stat().st_size))
-    with warehouse.open(folder) as opened:
-        for _ in range(2):
-            with pytest.raises(InputError, match=rf"run_id={runs[1]}.* is damaged"):
-                opened.sql(
-                    "SELECT sum(COLUMNS(* EXCLUDE (robot, run_id))) FROM samples"
-                )
-    with pytest.raises(InputError, match="is damaged"):
-        read_run(folder, runs[1])
 
 
 def test_a_file_that_changes_while_a_store_is_open_is_checked_again(store):

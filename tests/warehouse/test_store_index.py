@@ -20,8 +20,7 @@ ASKED = f"{SUMS} GROUP BY run_id ORDER BY run_id"
 
 
 def ask(store, query=ASKED):
-    with warehouse.open(store) as opened:
-        return opened.sql(query).to_pylist()
+    return made.ask(store, query)
 
 
 def fill(store, count, start=0):

@@ -3,7 +3,6 @@
 import pyarrow as pa
 import pytest
 
-import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.layout import read_record
@@ -19,8 +18,7 @@ def runs(tmp_path):
 
 
 def ask(store, query):
-    with warehouse.open(store) as opened:
-        return [tuple(row.values()) for row in opened.sql(query).to_pylist()]
+    return [tuple(row.values()) for row in made.ask(store, query)]
 
 
 def test_a_verdict_fills_the_views(tmp_path, runs):

@@ -2,12 +2,15 @@
 
 import contextlib
 import json
+import re
 
 import numpy as np
 import pytest
 
 import warehouse
+from flows.report.night.site import Site
 from residual.errors import InputError
+from tests.flows.night.stores import STORED, fill
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, mirror_for
 from warehouse import catalogue
@@ -244,3 +247,14 @@ def test_a_list_of_sums_that_names_other_places_reaches_none(store, memory, tmp_
         read_run(other, run)
     assert faults(other) != []
     assert not list(tmp_path.rglob("evil"))
+
+
+def test_pages_are_made_of_a_bucket_too(store):
+    nights = fill(store)
+    site = Site(nights.store)
+    night = site.answer("night/latest.html").body.decode()
+    assert "two_link #1: payload" in night
+    (report,) = re.findall(r'href="\.\./(report/[0-9a-f]+/report\.html)"', night)
+    assert site.answer(report).body == STORED
+    record = site.answer(f"record/{nights.proposal}.html").body.decode()
+    assert f"{nights.proposal}/proposal.html" in record

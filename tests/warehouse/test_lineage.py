@@ -1,4 +1,4 @@
-"""Retention: what nothing refers to may leave the store whole, and nothing else."""
+"""What a record was made from, what it keeps, and what nothing needs."""
 
 import numpy as np
 import pyarrow as pa

@@ -1,16 +1,93 @@
-"""Uncommitted code: captured as a patch that git can put back, and kept once."""
+"""Which code made a record: its hash, its uncommitted changes, its commit."""
 
 import gzip
 import hashlib
+import re
 import subprocess
 
 import pytest
 
+from flows.cli import main
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse import provenance
-from warehouse.provenance import about_changes, check_kept
+from warehouse.provenance import (
+    ROOT,
+    about_changes,
+    check_kept,
+    commit,
+    plant_code_hash,
+    plant_files,
+)
 from warehouse.runs import read_manifest
+
+FILES = {
+    "sim/__init__.py": "",
+    "sim/plant.py": "from residual.dynamics import regressor\n",
+    "sim/twin.py": "def run():\n    from residual import robot\n",
+    "sim/arm.urdf": "<robot/>",
+    "sim/__pycache__/plant.pyc": "x",
+    "residual/__init__.py": "",
+    "residual/dynamics.py": "import numpy\nfrom residual.recording import Recording\n",
+    "residual/recording.py": "from . import errors\n",
+    "residual/errors.py": "",
+    "residual/robot.py": "import residual.deep.inner as inner\n",
+    "residual/deep/__init__.py": "",
+    "residual/deep/inner.py": "",
+    "residual/effects.py": "from residual.recording import Recording\n",
+    "flows/steps.py": "from residual import effects\n",
+}
+COUNTED = set(FILES) - {
+    "sim/__pycache__/plant.pyc",
+    "residual/effects.py",
+    "flows/steps.py",
+}
+
+
+@pytest.fixture
+def tree(tmp_path):
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def code_hash(tree):
+    return plant_code_hash.__wrapped__(tree)  # past the cache
+
+
+def test_the_plant_is_sim_and_what_it_imports_of_the_core(tree):
+    assert {p.relative_to(tree).as_posix() for p in plant_files(tree)} == COUNTED
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_only_the_code_of_the_plant_changes_the_hash(tree, name):
+    before = code_hash(tree)
+    assert code_hash(tree) == before
+    (tree / name).write_text(FILES[name] + "\n# another line\n")
+    assert (code_hash(tree) != before) == (name in COUNTED)
+
+
+def test_a_file_that_is_renamed_changes_the_hash(tree):
+    before = code_hash(tree)
+    (tree / "sim" / "arm.urdf").rename(tree / "sim" / "leg.urdf")
+    assert code_hash(tree) != before
+
+
+def test_the_diagnosis_is_no_part_of_our_plant():
+    names = {p.relative_to(ROOT).as_posix() for p in plant_files()}
+    assert {"sim/__init__.py", "residual/__init__.py"} <= names
+    assert not {n for n in names if n.startswith(("residual/effects", "flows"))}
+    assert "residual/diagnosis/examine.py" not in names
+
+
+def test_code_and_environment_are_named():
+    known = provenance.provenance()
+    assert known.code_hash == plant_code_hash()
+    in_git = (ROOT / ".git").exists()  # not where an archive was unpacked
+    assert len(known.commit or "") == (40 if in_git else 0)
+    assert (known.dirty is None) == (not in_git)
+
 
 GIT = ("git", "-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
 
@@ -95,3 +172,19 @@ def test_a_kept_file_that_unfolds_without_end_is_refused():
     bomb = gzip.compress(bytes(50_000_000))
     with pytest.raises(InputError, match="unfolds to more than"):
         check_kept(f"changes-{'0' * 64}.patch.gz", bomb)
+
+
+def test_a_checkout_says_the_commit_of_git(capsys):
+    assert main(["--version"]) == 0
+    shown = capsys.readouterr().out.strip()
+    head = git(ROOT, "rev-parse", "HEAD").strip()
+    assert re.fullmatch(rf"\S+ \(commit {head[:12]}\)", shown)
+
+
+def test_elsewhere_the_file_of_the_wheel_says_it(tmp_path):
+    built = tmp_path / "commit.txt"
+    assert commit(tmp_path, built) is None
+    built.write_text("", encoding="ascii")
+    assert commit(tmp_path, built) is None
+    built.write_text("abc123+\n", encoding="ascii")
+    assert commit(tmp_path, built) == "abc123+"

@@ -1,0 +1,189 @@
+"""When a log was recorded, windows of it, and that no sample counts twice."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from residual.errors import InputError
+from residual.recording import Recording
+from tests.warehouse import log_files as files
+from warehouse.logs import check_distinct, read_log, unique_ids
+from warehouse.logs.file import iso, parse
+
+NAMES = ("t", "q1", "q2", "tau1", "tau2")
+START = 1_763_647_380  # 2025-11-20 14:03:00 UTC
+
+
+def when(path, robot):
+    return iso(read_log(str(path), robot)[1].recorded_at)
+
+
+def above(path, line):
+    path.write_text(f"{line}\n" + path.read_text())
+    return path
+
+
+@pytest.fixture
+def log(samples, write, tmp_path):
+    write(samples)
+    return tmp_path / "run.csv"
+
+
+def test_a_log_that_says_no_time_has_none(log, robot):
+    assert when(log, robot) is None
+
+
+def test_a_line_above_the_table_says_when(log, robot):
+    above(log, "Recorded 2025-11-20T15:03:00+01:00 by R. Studio")
+    assert when(log, robot) == "2025-11-20T14:03:00Z"
+    assert when(f"{log}@1:", robot) == "2025-11-20T14:03:01Z"
+
+
+def test_a_time_without_a_zone_is_told_and_not_used(log, robot):
+    _, known = read_log(str(above(log, "Date: 2025-11-20 15:03:00")), robot)
+    assert known.recorded_at is None
+    assert "2025-11-20 15:03:00 has no time zone" in known.text
+
+
+def test_a_clock_of_seconds_since_1970_says_when(samples, write, robot):
+    samples[:, 0] += START
+    assert when(write(samples), robot) == "2025-11-20T14:03:00Z"
+    # From being turned on: no date.
+    samples[:, 0] -= START - 1000
+    assert when(write(samples), robot) is None
+
+
+def test_metadata_of_parquet_say_when(samples, robot, tmp_path):
+    table = pa.table(dict(zip(NAMES, samples.T, strict=True)))
+    told = table.replace_schema_metadata({"recorded_at": "2025-11-20T14:03:00Z"})
+    pq.write_table(told, tmp_path / "run.parquet")
+    assert when(tmp_path / "run.parquet", robot) == "2025-11-20T14:03:00Z"
+
+
+def test_a_bag_says_when_its_first_message_was_recorded(samples, robot, tmp_path):
+    names = list(robot.model.names)[1:]
+    stamps = {"/js": files.messages(samples, names, START)}
+    files.write_mcap(tmp_path / "run.mcap", stamps)
+    assert when(tmp_path / "run.mcap", robot).startswith("2025-11-20T14:03:00.00")
+    np.testing.assert_equal(when(tmp_path / "run.mcap", robot)[-1], "Z")
+
+
+@pytest.mark.parametrize(
+    "text", ["", "2025", "2025-11-20T14:03:00", "1970-01-01T00:00Z"]
+)
+def test_a_time_that_is_given_has_a_zone_and_is_possible(text):
+    with pytest.raises(InputError, match="expected a date with time and zone"):
+        parse(text, "--recorded-at")
+
+
+@pytest.mark.parametrize(
+    ("window", "first", "last"),
+    [
+        ("0:2.5", 0, 249),
+        ("1:", 100, 399),
+        (":3", 0, 299),
+        ("1.5:4", 150, 399),
+        ("40%:", 160, 399),
+        (":60%", 0, 239),
+        ("0%:100%", 0, 399),
+        ("1:75%", 100, 299),
+    ],
+)
+def test_window_is_closed_at_its_start_and_open_at_its_end(
+    robot, samples, write, window, first, last
+):
+    samples[:, 0] += 17
+    recording, understood = read_log(f"{write(samples)}@{window}", robot)
+    np.testing.assert_array_equal(recording.t, samples[first : last + 1, 0])
+    assert recording.id == f"run@{window}"
+    assert understood.window == window
+
+
+@pytest.mark.parametrize("cut", ["50%", "2", "3.9999", "2.003", "57%", "2.0099999"])
+def test_two_halves_share_no_sample_and_lose_none(robot, samples, write, cut):
+    path = write(np.vstack([samples, samples + np.array([4, 0, 0, 0, 0])]))
+    rows = [read_log(f"{path}@{w}", robot)[1].rows for w in (f":{cut}", f"{cut}:")]
+    assert sum(rows) == 800
+
+
+@pytest.mark.parametrize(
+    ("window", "message"),
+    [
+        ("0:5", "outside the log, which lasts 4 s"),
+        ("4:", "outside the log"),
+        ("9:12", "outside the log"),
+        ("101%:", "101% is outside"),
+        ("3:2.5", "is empty"),
+        ("2:2", "is empty"),
+        ("1", "not understood, expected @start:end"),
+        ("-1:2", "not understood"),
+        ("a:b", "not understood"),
+        ("", "not understood"),
+        ("0:1", "expected at least 2 s"),
+        ("1:1.005", "1 samples"),
+    ],
+)
+def test_bad_windows_are_refused(robot, samples, write, window, message):
+    with pytest.raises(InputError, match=message):
+        read_log(f"{write(samples)}@{window}", robot)
+
+
+def test_a_file_of_the_full_name_wins(robot, samples, write):
+    recording, understood = read_log(write(samples, name="run.csv@0:1"), robot)
+    assert (len(recording.t), understood.window) == (400, None)
+
+
+def test_nan_outside_the_window_does_no_harm(robot, samples, write):
+    samples[10, 3] = np.nan
+    assert read_log(f"{write(samples)}@1:", robot)[1].rows == 300
+
+
+def test_labels_are_short_and_never_alike(samples, tmp_path):
+    for folder in ("a", "b", "c/a"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "run.csv").touch()
+    (tmp_path / "a" / "other.csv").touch()
+    a, b, c = (str(tmp_path / f / "run.csv") for f in ("a", "b", "c/a"))
+    other = str(tmp_path / "a" / "other.csv")
+    assert unique_ids([a, other]) == ["run", "other"]
+    assert unique_ids([f"{a}@:2", f"{a}@2:"]) == ["run@:2", "run@2:"]
+    assert unique_ids([a, b]) == ["a/run.csv", "b/run.csv"]
+    assert unique_ids([a, c]) == ["a/run.csv (1)", "a/run.csv (2)"]
+
+
+def recording(label, table):
+    t, q, tau = table[:, 0], table[:, 1:3], table[:, 3:]
+    return Recording(id=label, robot="two_link", t=t, q=q, tau=tau)
+
+
+def test_windows_that_touch_are_distinct_and_those_that_overlap_are_not(
+    robot, samples, write
+):
+    path = write(samples)
+    first, second = (read_log(f"{path}@{w}", robot)[0] for w in (":2", "2:"))
+    check_distinct([first, second])
+    early = read_log(f"{path}@1.9:", robot)[0]
+    with pytest.raises(InputError, match=r"'run@:2' and 'run@1.9:' hold the same"):
+        check_distinct([second, first, early][1:])
+
+
+def test_a_copy_on_another_clock_is_found(samples):
+    copy = samples.copy()
+    copy[:, 0] += 100
+    with pytest.raises(InputError, match=r"same samples \(about 400\)"):
+        check_distinct([recording("a", samples), recording("b", copy)])
+
+
+def test_the_same_rest_position_is_no_copy(samples):
+    """Coarse sensors give the same samples in any two logs while the arm rests."""
+    other = samples.copy()
+    other[:, 1:] += 0.5
+    rest = np.tile([0, 0.1, 0.2, 1.0, 2.0], (300, 1))
+    rest[150:, 3] = 1.5
+    rest[:, 0] = np.arange(300) / 100
+    logs = [
+        recording(label, np.vstack([rest, table + np.array([3, 0, 0, 0, 0])]))
+        for label, table in (("a", samples), ("b", other))
+    ]
+    check_distinct(logs)
