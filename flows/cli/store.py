@@ -159,10 +159,10 @@ def quarantine(id: str, /, *, reason: str, store: _Store = None) -> None:
     modelgap quarantine 3f2a --reason "the gripper was loose"
     ```
 
-    SQL has the run with quarantined = true, monitor refuses it, and the inbox and the
-    night leave it out; by its id it is read as before. The first reason stays. No
-    command takes it back: the mark is the file quarantine/run_id=ID.json of the store,
-    and a run is as good as new without it.
+    SQL has the run with quarantined = true, monitor refuses it, and the inbox leaves it
+    out; by its id it is read as before. The first reason stays. No command takes it
+    back: the mark is the file quarantine/run_id=ID.json of the store, and without that
+    file the run is as good as before.
 
     Args:
         id: Id of the run; the beginning is enough.

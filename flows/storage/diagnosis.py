@@ -18,11 +18,10 @@ from residual.model.record import to_record as model_record
 from residual.recording import Recording
 from residual.signals.pieces import sketch_of
 from residual.signals.track import Filters, thinned
-from warehouse.commit import commit_record
+from warehouse.commit import Rows, commit_record, store_rows
 from warehouse.files import read_parquet
 from warehouse.ids import record_folder
 from warehouse.layout import find, read_record
-from warehouse.verdicts import Rows, store_rows
 
 PROOFS, CLOUDS = "proofs", "clouds"
 

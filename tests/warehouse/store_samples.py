@@ -7,8 +7,7 @@ from flows.storage.diagnosis import effect_rows, error_rows
 from residual.diagnosis.verdict import from_json
 from residual.recording import Recording
 from tests.verdict_documents import whole
-from warehouse.commit import Sealed, commit_run
-from warehouse.verdicts import Rows, store_rows
+from warehouse.commit import Rows, Sealed, commit_run, store_rows
 
 DOF = 2
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pyarrow as pa
 import pytest
 
-from warehouse.commit import commit_record
+from warehouse.commit import Rows, commit_record, store_rows
 from warehouse.layout import Found, list_folders
 from warehouse.numbered import (
     ADOPTED,
@@ -21,7 +21,6 @@ from warehouse.numbered import (
 from warehouse.query.named import NAMED
 from warehouse.query.store import open_store
 from warehouse.schema import VIEWS, arrow_schema
-from warehouse.verdicts import Rows, store_rows
 from warehouse.verify import faults
 
 FIRST = Adoption(

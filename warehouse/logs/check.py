@@ -38,30 +38,29 @@ class Doubt:
     fatal: bool = False
 
 
-def check_time(t: Array, where: str) -> None:
-    """Check the time column of a whole file.
+def time_fault(t: Array, where: str) -> str | None:
+    """Return what is wrong with the times of a whole file: not finite or increasing.
 
     Args:
         t: Times [s]. Shape (n,).
 
     Raises:
-        RecordingError: If there are no samples, or time is not finite and increasing.
+        RecordingError: If there are no samples.
     """
     if len(t) < 2:
         raise RecordingError(f"{where} has {len(t)} samples, expected a log of 2 s.")
     if not np.isfinite(t).all():
         row = int(np.argmin(np.isfinite(t)))
-        raise RecordingError(
-            f"{where}: time is NaN or infinite at sample {row}. Cut that row out."
-        )
+        return f"{where}: time is NaN or infinite at sample {row}. Cut that row out."
     steps = np.diff(t)
-    if steps.min() <= 0:
-        row = int(np.argmax(steps <= 0)) + 1
-        how = "repeats" if steps[row - 1] == 0 else "runs backwards"
-        raise RecordingError(
-            f"{where}: time {how} at sample {row} ({t[row]:.9g} s after "
-            f"{t[row - 1]:.9g} s). Remove or reorder these samples."
-        )
+    if steps.min() > 0:
+        return None
+    row = int(np.argmax(steps <= 0)) + 1
+    how = "repeats" if steps[row - 1] == 0 else "runs backwards"
+    return (
+        f"{where}: time {how} at sample {row} ({t[row]:.9g} s after "
+        f"{t[row - 1]:.9g} s). Remove or reorder these samples."
+    )
 
 
 def check_samples(recording: Recording, robot: Robot) -> tuple[Doubt, ...]:

@@ -13,7 +13,7 @@ import pyarrow as pa
 from residual.errors import InputError, RecordingError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from warehouse.logs.check import Doubt, check_samples, check_time, odd
+from warehouse.logs.check import Doubt, check_samples, odd, time_fault
 from warehouse.logs.columns import (
     ColumnMap,
     Selection,
@@ -50,16 +50,12 @@ def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
         Which rows to keep, shape (n,); and what is wrong with the others.
     """
     t = np.where(np.abs(t) < LARGEST, t, np.nan)
-    try:
-        check_time(t, where)
-    except RecordingError as error:
-        if len(t) < 2:
-            raise
-        latest = np.maximum.accumulate(np.where(np.isfinite(t), t, -np.inf))
-        keep = np.isfinite(t) & (t > np.r_[-np.inf, latest[:-1]])
-        words = f"{error} {_share(keep)}"
-        return keep, (Doubt("clock", (), words),)
-    return np.ones(len(t), bool), ()
+    wrong = time_fault(t, where)
+    if wrong is None:
+        return np.ones(len(t), bool), ()
+    latest = np.maximum.accumulate(np.where(np.isfinite(t), t, -np.inf))
+    keep = np.isfinite(t) & (t > np.r_[-np.inf, latest[:-1]])
+    return keep, (Doubt("clock", (), f"{wrong} {_share(keep)}"),)
 
 
 def finite_rows(
