@@ -257,6 +257,8 @@ class _Bucket(_Folder):
     def _fetch(self, scratch: Path, folder: str, only: str | None = None) -> None:
         """Write the files of a record as the bucket has them, whatever is in them."""
         bucket, place = bucket_of(self._store), scratch / folder
+        if ".." in place.parts:  # no name of ours
+            return
         place.mkdir(parents=True)
         sums = bucket.get(f"{folder}/{SUMS}")
         if sums is None:
