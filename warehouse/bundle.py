@@ -24,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from residual.errors import InputError, ModelgapError
 from warehouse.commit import SPEC, TRUTH
 from warehouse.files import SUMS, publish, replace_file, staged
-from warehouse.ids import ID_DIGITS
+from warehouse.ids import ID_DIGITS, seal_folder
 from warehouse.layout import Found, find, read_record
 from warehouse.lineage import needed
 from warehouse.objects.mirror import at_hand, brought, is_there
@@ -179,7 +179,7 @@ def _files(store: Path, found: Found) -> Iterator[Path]:
 
 def _seal(store: Path, found: Found) -> Iterator[Path]:
     if found.kind == "runs":
-        folder = store / SEALED / f"run_id={found.id}"
+        folder = seal_folder(store, found.id)
         yield from (_plain_files(folder) if is_there(folder) else ())
 
 

@@ -29,7 +29,7 @@ from warehouse.ids import record_folder
 from warehouse.layout import find_run
 from warehouse.objects.mirror import bucket_of, is_copied
 from warehouse.provenance import about_origin, keep_made_with, provenance
-from warehouse.schema import KINDS, SAMPLES_FILE, SEALED, SIGNALS, VIEWS, arrow_schema
+from warehouse.schema import KINDS, SAMPLES_FILE, SIGNALS, VIEWS, arrow_schema
 
 Array = np.ndarray
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
@@ -113,7 +113,7 @@ def commit_run(
 
 def commit_seal(store: Path, run_id: str, sealed: Sealed) -> None:
     """Put a hidden half into the store; one that is there already stays."""
-    target = store / SEALED / f"run_id={ids.check_id(run_id)}"
+    target = ids.seal_folder(store, run_id)
     if is_copied(target):
         return
     units = {name: SIGNALS[name].unit for name in sealed.truth if name in SIGNALS}

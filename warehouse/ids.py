@@ -12,7 +12,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.names import check_name
-from warehouse.schema import KINDS
+from warehouse.schema import KINDS, SEALED
 
 Array = np.ndarray
 
@@ -128,3 +128,8 @@ def record_folder(store: Path, kind: str, id: str, robot: str = "") -> Path:
     if kind == "runs":
         base = base / f"robot={check_slug(robot)}"
     return base / f"{known.key}={check_id(id)}"
+
+
+def seal_folder(store: Path, run_id: str) -> Path:
+    """Return the folder of the hidden half of a run."""
+    return store / SEALED / f"run_id={check_id(run_id)}"

@@ -35,14 +35,10 @@ class Found:
 
 def list_folders(store: Path, kind: str) -> dict[str, str]:
     """Return the folder of every record of one kind, by id, in the order of ids."""
-    known = KINDS[kind]
     if bucket_of(store):
         return listed_ids(store, kind)
-    base = str(store / known.folder)
-    bases = [base]
-    if kind == "runs":
-        bases = [entry for _, entry in _entries(base, "robot=")]
-    return dict(sorted(e for b in bases for e in _entries(b, f"{known.key}=")))
+    prefix = f"{KINDS[kind].key}="
+    return dict(sorted(e for b in _bases(store, kind) for e in _entries(b, prefix)))
 
 
 def find(store: Path, id: str) -> Found:
@@ -93,12 +89,10 @@ def _copied(store: Path, id: str) -> list[Found]:
     """Return a record of a bucket by its whole id if there is a copy: nobody asks."""
     if bucket_of(store) is None or len(id) < ID_DIGITS:
         return []
-    parents = {k: [str(store / kind.folder)] for k, kind in KINDS.items()}
-    parents["runs"] = [path for _, path in _entries(parents["runs"][0], "robot=")]
     places = [
-        Found(kind, id, Path(parent, f"{KINDS[kind].key}={id}"))
-        for kind, found in parents.items()
-        for parent in found
+        Found(name, id, Path(base, f"{kind.key}={id}"))
+        for name, kind in KINDS.items()
+        for base in _bases(store, name)
     ]
     return [each for each in places if (each.folder / SUMS).is_file()]
 
@@ -107,17 +101,18 @@ def _matches(store: Path, kind: str, id: str) -> list[tuple[str, str]]:
     if len(id) < ID_DIGITS:
         return [e for e in list_folders(store, kind).items() if e[0].startswith(id)]
     # A whole id needs no listing: its path is known but for the robot.
-    known, bucket = KINDS[kind], bucket_of(store)
-    bases = [str(store / known.folder)]
+    known, bucket, bases = KINDS[kind], bucket_of(store), _bases(store, kind)
     if kind == "runs" and bucket:
         robots = bucket.folders(known.folder)
-        bases = [os.path.join(bases[0], robot) for robot in robots]
-    elif kind == "runs":
-        bases = [entry for _, entry in _entries(bases[0], "robot=")]
+        bases = [str(store / known.folder / robot) for robot in robots]
     paths = [os.path.join(base, f"{known.key}={id}") for base in bases]
-    if bucket:
-        return [(id, path) for path in paths if is_there(Path(path))]
-    return [(id, path) for path in paths if os.path.isdir(path)]
+    return [(id, path) for path in paths if is_there(Path(path))]
+
+
+def _bases(store: Path, kind: str) -> list[str]:
+    """Return the folders of this machine that hold the records of a kind."""
+    base = str(store / KINDS[kind].folder)
+    return [path for _, path in _entries(base, "robot=")] if kind == "runs" else [base]
 
 
 def _entries(folder: str, prefix: str) -> list[tuple[str, str]]:

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from residual.errors import InputError
 from warehouse.files import read_parquet, staged
-from warehouse.ids import ID_DIGITS, check_id
+from warehouse.ids import ID_DIGITS, check_id, seal_folder
 from warehouse.layout import Found, find, find_run, read_record
 from warehouse.objects.mirror import bucket_of, shown
 from warehouse.query.store import Store, open_store
-from warehouse.schema import KINDS, SEALED
+from warehouse.schema import KINDS
 
 RERUN_OF = "rerun of"
 
@@ -190,7 +190,7 @@ def move_away(store: Path, old: Old, to: Path) -> Path:
         )
     if to == store or store in to.parents:
         raise InputError(f"{to} is in the store {store}. Give a folder outside of it.")
-    seal = store / SEALED / f"run_id={old.id}"
+    seal = seal_folder(store, old.id)
     parts = [old.folder, *([seal] if seal.is_dir() else [])]
     for part in parts:
         target = to / part.relative_to(store)

@@ -14,10 +14,10 @@ from warehouse.files import (
     replace_file,
     to_arrays,
 )
-from warehouse.ids import ID_DIGITS, check_id, data_hash
+from warehouse.ids import ID_DIGITS, check_id, data_hash, seal_folder
 from warehouse.layout import find_run
 from warehouse.objects.mirror import at_hand, is_there, names_in, shown
-from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE, SEALED
+from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
 
@@ -59,7 +59,7 @@ def check_samples(folder: Path) -> dict:
 
 def has_seal(store: Path, run_id: str) -> bool:
     """Return whether the hidden half of a run is in the store."""
-    return is_there(_seal(store, run_id))
+    return is_there(seal_folder(store, run_id))
 
 
 def open_seal(store: Path, run_id: str) -> Sealed:
@@ -69,7 +69,7 @@ def open_seal(store: Path, run_id: str) -> Sealed:
         InputError: If the run has no seal, or the seal is not the one that was hashed.
     """
     run = find_run(store, run_id)
-    folder = _seal(store, run.id)
+    folder = seal_folder(store, run.id)
     check_file(folder / SPEC)
     try:
         spec = json.loads((folder / SPEC).read_bytes())
@@ -88,10 +88,6 @@ def open_seal(store: Path, run_id: str) -> Sealed:
             "hashed when the run was made."
         )
     return Sealed(spec, truth)
-
-
-def _seal(store: Path, run_id: str) -> Path:
-    return store / SEALED / f"run_id={check_id(run_id)}"
 
 
 def quarantine(store: Path, run_id: str, reason: str) -> Path:
