@@ -27,7 +27,7 @@ from warehouse.files import SUMS, publish, replace_file, staged
 from warehouse.ids import ID_DIGITS, seal_folder
 from warehouse.layout import Found, find, read_record
 from warehouse.lineage import needed
-from warehouse.objects.mirror import at_hand, brought, is_there
+from warehouse.objects.mirror import brought, ensure_local, is_there
 from warehouse.provenance import MADE_WITH, check_kept, files_of
 from warehouse.robots import ROBOTS, robot_folder
 from warehouse.runs import open_seal, read_manifest
@@ -398,7 +398,7 @@ def _in_order(groups: Mapping[str, str], contents: _Contents) -> list[str]:
 def _put(folder: Path, store: Path, path: str) -> bool:
     source, target = folder / path, store / path
     if not source.is_dir():
-        at_hand(target)
+        ensure_local(target)
     if target.exists() or is_there(target):
         return False
     if source.is_dir():

@@ -28,9 +28,9 @@ from warehouse.ids import data_hash, digest
 from warehouse.objects.mirror import (
     PRIVATE,
     SUMS,
-    at_hand,
     bucket_of,
     damaged,
+    ensure_local,
     place_of,
     sums_in,
     sums_text,
@@ -70,7 +70,7 @@ def sums_of(path: Path) -> dict:
 
 def read_sums(folder: Path) -> Mapping[str, Mapping] | None:
     """Return the sums of a folder's files by name; None where it has none."""
-    at_hand(folder / SUMS)
+    ensure_local(folder / SUMS)
     try:
         return sums_in(folder)
     except FileNotFoundError:
@@ -89,7 +89,7 @@ def check_file(path: Path, blocks: Collection[int] | None = None) -> bool:
     sums = read_sums(path.parent)
     if sums is None:
         return False
-    at_hand(path)
+    ensure_local(path)
     if path.name not in sums:
         raise damaged(path, f"it is not in {SUMS}")
     check_blocks(path, sums[path.name], blocks)

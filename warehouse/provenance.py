@@ -21,7 +21,7 @@ from pathlib import Path
 
 from residual.errors import InputError
 from warehouse.files import replace_file
-from warehouse.objects.mirror import at_hand
+from warehouse.objects.mirror import ensure_local
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("flows", "residual", "sim", "warehouse")
@@ -343,14 +343,14 @@ def files_of(store: Path, known: Mapping | None) -> list[Path]:
     ]
     paths = [store / MADE_WITH / name for name in names]
     for path in paths:
-        at_hand(path)
+        ensure_local(path)
     return [path for path in paths if path.is_file()]
 
 
 def read_packages(store: Path, known: Mapping | None) -> dict[str, str] | None:
     """Return versions by package; None where they were not kept."""
     path = store / MADE_WITH / _list(known)
-    at_hand(path)
+    ensure_local(path)
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -381,7 +381,7 @@ def about_changes(store: Path, known: Mapping | None) -> str:
     more = changes["count"] - len(changes["files"][:4])
     told = f"{some} and {more} more" if more > 0 else some
     place = store / MADE_WITH / _patch(changes["sha256"])
-    at_hand(place)
+    ensure_local(place)
     if not changes["kept"]:
         where = f"{changes['bytes']} bytes, too large to be kept"
     else:

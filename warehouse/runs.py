@@ -16,7 +16,7 @@ from warehouse.files import (
 )
 from warehouse.ids import ID_DIGITS, check_id, data_hash, seal_folder
 from warehouse.layout import find_run
-from warehouse.objects.mirror import at_hand, is_there, names_in, shown
+from warehouse.objects.mirror import ensure_local, is_there, names_in, shown
 from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
@@ -103,7 +103,7 @@ def quarantine(store: Path, run_id: str, reason: str) -> Path:
         raise InputError("A quarantine needs a reason, for those who find it later.")
     id = find_run(store, run_id).id
     target = _tombstone(store, id)
-    at_hand(target)
+    ensure_local(target)
     if not target.exists():
         told = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
         replace_file(store, target, (json.dumps(told) + "\n").encode())
@@ -121,7 +121,7 @@ def quarantined(store: Path) -> frozenset[str]:
 def tombstone(store: Path, run_id: str) -> str | None:
     """Return why a run should not be used, None where it may be."""
     path = _tombstone(store, run_id)
-    at_hand(path)
+    ensure_local(path)
     try:
         return str(json.loads(path.read_bytes()).get("reason"))
     except FileNotFoundError:

@@ -33,8 +33,8 @@ from warehouse.objects.mirror import (
     NOBODY,
     SUMS,
     TAIL,
-    at_hand,
     bucket_of,
+    ensure_local,
     is_there,
     keep,
     note_of,
@@ -163,7 +163,7 @@ def bring_rows(
 
     def bring(path: Path) -> None:
         try:
-            at_hand(path)
+            ensure_local(path)
         except InputError:
             # Told by who reads it.
             return

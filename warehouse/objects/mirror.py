@@ -151,7 +151,7 @@ def place_of(path: Path) -> tuple[Path, str] | None:
     return Path(root, name), key
 
 
-def at_hand(path: Path) -> None:
+def ensure_local(path: Path) -> None:
     """Copy a file of a store in a bucket into the mirror, if it is not there yet."""
     place = place_of(path)
     if place is None or path.exists():
@@ -173,7 +173,7 @@ def brought(folder: Path) -> bool:
     if not is_there(folder):
         return False
     for name in sums_in(folder):
-        at_hand(folder / name)
+        ensure_local(folder / name)
     return True
 
 
@@ -189,7 +189,7 @@ def is_there(folder: Path) -> bool:
     """Return whether there is a record, with as little as that takes."""
     if place_of(folder) is None:
         return folder.is_dir()
-    at_hand(folder / SUMS)
+    ensure_local(folder / SUMS)
     return (folder / SUMS).is_file()
 
 
