@@ -17,6 +17,7 @@ from flows.requests import Import
 from flows.steps import imports
 from residual.errors import InputError
 
+STORED, KNOWN, REFUSED, WAITING = "stored", "known", "refused", "waiting"
 DONE, REJECTED = "done", "rejected"
 _LOCK = ".modelgap.lock"
 # Names that programs give to what they have not yet written to its end.
@@ -109,9 +110,6 @@ def alone(folder: Path) -> Iterator[bool]:
             yield False
             return
         yield True
-
-
-STORED, KNOWN, REFUSED, WAITING = "stored", "known", "refused", "waiting"
 
 
 @dataclass(frozen=True, slots=True)

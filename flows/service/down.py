@@ -1,4 +1,4 @@
-"""Stop what runs for a store, and lose nothing of it."""
+"""Stop what runs for a store, or stay beside it until then, and lose nothing of it."""
 
 import signal
 from collections.abc import Callable
@@ -24,6 +24,7 @@ from flows.settings import prefect_home
 
 ENDED = "Ended by modelgap down. What it had stored is kept; the next run goes on."
 Say = Callable[[str], None]
+_WAIT = 60.0  # s that flow runs may go on after the request to stop
 
 
 def down(home: Path, wait: float, say: Say) -> Running | None:
@@ -79,10 +80,7 @@ def _active(to: api.Api) -> dict[str, list[Process]]:
     return {id: ps for id, ps in flow_processes().items() if id in ids}
 
 
-_WAIT = 60.0  # s that flow runs may go on after the request to stop
-
-
-def stay(store: Path, say: Callable[[str], None]) -> None:
+def stay(store: Path, say: Say) -> None:
     """Return after Ctrl-C or SIGTERM, with everything stopped.
 
     Args:

@@ -24,6 +24,9 @@ from warehouse.ids import record_folder
 from warehouse.layout import find, read_record
 
 PROOFS, CLOUDS = "proofs", "clouds"
+STATES = "states"  # the table, and its file in the folder of a model
+# What lists and tables of other sizes and kinds make Python say.
+_DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
 def to_record(found: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
@@ -172,9 +175,6 @@ def _parts(table: pa.Table | None, count: int) -> list[dict[str, np.ndarray]]:
     return [{k: v[which == i] for k, v in columns.items()} for i in range(count)]
 
 
-STATES = "states"  # the table, and its file in the folder of a model
-
-
 def states_table(recordings: Sequence[Recording]) -> pa.Table | None:
     """Return filtered decimated motion and torque of logs; None of no logs.
 
@@ -231,10 +231,6 @@ def read_states(store: Path, diagnosis_model: str) -> tuple[Recording, ...]:
         id = name.partition("/")[2]
         out.append(Recording(id, robot, t[own], q[own], tau[own]))
     return tuple(out)
-
-
-# What lists and tables of other sizes and kinds make Python say.
-_DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
 def store_outcome(

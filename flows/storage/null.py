@@ -122,9 +122,6 @@ def null_records(store: Path) -> list[tuple[str, Mapping]]:
     return [(id, layout.read_record(store, id)) for id in ids]
 
 
-_JUDGES = ("steps.py", "row.py", "score.py", "size.py")
-
-
 def of_this_version(
     nulls: Sequence[Null], robot: Robot
 ) -> tuple[tuple[Null, ...], tuple[str, ...]]:
@@ -153,11 +150,8 @@ def of_this_version(
 def method_hash() -> str:
     """Return the hash of the code that diagnoses and judges, 16 hex digits."""
     root, total = Path(__file__).parents[2], hashlib.sha256()
-    files = [
-        *(root / "residual").rglob("*.py"),
-        *(root / "flows" / "blind" / f for f in _JUDGES),
-    ]
-    for path in sorted(files):
+    diagnosing, judging = (root / "residual").rglob, (root / "flows" / "blind").glob
+    for path in sorted([*diagnosing("*.py"), *judging("*.py")]):
         total.update(path.relative_to(root).as_posix().encode())
         total.update(path.read_bytes())
     return total.hexdigest()[:16]

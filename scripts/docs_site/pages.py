@@ -15,7 +15,53 @@ from flows.report.words.explain import TERMS, VERDICTS, effect_page
 from residual.effects import registry
 from scripts.docs_site import curve
 
+RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
+FILES = ("diagnosis.json", "diagnosis_fresh.json")
+RIGHT = ("right", "class")  # by its own name, or by an equivalent
+NOT_MEASURED = "not measured"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "hidden"
+FOLDER = "effects"
 _ENTRY = re.compile(r"^    (\w+): (.*(?:\n        .*)*)", re.M)
+
+
+def generated() -> dict[str, str]:
+    """Return every generated page by its place below docs/."""
+    pages = {f"{FOLDER}/{name}.md": _effect(name) for name in registry()}
+    return {**pages, "glossary.md": glossary(), "commands.md": commands_page()}
+
+
+def _effect(name: str) -> str:
+    effect = registry()[name]
+    text = effect_page(effect).partition("\n\n## Easily confused with")[0].rstrip()
+    caption = (
+        "Its torque on made-up motion of the built-in arm, at a size whose largest "
+        "torque is one."
+    )
+    drawn = (
+        f'<figure class="effect">\n{curve.svg(effect)}\n'
+        f"<figcaption>{caption}</figcaption>\n</figure>"
+    )
+    head, equation, rest = text.partition("## Equation")
+    return "\n\n".join(
+        [
+            f"{head}{drawn}",
+            f"{equation}{rest}",
+            f"## What it is confused with\n\n{confused_with(name)}",
+            f"## How often it is found\n\n{how_often_found(name)}",
+            "What the rows mean, and all other figures: "
+            "[what was measured](../benchmarks.md).",
+            f"Its file: `residual/effects/{name}.py`.",
+        ]
+    )
+
+
+def glossary() -> str:
+    """Return the page of words; `modelgap explain` prints the same entries."""
+    parts = ["# Glossary", "`modelgap explain WORD` prints each of these."]
+    for title, words in (("Words of a verdict", VERDICTS), ("Other words", TERMS)):
+        parts.append(f"## {title}")
+        parts += [f"### {word}\n\n{text}" for word, text in words.items()]
+    return "\n\n".join(parts) + "\n"
 
 
 def commands_page() -> str:
@@ -76,12 +122,6 @@ def _dashed(name: str) -> str:
     return name.rstrip("_").replace("_", "-")
 
 
-RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
-FILES = ("diagnosis.json", "diagnosis_fresh.json")
-RIGHT = ("right", "class")  # by its own name, or by an equivalent
-NOT_MEASURED = "not measured"
-
-
 @cache
 def _read(name: str) -> dict:
     return json.loads((RESULTS / name).read_text(encoding="utf-8"))
@@ -136,9 +176,6 @@ def how_often_found(name: str) -> str:
         return f"{NOT_MEASURED.capitalize()}: no recorded run has hidden it."
     head = "| hidden on a simulated arm | right | seeds | code |"
     return "\n".join([head, "| --- | --- | --- | --- |", *table])
-
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "hidden"
 
 
 @cache
@@ -206,46 +243,3 @@ def _links(names) -> str:
 
 def _link(name: str) -> str:
     return f"[{name}]({name}.md)"
-
-
-FOLDER = "effects"
-
-
-def generated() -> dict[str, str]:
-    """Return every generated page by its place below docs/."""
-    pages = {f"{FOLDER}/{name}.md": _effect(name) for name in registry()}
-    return {**pages, "glossary.md": glossary(), "commands.md": commands_page()}
-
-
-def _effect(name: str) -> str:
-    effect = registry()[name]
-    text = effect_page(effect).partition("\n\n## Easily confused with")[0].rstrip()
-    caption = (
-        "Its torque on made-up motion of the built-in arm, at a size whose largest "
-        "torque is one."
-    )
-    drawn = (
-        f'<figure class="effect">\n{curve.svg(effect)}\n'
-        f"<figcaption>{caption}</figcaption>\n</figure>"
-    )
-    head, equation, rest = text.partition("## Equation")
-    return "\n\n".join(
-        [
-            f"{head}{drawn}",
-            f"{equation}{rest}",
-            f"## What it is confused with\n\n{confused_with(name)}",
-            f"## How often it is found\n\n{confused_with(name)}",
-            "What the rows mean, and all other figures: "
-            "[what was measured](../benchmarks.md).",
-            f"Its file: `residual/effects/{name}.py`.",
-        ]
-    )
-
-
-def glossary() -> str:
-    """Return the page of words; `modelgap explain` prints the same entries."""
-    parts = ["# Glossary", "`modelgap explain WORD` prints each of these."]
-    for title, words in (("Words of a verdict", VERDICTS), ("Other words", TERMS)):
-        parts.append(f"## {title}")
-        parts += [f"### {word}\n\n{text}" for word, text in words.items()]
-    return "\n\n".join(parts) + "\n"
