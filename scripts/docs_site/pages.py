@@ -187,7 +187,8 @@ def _on_the_example() -> dict[str, tuple[int, Counter[str]]]:
     others: dict[str, Counter[str]] = defaultdict(Counter)
     for one in mg.diagnose(robot, fit).verdict.minimum_detectable:
         places[one.name] += 1
-        others[one.name].update({other.name for other in one.confusable} - {one.name})
+        names = {other.name for other in one.confusable} - {one.name}
+        others[one.name].update(sorted(names))
     return {name: (count, others[name]) for name, count in places.items()}
 
 
