@@ -1,4 +1,4 @@
-"""Numbers as text: rounded to what is known, a dash where nothing is known."""
+"""Values as text and as JSON: rounded to what is known, a dash where nothing is."""
 
 import math
 import re

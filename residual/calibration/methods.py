@@ -6,22 +6,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.recording import Array
-from residual.tables.choose import PROVEN, EffectModel, build_lookup, fit_effect_tables
+from residual.tables.choose import (
+    PROVEN,
+    EffectModel,
+    build_lookup,
+    fit_effect_tables,
+    of_joints,
+)
 from residual.tables.components import fit_pls
 from residual.tables.form import (
     LEAST_SQUARES,
-    NAMED,
-    PAIRS,
     EffectForm,
     Option,
-    Rest,
     fit_base,
     fit_linear,
     fit_rest,
 )
 from residual.tables.form import NONE as NOTHING
 from residual.tables.lookup import Lookup
-from residual.tables.main_tables import pair_levels
 from residual.tables.nominal_choice import ChosenLevels, choose_levels
 from residual.tables.nominal_pls import (
     NominalForm,
@@ -225,31 +227,10 @@ def fixed_lookup(
     """The default form with its options given: nothing is chosen on these rows."""
     X = training.loaded if form.loads else training.X
     base = fit_base(X, training.Y, form)
-    ridges = [o.ridge if o.ridge else form.ridges[-1] for o in options]
-    _, main, _ = base.predict(X, form)
-    taken = [main[form.ridges.index(r), :, j] for j, r in enumerate(ridges)]
-    left = training.Y - np.stack(taken, axis=1)
-    return build_lookup(
-        base, _wanted_rest(training, left, form, options), options, form
-    )
-
-
-def _wanted_rest(
-    training: Training, left: Array, form: EffectForm, options: Sequence[Option]
-) -> Rest:
-    """Pair tables, but only those that somebody takes: they are most of the work."""
-    X, groups = training.X, choice_groups(training)
-    form = replace(form, names=form.state_names(), loads=())
-    named = np.array([option.kind == NAMED for option in options])
-    few = tuple(() for _ in options)
-    if named.any():
-        lean = replace(form, pairs=None)
-        few = fit_rest(X, np.where(named, left, 0.0), groups, lean).named
-    levels = pair_levels(X, form.names, form.velocities)
-    if all(option.kind != PAIRS for option in options):
-        return Rest(levels, few, None)
-    every = fit_rest(X, left, groups, replace(form, named=0)).pairs
-    return Rest(levels, few, every)
+    ridges = [form.ridges.index(o.ridge or form.ridges[-1]) for o in options]
+    left = training.Y - of_joints(base.predict(X, form)[1], ridges)
+    rest = fit_rest(X, left, choice_groups(training), form, options)
+    return build_lookup(base, rest, options, form)
 
 
 def _nothing(training: Training) -> Forecast:

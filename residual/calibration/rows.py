@@ -4,6 +4,11 @@ Two modes. The paper's: X(t) is the reference of joints 1 to 3 with its derivati
 Y(t + 1) the torque of the arm minus that of its simulated twin (section 2.4). Ours: X
 is the measured motion of all joints, Y the residual of a nominal model that was
 identified without the held-out runs.
+
+Where runs are few, blocks within them are left out. Of three runs one can be left out,
+but then two are left to choose tables by, and two agree by chance. Consecutive blocks
+of each run are more, but weaker proof: the other blocks of the run are of the same
+motion, drives as warm and payload.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -17,7 +22,6 @@ from residual.recording import Array, Recording
 from residual.signals.track import Filters, Track, sample_rate
 from residual.tables.blocks import frozen
 from residual.tables.components import state_block, state_names
-from residual.tables.levels import shift_ahead
 
 BLOCKS = 4  # of a run
 FEW = 4  # runs under which leaving one out leaves fewer than three
@@ -220,9 +224,9 @@ def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows
         log, rate = run.log, sample_rate(run.log.t)
         X = _reference_state(log, own)
         both = np.hstack([run.twin["e_tau"][:, own], log.tau[:, own]])
-        now, ahead, _ = shift_ahead(X, both)
         step = _step(rate, PAPER_HZ)
-        parts.append((now[::step], *np.hsplit(ahead[::step], 2), log.t[:-1:step]))
+        ahead = np.hsplit(both[1::step], 2)
+        parts.append((X[:-1:step], *ahead, log.t[:-1:step]))
         rates.append(rate / step)
     return _stacked(PAPER, joints, (parts, runs, rates))
 

@@ -1,4 +1,4 @@
-"""What the figures of the chapter show: components, levels, importance, outliers."""
+"""What the paper's figures show: components, levels, importance, outliers, one run."""
 
 import tracemalloc
 from collections.abc import Mapping, Sequence

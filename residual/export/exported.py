@@ -1,4 +1,7 @@
-"""What an export is: files, what of the model is in them, and what is left out."""
+"""What an export is: files, what of the model is in them, and what is left out.
+
+What is left out is measured in torque, along a motion that is the same at every call.
+"""
 
 import json
 import re

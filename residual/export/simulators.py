@@ -1,4 +1,9 @@
-"""What the terms of a model are as properties of a simulated joint."""
+"""A model for simulators: as URDF, and as MJCF for MuJoCo 4 and what reads its files.
+
+Written as text with all digits of a double; MuJoCo's own writer keeps six. Dry friction
+is a soft constraint there, and under its usual settings it reaches a per cent of its
+value or less at 1e-3 rad/s; under those written here it reaches all of it.
+"""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection

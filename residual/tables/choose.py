@@ -143,19 +143,11 @@ class EffectModel:
     Attributes:
         lookup: The correction; loads are variables of it only where a joint takes them.
         chosen: Option of each joint.
-        errors: Errors on runs left out of the options of each joint. They helped to
-            choose, so they are no proof.
-        options: Options that the errors are of, but for the ridge, which is each
-            joint's own.
-        proven: Whether there were enough runs to choose by.
         base, rest: The fits behind the tables.
     """
 
     lookup: Lookup
     chosen: tuple[Option, ...]
-    errors: HeldOut
-    options: tuple[Option, ...]
-    proven: bool
     base: Base
     rest: Rest
 
@@ -196,7 +188,7 @@ def fit_effect_tables(
     pairs = zip(picked, ridge, strict=True)
     chosen = tuple(_named_option(options[p], form, r) for p, r in pairs)
     lookup = build_lookup(base, rest, chosen, form)
-    return EffectModel(lookup, chosen, errors, options, proven, base, rest)
+    return EffectModel(lookup, chosen, base, rest)
 
 
 def list_options(form: EffectForm) -> tuple[Option, ...]:
@@ -244,8 +236,8 @@ def _all_options(X, Y, folds, bases, form, ridge) -> Array:
         left = Y[keep] - _main(base, X[keep], ridge, form)
         rest = fit_rest(X[keep], left, run[keep], form)
         linear, by_ridge, with_loads = base.predict(X[~keep], form)
-        main = _of_joints(by_ridge, ridge)
-        loaded = [_of_joints(with_loads, ridge)] if form.loads else []
+        main = of_joints(by_ridge, ridge)
+        loaded = [of_joints(with_loads, ridge)] if form.loads else []
         more = main + rest.predict(X[~keep], form)
         guess = [np.zeros_like(main), linear, main, *loaded, *more]
         miss.append(((Y[~keep] - np.stack(guess)) ** 2).sum(axis=1))
@@ -253,10 +245,10 @@ def _all_options(X, Y, folds, bases, form, ridge) -> Array:
 
 
 def _main(base: Base, X: Array, ridge: list[int], form: EffectForm) -> Array:
-    return _of_joints(base.predict(X, form)[1], ridge)
+    return of_joints(base.predict(X, form)[1], ridge)
 
 
-def _of_joints(by_ridge: Array, ridge: list[int]) -> Array:
+def of_joints(by_ridge: Array, ridge: list[int]) -> Array:
     """Each joint's column from the fit of its own ridge. (ridges, m, j) to (m, j)."""
     return np.stack([by_ridge[r, :, j] for j, r in enumerate(ridge)], axis=1)
 

@@ -261,16 +261,31 @@ def fit_base(X: Array, Y: Array, form: EffectForm) -> Base:
     return Base(fit_linear(plain, Y), main, loaded)
 
 
-def fit_rest(X: Array, rest: Array, run: Array, form: EffectForm) -> Rest:
+def fit_rest(
+    X: Array,
+    rest: Array,
+    run: Array,
+    form: EffectForm,
+    options: Sequence[Option] | None = None,
+) -> Rest:
     """Fit pair tables to what main effects leave of the responses [N m], shape (n, j).
 
-    A named table must predict each run from the others.
+    A named table must predict each run from the others. Only tables that some option
+    takes are fitted, or all of them: they are most of the work.
     """
-    X = form.states(X)
+
+    def taken(kind: str, j: int) -> bool:
+        return options is None or options[j].kind == kind
+
+    X, joints = form.states(X), range(rest.shape[1])
     levels = pair_levels(X, form.state_names(), form.velocities)
     codes = levels.encode(X)
-    named = tuple(add_pairs(codes, column, run, form.named) for column in rest.T)
-    return Rest(levels, named, _fit_pairs(X, rest, form))
+    named = tuple(
+        add_pairs(codes, rest[:, j], run, form.named) if taken(NAMED, j) else ()
+        for j in joints
+    )
+    every = any(taken(PAIRS, j) for j in joints)
+    return Rest(levels, named, _fit_pairs(X, rest, form) if every else None)
 
 
 def _fit_pairs(X: Array, rest: Array, form: EffectForm) -> NominalPls | None:

@@ -1,4 +1,10 @@
-"""Compiled evaluation of look-up tables; arrays as `pack` describes them."""
+"""Compiled loops: tables read at levels, and nominal-level PLS without its matrix.
+
+Of a look-up the arrays are as `pack` describes them. X of the nominal form has a column
+for every pair of levels of every pair of variables, and in each row a one per pair of
+variables: X r reads a table there, X'u adds there. Columns are in the order of eq. 30
+of the paper: pairs (1,2), (1,3) ..., within a pair the second level runs fastest.
+"""
 
 import numpy as np
 from numba import njit

@@ -19,7 +19,6 @@ from residual.recording import Array
 from residual.tables.blocks import (
     as_block,
     as_names,
-    as_pair,
     check_count,
     check_varying,
     frozen,
@@ -87,11 +86,6 @@ class Codes:
         """Rows with at least one value outside the calibrated range."""
         return int(self.outside.any(axis=1).sum())
 
-    def rows(self, chosen: Array) -> "Codes":
-        """Return some of the rows, by number or by mask."""
-        parts = self.values[chosen], self.sizes, self.outside[chosen], self.names
-        return Codes(*parts)
-
 
 Count = int | Sequence[int]  # levels of all variables, or of each
 
@@ -136,22 +130,6 @@ def quantile_levels(
     ]
     low, high = X.min(axis=0), X.max(axis=0)
     return Levels(names, tuple(map(frozen, edges)), frozen(low), frozen(high))
-
-
-def shift_ahead(X: Array, Y: Array, run: Array | None = None) -> tuple[Array, ...]:
-    """Pair X(t) with Y(t + 1), the paper's step-ahead form (section 2.4).
-
-    Returns X(t), Y(t + 1) and the rows of X that are left: the last row of a run has no
-    successor.
-    """
-    X, Y = as_pair(X, Y)
-    run = np.zeros(len(X), int) if run is None else np.asarray(run)
-    if run.shape != (len(X),):
-        raise InputError(f"run has shape {run.shape}, expected ({len(X)},).")
-    rows = np.flatnonzero(run[1:] == run[:-1])
-    if not len(rows):
-        raise InputError("No run has two rows in a row: nothing lies one step ahead.")
-    return X[rows], Y[rows + 1], rows
 
 
 def _checked(

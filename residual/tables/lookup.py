@@ -1,4 +1,6 @@
-"""Axes and tables of a look-up, laid out for fast reading.
+"""A fitted correction as small tables: for each row some reads and a sum; and as files.
+
+The paper's "look up table of coefficients" (section 2.6.2): B f_pls of eq. 31.
 
 Three pair tables over the same three axes are one table of three axes: their sum. Nine
 variables have 36 pairs, and twelve triples hold each of them once (a Steiner system):
@@ -9,7 +11,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import resources
 from math import prod
@@ -18,6 +20,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.lazy import Lazy
+from residual.quantity import plain
 from residual.recording import Array
 from residual.tables.blocks import as_block
 
@@ -163,8 +166,6 @@ def _grids(axes: Sequence[Axis], low: Array, high: Array) -> tuple[Array, ...]:
 
 kernels = Lazy("residual.tables.kernels")
 
-_ARRAYS = ("offset", "slope", "low", "high")
-
 
 # No slots: the packed form is made once and kept in the instance.
 @dataclass(frozen=True, eq=False, repr=False)
@@ -232,33 +233,18 @@ class Lookup:
 
     def to_record(self) -> dict:
         """The tables as plain values."""
-        arrays = {name: getattr(self, name).tolist() for name in _ARRAYS}
-        return {
-            "names": list(self.names),
-            "joints": list(self.joints),
-            "axes": [
-                {"variable": a.variable, "edges": a.edges.tolist()} for a in self.axes
-            ],
-            "tables": [
-                {"axes": list(t.axes), "values": t.values.tolist()} for t in self.tables
-            ],
-            **arrays,
-        }
+        return plain(asdict(self))
 
     @classmethod
     def from_record(cls, record: Mapping) -> "Lookup":
         """The way back."""
-        axes = [Axis(a["variable"], np.array(a["edges"])) for a in record["axes"]]
-        tables = [
+        axes = (Axis(a["variable"], np.array(a["edges"])) for a in record["axes"])
+        tables = (
             Table(tuple(t["axes"]), np.array(t["values"])) for t in record["tables"]
-        ]
-        return cls(
-            names=tuple(record["names"]),
-            joints=tuple(record["joints"]),
-            axes=tuple(axes),
-            tables=tuple(tables),
-            **{name: np.array(record[name]) for name in _ARRAYS},
         )
+        names, joints = tuple(record["names"]), tuple(record["joints"])
+        arrays = (np.array(record[name]) for name in ("offset", "slope", "low", "high"))
+        return cls(names, joints, tuple(axes), tuple(tables), *arrays)
 
     def _checked(self, X: Array) -> Array:
         X = as_block(X, "X")

@@ -4,6 +4,10 @@ Friction is a function of one variable: a table of the velocity holds it on any 
 while pair tables would have to see it beside every value of the others. Wide and narrow
 levels are fitted together by ridge regression: where rows are few the wide ones speak,
 where they are many the narrow ones do.
+
+A few named pair tables go on what main effects leave, one at a time: load-dependent
+friction needs a table of two variables; 36 of them at once mostly learn the path. A
+table is added only if it predicts each run from the others.
 """
 
 from collections.abc import Collection, Sequence

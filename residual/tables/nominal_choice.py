@@ -4,6 +4,12 @@ The training sums of a fold are those of all rows less those held out, so a tabl
 is as wide as there are folds carries every fold's fit at once. A held-out row is a cell
 of weight zero: its score comes out of the same pass, and with it its prediction for
 every number of components.
+
+How many levels and components: the paper takes 22 levels from trials on rows that it
+had seen, and asks for "a mathematical method" (section 2.6.2). Here the criterion is
+the error on runs left out: first one number for all variables with the number of
+components, then each variable in turn may halve or double its own. The simplest choice
+within one standard error counts.
 """
 
 from collections.abc import Sequence

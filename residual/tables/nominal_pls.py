@@ -247,6 +247,11 @@ def _components(
 def fill_unvisited(model: NominalPls) -> NominalPls:
     """Return the model with weights in cells that no calibration row visited.
 
+    The paper's last section asks for "a pyramidal representation of nominal levels"
+    where the state space was not sampled. A table at half as many levels of either
+    variable has a cell for four; its value is the mean of those that rows visited.
+    Where none of the four was, the level above it is asked, up to the mean of all.
+
     Predictions of calibration rows stay as they are, and so do offsets: their share of
     such cells is zero.
     """

@@ -5,12 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from residual.errors import InputError
-from residual.tables.levels import (
-    equal_levels,
-    merge_rows,
-    quantile_levels,
-    shift_ahead,
-)
+from residual.tables.levels import equal_levels, merge_rows, quantile_levels
 
 COLUMNS = arrays(
     float, st.integers(3, 40), elements=st.floats(-5, 5, width=16), fill=st.nothing()
@@ -85,14 +80,6 @@ def test_merged_rows_keep_every_sum(rng, levels):
     np.testing.assert_allclose(cells.sums(Y).sum(0), Y.sum(0))
 
 
-def test_one_step_ahead_stays_within_a_run():
-    X, Y = np.arange(5.0)[:, None], 10 * np.arange(5.0)[:, None]
-    x, y, rows = shift_ahead(X, Y, np.array([0, 0, 0, 1, 1]))
-    assert x[:, 0].tolist() == [0, 1, 3]
-    assert y[:, 0].tolist() == [10, 20, 40]
-    assert rows.tolist() == [0, 1, 3]
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -108,11 +95,6 @@ def test_one_step_ahead_stays_within_a_run():
             lambda: equal_levels(np.arange(5.0), 3).encode(np.ones((2, 2))),
             "X has 2 columns, the levels are of 1",
         ),
-        (
-            lambda: shift_ahead(np.ones(2), np.ones(2), np.array([0, 1])),
-            "No run has two rows",
-        ),
-        (lambda: shift_ahead(np.ones(2), np.ones(2), np.ones(3)), "run has shape"),
     ],
 )
 def test_bad_input_is_refused(call, message):
