@@ -225,8 +225,9 @@ def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows
         X = _reference_state(log, own)
         both = np.hstack([run.twin["e_tau"][:, own], log.tau[:, own]])
         step = _step(rate, PAPER_HZ)
-        ahead = np.hsplit(both[1::step], 2)
-        parts.append((X[:-1:step], *ahead, log.t[:-1:step]))
+        ahead = np.hsplit(np.ascontiguousarray(both[1:])[::step], 2)
+        now = np.ascontiguousarray(X[:-1])[::step]
+        parts.append((now, *ahead, log.t[:-1:step]))
         rates.append(rate / step)
     return _stacked(PAPER, joints, (parts, runs, rates))
 
