@@ -2,18 +2,13 @@
 
 from residual.effects.base import Effect, dissipates, formula, local
 
-
-def _feature(state, j, shape):
-    return [state.sign[:, j]]
-
-
 EFFECT = Effect(
     name="coulomb",
     noun="Coulomb friction",
     sentence="dry friction of constant size against the direction of motion",
     equation="tau = level * sgn(qd)",
     parameters={"level": "N m"},
-    columns=local(_feature),
+    columns=local(lambda state, j, shape: [state.sign[:, j]]),
     is_parameter=True,
     usual_in_every_drive=2,
     not_negative=True,

@@ -4,11 +4,6 @@ import numpy as np
 
 from residual.effects.base import Effect, formula, local, within_torque
 
-
-def _feature(state, j, shape):
-    return [np.abs(state.sign[:, j])]
-
-
 EFFECT = Effect(
     name="coulomb_asymmetry",
     noun="Coulomb friction that differs by direction",
@@ -17,7 +12,7 @@ EFFECT = Effect(
         "tau = level * |sgn(qd)|: the same in both directions of motion, zero at rest"
     ),
     parameters={"level": "N m"},
-    columns=local(_feature),
+    columns=local(lambda state, j, shape: [np.abs(state.sign[:, j])]),
     far_fetched=0.5,
     family="static",
     groupable=True,

@@ -4,18 +4,13 @@ import numpy as np
 
 from residual.effects.base import Effect, formula, local, within_torque
 
-
-def _feature(state, j, shape):
-    return [np.ones(len(state.t))]
-
-
 EFFECT = Effect(
     name="offset",
     noun="a constant torque offset",
     sentence="a constant torque, as from a biased current sensor",
     equation="tau = torque",
     parameters={"torque": "N m"},
-    columns=local(_feature),
+    columns=local(lambda state, j, shape: [np.ones(len(state.t))]),
     family="static",
     is_constant=True,
     groupable=True,

@@ -4,18 +4,13 @@ import numpy as np
 
 from residual.effects.base import Effect, dissipates_with_speed, formula, local
 
-
-def _feature(state, j, shape):
-    return [state.qd[:, j] * np.abs(state.qd[:, j])]
-
-
 EFFECT = Effect(
     name="quadratic_viscous",
     noun="friction that grows with the square of speed",
     sentence="resistance that grows with the square of speed (churning grease)",
     equation="tau = coefficient * qd * |qd|",
     parameters={"coefficient": "N m s^2/rad^2"},
-    columns=local(_feature),
+    columns=local(lambda state, j, shape: [state.qd[:, j] * np.abs(state.qd[:, j])]),
     groupable=True,
     possible=lambda theta, shape, limits: dissipates_with_speed(
         theta * limits.speed, shape, limits

@@ -2,18 +2,13 @@
 
 from residual.effects.base import Effect, against, formula, local, stays_positive
 
-
-def _feature(state, j, shape):
-    return [state.qdd[:, j]]
-
-
 EFFECT = Effect(
     name="rotor_inertia",
     noun="rotor inertia",
     sentence="inertia of the motor's rotor, multiplied by the gear ratio squared",
     equation="tau = inertia * qdd",
     parameters={"inertia": "kg m^2"},
-    columns=local(_feature),
+    columns=local(lambda state, j, shape: [state.qdd[:, j]]),
     is_parameter=True,
     usual_in_every_drive=3,
     carries="acceleration",

@@ -7,10 +7,6 @@ from residual.effects.base import Effect, against_position, formula, local
 MOST = 3.0  # times the joint's torque: what a spring that carries the arm may reach
 
 
-def _feature(state, j, shape):
-    return [state.q[:, j], np.ones(len(state.t))]
-
-
 def _values(theta, shape, robot):
     stiffness, constant = theta
     rest = -constant / stiffness if stiffness else 0.0
@@ -42,7 +38,7 @@ EFFECT = Effect(
     sentence="a torque proportional to position, as from a spring or hose package",
     equation="tau = stiffness * (q - rest)",
     parameters={"stiffness": "N m/rad", "rest": "rad"},
-    columns=local(_feature),
+    columns=local(lambda state, j, shape: [state.q[:, j], np.ones(len(state.t))]),
     values=_values,
     from_values=lambda values, robot: (values[0] * np.array([1.0, -values[1]]), ()),
     usual=_usual,

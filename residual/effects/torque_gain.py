@@ -7,17 +7,13 @@ from residual.effects.base import Effect, against_torque, formula, local
 MOST = 10.0  # beyond it the unit is another one
 
 
-def _feature(state, j, shape):
-    return [state.tau_model[:, j]]
-
-
 EFFECT = Effect(
     name="torque_gain",
     noun="a torque scale error",
     sentence="measured torque scaled by a wrong torque constant",
     equation="d tau = gain * tau",
     parameters={"gain": "1"},
-    columns=local(_feature),
+    columns=local(lambda state, j, shape: [state.tau_model[:, j]]),
     uses_model=True,
     of_report=True,
     # A torque constant is wrong by some per cent; a free gain would imitate any

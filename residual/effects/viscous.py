@@ -2,18 +2,13 @@
 
 from residual.effects.base import Effect, dissipates_with_speed, formula, local
 
-
-def _feature(state, j, shape):
-    return [state.qd[:, j]]
-
-
 EFFECT = Effect(
     name="viscous",
     noun="viscous friction",
     sentence="resistance proportional to the joint's speed (grease, seals)",
     equation="tau = coefficient * qd",
     parameters={"coefficient": "N m s/rad"},
-    columns=local(_feature),
+    columns=local(lambda state, j, shape: [state.qd[:, j]]),
     is_parameter=True,
     usual_in_every_drive=1,
     carries="speed",

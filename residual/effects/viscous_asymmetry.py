@@ -4,18 +4,13 @@ import numpy as np
 
 from residual.effects.base import Effect, formula, local, within_torque
 
-
-def _feature(state, j, shape):
-    return [np.abs(state.qd[:, j])]
-
-
 EFFECT = Effect(
     name="viscous_asymmetry",
     noun="viscous friction that differs by direction",
     sentence="viscous friction that is stronger in one direction than in the other",
     equation="tau = coefficient * |qd|",
     parameters={"coefficient": "N m s/rad"},
-    columns=local(_feature),
+    columns=local(lambda state, j, shape: [np.abs(state.qd[:, j])]),
     possible=lambda theta, shape, limits: within_torque(
         theta * limits.speed, shape, limits
     ),

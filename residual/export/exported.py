@@ -5,7 +5,7 @@ What is left out is measured in torque, along a motion that is the same at every
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -162,23 +162,21 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Spli
 
     It refuses a term, or tables, by saying why; by "" it takes them.
     """
-    whole = _in_terms(whole)
+    # What the model has without a name is among its terms, each to be told of.
     model = body_of(whole)
-    reasons = [(term, why) for term in model.terms if (why := refuse(term))]
-    gone = [term for term, _ in reasons]
-    kept: Whole = replace(model, terms=tuple(t for t in model.terms if t not in gone))
-    if isinstance(whole, Corrected):
-        if tables:
-            reasons.append((None, tables))
-        else:
-            kept = replace(whole, model=kept)
+    whole = _with_terms(whole, (*model.terms, *model.tables))
+    reasons = [(t, why) for t in body_of(whole).terms if (why := refuse(t))]
+    gone = {id(term) for term, _ in reasons}
+    kept = _with_terms(whole, (t for t in body_of(whole).terms if id(t) not in gone))
+    if tables and isinstance(whole, Corrected):
+        reasons.append((None, tables))
+        kept = body_of(kept)
     return Split(whole, kept, tuple(reasons))
 
 
-def _in_terms(whole: Whole) -> Whole:
-    """A model with what it has without a name among its terms, each to be told of."""
-    model = body_of(whole)
-    model = replace(model, terms=(*model.terms, *model.tables), tables=())
+def _with_terms(whole: Whole, terms: Iterable[Term]) -> Whole:
+    """A model with other terms, and nothing beside them but tables on top."""
+    model = replace(body_of(whole), terms=tuple(terms), tables=())
     return replace(whole, model=model) if isinstance(whole, Corrected) else model
 
 
@@ -209,11 +207,9 @@ def with_bodies(model: Model) -> Array:
 
 
 def _without(whole: Whole, term: Term | None) -> Whole:
-    model = body_of(whole)
     if term is None:
-        return model
-    less = replace(model, terms=tuple(t for t in model.terms if t is not term))
-    return replace(whole, model=less) if isinstance(whole, Corrected) else less
+        return body_of(whole)
+    return _with_terms(whole, (t for t in body_of(whole).terms if t is not term))
 
 
 def _named(whole: Whole, term: Term | None) -> tuple[str, tuple[int, ...]]:

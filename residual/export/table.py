@@ -7,8 +7,8 @@ position.csv; rigid body, loads and all else stay with the controller.
 
 import csv
 import io
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,6 @@ from residual.export.exported import (
     BODY,
     Exported,
     Left,
-    Split,
     Whole,
     body_of,
     exciting,
@@ -36,30 +35,6 @@ DENSE = 4001  # points that the curve is looked at
 ENOUGH = 1e-3  # of the largest value: more points help no controller
 
 
-def support_points(
-    curve: Callable[[Array], Array], start: Array, most: int
-) -> tuple[Array, Array, float]:
-    """Return support points of a curve, and the largest error between them.
-
-    A point is added where the lines miss most, until they miss by next to nothing, or
-    there are as many as may be. The ends of the range are the ends of `start`.
-    """
-    ends = np.linspace(start[0], start[-1], DENSE)
-    # What happens near zero is narrow.
-    near = np.concatenate([-np.geomspace(1e-5, 1, DENSE), np.geomspace(1e-5, 1, DENSE)])
-    size = max(abs(start[0]), abs(start[-1]))
-    inside = near[(near * size > start[0]) & (near * size < start[-1])] * size
-    x = np.unique(np.concatenate([ends, inside, start]))
-    y = curve(x)
-    points = np.unique(start)
-    while True:
-        gap = np.abs(np.interp(x, points, np.interp(points, x, y)) - y)
-        worst = int(np.argmax(gap))
-        if len(points) >= most or gap[worst] <= ENOUGH * np.abs(y).max():
-            return points, np.interp(points, x, y), float(gap.max())
-        points = np.sort(np.append(points, x[worst]))
-
-
 SPEED, POSITION = "friction.csv", "position.csv"
 _OF = {SPEED: {"qd", "sign"}, POSITION: {"q"}}
 _MOTION = {"q", "qd", "qdd", "sign", "rigid", "tau", "t", "m"}
@@ -67,40 +42,15 @@ _MOST = {SPEED: 21, POSITION: 41}  # support points; controllers take some twent
 _FEW = (-1.0, -0.5, -0.1, 0.0, 0.1, 0.5, 1.0)  # of the range, where points begin
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Curve:
-    """One joint's torque over its speed or its position.
-
-    Attributes:
-        file: Where it stands.
-        joint: From 0.
-        at: Support points [rad/s] or [rad]. Shape (k,).
-        torque: Torque there [N m]. Shape (k,).
-        error: Largest error of linear interpolation between them [N m].
-    """
-
-    file: str
-    joint: int
-    at: Array
-    torque: Array
-    error: float
-
-
 def to_table(whole: Whole) -> Exported:
     """Return support points of each joint as CSV files; tables go along as they are."""
-    parts = split_table(whole)
-    curves = curves_of(body_of(parts.carried))
-    files = {
-        name: _csv(name, [c for c in curves if c.file == name])
-        for name in dict.fromkeys(c.file for c in curves)
-    }
+    parts = split(whole, lambda t: "" if _file(t) else "it is no curve of one joint")
+    files = {file: _csv(body_of(parts.carried), file) for file in _OF}
+    files = {file: text for file, text in files.items() if text}
     for own in parts.carried.tables if isinstance(parts.carried, Corrected) else ():
         if own.kind != NONE:
-            (files[f"tables_{own.joint + 1}.csv"],) = (
-                text
-                for name, text in export_lookup(own.lookup).items()
-                if name.endswith(".csv")
-            )
+            text = export_lookup(own.lookup)["tables.csv"]
+            files[f"tables_{own.joint + 1}.csv"] = text
     made = parts.exported(files)
     body = replace(body_of(whole), terms=())
     motion = exciting(body.robot)
@@ -113,30 +63,31 @@ def to_table(whole: Whole) -> Exported:
     return replace(made, left=left, rms=rms, largest=largest)
 
 
-def split_table(whole: Whole) -> Split:
-    """Part what is a curve of one joint from the rest; the rigid body is not in it."""
-    return split(whole, lambda t: "" if _file(t) else "it is no curve of one joint")
+def _file(term: Term) -> str:
+    """Which table a term belongs to, "" for none; a constant goes with friction."""
+    said = term.effect.portable
+    if len(said.formula) != 1 or len(term.joints) != 1:
+        return ""
+    words = set(WORD.findall(said.formula[0])) & _MOTION
+    return next((name for name, own in _OF.items() if words <= own), "")
 
 
-def curves_of(model: Model) -> list[Curve]:
-    """Return the curves of a model all of whose terms are curves of one joint."""
+def _csv(model: Model, file: str) -> bytes:
+    """Support points of the curves of each joint that has some, b"" for none."""
     lower, upper, speed = limits(model.robot)
-    out = []
-    for file in _OF:
-        for j in range(model.robot.dof):
-            if not any(_file(t) == file and t.joints == (j,) for t in model.terms):
-                continue
-            ends = (-speed[j], speed[j]) if file == SPEED else (lower[j], upper[j])
-            start = _start(model, file, j, ends)
-
-            curve = partial(curve_at, model, file, j)
-            out.append(Curve(file, j, *support_points(curve, start, _MOST[file])))
-    return out
-
-
-def _start(model: Model, file: str, j: int, ends: Sequence[float]) -> Array:
-    middle, half = np.mean(ends), np.diff(ends)[0] / 2
-    return middle + half * np.array(_FEW)
+    text = io.StringIO()
+    out = csv.writer(text, lineterminator="\n")
+    over = "qd [rad/s]" if file == SPEED else "q [rad]"
+    out.writerow(["joint", over, "torque [N m]"])
+    joints = {t.joints[0] for t in model.terms if _file(t) == file}
+    for j in sorted(joints):
+        ends = (-speed[j], speed[j]) if file == SPEED else (lower[j], upper[j])
+        start = np.mean(ends) + np.diff(ends)[0] / 2 * np.array(_FEW)
+        curve = partial(curve_at, model, file, j)
+        points = (x.tolist() for x in support_points(curve, start, _MOST[file]))
+        for at, torque in zip(*points, strict=True):
+            out.writerow([j + 1, repr(at), repr(torque)])
+    return text.getvalue().encode() if joints else b""
 
 
 def curve_at(model: Model, file: str, j: int, x: Array) -> Array:
@@ -148,21 +99,24 @@ def curve_at(model: Model, file: str, j: int, x: Array) -> Array:
     return sum((term.torque(state)[:, j] for term in terms), np.zeros(len(x)))
 
 
-def _file(term: Term) -> str:
-    """Which table a term belongs to, "" for none; a constant goes with friction."""
-    said = term.effect.portable
-    if len(said.formula) != 1 or len(term.joints) != 1:
-        return ""
-    words = set(WORD.findall(said.formula[0])) & _MOTION
-    return next((name for name, own in _OF.items() if words <= own), "")
+def support_points(
+    curve: Callable[[Array], Array], start: Array, most: int
+) -> tuple[Array, Array]:
+    """Return places of support points of a curve, and its values there. Shapes (k,).
 
-
-def _csv(name: str, curves: Sequence[Curve]) -> bytes:
-    text = io.StringIO()
-    out = csv.writer(text, lineterminator="\n")
-    over = "qd [rad/s]" if name == SPEED else "q [rad]"
-    out.writerow(["joint", over, "torque [N m]"])
-    for curve in curves:
-        for at, torque in zip(curve.at.tolist(), curve.torque.tolist(), strict=True):
-            out.writerow([curve.joint + 1, repr(at), repr(torque)])
-    return text.getvalue().encode()
+    A point is added where the lines miss most, until they miss by next to nothing, or
+    there are as many as may be. The ends of the range are the ends of `start`.
+    """
+    ends = np.linspace(start[0], start[-1], DENSE)
+    # What happens near zero is narrow.
+    near = np.concatenate([-np.geomspace(1e-5, 1, DENSE), np.geomspace(1e-5, 1, DENSE)])
+    size = max(abs(start[0]), abs(start[-1]))
+    inside = near[(near * size > start[0]) & (near * size < start[-1])] * size
+    x = np.unique(np.concatenate([ends, inside, start]))
+    y, points = curve(x), np.unique(start)
+    while True:
+        gap = np.abs(np.interp(x, points, np.interp(points, x, y)) - y)
+        worst = int(np.argmax(gap))
+        if len(points) >= most or gap[worst] <= ENOUGH * np.abs(y).max():
+            return points, np.interp(points, x, y)
+        points = np.sort(np.append(points, x[worst]))
