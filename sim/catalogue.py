@@ -160,9 +160,11 @@ def _check_values(what: Effect, given: Mapping[str, float]) -> None:
     for key, value in given.items():
         limit = what.above.get(key, -math.inf)
         if not math.isfinite(value) or value <= limit:
-            wanted = f"number above {limit:g}" if key in what.above else "finite number"
+            expected = (
+                f"number above {limit:g}" if key in what.above else "finite number"
+            )
             raise InputError(
-                f"Effect '{what.name}': {key} is {value:g}, expected a {wanted}."
+                f"Effect '{what.name}': {key} is {value:g}, expected a {expected}."
             )
     if any(abs(given.get(key, 1.0)) != 1.0 for key in what.signs):
         raise InputError(f"Effect '{what.name}': a sign is 1 or -1, nothing else.")
@@ -175,7 +177,7 @@ def _check_values(what: Effect, given: Mapping[str, float]) -> None:
 def _check_joints(effect: PlantEffect, dof: int) -> None:
     joints = effect.joints
     inside = all(isinstance(j, int) and 1 <= j <= dof for j in joints)
-    fits, wanted = {
+    fits, expected = {
         "joint": (len(joints) >= 1, f"one or more of 1 to {dof}"),
         "pair": (len(joints) == 2, f"two of 1 to {dof}"),
         "flange": (joints in ((), (dof,)), f"[{dof}]"),
@@ -187,7 +189,7 @@ def _check_joints(effect: PlantEffect, dof: int) -> None:
         )
     if not (inside and fits):
         raise InputError(
-            f"Effect '{effect.name}' is on joints {list(joints)}, expected {wanted}."
+            f"Effect '{effect.name}' is on joints {list(joints)}, expected {expected}."
         )
 
 

@@ -77,8 +77,8 @@ def log_of(
     span = sizes(arm.robot).torque * (plant.noise.torque / WHITE_TORQUE)
     rng = stream(plant.seed, f"torque/{label}")
     tau = logged(arm.own, tau + torque_noise(len(t), span, rates.log, rng), rates.log)
-    asked = reference.q[: len(trace.t) : every]
-    return Recording("", arm.robot.name, start + t, q, tau, q_ref=asked)
+    q_ref = reference.q[: len(trace.t) : every]
+    return Recording("", arm.robot.name, start + t, q, tau, q_ref=q_ref)
 
 
 def every_nth(rates: Rates) -> int:

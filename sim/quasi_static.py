@@ -21,7 +21,7 @@ from sim.background import (
 )
 from sim.catalogue import Acting, acting, changed
 from sim.effects.base import State, deflection
-from sim.plant.sensors import reported
+from sim.plant.sensors import encoder_errors, reported
 from sim.records import CLEAN, BackgroundWord, Hidden, Reference, stream
 from sim.sizes import scatter, sizes, usual_limits
 
@@ -155,14 +155,21 @@ def true_torque(
     parts = []
     for i, effect in enumerate(hidden):
         rng = stream(plant.seed, f"effect/{i}/{effect.what.name}/{log}")
-        parts.append(_part(effect, motion, start, (rigid, z, friction), rng))
+        parts.append(_part(effect, motion, start, rigid, z, friction, rng))
     total, more, gain = rigid + base + sum(parts), None, _gain(hidden, plant.robot.dof)
     if own is not None:
-        moving = (motion.t, drives, qd, z, rigid)
-        usual = USUAL_SPEED * usual_limits(plant.robot).velocity
-        since = start if worked is None else worked
-        levels = (friction.coulomb, friction.viscous, usual, since)
-        more = added(own, Rubbing(*moving, *levels))
+        rubbing = Rubbing(
+            t=motion.t,
+            q=drives,
+            qd=qd,
+            bristle=z,
+            load=rigid,
+            coulomb=friction.coulomb,
+            viscous=friction.viscous,
+            usual=USUAL_SPEED * usual_limits(plant.robot).velocity,
+            worked=start if worked is None else worked,
+        )
+        more = added(own, rubbing)
         total, gain = total + more.torque, gain * (1.0 + own.gain)
     tau = reported(total * gain, motion.t, hidden)
     return Torque(rigid, base, tuple(parts), tau, _reading(hidden, drives), more)
@@ -192,11 +199,12 @@ def _part(
     effect: Acting,
     motion: Reference,
     start: float,
-    arm: tuple[Array, Array, Friction],
+    rigid: Array,
+    z: Array,
+    friction: Friction,
     rng: np.random.Generator,
 ) -> Array:
     """Return the torque of one additive effect on all joints. Shape (n, dof)."""
-    rigid, z, friction = arm
     torque, rows = np.zeros_like(rigid), list(effect.joints)
     if effect.what.law is None:
         return torque
@@ -226,10 +234,5 @@ def _gain(hidden: Sequence[Acting], dof: int) -> Array:
 
 def _reading(hidden: Sequence[Acting], angle: Array) -> Array:
     """Return what the encoders read of the motors' angles [rad]. Shape (n, dof)."""
-    out = angle.copy()
-    for what, p, joints, _ in hidden:
-        if what.encoder:
-            shift, cos, sin = what.encoder(p)
-            x = angle[:, list(joints)]
-            out[:, list(joints)] -= shift + cos * np.cos(x) + sin * np.sin(x)
-    return out
+    shift, cos, sin = encoder_errors(hidden, angle.shape[1])
+    return angle - (shift + cos * np.cos(angle) + sin * np.sin(angle))

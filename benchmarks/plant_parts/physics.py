@@ -10,6 +10,7 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
 from benchmarks.harness.figures import Figures, figure
+from benchmarks.plant_parts.energy import balance
 from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
 from sim.catalogue import kinds
@@ -20,7 +21,6 @@ from sim.experiment import run_experiment
 from sim.plant import tables as at
 from sim.plant.arm import Phase, build_arm, channels_of, new_state, phases
 from sim.plant.controller import computed_torque
-from sim.plant.energy import balance
 from sim.plant.sensors import read
 from sim.plant.step import advance
 from sim.plant.stepping import Trace, pushed, simulate

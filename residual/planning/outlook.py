@@ -179,7 +179,7 @@ def outlook(
                 continue
             value = expected_nats(gram, after[a], after[b])
             nats[c, a, b] = value
-            if (a, b) in contest.kin:
+            if (a, b) in contest.same_family:
                 parted[c, a, b] = _parted(contest, gram, a, after[b])
                 value = min(value, contest.enough * parted[c, a, b])
             worth.append(value)
@@ -221,14 +221,14 @@ def _contest_chance(
         for b in others:
             other = lead[b] + log_evidence(products, gram, after[b])
             won &= own - other >= contest.enough
-            if (a, b) in contest.kin:
+            if (a, b) in contest.same_family:
                 won &= _parted(contest, gram, a, after[b]) >= 1
         total += share * won.mean()
     return total
 
 
 def _parted(contest: Contest, gram: Array, a: int, b: Refit) -> float:
-    """How far B fails to explain what A does, over what the rule of kin asks for."""
+    """How far B fails to explain what A does, over what a family has to."""
     true, none = contest.rivals[a], Refit.of(contest.nothing, gram)
     apart = gap(gram, true, b) / 2 + max(true.explained - b.rival.explained, 0.0)
     whole = gap(gram, true, none) / 2 + max(true.explained, 0.0)

@@ -184,9 +184,9 @@ def promised(question: Question) -> Promise | None:
 def told_apart(question: Question, seen: Outlook) -> tuple:
     """Return the rivals that a motion tells apart, each once."""
     contests = question.contests
-    told = {contests[c].rivals[i].place for c, a, b in seen.nats for i in (a, b)}
+    parted = {contests[c].rivals[i].place for c, a, b in seen.nats for i in (a, b)}
     every = (r.place for contest in contests for r in contest.rivals)
-    return tuple(place for place in dict.fromkeys(every) if place in told)
+    return tuple(place for place in dict.fromkeys(every) if place in parted)
 
 
 def free_motion(

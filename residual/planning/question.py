@@ -69,15 +69,15 @@ class Contest:
         rivals: They; two or more.
         enough: Nats by which one must lead to be believed.
         joint: The joint where they differ most, from 0.
-        kin: Pairs (of indices) that pass for one name while the second explains nearly
-            all that the first does, whatever the nats.
+        same_family: Pairs (of indices) that pass for one name while the second explains
+            nearly all that the first does, whatever the nats.
         nothing: The model without any of them: what `explained` is counted from.
     """
 
     rivals: tuple[Rival, ...]
     enough: float
     joint: int
-    kin: frozenset[tuple[int, int]]
+    same_family: frozenset[tuple[int, int]]
     nothing: Rival
 
     @property
@@ -141,14 +141,14 @@ class Swap:
 
 
 def swaps(
-    task: Task, fitted: Fit, told: Sequence[tuple[Group, Sequence[Group], int]]
+    task: Task, fitted: Fit, named: Sequence[tuple[Group, Sequence[Group], int]]
 ) -> list[Swap]:
     """Return what other sets within 6 nats differ by, each difference once.
 
     Args:
-        told: Named effects with their equivalents, which are no news here.
+        named: Named effects with their equivalents, which are no news here.
     """
-    known = {(group.key, other.key) for group, near, _ in told for other in near}
+    known = {(group.key, other.key) for group, near, _ in named for other in near}
     found: dict[tuple, tuple[Groups, list[Groups]]] = {}
     for one in near_sets(task, fitted):
         gone = _without(fitted.members, one.members)
@@ -250,10 +250,10 @@ class Basis:
         found = [self.rival((*rest, g), (g,), joint, without) for g in options]
         families = enumerate(g.effect.family for g in options)
         pairs = permutations(families, 2)
-        kin = {(a, b) for (a, x), (b, y) in pairs if x and x == y}
+        same_family = {(a, b) for (a, x), (b, y) in pairs if x and x == y}
         rivals = (*found, none) if nothing else tuple(found)
         enough = self.task.rules.threshold if nothing else RULES.class_nats
-        return Contest(rivals, enough, joint, frozenset(kin), none)
+        return Contest(rivals, enough, joint, frozenset(same_family), none)
 
 
 def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Question:
@@ -264,7 +264,7 @@ def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Qu
     a joint keeps more than noise, the strongest candidates there are rivals of one
     another and of nothing, although none of them could be named.
     """
-    wanted = [
+    equal = [
         (t.group, near, t.joint)
         for finding in named
         if finding.equivalent
@@ -273,8 +273,8 @@ def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Qu
     ]
     doubted = () if named else examined.adequacy.doubted
     strong = [(j, _strongest(examined, fitted, j)) for j in doubted]
-    swapped = swaps(examined.task, fitted, wanted)
-    every = [g for _, near, _ in wanted for g in near]
+    swapped = swaps(examined.task, fitted, equal)
+    every = [g for _, near, _ in equal for g in near]
     every += [g for _, groups in strong for g in groups]
     every += [g for swap in swapped for own in swap.instead for g in own]
     basis = Basis.of(examined, fitted, [*fitted.members, *every])
@@ -282,7 +282,7 @@ def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Qu
         basis.contest(
             [g for g in fitted.members if g is not group], [group, *near], joint
         )
-        for group, near, joint in wanted
+        for group, near, joint in equal
     ]
     contests += [
         basis.contest(fitted.members, groups, j, nothing=True)

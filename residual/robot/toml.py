@@ -16,6 +16,10 @@ Effects = Mapping[str, Collection[str]]
 LARGEST = 1e30  # no number of a robot is larger, and a product of several overflows
 SLUG = re.compile(r"[a-z0-9_-]{1,40}")
 SERIAL = re.compile(r"[A-Za-z0-9._-]{1,40}")
+_TEXTS = {
+    "name": (SLUG, "1 to 40 of a-z, 0-9, '_' and '-'"),
+    "serial": (SERIAL, "a text of 1 to 40 letters, digits, '.', '_' and '-'"),
+}
 _TABLES = {
     "robot": ("name", "serial", "gravity"),
     "joints": (
@@ -106,8 +110,8 @@ def read_robot_toml(
         "declared": _all_declared(content.get("declared", {}), dof, where, effects),
         "motor_from_joint": _coupling(content.get("couplings", {}), dof, where),
         "prior_scale": _scale(content.get("prior", {}), where),
-        "name": _name(content.get("robot", {}), where),
-        "serial": _serial(content.get("robot", {}), where),
+        "name": _text(content.get("robot", {}), "name", where),
+        "serial": _text(content.get("robot", {}), "serial", where),
     }
     if "gravity" in content.get("robot", {}):
         gravity = content["robot"]["gravity"]
@@ -179,25 +183,13 @@ def _scale(table: dict, where: str) -> float | None:
     return float(scale)
 
 
-def _name(table: dict, where: str) -> str | None:
-    name = table.get("name")
-    if name is not None and not (isinstance(name, str) and SLUG.fullmatch(name)):
-        raise RobotError(
-            f"{where}: name is {shown(name)}, expected 1 to 40 of a-z, 0-9, "
-            "'_' and '-'."
-        )
-    return name
-
-
-def _serial(table: dict, where: str) -> str | None:
-    serial = table.get("serial")
-    usable = isinstance(serial, str) and SERIAL.fullmatch(serial)
-    if serial is not None and not usable:
-        raise RobotError(
-            f"{where}: serial is {serial!r}, expected a text of 1 to 40 letters, "
-            "digits, '.', '_' and '-'."
-        )
-    return serial
+def _text(table: dict, key: str, where: str) -> str | None:
+    """Return a name or serial number, None where there is none."""
+    text = table.get(key)
+    pattern, wanted = _TEXTS[key]
+    if text is not None and not (isinstance(text, str) and pattern.fullmatch(text)):
+        raise RobotError(f"{where}: {key} is {shown(text)}, expected {wanted}.")
+    return text
 
 
 def _array(value: object, shape: tuple[int, ...], what: str) -> Array:

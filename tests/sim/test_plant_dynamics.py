@@ -4,13 +4,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.plant_parts.energy import balance
 from residual.robot.dynamics import flange_placement, inertial_parameters
 from sim.catalogue import acting, changed, kinds
 from sim.draw import draw_hidden
 from sim.engine.bullet import World, urdf_of
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
-from sim.plant.energy import balance
 from sim.records import PlantSpec, stream
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 

@@ -40,7 +40,7 @@ def test_a_finding_and_its_equivalent_are_rivals():
         Place("balancer", (3,)),
     }
     assert abs(contest.rivals[0].nats - contest.rivals[1].nats) < contest.enough
-    assert contest.kin == {(0, 1), (1, 0)}
+    assert contest.same_family == {(0, 1), (1, 0)}
     assert contest.joint == 2
 
 
