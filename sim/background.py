@@ -157,7 +157,7 @@ def warmth_after(background: Background, worked: float) -> Array:
 
 
 def warmths(start: Array, power: Array, times: Array, growth: Array) -> Array:
-    """Return the warmth of oil and housing at every sample.
+    """Return the warmth of oil and housing at every sample. Shape (2, n, dof).
 
     The friction that heats is itself what has become less by the heat.
 
@@ -166,9 +166,6 @@ def warmths(start: Array, power: Array, times: Array, growth: Array) -> Array:
         power: Power of cold friction over the usual one. Shape (n, dof).
         times: Time constants of oil and housing in samples. Shape (2, dof).
         growth: Cold friction over warm one, less one. Shape (dof,).
-
-    Returns:
-        Warmth. Shape (2, n, dof).
     """
     return _warmths(start, np.ascontiguousarray(power), times, growth)
 

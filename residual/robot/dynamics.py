@@ -21,7 +21,7 @@ _LEAST_MASS = 1e-6
 
 
 def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
-    """Return the joint torques of the rigid body.
+    """Return the joint torques of the rigid body [N m]. Shape (n, dof).
 
     tau = M(q) qdd + C(q, qd) qd + g(q)    (paper eq. 3 without F)
 
@@ -29,9 +29,6 @@ def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array
         q: Positions [rad]. Shape (n, dof).
         qd: Velocities [rad/s]. Shape (n, dof).
         qdd: Accelerations [rad/s^2]. Shape (n, dof).
-
-    Returns:
-        Torques [N m]. Shape (n, dof).
     """
     q, qd, qdd = map(_rows, (q, qd, qdd))
     data, tau = model.createData(), np.empty_like(q)

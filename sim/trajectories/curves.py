@@ -108,16 +108,13 @@ def path_time(
 def quintic(
     start: Array, end: Array, time: float, x: Array
 ) -> tuple[Array, Array, Array]:
-    """Return position, velocity and acceleration of a move from rest to rest.
+    """Return position, velocity and acceleration of a move from rest to rest. (n, dof).
 
     Args:
         start: First position [rad]. Shape (dof,).
         end: Last position [rad]. Shape (dof,).
         time: How long the move takes [s].
         x: Shares of that time, from 0 to 1. Shape (n, 1).
-
-    Returns:
-        q, qd and qdd. Shapes (n, dof).
     """
     return (
         start + (end - start) * (10 * x**3 - 15 * x**4 + 6 * x**5),
