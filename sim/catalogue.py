@@ -10,7 +10,7 @@ import pinocchio as pin
 from residual.errors import InputError
 from residual.names import check_keys, check_name
 from residual.robot.robot import Robot
-from sim.effects import registry
+from sim.effects import effect_of, registry
 from sim.effects.base import Effect, Joints, OfDrive
 from sim.records import Hidden, PlantEffect
 
@@ -33,7 +33,7 @@ class Acting(NamedTuple):
 
 def kinds() -> dict[str, Effect]:
     """Return every effect that the plant can have, by name."""
-    return {name: e for name, e in registry().items() if not e.form_of}
+    return registry()
 
 
 def vocabulary() -> list[str]:
@@ -46,11 +46,6 @@ def unnamed() -> list[str]:
     return [n for n, e in kinds().items() if not e.named and not e.of_sensor]
 
 
-def forms() -> dict[str, tuple[str, ...]]:
-    """Return other authors' forms: by name the effects that each may be taken for."""
-    return {name: e.form_of for name, e in registry().items() if e.form_of}
-
-
 def of_drives() -> list[Effect]:
     """Return the effects whose numbers every drive has, in the order of `OfDrive`."""
     found = [effect for effect in registry().values() if effect.of_drive]
@@ -61,8 +56,8 @@ def acting(effects: Iterable[PlantEffect | Hidden]) -> list[Acting]:
     """Return checked effects with what the catalogue has of them."""
     return [
         Acting(
-            registry()[e.name],
-            {**registry()[e.name].defaults, **dict(e.parameters)},
+            what := effect_of(e.name),
+            {**what.defaults, **dict(e.parameters)},
             tuple(joint - 1 for joint in e.joints),
             e.onset,
         )

@@ -20,6 +20,7 @@ from benchmarks.check_parts.arms import (
 from benchmarks.check_parts.judge import given, judged, read, told, trace
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
+from benchmarks.synthetic.other_forms import FORMS
 from flows.blind.draw import vocabulary
 from flows.blind.size import draw_sized
 from flows.inputs.logs import LogSets
@@ -29,7 +30,7 @@ from flows.steps.diagnose import diagnose
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.catalogue import forms, kinds
+from sim.catalogue import kinds
 from sim.records import stream
 
 FAULTS: Mapping[str, Fault] = {
@@ -120,7 +121,7 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
     out += [Task("clean", name, seed) for seed in seeds for name in DRAWN]
     out += [Task("clean", name, seeds[0]) for name in fixed]
     named, strange = vocabulary(the_arm())
-    hidden = (*named, *strange, *forms())
+    hidden = (*named, *strange, *FORMS)
     return out + [Task("effects", name, seed) for seed in seeds for name in hidden]
 
 
@@ -178,8 +179,8 @@ def _clean(task: Task) -> list[dict]:
 
 def _effects(task: Task) -> list[dict]:
     robot, rng = the_arm(), stream(task.seed, f"check/{task.host}")
-    form = task.host in forms()
-    name = forms()[task.host][0] if form else task.host
+    form = task.host in FORMS
+    name = FORMS[task.host][0] if form else task.host
     effect = draw_sized(robot, rng, name, None, ())
     hidden = as_form(effect, task.host) if form else effect
     made = make(_arm_for(name), [hidden], task.seed, task.seed)

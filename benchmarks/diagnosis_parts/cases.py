@@ -8,6 +8,7 @@ from time import perf_counter
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.synthetic.motions import make_motion
+from benchmarks.synthetic.other_forms import FORMS
 from flows.blind.draw import MULTIPLES, OF_A_PAIR, vocabulary
 from flows.blind.row import case_row, true_parameters
 from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
@@ -19,7 +20,7 @@ from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.catalogue import forms, kinds, unnamed
+from sim.catalogue import kinds, unnamed
 from sim.quasi_static import Plant, true_friction, true_torque
 from sim.records import Hidden, Noise, PlantEffect, PlantSpec, TrajectorySpec, stream
 from sim.sizes import sizes, usual_limits
@@ -133,7 +134,7 @@ def as_form(effect: PlantEffect, form: str) -> PlantEffect:
     values = dict(effect.parameters)
     if form == "lugre":
         values["displacement"] = 2e-3  # rad: the bristles of a heavy gear
-    assert effect.name in forms()[form]
+    assert effect.name in FORMS[form]
     return PlantEffect(form, effect.joints, tuple(sorted(values.items())))
 
 
@@ -185,7 +186,7 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         "detection": [(e, s) for s in seeds[: (len(seeds) + 1) // 2] for e in named],
         "nulls": [("", first + i) for i in range(20 * len(seeds))],
         "pairs": [("", first + i) for i in range(6 * len(seeds))],
-        "forms": [(form, s) for s in seeds for form in forms()],
+        "forms": [(form, s) for s in seeds for form in FORMS],
         "unknown": [(e, s) for s in seeds for e in strange],
     }
     return [_task(group, what, first, seed) for what, seed in many[group]]
@@ -251,7 +252,7 @@ def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantE
         return UNKNOWN, [draw_sized(robot, rng, task.what, None, minimum)]
     if task.group == "pairs":
         return PAIR, _pair(rng, minimum)
-    name = forms()[task.what][0] if task.group == "forms" else task.what
+    name = FORMS[task.what][0] if task.group == "forms" else task.what
     if task.group == "detection":
         return SINGLE, [draw_sized(robot, rng, name, 1.0, minimum)]
     return SINGLE, [_clear(rng, name, MULTIPLES[1:], minimum)]
@@ -289,7 +290,7 @@ def _pair(rng, minimum: Sequence[Detectable]) -> list[PlantEffect]:
 def _as_taken(form: str, meant: list[PlantEffect], verdict: Verdict) -> list:
     """Return the effect that a form was taken for, if it may be taken for it."""
     said = {e.name for e in verdict.effects}
-    name = next((n for n in forms()[form] if n in said), meant[0].name)
+    name = next((n for n in FORMS[form] if n in said), meant[0].name)
     return [PlantEffect(name, e.joints, e.parameters) for e in meant]
 
 

@@ -140,8 +140,6 @@ class Effect:
         above: Limits that a value must exceed.
         signs: Keys that are 1 or -1.
         together: Keys of which all are given or none.
-        form_of: Effects of the vocabulary that it may be taken for, where it is one of
-            them as another author writes it; on synthetic arms only.
         of_drive: Which number of the drives it changes, by its name in `Sizes`; its
             value adds to what the robot declares.
         of_sensor: It is a broken sensor.
@@ -185,7 +183,6 @@ class Effect:
     above: Values = field(default_factory=dict)
     signs: tuple[str, ...] = ()
     together: tuple[str, ...] = ()
-    form_of: tuple[str, ...] = ()
     of_drive: OfDrive | None = None
     of_sensor: bool = False
     amount: tuple[str, ...] = ()
@@ -219,7 +216,7 @@ class Effect:
     @property
     def named(self) -> bool:
         """Whether the vocabulary has a name for it."""
-        return not self.name.startswith("x_") and not self.form_of
+        return not self.name.startswith("x_")
 
     @property
     def on_synthetic(self) -> bool:

@@ -40,7 +40,7 @@ def creaking(tmp_path, monkeypatch):
 
 def test_the_registry_is_the_folder():
     files = {p.stem for p in FOLDER.glob("[!_]*.py")} - {"base"}
-    kin = {"unnamed", "broken_sensors", "other_forms"}
+    kin = {"unnamed", "broken_sensors"}
     assert files - kin == set(vocabulary())
     assert kin < files
     assert all(name == known.name for name, known in registry().items())

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic import other_forms as forms
 from residual.effects import registry
 from sim import catalogue
 from sim.catalogue import amount, main_parameter, multiplied, stated
-from sim.effects import other_forms as forms
-from sim.effects import registry as simulated
+from sim.effects import effect_of
 
 
 def _state(q, t):
@@ -71,10 +71,10 @@ def test_a_cubic_cable_hardens_and_a_soft_limit_gives_in():
 
 
 def test_every_form_is_of_an_effect_with_a_name_and_has_a_law():
-    for form, names in catalogue.forms().items():
+    for form, names in forms.FORMS.items():
         assert set(names) <= set(catalogue.vocabulary())
         of_signals = form in ("soft_limit", "leaning_play")
-        assert (simulated()[form].law is None) == of_signals
+        assert (effect_of(form).law is None) == of_signals
         assert form not in catalogue.kinds()
         assert form not in registry()
 

@@ -7,7 +7,9 @@ effect behind it is right, whatever the exact form.
 import numpy as np
 from numba import njit
 
-from sim.effects.base import Array, Effect, State, Values
+from residual.recording import Array
+from sim.effects import add
+from sim.effects.base import Effect, State, Values
 from sim.effects.stribeck import stribeck
 
 _MICRO = 0.1  # damping of the bristles, as a share of the level per (rad/s)
@@ -88,53 +90,31 @@ def _lugre(q, g, displacement):
     return z
 
 
+LEVEL, VELOCITY, TIME = {"level": "N m"}, {"velocity": "rad/s"}, {"time_constant": "s"}
 EFFECTS = (
+    Effect("lorentzian", LEVEL | VELOCITY, law=stribeck),
+    Effect("lugre", LEVEL | VELOCITY | {"displacement": "rad"}, law=lugre),
+    Effect("hyperbolic_warmup", LEVEL | TIME, law=hyperbolic_warmup),
+    Effect("two_time_warmup", LEVEL | TIME, law=two_time_warmup),
+    Effect("leaning_play", {"half_gap": "rad"}, lead=leaning),
     Effect(
-        name="lorentzian",
-        parameters={"level": "N m", "velocity": "rad/s"},
-        form_of=("stribeck",),
-        law=stribeck,
-    ),
-    Effect(
-        name="lugre",
-        parameters={"level": "N m", "velocity": "rad/s", "displacement": "rad"},
-        form_of=("stribeck", "presliding"),
-        law=lugre,
-    ),
-    Effect(
-        name="hyperbolic_warmup",
-        parameters={"level": "N m", "time_constant": "s"},
-        form_of=("warmup",),
-        law=hyperbolic_warmup,
-    ),
-    Effect(
-        name="two_time_warmup",
-        parameters={"level": "N m", "time_constant": "s"},
-        form_of=("warmup",),
-        law=two_time_warmup,
-    ),
-    Effect(
-        name="leaning_play",
-        parameters={"half_gap": "rad"},
-        form_of=("backlash",),
-        lead=leaning,
-    ),
-    Effect(
-        name="soft_limit",
-        parameters={"level": "N m"},
-        form_of=("saturation",),
+        "soft_limit",
+        LEVEL,
         report=lambda tau, t, onset, p: soft_limit(tau, p["level"]),
     ),
-    Effect(
-        name="cubic_cable",
-        parameters={"stiffness": "N m/rad", "rest": "rad"},
-        form_of=("spring",),
-        law=cubic_cable,
-    ),
-    Effect(
-        name="one_way_viscous",
-        parameters={"coefficient": "N m s/rad"},
-        form_of=("viscous_asymmetry",),
-        law=one_way_viscous,
-    ),
+    Effect("cubic_cable", {"stiffness": "N m/rad", "rest": "rad"}, law=cubic_cable),
+    Effect("one_way_viscous", {"coefficient": "N m s/rad"}, law=one_way_viscous),
 )
+add(EFFECTS)
+
+# Effects of the vocabulary that each may be taken for.
+FORMS = {
+    "lorentzian": ("stribeck",),
+    "lugre": ("stribeck", "presliding"),
+    "hyperbolic_warmup": ("warmup",),
+    "two_time_warmup": ("warmup",),
+    "leaning_play": ("backlash",),
+    "soft_limit": ("saturation",),
+    "cubic_cable": ("spring",),
+    "one_way_viscous": ("viscous_asymmetry",),
+}
