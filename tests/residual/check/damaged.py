@@ -6,9 +6,16 @@ from functools import cache
 import numpy as np
 
 from benchmarks.synthetic.logs import LogPlan, make
+from residual.check.check import check_logs
 from residual.recording import Recording
 from sim.quasi_static import Plant
 from tests.residual.arms import arm, bare_irb140
+
+
+def kinds(robot, logs):
+    """What a check says: kind, joints and certainty of each fault."""
+    return [(f.kind, f.joints, f.certain) for f in check_logs(robot, logs).faults]
+
 
 AXES = ("0 0 1", "0 1 0", "0 1 0")
 
@@ -26,12 +33,11 @@ def clean_logs(name: str, seed: int = 3, hidden=(), families=MIXED) -> tuple:
 
 def edited(logs, **changes) -> list[Recording]:
     """The logs with a function applied to some of their signals."""
-    return [
-        replace(
-            r, **{k: change(np.array(getattr(r, k))) for k, change in changes.items()}
-        )
-        for r in logs
-    ]
+    out = []
+    for log in logs:
+        made = {k: change(np.array(getattr(log, k))) for k, change in changes.items()}
+        out.append(replace(log, **made))
+    return out
 
 
 def turned(*joints):

@@ -1,0 +1,224 @@
+"""Bad samples, velocities, clocks and angles of one value are named with their joint."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.synthetic.motions import make_motion
+from residual.check.check import check_logs
+from residual.check.kinematics import time_unit, uneven, velocity_faults
+from residual.check.result import Repair
+from residual.check.samples import standing
+from residual.errors import InputError
+from residual.recording import Recording
+from sim.plant.sensors import torque_noise
+from sim.quasi_static import Plant, true_torque
+from sim.records import stream
+from sim.sizes import sizes, usual_limits
+from tests.residual.arms import arm, bare_irb140, plain_logs
+from tests.residual.check.damaged import (
+    clean_logs,
+    edited,
+    kinds,
+    swapped,
+    times,
+    turned,
+)
+
+
+@pytest.mark.parametrize("size", [300.0, 1e30, 1e308])
+def test_a_spike_of_any_size_is_found_with_its_joint_and_log(size):
+    logs = plain_logs(arm(), [0, 1], 0.0, count=2)
+    tau = np.array(logs[1].tau)
+    tau[400, 1] = size
+    found = check_logs(arm(), [logs[0], replace(logs[1], tau=tau)])
+    assert [(f.kind, f.joints, f.log) for f in found.faults] == [
+        ("spike", (2,), "log1")
+    ]
+
+
+def test_no_log_is_an_error_that_says_so():
+    with pytest.raises(InputError, match="at least one recording"):
+        check_logs(arm(), [])
+
+
+def test_noise_and_friction_that_turns_are_no_spikes():
+    assert check_logs(arm(), plain_logs(arm(), [0, 1], 0.0)).faults == ()
+
+
+def frozen(joint):
+    def change(x):
+        x[300:450, joint - 1] = x[300, joint - 1]
+
+    return change
+
+
+def cut(tau):
+    limit = np.quantile(np.abs(tau[:, 1]), 0.8)
+    tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
+
+
+def coarse(share):
+    def change(tau):
+        step = share * tau[:, 0].std()
+        tau[:, 0] = np.round(tau[:, 0] / step) * step
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("signal", "change", "said"),
+    [
+        ("tau", frozen(1), [("frozen", (1,), False)]),
+        ("q", frozen(2), [("frozen", (2,), False)]),
+        ("tau", cut, [("saturated", (2,), False)]),
+        ("tau", coarse(0.3), [("quantised", (1,), False)]),
+        ("tau", coarse(0.01), []),
+    ],
+)
+def test_what_stands_is_said_with_its_joint(signal, change, said):
+    (log,) = plain_logs(arm(), [0, 1], 0.0, count=1)
+    values = np.array(getattr(log, signal))
+    change(values)
+    faults = standing(replace(log, **{signal: values}))
+    assert [(f.kind, f.joints, f.certain) for f in faults] == said
+
+
+def test_an_encoder_that_wraps_is_not_taken_for_degrees():
+    robot, logs = clean_logs("small")
+    damaged = edited(
+        logs, q=lambda q: np.column_stack([q[:, 0], q[:, 1:] % (2 * np.pi)])
+    )
+    faults = check_logs(robot, damaged).faults
+    assert {(f.kind, f.certain, f.repairs) for f in faults} == {
+        ("out_of_range", True, ())
+    }
+    assert set(faults[0].joints) <= {2, 3}
+    degrees = edited(logs, q=np.rad2deg)
+    assert "out_of_range" not in [f.kind for f in check_logs(robot, degrees).faults]
+
+
+def test_a_unit_of_two_torques_is_not_said_of_all():
+    robot, logs = clean_logs("irb140")
+    damaged = edited(logs, tau=lambda tau: tau * [1, 1e3, 1, 1e3, 1, 1])
+    assert not [f for f in check_logs(robot, damaged).faults if f.certain]
+
+
+def with_velocity(logs):
+    return [replace(r, qd=np.gradient(r.q, r.t, axis=0)) for r in logs]
+
+
+def test_a_derivative_is_no_fault():
+    _, logs = clean_logs("small")
+    assert velocity_faults(with_velocity(logs)) == []
+    assert velocity_faults(logs) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind", "joints", "repair"),
+    [
+        (
+            {"qd": turned(2)},
+            "velocity_mismatch",
+            (2,),
+            Repair("qd", (2,), sign=(-1,)),
+        ),
+        (
+            {"qd": swapped(1, 3)},
+            "velocity_mismatch",
+            (1, 3),
+            Repair("qd", order=(3, 2, 1)),
+        ),
+        (
+            {"qd": times(180 / np.pi)},
+            "angle_unit",
+            (),
+            Repair("qd", scale=np.pi / 180),
+        ),
+        ({"t": times(2)}, "time_unit", (), Repair("t", scale=0.5)),
+    ],
+)
+def test_another_velocity_is_certain_and_comes_with_its_repair(
+    changes, kind, joints, repair
+):
+    _, logs = clean_logs("small")
+    (fault,) = velocity_faults(edited(with_velocity(logs), **changes))
+    assert (fault.kind, fault.joints, fault.certain) == (kind, joints, True)
+    assert fault.repairs == (repair,)
+
+
+def test_a_velocity_of_something_else_is_doubtful():
+    _, logs = clean_logs("small")
+    noise = np.random.default_rng(1).normal(size=logs[0].q.shape)
+    (fault,) = velocity_faults([replace(logs[0], qd=noise)])
+    assert (fault.kind, fault.certain) == ("velocity_mismatch", False)
+
+
+@pytest.mark.parametrize("unit", [1e3, 1e6, 1e-3])
+def test_a_unit_of_time_that_no_logger_keeps_is_found_alone(unit):
+    robot, logs = clean_logs("small")
+    (fault,) = check_logs(robot, edited(logs, t=times(unit))).faults
+    assert (fault.kind, fault.certain) == ("time_unit", True)
+    assert fault.repairs[0].scale == pytest.approx(1 / unit)
+    assert time_unit(robot, logs) is None
+
+
+def test_gaps_and_uneven_steps_are_said():
+    _, (log, *_) = clean_logs("small")
+    rng = np.random.default_rng(2)
+    step = np.median(np.diff(log.t))
+    late = log.t + np.where(np.arange(len(log.t)) > 700, 0.5, 0.0)
+    uneven_steps = log.t + step * rng.uniform(0, 0.9, len(log.t))
+    assert uneven(log) == []
+    assert [f.kind for f in uneven(replace(log, t=late))] == ["clock"]
+    assert [f.kind for f in uneven(replace(log, t=uneven_steps))] == ["clock"]
+
+
+def dead(log, joint):
+    q = np.array(log.q)
+    q[:, joint - 1] = q[0, joint - 1]
+    return replace(log, q=q)
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3, 5])
+def test_an_angle_that_never_changes_while_its_torque_moves_is_told(joint):
+    robot, logs = clean_logs("irb140")
+    found = check_logs(robot, [dead(logs[0], joint), *logs[1:]]).faults
+    assert [(f.kind, f.joints, f.log) for f in found] == [
+        ("constant", (joint,), logs[0].id)
+    ]
+    assert "columns of q in --map" in found[0].evidence
+
+
+def test_it_is_certain_where_torque_speed_or_reference_are_those_of_a_moving_joint():
+    robot, (log, *_) = clean_logs("irb140")
+    assert kinds(robot, [dead(log, 2)]) == [("constant", (2,), True)]
+    qd = np.gradient(log.q, log.t, axis=0)
+    for also in ({"qd": qd}, {"q_ref": log.q}):
+        said = kinds(robot, [replace(dead(log, 6), **also)])
+        assert ("constant", (6,), True) in said
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3, 6])
+def test_a_joint_that_is_held_has_a_clean_log(joint):
+    robot = bare_irb140()
+    plant, j = Plant(robot, (), 5), joint - 1
+    logs = []
+    for i, family in enumerate(("fourier", "cyclic")):
+        motion = make_motion(
+            family, usual_limits(robot), 12.0, 125.0, stream(5, family)
+        )
+        q, qd, qdd = (np.array(x) for x in (motion.q, motion.qd, motion.qdd))
+        q[:, j], qd[:, j], qdd[:, j] = q[0, j], 0.0, 0.0
+        still = replace(motion, q=q, qd=qd, qdd=qdd)
+        tau = true_torque(plant, still, family).tau
+        noise = torque_noise(len(tau), sizes(robot).torque, 125.0, stream(5, str(i)))
+        rough = q + 5e-5 * stream(6, family).normal(size=q.shape)
+        rough[:, j] = q[:, j]
+        log = Recording(family, robot.name, 30.0 * i + motion.t, rough, tau + noise)
+        logs.append(log)
+    assert kinds(robot, logs) == []
+    if joint == 3:
+        (found,) = kinds(robot, [replace(log, tau=1e3 * log.tau) for log in logs])
+        assert found == ("torque_unit", (), True)
