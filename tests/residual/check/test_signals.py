@@ -1,4 +1,4 @@
-"""Bad samples, velocities, clocks and angles of one value are named with their joint."""
+"""Bad samples, velocities, clocks and still angles are named with their joint."""
 
 from dataclasses import replace
 
