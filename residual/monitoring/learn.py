@@ -24,14 +24,14 @@ from residual.evidence.design import LAGS
 from residual.evidence.fit import as_model, autocorrelation_time
 from residual.model.model import Model, Term
 from residual.model.nominal import Logs, Nominal
-from residual.monitoring.monitor import LEAST_RUNS, check_limits, check_log
+from residual.monitoring.monitor import check_runs
 from residual.monitoring.reference import Reference, body_sd, columns_of
 from residual.monitoring.rows import Rows, Samples, Window, start, take
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.usual import BLOCK, Tail, tail_limit, tail_of
 from residual.monitoring.watch import begin, usable, waited
 from residual.recording import Array, Recording
-from residual.signals.track import Filters, Track, sample_rate
+from residual.signals.track import Filters, Track
 
 PER_HOUR = 0.1  # false alarms wanted at most, all quantities together
 _AT_ONCE = 2048  # rows: what their columns take stays under 100 MB
@@ -55,7 +55,11 @@ def learn(
     Raises:
         InputError: If there are too few runs, or one does not fit the others.
     """
-    rate = _checked(model, recordings, per_hour)
+    rate = check_runs(model, recordings, per_hour)
+    if Window(rate).half < 2:
+        raise InputError(
+            f"{recordings[0].id} is logged at {rate:g} Hz, expected at least 60 Hz."
+        )
     samples = [Samples(run.t, run.q, run.tau) for run in recordings]
     begun, window = start(recordings[0].dof), Window(rate)
     runs = [take(begun, own, window)[1] for own in samples]
@@ -78,24 +82,6 @@ def learn(
     taught = Taught.of(bare, runs)
     known = _with_noise(taught.reference(bare), taught, runs)
     return _with_limits(known, taught, runs)
-
-
-def _checked(model: Model, runs: Sequence[Recording], per_hour: float) -> float:
-    """Check that runs can teach; return their rate [Hz]."""
-    if len(runs) < LEAST_RUNS:
-        raise InputError(
-            f"{len(runs)} healthy runs, expected at least {LEAST_RUNS}: limits are set "
-            "on runs that were left out. Give more runs of the healthy robot."
-        )
-    check_limits(model, per_hour)
-    rate = sample_rate(runs[0].t)
-    if Window(rate).half < 2:
-        raise InputError(
-            f"{runs[0].id} is logged at {rate:g} Hz, expected at least 60 Hz."
-        )
-    for run in runs:
-        check_log(run, model, rate)
-    return rate
 
 
 def pointwise(model: Model) -> Model:

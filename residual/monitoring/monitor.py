@@ -120,9 +120,8 @@ def _explains(crossing: _Crossing) -> float:
     An encoder turns the torques of several joints. Where it does no better than one
     torque sensor alone, it only looks like that sensor.
     """
-    return crossing.value / (
-        MONITOR.complex if crossing.channel.sensor == "encoder" else 1.0
-    )
+    encoder = crossing.channel.sensor == "encoder"
+    return crossing.value / (MONITOR.complex if encoder else 1.0)
 
 
 def _best(group: Sequence[_Crossing]) -> _Crossing:
@@ -204,21 +203,13 @@ class Monitor:
         Raises:
             InputError: If it is of another robot or rate, or too short.
         """
-        recording = self._matched(recording)
-        log = sight_of(self.model, recording)
-        scores, errors = all_scores(recording, log, self.theta, self.scale)
+        scores, errors = self._scores(recording)
         return events(scores, self.limits, (errors, self.scale, recording.dof))
 
     def scores(self, recording: Recording) -> tuple[Scores, ...]:
         """Return all scores of a log, each column over its limit; 1 is an alarm."""
-        recording = self._matched(recording)
-        log = sight_of(self.model, recording)
-        scores, _ = all_scores(recording, log, self.theta, self.scale)
-        return tuple(
-            replace(s, values=s.values / self.limits[s.kind])
-            for s in scores
-            if s.kind in self.limits
-        )
+        known = (s for s in self._scores(recording)[0] if s.kind in self.limits)
+        return tuple(replace(s, values=s.values / self.limits[s.kind]) for s in known)
 
     def novelty(self, recording: Recording) -> Array:
         """Return how much of a log is where no good run was: a warning, no fault.
@@ -231,6 +222,11 @@ class Monitor:
         room = MONITOR.outside * (self.highest - self.lowest)
         outside = (state < self.lowest - room) | (state > self.highest + room)
         return outside.any(axis=1).mean(axis=0)
+
+    def _scores(self, recording: Recording) -> tuple[list[Scores], Array]:
+        recording = self._matched(recording)
+        log = sight_of(self.model, recording)
+        return all_scores(recording, log, self.theta, self.scale)
 
     def _matched(self, recording: Recording) -> Recording:
         check_log(recording, self.model, self.rate)
@@ -260,7 +256,7 @@ def calibrate(
     Raises:
         InputError: If there are fewer than three runs, or one does not fit the others.
     """
-    _check_runs(model, recordings, per_hour)
+    rate = check_runs(model, recordings, per_hour)
     referenced = all(run.q_ref is not None for run in recordings)
     runs = [r if referenced else replace(r, q_ref=None) for r in recordings]
     logs = [sight_of(model, run) for run in runs]
@@ -276,11 +272,11 @@ def calibrate(
     return Monitor(
         model=model,
         theta=theta,
-        rate=sample_rate(runs[0].t),
+        rate=rate,
         per_hour=per_hour,
         hours=sum(run.duration for run in runs) / 3600.0,
         scale=usual(logs, rests),
-        limits=_limits(scores, per_hour, sample_rate(runs[0].t)),
+        limits=_limits(scores, per_hour, rate),
         lowest=states.min(axis=0),
         highest=states.max(axis=0),
         referenced=referenced,
@@ -325,31 +321,29 @@ def check_log(recording: Recording, model: Model, rate: float) -> None:
         )
 
 
-def check_limits(model: Model, per_hour: float) -> None:
-    """Check that a model can be watched by, and how often it may err.
+def check_runs(model: Model, runs: Sequence[Recording], per_hour: float) -> float:
+    """Check that runs can set limits for a model, and how often these may err [1/h].
 
-    Args:
-        per_hour: False alarms per hour that are allowed.
+    Returns:
+        The rate of the runs [Hz].
 
     Raises:
-        InputError: If the rate is none, or the model was not made from logs.
+        InputError: If runs are too few or of several rates or robots, the rate of false
+            alarms is none, or the model was not made from logs.
     """
-    if not 0 < per_hour < np.inf:
-        raise InputError(f"{per_hour:g} false alarms per hour, expected more than 0.")
-    if model.speed_floor is None:
-        raise InputError("The model has no speed_floor; make it from logs first.")
-
-
-def _check_runs(model: Model, runs: Sequence[Recording], per_hour: float) -> None:
     if len(runs) < LEAST_RUNS:
         raise InputError(
             f"{len(runs)} runs to calibrate on, expected at least {LEAST_RUNS}: limits "
             "are set on runs that were left out. Give more runs of the good robot."
         )
-    check_limits(model, per_hour)
+    if not 0 < per_hour < np.inf:
+        raise InputError(f"{per_hour:g} false alarms per hour, expected more than 0.")
+    if model.speed_floor is None:
+        raise InputError("The model has no speed_floor; make it from logs first.")
     rate = sample_rate(runs[0].t)
     for run in runs:
         check_log(run, model, rate)
+    return rate
 
 
 FORM = 1

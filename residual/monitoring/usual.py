@@ -88,28 +88,18 @@ def usual(logs: Sequence[Sight], rests: Sequence[Rest], without: int = -1) -> Sc
 
 
 def all_scores(recording: Recording, log: Sight, theta: Array, scale: Scale):
-    """Score a log.
-
-    Args:
-        theta: Coefficients of the model. Shape (p,).
-
-    Returns:
-        All scores, and the block of errors, shape (m, e).
-    """
-    rest, whole = rest_of(log, theta), log.rows.whole
-    scores: list[Scores] = list(fast_scores(recording))
-    scores.append(
-        matched_scores("model", rest.residual, rest.tau, log, scale.residual, whole)
-    )
+    """Return all scores of a log, and the block of its errors. Shape (m, e)."""
+    rest = rest_of(log, theta)
+    looks = [("model", rest.residual, scale.residual, log.rows.whole)]
     if rest.change is not None:
-        scores.append(
-            matched_scores(
-                "cycle", rest.change, rest.tau, log, scale.change, rest.usable
-            )
-        )
+        looks.append(("cycle", rest.change, scale.change, rest.usable))
     errors = error_block(rest.residual, log.rows)
-    scores.append(error_scores(errors, log.rows, scale))
-    return scores, errors
+    matched = [
+        matched_scores(kind, left, rest.tau, log, size, usable)
+        for kind, left, size, usable in looks
+    ]
+    fast, slow = fast_scores(recording), error_scores(errors, log.rows, scale)
+    return [*fast, *matched, slow], errors
 
 
 def _rms(parts: Sequence[tuple[Array, Array, Array]]) -> Array:
@@ -216,17 +206,21 @@ def peaks_of(scores: Scores) -> Scores:
 
     Its times are those of the first rows of the blocks, and of the last row of all.
     """
-    block = ((scores.t - scores.t[0]) // BLOCK).astype(int)
-    first = np.flatnonzero(np.diff(block, prepend=-1))
-    t, values = scores.t[first], block_maxima(scores)
+    first, last = _blocks(scores), len(scores.t) - 1
+    values = np.maximum.reduceat(scores.values, first, axis=0)
+    if first[-1] == last:
+        return replace(scores, t=scores.t[first], values=values)
     # No score is below 0: this row says no more than how long the log is.
-    end = np.zeros((int(first[-1] < len(block) - 1), values.shape[1]))
-    t = np.append(t, scores.t[len(block) - len(end) :])
-    return replace(scores, t=t, values=np.vstack([values, end]))
+    values = np.vstack([values, np.zeros((1, values.shape[1]))])
+    return replace(scores, t=scores.t[np.append(first, last)], values=values)
 
 
 def block_maxima(scores: Scores) -> Array:
     """Return the largest value of each block of time. Shape (blocks, c)."""
+    return np.maximum.reduceat(scores.values, _blocks(scores), axis=0)
+
+
+def _blocks(scores: Scores) -> Array:
+    """First row of each block of time. Shape (blocks,)."""
     block = ((scores.t - scores.t[0]) // BLOCK).astype(int)
-    first = np.flatnonzero(np.diff(block, prepend=-1))
-    return np.maximum.reduceat(scores.values, first, axis=0)
+    return np.flatnonzero(np.diff(block, prepend=-1))

@@ -106,9 +106,14 @@ def _left(change: Array, day: Array, warmth: Array) -> float:
         known = np.isfinite(values)
         if known.sum() >= MONITOR.least_logs:
             columns = _columns(day[known], warmth[known], True, True)
-            rest = values[known] - columns @ np.linalg.lstsq(columns, values[known])[0]
+            _, rest = _fit(values[known], columns)
             total += known.sum() * np.log(rest @ rest + 1e-12)
     return total
+
+
+def _fit(values: Array, columns: Array) -> tuple[Array, Array]:
+    theta = np.linalg.lstsq(columns, values)[0]
+    return theta, values - columns @ theta
 
 
 def _columns(day: Array, warmth: Array, wear: bool, warming: bool) -> Array:
@@ -132,11 +137,21 @@ def _joint(
     warmths = [warmth[known] for warmth in warmths]
     days = np.ptp(day) >= MONITOR.least_days
     warms = all(np.ptp(warmth) > MONITOR.warmer for warmth in warmths)
-    if days and warms and any(_alike(day, warmth) for warmth in warmths):
+    related = [abs(np.corrcoef(day, warmth)[0, 1]) for warmth in warmths if warms]
+    if days and any(one > MONITOR.alike for one in related):
         why = "later days were also measured at another warmth: not to be told apart"
         return JointTrend(j + 1, count, None, None, why)
     each = [_rates(values, _columns(day, w, days, warms), alpha) for w in warmths]
-    rates = [_whichever(alike) for alike in zip(*each, strict=True)]
+    # What holds with every time constant that explains the logs as well.
+    rates = [
+        Rate(
+            alike[0].value,
+            min(rate.low for rate in alike),
+            max(rate.high for rate in alike),
+            all(rate.real for rate in alike),
+        )
+        for alike in zip(*each, strict=True)
+    ]
     wear = rates.pop(0) if days else None
     warming = None
     if warms:
@@ -147,24 +162,9 @@ def _joint(
     return JointTrend(j + 1, count, wear, warming, ", ".join(lacks))
 
 
-def _alike(day: Array, warmth: Array) -> bool:
-    return abs(np.corrcoef(day, warmth)[0, 1]) > MONITOR.alike
-
-
-def _whichever(rates: Sequence[Rate]) -> Rate:
-    """What holds with every time constant that explains the logs as well."""
-    return Rate(
-        rates[0].value,
-        min(rate.low for rate in rates),
-        max(rate.high for rate in rates),
-        all(rate.real for rate in rates),
-    )
-
-
 def _rates(values: Array, columns: Array, alpha: float) -> list[Rate]:
     """Each coefficient but the constant, with its interval."""
-    theta = np.linalg.lstsq(columns, values)[0]
-    rest = values - columns @ theta
+    theta, rest = _fit(values, columns)
     free = len(values) - columns.shape[1]
     variance = max(rest @ rest / free, 1e-12)
     sd = np.sqrt(np.diag(variance * np.linalg.inv(columns.T @ columns)))
@@ -181,12 +181,10 @@ def _rates(values: Array, columns: Array, alpha: float) -> list[Rate]:
 
 
 def sessions(begins: Sequence[float], ends: Sequence[float], pause: float) -> Array:
-    """Return when the session of each log began, from the clock of all [s].
+    """Return when the session of each log began [s]: behind a pause of so long [s].
 
     Args:
-        begins: Time of the first sample of each log [s].
-        ends: Time of its last sample [s].
-        pause: A session ends where nothing was logged for that long [s].
+        begins, ends: Time of the first and last sample of each log, by one clock [s].
     """
     order = np.argsort(begins)
     out, first, last = np.empty(len(order)), None, -np.inf
