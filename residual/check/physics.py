@@ -10,7 +10,6 @@ from residual.check.motion import OUTER, Columns, Motion, columns
 from residual.check.reading import (
     Judged,
     Reading,
-    Scores,
     as_given,
     best_reading,
     judge,
@@ -352,8 +351,7 @@ _SCALES = np.geomspace(1 / 30, 30, 35)  # factors on one torque that are tried
 
 def other_world(robot: Robot, motion: Motion) -> list[Fault]:
     """Try other clocks, other directions of gravity, and scales of single torques."""
-    scores = torque_scores(robot, motion)
-    given = _total(scores)
+    given = _total(robot, motion)
     found = [_clock(robot, motion, given), _gravity(robot, motion, given)]
     found = [each for each in found if each[0] > CHECK.world]
     found.append(out_of_proportion(robot, motion))
@@ -362,9 +360,9 @@ def other_world(robot: Robot, motion: Motion) -> list[Fault]:
     return [] if fault is None else [fault]
 
 
-def _total(scores: Scores) -> float:
-    one = np.ones(1)
-    return sum(float(scores.evidence(j, j, one)[0]) for j in range(len(scores.rows)))
+def _total(robot: Robot, motion: Motion) -> float:
+    scores = torque_scores(robot, motion)
+    return sum(own.of(j, 1.0) for j, own in enumerate(scores))
 
 
 def _clock(robot: Robot, motion: Motion, given: float) -> tuple[float, Fault]:
@@ -372,7 +370,7 @@ def _clock(robot: Robot, motion: Motion, given: float) -> tuple[float, Fault]:
     for factor in CHECK.times:
         qd, qdd = motion.qd / factor, motion.qdd / factor**2
         slower = replace(motion, qd=qd, qdd=qdd)
-        tried[factor] = _total(torque_scores(robot, slower)) - given
+        tried[factor] = _total(robot, slower) - given
     best = max(tried, key=tried.__getitem__)
     words = (
         "Weight and inertia of this arm do not go together in the time that is given; "
@@ -395,7 +393,7 @@ def _gravity(robot: Robot, motion: Motion, given: float) -> tuple[float, Fault |
         model = pin.Model(robot.model)
         model.gravity.linear = direction
         other = replace(robot, model=model)
-        nats = _total(torque_scores(other, motion)) - given
+        nats = _total(other, motion) - given
         tried[tuple(float(x) for x in direction)] = nats
     best = max(tried, key=tried.__getitem__)
     words = (

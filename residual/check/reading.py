@@ -13,7 +13,7 @@ import numpy as np
 from numpy.linalg import eigh
 from scipy.special import log_ndtr
 
-from residual.check.motion import Columns, Motion, columns
+from residual.check.motion import Motion, columns
 from residual.check.rules import CHECK
 from residual.lazy import Lazy
 from residual.recording import Array
@@ -29,128 +29,124 @@ _SIGMAS = np.geomspace(0.05, 1.3, 8)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scores:
-    """Sums from which the evidence of each channel for each joint follows.
+    """Sums from which the evidence of each channel for one joint follows.
 
     Attributes:
-        values: Eigenvalues of each joint's whitened Gram matrix. dof of (p,).
-        channel: Channels in their bases. dof of (p, dof).
-        model: The nominal torque in them. dof of (p,).
-        power: Squares of the channels, summed. Shape (dof, dof), [joint, channel].
-        varying: The same about the channel's mean. Shape (dof, dof).
-        cross: Channel times nominal torque. Shape (dof, dof).
-        own: Squares of the nominal torque, summed. Shape (dof,).
-        rows: Independent rows of each joint. Shape (dof,).
+        values: Eigenvalues of the joint's whitened Gram matrix. Shape (p,).
+        channel: Channels in its basis. Shape (p, dof).
+        model: The nominal torque in it. Shape (p,).
+        brake: Power that friction takes, of coefficients of one, in it. Shape (p,).
+        power: Squares of the channels, summed. Shape (dof,).
+        varying: The same about the channel's mean. Shape (dof,).
+        cross: Channel times nominal torque. Shape (dof,).
+        own: Squares of the nominal torque, summed.
+        rows: Independent rows.
         strongest: Largest mean square of a channel.
-        brake: Power that friction takes, of coefficients of one, in the bases. (p,).
     """
 
-    values: tuple[Array, ...]
-    channel: tuple[Array, ...]
-    model: tuple[Array, ...]
+    values: Array
+    channel: Array
+    model: Array
+    brake: Array
     power: Array
     varying: Array
     cross: Array
-    own: Array
-    rows: Array
+    own: float
+    rows: float
     strongest: float
-    brake: tuple[Array, ...]
 
-    def fit(self, joint: int, channel: int, factor: float) -> float:
+    def fit(self, channel: int, factor: float) -> float:
         """Return that evidence over the one of a constant [nats]."""
-        n, power = self.rows[joint], self.varying[joint, channel]
+        n, power = self.rows, self.varying[channel]
         nothing = -0.5 * n * (np.log(power / max(n, 1) + 1e-300) + 1)
-        return float(self.evidence(joint, channel, np.array([factor]))[0]) - nothing
+        return self.of(channel, factor) - nothing
 
-    def strain(self, joint: int, channel: int, factor: float) -> float:
+    def strain(self, channel: int, factor: float) -> float:
         """Return how far the robot file must bend to that torque, and still misses it.
 
         Half the square of its coefficients in deviations of their prior, and what is
-        lost by a remainder of more than `CHECK.rough` of the torque [nats].
+        lost by a remainder of more than a rough model leaves of the torque [nats].
         """
-        n, power = self.rows[joint], self.power[joint, channel]
         given = np.array([factor])
-        best = int(np.argmax(self._table(joint, channel, given)[:, 0]))
-        sigma, var = _SIGMAS[best], self._variance(joint, channel, given)[best, 0]
-        c = factor * self.channel[joint][:, channel] - self.model[joint]
-        bent = 0.5 * float(np.sum((c / (self.values[joint] + var)) ** 2))
-        return bent + n * max(0.0, float(np.log(sigma / CHECK.rough))) if power else 0.0
+        best = int(np.argmax(self._table(channel, given)[:, 0]))
+        sigma, var = _SIGMAS[best], self._variance(channel, given)[best, 0]
+        c = factor * self.channel[:, channel] - self.model
+        bend = 0.5 * float(np.sum((c / (self.values + var)) ** 2))
+        missed = self.rows * max(0.0, float(np.log(sigma / CHECK.rough)))
+        return bend + missed if self.power[channel] else 0.0
 
-    def evidence(self, joint: int, channel: int, factor: Array) -> Array:
-        """Return log evidence that factor * channel is the torque of that joint.
+    def of(self, channel: int, factor: float) -> float:
+        """Return the evidence of one factor."""
+        return float(self.evidence(channel, np.array([factor]))[0])
+
+    def evidence(self, channel: int, factor: Array) -> Array:
+        """Return log evidence that factor * channel is the torque of the joint.
 
         Args:
-            joint: Joint from 0.
             channel: Torque channel from 0.
             factor: Signs times units. Shape (k,).
 
         Returns:
             Nats, up to a constant of the channel. Shape (k,).
         """
-        return self._table(joint, channel, np.asarray(factor, dtype=float)).max(axis=0)
+        return self._table(channel, np.asarray(factor, dtype=float)).max(axis=0)
 
-    def _variance(self, joint: int, channel: int, factor: Array) -> Array:
+    def _variance(self, channel: int, factor: Array) -> Array:
         """Square of noise and of all that the model lacks. Shape (sigmas, k)."""
-        n = max(self.rows[joint], 1)
-        var = (_SIGMAS[:, None] * factor) ** 2 * self.power[joint, channel] / n
+        n = max(self.rows, 1)
+        var = (_SIGMAS[:, None] * factor) ** 2 * self.power[channel] / n
         var += (CHECK.coupled * factor) ** 2 * self.strongest
-        return var + CHECK.exact * self.own[joint] / n + 1e-300
+        return var + CHECK.exact * self.own / n + 1e-300
 
-    def _table(self, joint: int, channel: int, factor: Array) -> Array:
+    def _table(self, channel: int, factor: Array) -> Array:
         """Evidence for each size of what the model lacks. Shape (sigmas, k)."""
-        n, d = self.rows[joint], self.values[joint]
-        power = self.power[joint, channel]
-        square = factor**2 * power - 2 * factor * self.cross[joint, channel]
-        square = square + self.own[joint]
-        c = factor[:, None] * self.channel[joint][:, channel] - self.model[joint]
-        var = self._variance(joint, channel, factor)
+        n, d, brake = self.rows, self.values, self.brake
+        square = factor**2 * self.power[channel] - 2 * factor * self.cross[channel]
+        square = square + self.own
+        c = factor[:, None] * self.channel[:, channel] - self.model
+        var = self._variance(channel, factor)
         wide = d + var[:, :, None]
         quad = (square - (c**2 / wide).sum(-1)) / var
         size = n * np.log(var) + np.log1p(d / var[:, :, None]).sum(-1)
-        brake = self.brake[joint]
+        # The odds that friction takes power rather than gives it.
         power, spread = (brake * c / wide).sum(-1), var * (brake**2 / wide).sum(-1)
         brakes = log_ndtr(power / np.sqrt(np.maximum(spread, 1e-300))) + np.log(2)
-        nats = brakes - 0.5 * (quad + size)
-        return n * np.log(np.abs(factor)) + nats
+        return n * np.log(np.abs(factor)) + (brakes - 0.5 * (quad + size))
 
 
-def torque_scores(robot: Robot, motion: Motion) -> Scores:
-    """Sum up a motion for all joints and channels."""
-    parts = [_joint(motion, each) for each in columns(robot, motion)]
-    values, channel, model, power, varying, cross, own, rows, brake = zip(
-        *parts, strict=True
-    )
-    return Scores(
-        values,
-        channel,
-        model,
-        np.array(power),
-        np.array(varying),
-        np.array(cross),
-        np.array(own),
-        np.array(rows),
-        float(np.mean(motion.tau**2, axis=0).max()),
-        brake,
-    )
+def torque_scores(robot: Robot, motion: Motion) -> list[Scores]:
+    """Sum up a motion for every joint.
 
+    The torque of joint j is what the columns A of `residual.check.motion` can give:
 
-def _joint(motion: Motion, own: Columns) -> tuple:
-    weight, a = motion.spread, own.values
-    tau, mean = motion.tau[own.rows], own.nominal
-    values, vectors = eigh(weight * a.T @ a)
-    turned = weight * (a @ vectors).T
-    return (
-        np.maximum(values, 0.0),
-        turned @ tau,
-        turned @ mean,
-        weight * np.sum(tau**2, axis=0),
-        weight * np.sum((tau - tau.mean(axis=0)) ** 2, axis=0)
-        if len(tau)
-        else 0 * tau.sum(axis=0),
-        weight * mean @ tau,
-        weight * float(mean @ mean),
-        weight * len(tau),
-        vectors.T @ own.brake,
-    )
+    tau ~ N(Y_j pi_0, sigma^2 1 + A A^T).
+
+    One decomposition of A^T A per joint gives the evidence of every channel, sign and
+    unit, for every sigma.
+    """
+    strongest = float(np.mean(motion.tau**2, axis=0).max())
+    out = []
+    for own in columns(robot, motion):
+        weight, a, mean = motion.spread, own.values, own.nominal
+        tau = motion.tau[own.rows]
+        varying = tau - tau.mean(axis=0) if len(tau) else tau
+        values, vectors = eigh(weight * a.T @ a)
+        turned = weight * (a @ vectors).T
+        out.append(
+            Scores(
+                values=np.maximum(values, 0.0),
+                channel=turned @ tau,
+                model=turned @ mean,
+                brake=vectors.T @ own.brake,
+                power=weight * np.sum(tau**2, axis=0),
+                varying=weight * np.sum(varying**2, axis=0),
+                cross=weight * mean @ tau,
+                own=weight * float(mean @ mean),
+                rows=weight * len(tau),
+                strongest=strongest,
+            )
+        )
+    return out
 
 
 def best_order(value: Array) -> Array:
@@ -202,25 +198,24 @@ class Judged:
         nats: Its log evidence.
         odds: Log odds against what is not as given.
         scores: Of its angles, to judge other torques by.
-        gears: Factor of each joint's torque where it is the motor's.
+        torques: Channel (from 0) and factor of each joint's torque.
     """
 
     reading: Reading
     nats: float
     odds: float
-    scores: Scores
-    gears: Array
+    scores: list[Scores]
+    torques: list[tuple[int, float]]
 
     def fit(self, channel: int) -> float:
         """Return how well a torque channel (from 0) is explained [nats]."""
         joint = self.reading.torque_order.index(channel)
-        _, factor = _torques(self.reading, self.gears)[joint]
-        return self.scores.fit(joint, channel, factor)
+        return self.scores[joint].fit(*self.torques[joint])
 
     def strains(self) -> Array:
         """Return how far the robot file must bend, joint by joint [nats]."""
-        read = enumerate(_torques(self.reading, self.gears))
-        return np.array([self.scores.strain(j, i, factor) for j, (i, factor) in read])
+        pairs = zip(self.scores, self.torques, strict=True)
+        return np.array([own.strain(*torque) for own, torque in pairs])
 
     @property
     def value(self) -> float:
@@ -252,12 +247,9 @@ def best_reading(robot: Robot, motion: Motion) -> Judged:
 
 def judge(robot: Robot, motion: Motion, reading: Reading) -> Judged:
     """Return one reading with its evidence."""
-    scores, gears = _scores(robot, motion, reading), _gears(robot)
-    nats = sum(
-        float(scores.evidence(j, channel, np.array([factor]))[0])
-        for j, (channel, factor) in enumerate(_torques(reading, gears))
-    )
-    return Judged(reading, nats, _odds(reading), scores, gears)
+    scores, torques = _scores(robot, motion, reading), _torques(reading, _gears(robot))
+    nats = sum(own.of(*torque) for own, torque in zip(scores, torques, strict=True))
+    return Judged(reading, nats, _odds(reading), scores, torques)
 
 
 def _gears(robot: Robot) -> Array:
@@ -272,7 +264,7 @@ def _torques(reading: Reading, gears: Array) -> list[tuple[int, float]]:
     return list(zip(reading.torque_order, factors, strict=True))
 
 
-def _scores(robot: Robot, motion: Motion, reading: Reading) -> Scores:
+def _scores(robot: Robot, motion: Motion, reading: Reading) -> list[Scores]:
     unit = np.full(robot.dof, reading.angle_unit)
     if reading.angle_unit == 1 / CHECK.gear and robot.gear_ratio is not None:
         unit = 1 / _gears(robot)
@@ -288,13 +280,11 @@ def _with_torques(
     scores = _scores(robot, motion, reading)
     gears, factors = _gears(robot), np.array([(u, -u) for u in units])
     motors = np.array(units)[:, None] == CHECK.gear
-    table = np.array(
-        [
-            [scores.evidence(j, i, own.ravel()) for i in range(dof)]
-            for j, gear in enumerate(gears)
-            for own in [np.where(motors, np.sign(factors) * gear, factors)]
-        ]
-    ).reshape(dof, dof, len(units), 2)
+    rows = []
+    for own, gear in zip(scores, gears, strict=True):
+        tried = np.where(motors, np.sign(factors) * gear, factors).ravel()
+        rows.append([own.evidence(i, tried) for i in range(dof)])
+    table = np.array(rows).reshape(dof, dof, len(units), 2)
     judged = []
     for k, unit in enumerate(units):
         for usual in (1, -1):
@@ -310,7 +300,8 @@ def _with_torques(
                 torque_unit=unit,
             )
             nats = float(table[joints, channels, k, which].sum())
-            judged.append(Judged(changed, nats, _odds(changed), scores, gears))
+            torques = _torques(changed, gears)
+            judged.append(Judged(changed, nats, _odds(changed), scores, torques))
     return max(judged, key=lambda each: each.value)
 
 
