@@ -12,7 +12,8 @@ from flows.blind.run import run_study
 from flows.cli.options import LONGEST, SEEDS, check_between, named_files
 from flows.errors import RunError
 from flows.outputs import check_writable, progress_bar, say, write_all
-from flows.report.study import store_page, tell_study
+from flows.report.console import show
+from flows.report.study import store_page, told
 from flows.settings import cores, store_folder
 from flows.workers.pool import Pool
 from residual.errors import InputError
@@ -82,7 +83,7 @@ def blind(
     with progress_bar() as progress:
         study = run_study(asked, place, progress, workers=workers)
     page = store_page(asked, study, place)
-    tell_study(study, console)
+    show(console, *told(study))
     write_all({path: page.read_bytes() for path in files.values()})
     say(console, f"\nreport: {report or page}")
     if study.failed:

@@ -21,7 +21,8 @@ from flows.outputs import (
     say,
     write_all,
 )
-from flows.report.terminal.calibration import print_outcome
+from flows.report.calibration import render, told
+from flows.report.console import show, wide
 from flows.report.words.calibration import sentences
 from flows.requests import Calibrate
 from flows.steps import calibrate as steps
@@ -117,12 +118,12 @@ def calibrate(
     text = json_text(
         document(done.made, sentences(done.made), done.warnings, done.kept)
     )
-    page = {"--report": _page(done)} if report else {}
+    page = {"--report": render(done.made, done.warnings)} if report else {}
     contents = {path: (page | {"--json": text})[o] for o, path in files.items()}
     if export is not None:
         contents |= in_folder(export, calibration_files(done.made))
     write_all(contents)
-    print_outcome(done, console)
+    show(wide(console), *told(done))
     say(console, *(f"wrote {path}" for path in contents), *_kept(done))
     if json == STDOUT:
         print(text, end="")
@@ -143,10 +144,3 @@ def _with_twins(robot: Robot, runs: tuple[Run, ...]) -> tuple[Run, ...]:
     from flows.steps.twin import with_twins
 
     return with_twins(robot, runs)
-
-
-def _page(done: steps.Calibrated) -> str:
-    # Here, since who wants no page need not wait for a plotting library.
-    from flows.report.page.calibration import render
-
-    return render(done.made, done.warnings)

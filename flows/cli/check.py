@@ -2,7 +2,7 @@
 
 from flows.cli.options import STDOUT, Log, console_beside, named_files, parse_declared
 from flows.outputs import check_writable, json_text, read_files, say, write_all
-from flows.report.terminal.check import lines
+from flows.report.words.verdict import check_lines
 from flows.requests import Check
 from flows.steps import check as steps
 
@@ -47,7 +47,7 @@ def check(
     report = steps.check(read, names)
     text = json_text(report.to_json())
     write_all({path: text for path in files.values()})
-    say(console, *lines(report))
+    say(console, *check_lines(report))
     say(console, *(f"wrote {path}" for path in files.values()))
     if json == STDOUT:
         print(text, end="")

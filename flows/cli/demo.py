@@ -7,8 +7,8 @@ from rich.console import Console
 
 from flows.cli.options import SEEDS, Flag, check_between
 from flows.outputs import Progress, progress_bar, say
+from flows.report.diagnosis import print_diagnosis, print_truth
 from flows.report.stored import as_hidden, demo_page
-from flows.report.terminal.diagnosis import print_diagnosis, print_truth
 from flows.report.words.staged import Staged
 from flows.requests import Demo
 from flows.settings import store_folder

@@ -24,9 +24,9 @@ from flows.steps import diagnose as steps
 from flows.steps.loop.choose import Wanted, choose_for
 from residual.lazy import Lazy
 
-page = Lazy("flows.report.page.next")
+page = Lazy("flows.report.next")
 origin = Lazy("flows.report.made")
-terminal = Lazy("flows.report.terminal.diagnosis")
+terminal = Lazy("flows.report.diagnosis")
 result = Lazy("residual.diagnosis.result")
 verdict = Lazy("residual.diagnosis.verdict")
 

@@ -4,8 +4,11 @@ import json
 from dataclasses import asdict
 from typing import Literal
 
+from rich.console import Console
+
 from flows.cli.options import Flag
-from flows.report.terminal.diff import as_record, print_diff, print_tree
+from flows.report.console import show, wide
+from flows.report.records import as_record, comparison, print_tree
 from flows.settings import store_folder
 from flows.steps import diff as steps
 from warehouse.lineage import tree
@@ -37,7 +40,7 @@ def diff(
     if format == "json":
         print(json.dumps(as_record(found), indent=2, ensure_ascii=False))
     else:
-        print_diff(found)
+        show(wide(Console(), 1000), *comparison(found))
 
 
 def lineage(
@@ -75,4 +78,4 @@ def lineage(
         print(json.dumps(told, indent=2))
         return
     for words, root in trees.items():
-        print_tree(root, words)
+        print_tree(root, words, wide(Console(), 1000))

@@ -8,7 +8,8 @@ from rich.console import Console
 from flows.cli.options import Flag, check_between
 from flows.errors import RunError
 from flows.outputs import progress_bar, say
-from flows.report.terminal import tracking, validation
+from flows.report import experiments
+from flows.report.console import show
 from flows.report.words.verdict import headline
 from flows.requests import Validate
 from flows.settings import cores, store_folder
@@ -221,16 +222,11 @@ def validate(
     say(console, *choice.lines)
     for run in runs:
         id, made = trial.validate(Validate(run, window, place))
-        console.print(validation.validation_table(made))
         stored = f"stored in {shown(place)}: modelgap show {id}"
-        say(console, validation.meaning(made), *made.notes, stored)
+        told = experiments.meaning(made)
+        show(console, experiments.validation(made), told, *made.notes, stored)
     if choice.diagnosis:
         with progress_bar() as bar:
             id, done = track(Track(runs, choice.diagnosis, seeds, place), bar)
-        console.print(tracking.cells_table(done))
-        console.print(tracking.joints_table(done))
-        say(
-            console,
-            *tracking.lines(done),
-            f"stored in {shown(place)}: modelgap show {id}",
-        )
+        stored = f"stored in {shown(place)}: modelgap show {id}"
+        show(console, *experiments.tracking(done), stored)

@@ -20,7 +20,8 @@ from flows.outputs import (
     say,
     write_all,
 )
-from flows.report.terminal.identification import print_outcome
+from flows.report.console import show, wide
+from flows.report.models import identification
 from flows.requests import Identify
 from flows.steps import identify as steps
 from flows.steps.loop.choose import Wanted, choose_for
@@ -108,7 +109,7 @@ def identify(
     if export is not None:
         words = f"identified from {' '.join(made.fit)}"
         contents |= in_folder(export, robot_files(made.best, words))
-    print_outcome(made, console)
+    show(wide(console), *identification(made))
     write_all(contents)
     say(console, *(f"wrote {path}" for path in contents))
     if kept is not None:

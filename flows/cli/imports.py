@@ -4,7 +4,8 @@ from rich.console import Console
 
 from flows.cli.options import Flag, Log, Tags
 from flows.outputs import say
-from flows.report.terminal.imports import lines, table
+from flows.report.console import show
+from flows.report.experiments import channels, log_lines
 from flows.requests import Import
 from flows.settings import store_folder
 from flows.steps import imports as steps
@@ -63,8 +64,8 @@ def import_(
     arm, read = steps.read_logs(request)
     for log in read:
         if dry_run:
-            console.print(table(log))
-        say(console, *lines(log, arm, dry_run))
+            show(console, channels(log))
+        say(console, *log_lines(log, arm, dry_run))
     sound, report = steps.check_logs(request, arm, read)
     say(console, *(f"warning: {sentence}" for sentence in report.sentences))
     for log in () if dry_run else sound:

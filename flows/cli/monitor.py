@@ -7,8 +7,9 @@ from rich.console import Console
 
 from flows.cli.options import Flag, Words, named_files
 from flows.outputs import check_writable, say, write_all
-from flows.report.figures.pictures import plot as draw
-from flows.report.terminal.monitor import alarm_table, meaning
+from flows.report.console import show
+from flows.report.figures.scores import plot as draw
+from flows.report.monitoring import alarm_table, meaning
 from flows.requests import Monitor
 from flows.settings import store_folder
 from flows.steps import monitor as steps
@@ -57,7 +58,7 @@ def monitor(
     request = Monitor(choice.diagnosis or model, runs, calibrate, per_hour, place)
     id, found, watched = steps.monitor(request)
     if any(found.alarms.values()):
-        console.print(alarm_table(found, watched))
+        show(console, alarm_table(found, watched))
     write_all({path: draw(found, watched) for path in files.values()})
     lines = [meaning(found), *found.notes, *(f"wrote {f}" for f in files.values())]
     say(console, *lines, f"stored in {shown(place)}: modelgap show {id}")

@@ -11,7 +11,7 @@ from flows.cli.options import (
     parse_declared,
 )
 from flows.outputs import check_writable, progress_bar, read_files, say, write_all
-from flows.report.terminal.null import null_lines
+from flows.report.monitoring import null_lines
 from flows.requests import Null
 from flows.settings import store_folder
 from flows.steps import null as steps

@@ -5,7 +5,7 @@ from typing import Literal
 
 from flows.cli.options import Flag
 from flows.errors import RunError
-from flows.report.terminal.rerun import lines, record
+from flows.report.records import rerun_lines, rerun_record
 from flows.settings import store_folder
 from flows.steps.rerun import rerun as steps
 
@@ -47,8 +47,8 @@ def rerun(
     place = store_folder(store)
     made = steps.rerun(id, place, verify)
     if format == "json":
-        print(json.dumps(record(made), indent=2, ensure_ascii=False))
+        print(json.dumps(rerun_record(made), indent=2, ensure_ascii=False))
     else:
-        print("\n".join(lines(made)))
+        print("\n".join(rerun_lines(made)))
     if not made.reproduced and (verify or made.same_code):
         raise RunError(f"{made.kind} {made.id} was not reproduced.")

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from flows.cli.options import Flag
 from flows.cli.store import Format
 from flows.outputs import check_outside, check_writable, write_all
-from flows.report.terminal.answers import (
+from flows.report.answers import (
     as_bytes,
     check_shown,
     named_table,

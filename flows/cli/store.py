@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from flows.cli.options import Tags, check_between
-from flows.report.terminal.answers import check_shown, print_table, tell_damage
-from flows.report.terminal.diff import record_lines
+from flows.report.answers import check_shown, print_table, tell_damage
+from flows.report.records import record_lines
 from flows.settings import store_folder
 from flows.steps import verify as steps
 from residual.errors import InputError

@@ -13,9 +13,9 @@ from flows.cli.options import (
     named_files,
 )
 from flows.inputs.robots import load
-from flows.outputs import check_writable, say, write_all
-from flows.report.figures.pictures import motion_png
-from flows.report.terminal.trajectory import about_motion, excitation, usage_table
+from flows.outputs import check_writable, write_all
+from flows.report.console import show
+from flows.report.motion import motion_parts, motion_png
 from flows.steps.trajectory import as_csv
 from sim.engine.render import animate
 from sim.records import TrajectorySpec
@@ -75,7 +75,5 @@ def trajectory(
     }
     # Before anything is printed, which may go into a pipe that closes.
     write_all({path: make[option]() for option, path in files.items()})
-    console, used = Console(), usage(arm, motion)
-    say(console, *about_motion(arm, motion, spec, rate))
-    console.print(usage_table(used))
-    say(console, excitation(used), *(f"wrote {path}" for path in files.values()))
+    parts = motion_parts(arm, motion, spec, rate, usage(arm, motion))
+    show(Console(), *parts, *(f"wrote {path}" for path in files.values()))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flows.inputs.logs import LogSets
 from flows.outputs import write_all
-from flows.report.page.calibration import render
+from flows.report.calibration import render
 from flows.steps.check import checked
 from flows.storage.calibration import calibration_files
 from residual.calibration import calibrate as core

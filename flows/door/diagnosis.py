@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flows.inputs.logs import LogSets
 from flows.outputs import write_all
-from flows.report.page.diagnosis import render, summary
+from flows.report.diagnosis import render, summary
 from flows.steps.check import checked
 from flows.storage.null import of_this_version
 from residual import diagnose as method

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from flows.inputs.robots import load
 from flows.outputs import json_text
+from flows.report.diagnosis import render
 from flows.report.made import made_of, of_record
-from flows.report.page.diagnosis import render
-from flows.report.page.next import motion_chart
+from flows.report.next import motion_chart
 from flows.report.words.staged import Hidden, Staged
 from flows.report.words.verdict import sentences
 from flows.storage.diagnosis import read_outcome, store_report

@@ -15,8 +15,8 @@ from prefect.artifacts import (
     update_progress_artifact,
 )
 
-from flows.report.figures.pictures import plot as draw
-from flows.report.terminal.monitor import meaning
+from flows.report.figures.scores import plot as draw
+from flows.report.monitoring import meaning
 from flows.report.words.calibration import sentences
 from flows.settings import PAGES, page_link
 from flows.steps.calibrate import Calibrated

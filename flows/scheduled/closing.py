@@ -7,8 +7,7 @@ from pathlib import Path
 
 from prefect import flow, get_run_logger
 
-from flows.report.page.close import keep_page, render
-from flows.report.words.closed import ended, headline, pairs
+from flows.report.closed import ended, headline, keep_page, pairs, render
 from flows.scheduled import artifacts, events, tasks
 from flows.scheduled.surroundings import surroundings
 from flows.settings import store_folder

@@ -5,8 +5,7 @@ from pathlib import Path
 from prefect import get_run_logger
 
 from flows.report.made import made_of
-from flows.report.page.proposal import markdown, render
-from flows.report.terminal.adoptions import adoption_lines
+from flows.report.models import adoption_lines, proposal_markdown, proposal_page
 from flows.scheduled import artifacts, events
 from flows.scheduled.tasks import task
 from flows.steps.loop.adopt import Adopt
@@ -44,8 +43,8 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
         log.info(f"proposed already: modelgap show {before}")
         return None
     made = made_of(place, diagnosis)
-    page = keep_proposal(place, proposal, render(proposal, made).encode())
-    artifacts.proposal(page, markdown(proposal), diagnosis)
+    page = keep_proposal(place, proposal, proposal_page(proposal, made).encode())
+    artifacts.proposal(page, proposal_markdown(proposal), diagnosis)
     events.model_proposed(diagnosis)
     return str(page)
 
@@ -53,7 +52,7 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
 def question(diagnosis: str, store: str) -> str:
     """Return a proposal as text, two models side by side; what the gate says now."""
     place = Path(store)
-    return markdown(proposal_of(place, judge(place, diagnosis)))
+    return proposal_markdown(proposal_of(place, judge(place, diagnosis)))
 
 
 @task(name="adopt", task_run_name="adopt {diagnosis}", tags=["analysis"])

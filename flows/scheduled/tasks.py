@@ -19,8 +19,7 @@ from flows.blind import run as blind_run
 from flows.blind.draw import Asked
 from flows.inputs.robots import robot_of
 from flows.report import stored
-from flows.report.page.study import headline, lines
-from flows.report.study import store_page
+from flows.report.study import headline, lines, store_page
 from flows.scheduled import artifacts, events, names
 from flows.scheduled.surroundings import surroundings
 from flows.specs.experiment import load_spec

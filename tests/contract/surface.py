@@ -17,7 +17,7 @@ from cyclopts import Argument
 
 import modelgap as mg
 from flows.cli.app import app
-from flows.report.terminal.answers import values_of
+from flows.report.answers import values_of
 from flows.steps.export import TARGETS
 from residual.check.result import Fault, LogCheck
 from residual.diagnosis.result import Verdict

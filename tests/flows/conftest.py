@@ -50,10 +50,8 @@ def calls(monkeypatch):
 
     monkeypatch.setattr("residual.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
-    monkeypatch.setattr(
-        "flows.report.terminal.diagnosis.print_diagnosis", print_diagnosis
-    )
-    monkeypatch.setattr("flows.report.page.diagnosis.render", render)
+    monkeypatch.setattr("flows.report.diagnosis.print_diagnosis", print_diagnosis)
+    monkeypatch.setattr("flows.report.diagnosis.render", render)
     return made
 
 

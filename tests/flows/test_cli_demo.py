@@ -14,7 +14,7 @@ import pytest
 from flows.cli import main
 from flows.inputs.robots import load
 from flows.outputs import progress_bar
-from flows.report.terminal.diagnosis import print_truth
+from flows.report.diagnosis import print_truth
 from flows.report.words.staged import Hidden, Staged, baseline_sentences, judge
 from flows.requests import Demo
 from flows.steps import demo as steps

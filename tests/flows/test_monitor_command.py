@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.terminal.monitor import meaning
+from flows.report.monitoring import meaning
 from flows.requests import Monitor
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment, monitor

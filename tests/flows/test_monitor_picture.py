@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from flows.report.figures import pictures
+from flows.report.figures.scores import _mark, plot
 from residual.monitoring.monitor import Alarm
 
 
@@ -19,14 +19,14 @@ def test_numbers_of_alarms_lie_over_nothing_and_names_stand_in_the_title():
     axes = figure.subplots()
     axes.plot([0.0, 20.0], [1.0, 1.0])
     alarms = [alarm(10.0 + x, joint) for joint, x in enumerate((5.0, 5.05, 5.1), 1)]
-    words = pictures._mark(axes, alarms, 10.0)
+    words = _mark(axes, alarms, 10.0)
     assert words == "1: jump, joint 1   2: jump, joint 2   3: jump, joint 3"
     figure.draw_without_rendering()
     boxes = [text.get_window_extent() for text in axes.texts]
     assert [text.get_text().strip() for text in axes.texts] == ["1", "2", "3"]
     for i, one in enumerate(boxes):
         assert not any(one.overlaps(other) for other in boxes[i + 1 :])
-    many = pictures._mark(axes, [alarm(float(k), 1) for k in range(9)], 0.0)
+    many = _mark(axes, [alarm(float(k), 1) for k in range(9)], 0.0)
     assert many.endswith("   5 more")
 
 
@@ -39,5 +39,5 @@ def test_runs_with_alarms_come_first(tmp_path):
     )
     runs = {id: SimpleNamespace(t=t) for id in found.alarms}
     path = tmp_path / "scores.png"
-    path.write_bytes(pictures.plot(found, runs))
+    path.write_bytes(plot(found, runs))
     assert Image.open(path).size[1] > 400

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.report.page.diagnosis import render
-from flows.report.page.view import render as render_view
+from flows.report.diagnosis import render
+from flows.report.view import render as render_view
 from tests.flows import report_outcomes as made
 from tests.flows.browser import PROGRAM, browser
 from tests.flows.test_view import shown

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.report.page.proposal import markdown, render
+from flows.report.models import proposal_markdown, proposal_page
 from flows.steps.loop.adopt import Adopt, adopt, list_adoptions, roll_back
 from flows.steps.loop.choose import in_force
 from flows.steps.loop.judge import judge
@@ -80,11 +80,11 @@ def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
 def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(made):
     store, _, id = made
     proposal = proposal_of(store, judge(store, id))
-    for text in (render(proposal), markdown(proposal)):
+    for text in (proposal_page(proposal), proposal_markdown(proposal)):
         assert "nominal model" in text
         assert "spring on joint 2: stiffness" in text
         assert "is there 1.0" in text or "is there 0.9" in text
-    assert f"modelgap adopt {id}" in render(proposal)
+    assert f"modelgap adopt {id}" in proposal_page(proposal)
 
 
 def test_the_same_proposal_is_known_until_the_robot_has_another_model(made):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from plotly import graph_objects
 
-from flows.report.page import base, charts
-from flows.report.page.diagnosis import render
+from flows.report import charts
+from flows.report.diagnosis import render
+from flows.report.page import base
 from flows.report.words.rows import means
 from residual.effects import registry as vocabulary
 from residual.model.compare import Cloud

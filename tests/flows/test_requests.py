@@ -1,6 +1,6 @@
 """What was asked, as it is kept with what was made."""
 
-from flows.report.terminal.diff import record_lines
+from flows.report.records import record_lines
 from flows.requests import Diagnose, Monitor
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.terminal import tracking
+from flows.report import experiments
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from flows.steps.loop.controller import settled, torque_of
@@ -229,9 +229,8 @@ def test_the_command_drives_keeps_and_tells(runs, capsys):
             "rms_tracking_q",
         ]
     assert track(Track((run,), model, 0, store))[0] == id
-    assert "single motion" in "".join(
-        tracking.lines(track(Track((run,), model, 0, store))[1])
-    )
+    *_, gain = experiments.tracking(track(Track((run,), model, 0, store))[1])
+    assert "single motion" in gain
 
 
 def test_a_model_of_another_robot_is_refused(runs, tmp_path):

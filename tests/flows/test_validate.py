@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.terminal.validation import meaning
+from flows.report.experiments import meaning
 from flows.requests import Validate
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment, validate

@@ -12,7 +12,7 @@ import pytest
 from flows.cli import main
 from flows.model_requests import View
 from flows.report.page import base
-from flows.report.page.view import frames_of, render
+from flows.report.view import frames_of, render
 from flows.steps.view import Viewed, view
 from residual.errors import InputError
 from residual.recording import Recording

@@ -13,7 +13,7 @@ from pathlib import Path
 from hypothesis import strategies as st
 
 from benchmarks.store_parts.made import records, run
-from flows.report.terminal.answers import as_bytes
+from flows.report.answers import as_bytes
 from residual.errors import InputError
 from tests.checkout import listing
 from tests.fuzz.mutation import Draw, changed, flipped, mutated

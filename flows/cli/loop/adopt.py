@@ -4,7 +4,8 @@ from rich.console import Console
 
 from flows.cli.options import Flag
 from flows.outputs import say
-from flows.report.terminal.adoptions import adoption_lines, table_of
+from flows.report.console import show
+from flows.report.models import ADOPTED_KEY, adoption_lines, adoptions
 from flows.settings import store_folder
 from flows.steps.loop.adopt import Adopt, list_adoptions, roll_back
 from flows.steps.loop.adopt import adopt as give
@@ -31,7 +32,7 @@ def models(*, robot: str | None = None, store: str | None = None) -> None:
         whose = f"{robot} has" if robot else "Every robot has"
         say(console, f"{whose} its nominal model in {shown(store_folder(store))}.")
         return
-    console.print(table_of(listed))
+    show(console, adoptions(listed), ADOPTED_KEY)
 
 
 def adopt(

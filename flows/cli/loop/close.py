@@ -14,8 +14,7 @@ from flows.outputs import (
     say,
     write_all,
 )
-from flows.report.page.close import keep_page, render
-from flows.report.words.closed import ended, headline, pairs
+from flows.report.closed import ended, headline, keep_page, pairs, render
 from flows.settings import store_folder
 from flows.steps.closing.arm import MOST, Close
 from flows.steps.closing.close import (

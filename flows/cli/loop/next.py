@@ -28,8 +28,8 @@ from flows.outputs import (
     say,
     write_all,
 )
-from flows.report.page.next import Sheet, render_sheet
-from flows.report.terminal.next import comparison, nothing_open, told
+from flows.report.console import show
+from flows.report.next import Sheet, comparison, nothing_open, render_sheet, told
 from flows.report.words.verdict import sentences
 from flows.settings import store_folder
 from flows.steps.planning.ask import Asked, ask
@@ -142,9 +142,8 @@ def next_(
     reference = make_reference(asked.robot, made.best.spec, rate)
     filled = _filled(asked, made, out)
     _write(files, asked, made, reference, filled)
-    say(console, *told(made))
-    console.print(comparison(made))
-    say(console, *(f"wrote {path}" for path in files.values()))
+    wrote = [f"wrote {path}" for path in files.values()]
+    show(console, *told(made), comparison(made), *wrote)
     if json == STDOUT:
         print(filled, end="")
     if run:

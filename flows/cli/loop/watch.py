@@ -12,7 +12,7 @@ from flows.inputs.stream.folder import FillingFolder
 from flows.inputs.stream.socket import LocalPort
 from flows.inputs.stream.source import Meaning, Source
 from flows.outputs import say
-from flows.report.terminal.watch import alarm_line, end_line
+from flows.report.monitoring import alarm_line, end_line
 from flows.report.words.verdict import headline
 from flows.service.status import start_diagnosis
 from flows.settings import store_folder

@@ -4,7 +4,8 @@ from rich.console import Console
 
 from flows.cli.options import STDOUT, named_files
 from flows.outputs import check_writable, json_text, progress_bar, say, write_all
-from flows.report.terminal.wear import sentence, table_of
+from flows.report.console import show
+from flows.report.monitoring import WEAR_KEY, wear_sentence, wear_table
 from flows.settings import store_folder
 from flows.steps.loop.wear import Wear, follow
 
@@ -46,8 +47,7 @@ def wear(
     console = Console()
     if found.line:
         say(console, found.line)
-    say(console, sentence(found))
-    console.print(table_of(found))
+    show(console, wear_sentence(found), wear_table(found), WEAR_KEY)
 
 
 def document(found: Wear) -> dict:

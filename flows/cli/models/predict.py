@@ -12,7 +12,8 @@ from flows.outputs import (
     say,
     write_all,
 )
-from flows.report.terminal.prediction import print_errors
+from flows.report.console import show
+from flows.report.models import prediction
 from flows.settings import store_folder
 from flows.steps import predict as steps
 from residual.model.compare import WHOLE
@@ -65,7 +66,7 @@ def predict(
     made = steps.predict(request, found, read)
     edited = [f"edited: {one!r}" for name, one in made.models.items() if name != WHOLE]
     say(console, *edited, *(f"warning: {w}" for w in read.warnings))
-    print_errors(steps.tables(made), console)
+    show(console, prediction(steps.tables(made)))
     text = json_text(steps.document(made, request))
     contents: dict[Path, str | bytes] = {}
     if "--out" in files:

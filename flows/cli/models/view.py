@@ -6,7 +6,7 @@ from rich.console import Console
 
 from flows.model_requests import View
 from flows.outputs import check_outside, check_writable, read_files, say, write_all
-from flows.report.page.view import render
+from flows.report.view import render
 from flows.settings import store_folder
 from flows.steps import view as steps
 

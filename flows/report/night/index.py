@@ -7,7 +7,7 @@ from pathlib import Path
 
 from flows.report.made import Made, made_of
 from flows.report.night.look import KINDS, Look, Place, ask, span_of
-from flows.report.terminal.diff import record_lines
+from flows.report.records import record_lines
 from residual.errors import InputError
 from residual.names import shortened
 from warehouse.layout import find, read_record

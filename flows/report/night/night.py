@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 
+from flows.report.document import Tile
 from flows.report.night.look import Diagnosed, History, Look, Place, night_of, span_of
-from flows.report.page.base import Tile
 from flows.report.words.phrases import listing
 
 # Worst first: what an engineer reads before the coffee is cold.

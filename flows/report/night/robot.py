@@ -3,10 +3,10 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
+from flows.report.document import Tile
 from flows.report.night import questions
 from flows.report.night.charts import Series, Trend, trend
 from flows.report.night.look import Diagnosed, Look, Place
-from flows.report.page.base import Tile
 from flows.report.words.phrases import joint_words
 from residual.quantity import bare_percent, known, percent
 

@@ -11,11 +11,12 @@ import re
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from flows.report.document import Chart, Document, Strong, Table
+from flows.report.made import Made
 from flows.report.words.phrases import sentence_case
 from residual import quantity
 from residual.errors import InputError
@@ -90,14 +91,6 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _HEADING = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>', re.DOTALL)
 
 
-class Tile(NamedTuple):
-    """One figure at the head of the page: what it is, its value, what it means."""
-
-    label: str
-    value: str
-    note: str
-
-
 @cache
 def environment() -> Environment:
     """Return where templates are found and how they are filled in."""
@@ -124,8 +117,23 @@ def environment() -> Environment:
         "own_script": own,
         "script_hashes": hashes,
     }
-    found.tests["known"] = quantity.known
+    found.tests |= {
+        "known": quantity.known,
+        "strong": lambda cell: isinstance(cell, Strong),
+        "table": lambda part: isinstance(part, Table),
+        "chart": lambda part: isinstance(part, Chart),
+    }
     return found
+
+
+def render_document(page: Document, made: Made | None = None) -> str:
+    """Return a document as one HTML page that needs nothing else.
+
+    Args:
+        made: Where its record comes from, for its foot; None where nothing is stored.
+    """
+    template = environment().get_template("document.html")
+    return template.render(page=page, made=made)
 
 
 def headings(body: str) -> list[tuple[str, Markup]]:

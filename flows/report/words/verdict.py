@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from flows.inputs.repair import place_of
 from flows.report.words.outlook import off_words
 from flows.report.words.phrases import (
     At,
@@ -389,3 +390,22 @@ def _name(effect: At) -> str:
 
 def _at(effect: At, verdict: Verdict) -> str:
     return f"{_name(effect)} {place(effect, verdict.dof)}".strip()
+
+
+def check_lines(report: LogCheck) -> list[str]:
+    """Return the answer: one line, then a paragraph for each fault."""
+    said = ["", summary(report)]
+    for fault in report.faults:
+        said += ["", *_fault(fault)]
+    return said
+
+
+def _fault(fault: Fault) -> list[str]:
+    sure = "certain" if fault.certain else "suspected"
+    said = [f"{sentence_case(title(fault))}: {fault.kind}, {sure}."]
+    said += [f"  {line}" for line in fault.evidence.splitlines()]
+    if fault.repair is None:
+        return said
+    repair = fault.repair.splitlines()
+    place = place_of(fault.repair)
+    return [*said, f"  To mend it ({place}):", *(f"    {line}" for line in repair)]

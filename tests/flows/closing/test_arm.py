@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.report.page.close import render
+from flows.report.closed import render
 from flows.steps.closing import close
 from flows.steps.closing.arm import Close
 from warehouse.layout import list_folders

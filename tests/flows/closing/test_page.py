@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from flows.report.page.close import render
-from flows.report.words.closed import FALSE, MISSED, RIGHT, headline, pairs
+from flows.report.closed import FALSE, MISSED, RIGHT, headline, pairs, render
 from flows.steps.closing import close
 from flows.steps.closing.act import summary
 from flows.steps.closing.close import begun

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from flows.report.document import Chart
 from flows.report.figures import look
 from flows.report.page import base
 from flows.report.page.base import environment
-from flows.report.page.chart import Chart
 from flows.report.words.phrases import phrase
 from flows.report.words.verdict import sentences
 from flows.steps.view import Viewed

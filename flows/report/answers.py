@@ -13,10 +13,10 @@ from decimal import Decimal
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
+from flows.report.console import show, wide
+from flows.report.document import Table
 from residual.errors import InputError
 from warehouse.query.named import NAMED, TAKES
 from warehouse.query.store import Store
@@ -103,21 +103,17 @@ def _check_names(rows: pa.Table, format: str) -> None:
 
 
 def _print_people(rows: pa.Table) -> None:
-    console = Console()
-    if not console.is_terminal:
-        # Into a file or a pipe: as wide as it needs, nothing is cut.
-        console = Console(width=10_000)
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for field in rows.schema:
-        number = pa.types.is_integer(field.type) or pa.types.is_floating(field.type)
-        table.add_column(field.name, justify="right" if number else "left")
+    # Into a file or a pipe: as wide as it needs, nothing is cut.
+    console = wide(Console(), 10_000)
+    types = [field.type for field in rows.schema]
+    numbers = [pa.types.is_integer(t) or pa.types.is_floating(t) for t in types]
     columns = [_words(column) for column in rows.slice(0, MOST).columns]
-    for row in zip(*columns, strict=True):
-        table.add_row(*row)
-    console.print(table, markup=False, highlight=False)
+    left = [i for i, number in enumerate(numbers) if not number]
+    cells = list(zip(*columns, strict=True))
     more = f"; the first {MOST} are shown, --format csv has all" * (len(rows) > MOST)
     noun = "row" if len(rows) == 1 else "rows"
-    console.print(f"{len(rows)} {noun}{more}", highlight=False)
+    table = Table(rows.column_names, cells, left=left)
+    show(console, table, f"{len(rows)} {noun}{more}")
 
 
 def _print_csv(rows: pa.Table) -> None:

@@ -5,17 +5,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flows.report import diagnosis
+from flows.report.document import Chart, Table, Tile
 from flows.report.figures import look
 from flows.report.made import Origin
-from flows.report.page import diagnosis
-from flows.report.page.base import Tile, environment
-from flows.report.page.chart import Chart
-from flows.report.words.outlook import case_words, from_one_another, same_words
+from flows.report.page.base import environment
+from flows.report.words.outlook import (
+    case_words,
+    from_one_another,
+    in_words,
+    same_words,
+)
+from flows.report.words.phrases import joint_words
 from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design
 from flows.steps.planning.suggest import apart_by_no_motion
 from residual.diagnosis.result import Diagnosis
-from residual.quantity import number, probability
+from residual.quantity import MISSING, number, probability
 from residual.robot.robot import Robot
 from sim.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
@@ -101,10 +107,7 @@ def _context(sheet: Sheet) -> dict:
         "rate": number(1 / (sheet.reference.t[1] - sheet.reference.t[0])),
         "start": [f"{x:.2f}" for x in np.degrees(sheet.reference.q[0])],
         "limits": limit_rows(robot, sheet.reference),
-        "compared": [
-            (c.name, number(c.nats), "–" if c.seconds is None else f"{c.seconds:.1f}")
-            for c in made.compared
-        ],
+        "compared": comparison(made).rows[1:],
         "apart": [*same_words(same), *case_words(cases)],
         "command": sheet.command,
     }
@@ -131,3 +134,65 @@ def limit_rows(robot: Robot, reference: Reference) -> Sequence[tuple[str, ...]]:
         span = f"{low:.1f} to {high:.1f} ({ends[0]:.0f} to {ends[1]:.0f})"
         rows.append((str(j + 1), span, *told))
     return rows
+
+
+def told(made: Design) -> list[str]:
+    """Return what a motion settles and how surely, a sentence each."""
+    spec, seen = made.best.spec, made.best.seen
+    same, cases = apart_by_no_motion(made.search.question, made.search.twins)
+    after = "all of it is not enough"
+    if made.seconds is not None:
+        after = f"enough after {made.seconds:.1f} s"
+    return [
+        f"next experiment: {spec.duration:g} s of {spec.kind} motion in {spec.periods} "
+        f"periods, to tell {from_one_another(made.rivals)}",
+        f"expected evidence: {number(seen.least)} nats between the two that are "
+        f"nearest; {after} on average",
+        f"chance that it settles the question: {probability(made.chance)}",
+        *same_words(same),
+        *case_words(cases),
+        "range, speed, acceleration, torque, floor and self-collision checked between "
+        "samples too",
+    ]
+
+
+def comparison(made: Design) -> Table:
+    """Return what other motions of the same length and limits would do."""
+    rows = [("this one", number(made.best.seen.least), _seconds(made.seconds))]
+    rows += [(c.name, number(c.nats), _seconds(c.seconds)) for c in made.compared]
+    heads = ("motion", "expected nats", "enough after [s]")
+    return Table(heads, rows, "same length, same limits")
+
+
+def _seconds(value: float | None) -> str:
+    return MISSING if value is None else f"{value:.1f}"
+
+
+def nothing_open(asked: Asked, made: Design | None) -> list[str]:
+    """Return why there is no experiment to propose.
+
+    Args:
+        made: The best motion, which promises nothing; None where nothing was asked.
+    """
+    question, left = asked.question, asked.found.verdict.unexplained.joints
+    if made is None and left:
+        return [
+            f"{joint_words(left)}: more remains than noise, and nothing speaks for any "
+            "candidate there, so no motion could choose among them. The page of the "
+            "diagnosis shows what it depends on."
+        ]
+    if made is None:
+        return [
+            "nothing is open: no finding has an equivalent, and no joint keeps more "
+            "than noise. With --want you can ask for an effect of a given size."
+        ]
+    same, cases = apart_by_no_motion(question, made.search.twins)
+    every = [r.place for c in question.contests for r in c.rivals]
+    names = ", ".join(dict.fromkeys(map(in_words, every)))
+    return [
+        *same_words(same),
+        *case_words(cases),
+        f"no motion within the limits tells {names} from one another: the best one "
+        f"promises {number(made.best.seen.worth)} nats. Another load, or a value that "
+        "is known for sure, may.",
+    ]

@@ -1,40 +1,34 @@
-"""Records side by side, one record, trees of relatives, on a terminal."""
+"""Records in the terminal: one, two side by side, a rerun of one, its relatives."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 from rich.tree import Tree
 
-from flows.outputs import say
+from flows.report.document import Table, words_table
 
 _SHOWN = 40  # lines of one table
+_LISTED = 12  # channels of a rerun that are listed for people
 
 
-def print_diff(found) -> None:
-    """Print a comparison as tables."""
-    console = _console()
+def comparison(found) -> list[str | Table]:
+    """Return a comparison: which values differ, and by how much."""
     same = "the same values" if found.same else "other values"
-    say(console, f"{found.kind} {found.ids[0]} and {found.ids[1]}: {same}")
+    parts = [f"{found.kind} {found.ids[0]} and {found.ids[1]}: {same}"]
     for heading, rows in found.tables.items():
         if not rows:
-            say(console, f"{heading}: the same")
+            parts.append(f"{heading}: the same")
             continue
-        table = _table(heading, *(id[:8] for id in found.ids))
-        for row in rows[:_SHOWN]:
-            table.add_row(*(escape(_word(part)) for part in row))
-        console.print(table)
-        _more(console, len(rows))
+        shown = [[_word(part) for part in row] for row in rows[:_SHOWN]]
+        parts.append(words_table((heading, *(id[:8] for id in found.ids)), shown))
+        parts += _more(len(rows))
     if found.kind == "runs":
-        _print_channels(console, found.channels)
-        return
+        return [*parts, _channels(found.channels)]
     # Numbers of the record stand in its table already; files and tables do not.
-    for channel in found.channels[:_SHOWN]:
-        say(console, channel.words)
-    _more(console, len(found.channels))
+    parts += [channel.words for channel in found.channels[:_SHOWN]]
+    return parts + _more(len(found.channels))
 
 
 def as_record(found) -> dict:
@@ -53,7 +47,7 @@ def as_record(found) -> dict:
     }
 
 
-def print_tree(root, words: str) -> None:
+def print_tree(root, words: str, console: Console) -> None:
     """Print a record and its relatives.
 
     Args:
@@ -61,7 +55,7 @@ def print_tree(root, words: str) -> None:
     """
     tree = Tree(f"{_named(root)}, {words}{'' if root.relatives else ': nothing'}")
     _grow(tree, root)
-    _console().print(tree, highlight=False)
+    console.print(tree, highlight=False)
 
 
 def _grow(tree: Tree, root) -> None:
@@ -75,33 +69,21 @@ def _named(relative) -> str:
     return f"{relative.kind or 'not in this store'} {escape(relative.id)}"
 
 
-def _print_channels(console: Console, channels) -> None:
-    table = _table("channel", "unit", "samples", "differ", "from \\[s]", "most", "rms")
+def _channels(channels) -> Table:
+    rows = []
     for c in channels:
         count = str(c.differing) if c.differing or not c.note else c.note
         figures = (c.first, c.largest, c.rms)
         words = ["–" if v is None else f"{v:.4g}" for v in figures]
         differ = "equal" if c.equal else count
-        table.add_row(c.name, c.unit or "–", str(c.rows), differ, *words)
-    console.print(table)
+        rows.append((c.name, c.unit or "–", str(c.rows), differ, *words))
+    heads = ("channel", "unit", "samples", "differ", "from [s]", "most", "rms")
+    return words_table(heads, rows)
 
 
-def _table(*titles: str) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for title in titles:
-        table.add_column(title)
-    return table
-
-
-def _console() -> Console:
-    console = Console()
-    # Into a file or a pipe: as wide as it needs, nothing is cut.
-    return console if console.is_terminal else Console(width=1000)
-
-
-def _more(console: Console, count: int) -> None:
-    if count > _SHOWN:
-        say(console, f"and {count - _SHOWN} more; --format json has all")
+def _more(count: int) -> list[str]:
+    rest = count - _SHOWN
+    return [f"and {rest} more; --format json has all"] if rest > 0 else []
 
 
 def _word(value: object) -> str:
@@ -145,3 +127,42 @@ def _value(item: object) -> str:
     if len(text) <= _LONG:
         return text
     return f"{' '.join(text[:60].split())} … ({len(text)} characters, --format json)"
+
+
+def rerun_lines(made) -> list[str]:
+    """Return what a rerun gave, line by line."""
+    about = f"{made.kind} {made.id}"
+    if made.reproduced and made.imported:
+        return [f"{about}: measured; its values are those that were imported"]
+    if made.reproduced:
+        code = "" if made.same_code else "; the code is another, the values are not"
+        out = [f"{about}: same, bit for bit{code}"]
+    else:
+        out = [f"{about}: not the same"]
+        out += [f"  {channel.words}" for channel in made.apart[:_LISTED]]
+        if len(made.apart) > _LISTED:
+            out.append(f"  and {len(made.apart) - _LISTED} more")
+        out.append(f"cause, most probably: {made.cause.kind}: {made.cause.why}")
+    out.append(made.changes)
+    if made.made:
+        out.append(f"stored, a rerun of it: modelgap show {made.made}")
+    if made.noted:
+        out.append(f"kept on record: modelgap show {made.noted}")
+    return out
+
+
+def rerun_record(made) -> Mapping:
+    """Return the same as JSON can hold it."""
+    cause = made.cause and {"kind": made.cause.kind, "why": made.cause.why}
+    return {
+        "id": made.id,
+        "kind": made.kind,
+        "reproduced": made.reproduced,
+        "same_code": made.same_code,
+        "imported": made.imported,
+        "differences": [asdict(channel) for channel in made.apart],
+        "cause": cause,
+        "changes": made.changes,
+        "made": made.made,
+        "noted": made.noted,
+    }

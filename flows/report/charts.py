@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flows.report.document import Chart
 from flows.report.figures import look, plots
-from flows.report.page.chart import Chart
 from flows.report.words.phrases import effect_named, listing, noun
 from flows.report.words.rows import (
     METRICS,

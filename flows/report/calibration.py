@@ -1,0 +1,371 @@
+"""A calibration told in the terminal and on a page: errors by scheme and model.
+
+The page has the figures of the paper's chapter.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from flows.report.document import Chart, Document, Section, Strong, Table, Tile
+from flows.report.page.base import render_document
+from flows.report.words.calibration import plane_words, sentences
+from flows.report.words.phrases import sentence_case
+from flows.steps.calibrate import Calibrated
+from residual.calibration.calibrate import Calibration
+from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM, PLSR
+from residual.calibration.methods import WORDS as MODELS
+from residual.calibration.rows import PAPER
+from residual.calibration.scores import RANDOM, RUN, Score, find
+from residual.calibration.scores import WORDS as SCHEMES
+from residual.lazy import Lazy
+from residual.tables.form import NAMED, PAIRS
+
+# Who wants no page need not wait for a plotting library.
+figures = Lazy("flows.report.figures.paper")
+
+_TILES = (
+    (RANDOM, PAPER_FORM, "Paper form, random rows"),
+    (RUN, PAPER_FORM, "Paper form, unseen runs"),
+    (RUN, LS, "LS, unseen runs"),
+    (RUN, DEFAULT, "Default form, unseen runs"),
+)
+
+
+_NEWNESS = (
+    "Where a run or a family is left out, the motion is new; the other schemes hold "
+    "out rows whose neighbours in time, or whose repetition, are in the training set."
+)
+_FLATTERS = (
+    "Number A of components of PLSR and of the paper form: the best of each scheme on "
+    "the very rows it is judged on, as in the paper, which flatters them; the choices "
+    "of the default form are made without the run or family left out."
+)
+_TIME = (
+    "A run that no model was fitted to: what the model leaves of it, and the torque of "
+    "each correction beside it. What is far above is cut."
+)
+_PLANE = (
+    "PLSR is linear in the states: it sees a friction step as a slope of the speed. A "
+    "variable on the circle is all in this plane. Variables and residuals in one "
+    "direction go together."
+)
+_PCA = (
+    "Explained variance of the input, of the error and of white noise. Dashed: what "
+    "surrogates with the same spectra but random phases reach in 95 of 100 draws; rows "
+    "of a log depend on each other, so that slow signals correlate by chance."
+)
+_CURVES = (
+    "RMSEV over the number of components. Solid: leave one run out. Dashed: random "
+    "rows."
+)
+_LEVELS = (
+    "The paper form with the best number of components at each number of levels. Time "
+    "and memory are those of all folds of both schemes, without the compiler's first "
+    "run."
+)
+_MATTER = (
+    "Size of each contribution over all rows: a variable's main effect, and of a pair "
+    "only what both say together. Lines: one standard error by leaving out a run at a "
+    "time. Grey: not significant at 5 %."
+)
+_OUTLIERS = (
+    "x-outliers lie beyond the 99 % limit of T² or of the squared prediction error of "
+    "the paper form; y-outliers are missed by more than 2.6 robust standard deviations "
+    "of their joint and speed class on some joint; beside them the share of single "
+    "values in each class: standing is under 2 % of a joint's usual top speed, slow "
+    "under 30 %. A cell that no other run visited adds nothing: the correction is "
+    "missing there."
+)
+_TERMS = {
+    "RMSEC, RMSEV": (
+        "100 · ‖τ − τ̂‖ / ‖τ‖ with τ the measured torque and τ̂ the torque of the model "
+        "plus the correction (the paper's eq. 29), on rows fitted and on rows held out."
+    ),
+    "LS, PLSR": "Linear in the states. With all components PLSR is LS.",
+    "Paper form": (
+        "Nominal-level PLSR with interactions (eq. 30): each variable cut into 22 "
+        "equal levels, a table for every pair of variables."
+    ),
+    "Default form": (
+        "One table per variable on levels of several widths; pair tables, or nothing "
+        "at all, where runs left out say so."
+    ),
+    "Schemes": (
+        "Run, family: a whole motion is left out. Block, of fewer than four runs: a "
+        "quarter of a run, and what is within 0.25 s of it; the rest of the run is of "
+        "the same motion. Systematic: blocks of rows in time; repeats together: with "
+        "all repetitions of the block. Random: rows drawn by chance; each has "
+        "neighbours in the training set."
+    ),
+}
+
+
+def told(outcome: Calibrated) -> list[str | Table]:
+    """Return a calibration for the terminal: the table, and what it shows."""
+    made = outcome.made
+    return [
+        _errors(made),
+        about_rows(made),
+        chosen_words(made),
+        *filter(None, [level_words(made)]),
+        *sentences(made),
+        *(f"note: {n}" for n in made.notes),
+        *(f"warning: {w}" for w in outcome.warnings),
+    ]
+
+
+def _errors(made: Calibration) -> Table:
+    paper = made.rows.mode == PAPER
+    joints = [f"J{j}" for j in made.rows.joints]
+    heads = ["RMSEV (RMSEC) [%]", "model", *joints, "all"]
+    heads += [f"mean {joint}" for joint in joints] if paper else []
+    schemes = [one.scheme for one in made.scores]
+    first = [i for i, name in enumerate(schemes) if name not in schemes[:i]]
+    least = {
+        name: min(one.overall for one in made.scores if one.scheme == name)
+        for name in schemes
+    }
+    rows = []
+    for i, one in enumerate(made.scores):
+        # The best of each scheme stands out.
+        kind = Strong if one.overall == least[one.scheme] else str
+        cells = [
+            kind(f"{_percent(v)} ({_percent(c)})")
+            for v, c in zip(one.rmsev, one.rmsec, strict=True)
+        ]
+        means = [_percent(m) for m in one.mean] if paper else []
+        named = "" if one.components is None else f", A = {one.components}"
+        start = [SCHEMES[one.scheme] if i in first else "", MODELS[one.model] + named]
+        rows.append([*start, *cells, kind(_percent(one.overall)), *means])
+    return Table(heads, rows, left=(0, 1), sections=first[1:])
+
+
+def _percent(value: float) -> str:
+    return "–" if not np.isfinite(value) else f"{value:.1f}"
+
+
+def about_rows(made: Calibration) -> str:
+    """Return in a sentence what X and Y are, so that the errors can be read."""
+    rows = made.rows
+    common = f"{len(rows.X)} rows of {len(rows.labels)} runs; errors are per cent of "
+    common += "the measured torque"
+    if rows.mode == PAPER:
+        joints = ", ".join(map(str, rows.joints))
+        return (
+            f"X: reference of joints {joints} and its derivatives; Y: torque minus "
+            f"that of the simulated twin, one sample ahead; {common}."
+        )
+    declared = ", ".join(made.declared) or "nothing"
+    return (
+        "X: measured motion of all joints; Y: torque minus that of a model (declared: "
+        f"{declared}) identified without the held-out runs; {common}."
+    )
+
+
+def chosen_words(made: Calibration) -> str:
+    """Return in a sentence what the default form takes for each joint."""
+    taken = []
+    for joint, option in zip(made.rows.joints, made.chosen, strict=True):
+        what = option.kind
+        if option.kind == NAMED:
+            what = f"main effects and {option.count} pair table(s)"
+        elif option.kind == PAIRS:
+            what = f"main effects and all pairs, {option.count} component(s)"
+        taken.append(f"J{joint} {what}")
+    where = "runs" if made.proven else "blocks of the runs, which are fewer than three,"
+    return f"default form, chosen on {where} left out: {'; '.join(taken)}."
+
+
+def level_words(made: Calibration) -> str | None:
+    """Return in a sentence which levels the paper form takes; None where given."""
+    if made.levels is None:
+        return None
+    form, names = made.levels.form, made.rows.names
+    pairs = zip(names, form.levels, strict=True)
+    return (
+        f"paper form, levels chosen on runs left out: {made.levels.components} "
+        f"component(s), levels {', '.join(f'{n} {k}' for n, k in pairs)}; cells that "
+        "no row visited are filled from coarser levels."
+    )
+
+
+def render(made: Calibration, warnings: Sequence[str] = ()) -> str:
+    """Return the page of a calibration.
+
+    Args:
+        made: The calibration.
+    """
+    return render_document(_document(made, warnings))
+
+
+def _document(made: Calibration, warnings: Sequence[str]) -> Document:
+    words = sentences(made)
+    return Document(
+        title=f"modelgap calibration: {made.robot}",
+        about=f"modelgap calibration of {made.robot}",
+        headline=words[0] if words else "A data-driven correction",
+        lead=words[1:],
+        tiles=_tiles(made.scores),
+        setting=f"{about_rows(made)} Logs: {', '.join(made.rows.labels)}.",
+        warnings=warnings,
+        sections=(
+            _every_model(made),
+            Section(
+                "bars",
+                "The same as bars (figure 10 of the paper)",
+                [_schemes(made), *_bars(made)],
+            ),
+            Section(
+                "time", "Corrections over time (figure 9)", _over_time(made), _TIME
+            ),
+            _plane(made),
+            _components(made),
+            Section("curves", "Components (figure 8)", _grid(_curves(made)), _CURVES),
+            Section("levels", "Levels (figure 12)", _sweep(made), _LEVELS),
+            Section(
+                "importance", "Which tables matter", _grid(_importance(made)), _MATTER
+            ),
+            _oddities(made),
+            Section("read", "How to read this page", [_TERMS]),
+            Section("notes", "Notes", [made.notes] if made.notes else []),
+        ),
+    )
+
+
+def _every_model(made: Calibration) -> Section:
+    note = (
+        "RMSEV on rows held out, RMSEC in brackets on rows fitted, per cent of the "
+        "measured torque, pooled over folds"
+    )
+    if made.rows.mode == PAPER:
+        note += "; the paper's mean over subsets beside it"
+    below = f"{sentence_case(chosen_words(made))} {_FLATTERS}"
+    return Section(
+        "table",
+        "Every model under every scheme",
+        [_errors(made)],
+        f"{note}. {_NEWNESS}",
+        below,
+    )
+
+
+def _grid(charts: Sequence[Chart]) -> list[Sequence[Chart]]:
+    return [charts] if charts else []
+
+
+def _tiles(scores: Sequence[Score]) -> list[Tile]:
+    out = []
+    for scheme, model, label in _TILES:
+        one, none = find(scores, scheme, model), find(scores, scheme, NONE)
+        if one is not None and none is not None:
+            note = f"of the torque; no compensation {none.overall:.3g} %"
+            out.append(Tile(label, f"{one.overall:.3g} %", note))
+    return out
+
+
+def _schemes(made: Calibration) -> Chart:
+    """All schemes in one view, all joints together."""
+    told = "; ".join(
+        f"{SCHEMES[o.scheme]}, {MODELS[o.model]} {o.overall:.3g} %" for o in made.scores
+    )
+    return Chart(figures.schemes_figure(made.scores), f"{told}.")
+
+
+def _over_time(made: Calibration) -> list[Chart]:
+    if made.unseen is None:
+        return []
+    out = []
+    for column, joint in enumerate(made.rows.joints):
+        uri = figures.over_time_figure(made.unseen, joint, column)
+        alt = f"Joint {joint}: residual of {made.unseen.label} and corrections over t."
+        out.append(Chart(uri, alt))
+    return out
+
+
+def _plane(made: Calibration) -> Section:
+    heading = "Scores and loadings of PLSR"
+    if made.plane is None:
+        return Section("plane", heading, ())
+    words = plane_words(made.plane)
+    chart = Chart(figures.plane_figure(made.plane, made.rows.labels), " ".join(words))
+    return Section("plane", heading, (*words, chart), below=_PLANE)
+
+
+def _bars(made: Calibration) -> list[Chart]:
+    out = []
+    for scheme in made.schemes:
+        own = [one for one in made.scores if one.scheme == scheme.name]
+        uri = figures.bars_figure(own, made.rows.joints)
+        told = "; ".join(f"{MODELS[o.model]} {o.overall:.3g} %" for o in own)
+        out.append(Chart(uri, f"{SCHEMES[scheme.name]}: {told}."))
+    return out
+
+
+def _curves(made: Calibration) -> list[Chart]:
+    out = []
+    for model in (PLSR, PAPER_FORM):
+        own = [find(made.scores, scheme, model) for scheme in (RUN, RANDOM)]
+        own = [one for one in own if one is not None and one.curve is not None]
+        if own:
+            told = "; ".join(
+                f"{SCHEMES[o.scheme]}: least at {o.components} components" for o in own
+            )
+            uri = figures.curve_figure(own, made.rows.joints)
+            out.append(Chart(uri, f"{MODELS[model]}: {told}."))
+    return out
+
+
+def _components(made: Calibration) -> Section:
+    heading, every = "Principal components (figures 4 to 6)", made.components
+    if not every:
+        return Section("pca", heading, ())
+    told = "; ".join(
+        f"{o.family}, {o.block}: {o.explained[0]:.0f} % in the first" for o in every
+    )
+    chart = Chart(figures.components_figure(every), f"{told}.")
+    rows = [
+        (
+            one.family.replace("_", " "),
+            one.block,
+            str(one.real),
+            str(one.permuted),
+            ", ".join(f"{name} {value:+.2f}" for name, value in one.first),
+        )
+        for one in every
+    ]
+    heads = ("Motion", "Block", "Real components", "by permuted rows")
+    table = Table((*heads, "Largest loadings of the first"), rows, left=(0, 1, 4))
+    return Section("pca", heading, ([chart], table), _PCA)
+
+
+def _sweep(made: Calibration) -> list[Chart]:
+    if made.sweep is None:
+        return []
+    levels = made.sweep.levels
+    alt = f"RMSEV over {levels[0]} to {levels[-1]} levels, and time."
+    return [Chart(figures.sweep_figure(made.sweep, made.rows.joints), alt)]
+
+
+def _importance(made: Calibration) -> list[Chart]:
+    if made.terms is None:
+        return []
+    out = []
+    for column, joint in enumerate(made.rows.joints):
+        largest = int(made.terms.sizes.values[:, column].argmax())
+        alt = f"Joint {joint}: the largest contribution is {made.terms.names[largest]}."
+        out.append(Chart(figures.importance_figure(made.terms, joint, column), alt))
+    return out
+
+
+def _oddities(made: Calibration) -> Section:
+    heading, odd = "Outliers, and how new each run is to the others", made.oddities
+    if odd is None:
+        return Section("outliers", heading, ())
+    shares = (odd.x, odd.y, *zip(*odd.by_class, strict=True))
+    shares += (odd.unvisited, odd.outside)
+    percents = [[f"{100 * v:.3g}" for v in column] for column in shares]
+    heads = ("Run", "x-outliers, %", "y-outliers, %", "standing", "slow", "fast")
+    heads += ("cells unvisited by the other runs, %", "rows outside their range, %")
+    table = Table(heads, list(zip(odd.labels, *percents, strict=True)))
+    return Section("outliers", heading, [table], below=_OUTLIERS)
