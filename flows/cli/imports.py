@@ -5,7 +5,7 @@ from rich.console import Console
 from flows.cli.options import Flag, Log, Tags
 from flows.outputs import say
 from flows.report.console import show
-from flows.report.experiments import channels, log_lines
+from flows.report.records import channels, log_lines
 from flows.requests import Import
 from flows.settings import store_folder
 from flows.steps import imports as steps

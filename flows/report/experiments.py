@@ -1,11 +1,8 @@
-"""Experiments in the terminal: motions, logs, validations, drives by a model."""
+"""Experiments in the terminal: validations, and drives by a model."""
 
-from flows.report.document import Table, words_table
-from flows.steps.imports import Log
+from flows.report.document import Table
 from flows.steps.loop.track import LOOP, MODEL, NOMINAL, Gain, Tracked
 from flows.steps.validate import Validation
-from residual.robot.robot import Robot
-from warehouse.logs.columns import shorten
 
 # The 2 x 2 design and computed torque: what stands in a row, and its name.
 _CELLS = {
@@ -16,41 +13,6 @@ _CELLS = {
     "computed torque": LOOP,
 }
 _UNITS = {"rms": (1e3, "mrad"), "peak": (1e3, "mrad"), "chatter": (1, "N m")}
-
-
-def channels(log: Log) -> Table:
-    """Return which column of a log became which channel, and what was done to it."""
-    heads = ("channel", "column", "unit of the file", "done to it")
-    rows = [
-        (c, column, unit, done or "–") for c, column, unit, done in log.known.channels
-    ]
-    return words_table(heads, rows)
-
-
-def log_lines(log: Log, robot: Robot, all: bool) -> list[str]:
-    """Return what was understood of a log, one line each."""
-    known = log.known
-    if not all:
-        return [known.text, *(f"warning: {w}" for w in known.warnings)]
-    names = tuple(robot.model.names)[1:]
-    joints = ", ".join(f"{i} {name}" for i, name in enumerate(names, 1))
-    gaps = [w for w in known.warnings if "gap(s)" in w]
-    window = f", window @{known.window}" if known.window else ""
-    return [
-        f"log: {known.file}{window}",
-        f"robot: {robot.name}, {robot.dof} joints: {joints}",
-        f"rows: {known.rows}, {known.rate:.6g} Hz, {known.duration:.6g} s, from "
-        f"t = {log.recording.t[0]:.9g} s",
-        *([] if gaps else ["gaps: none"]),
-        *(f"warning: {warning}" for warning in known.warnings),
-        *(f"file: {note}" for note in known.notes),
-        f"recorded: {log.manifest['recorded_at'] or 'unknown; see --recorded-at'}",
-        f"serial number: {log.manifest['serial'] or 'none'}, "
-        f"tags: {' '.join(log.manifest['tags']) or 'none'}",
-        f"ignored columns: {shorten(known.ignored) or 'none'}",
-        f"run id: {log.run_id}, {'in the store already' if log.stored else 'new'}; "
-        "a dry run stores nothing",
-    ]
 
 
 def validation(made: Validation) -> Table:

@@ -1,4 +1,4 @@
-"""Records in the terminal: one, two side by side, a rerun of one, its relatives."""
+"""Records and logs in the terminal: one record, two, a rerun of one, its relatives."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -8,6 +8,9 @@ from rich.markup import escape
 from rich.tree import Tree
 
 from flows.report.document import Table, words_table
+from flows.steps.imports import Log
+from residual.robot.robot import Robot
+from warehouse.logs.columns import shorten
 
 _SHOWN = 40  # lines of one table
 _LISTED = 12  # channels of a rerun that are listed for people
@@ -166,3 +169,38 @@ def rerun_record(made) -> Mapping:
         "made": made.made,
         "noted": made.noted,
     }
+
+
+def channels(log: Log) -> Table:
+    """Return which column of a log became which channel, and what was done to it."""
+    heads = ("channel", "column", "unit of the file", "done to it")
+    rows = [
+        (c, column, unit, done or "–") for c, column, unit, done in log.known.channels
+    ]
+    return words_table(heads, rows)
+
+
+def log_lines(log: Log, robot: Robot, all: bool) -> list[str]:
+    """Return what was understood of a log, one line each."""
+    known = log.known
+    if not all:
+        return [known.text, *(f"warning: {w}" for w in known.warnings)]
+    names = tuple(robot.model.names)[1:]
+    joints = ", ".join(f"{i} {name}" for i, name in enumerate(names, 1))
+    gaps = [w for w in known.warnings if "gap(s)" in w]
+    window = f", window @{known.window}" if known.window else ""
+    return [
+        f"log: {known.file}{window}",
+        f"robot: {robot.name}, {robot.dof} joints: {joints}",
+        f"rows: {known.rows}, {known.rate:.6g} Hz, {known.duration:.6g} s, from "
+        f"t = {log.recording.t[0]:.9g} s",
+        *([] if gaps else ["gaps: none"]),
+        *(f"warning: {warning}" for warning in known.warnings),
+        *(f"file: {note}" for note in known.notes),
+        f"recorded: {log.manifest['recorded_at'] or 'unknown; see --recorded-at'}",
+        f"serial number: {log.manifest['serial'] or 'none'}, "
+        f"tags: {' '.join(log.manifest['tags']) or 'none'}",
+        f"ignored columns: {shorten(known.ignored) or 'none'}",
+        f"run id: {log.run_id}, {'in the store already' if log.stored else 'new'}; "
+        "a dry run stores nothing",
+    ]
