@@ -21,8 +21,8 @@ from residual.model.nominal import declared_names
 from residual.model.record import to_record
 from residual.robot.robot import Robot
 from residual.tables.crossval import relative_error
+from residual.tables.figures import CLASSES
 from residual.tables.lookup import export_lookup
-from residual.tables.outliers import CLASSES
 from warehouse.commit import commit_record
 from warehouse.schema import VIEWS, arrow_schema
 

@@ -28,11 +28,17 @@ from residual.tables.components import (
     state_names,
 )
 from residual.tables.crossval import BLOCKS, HeldOut
+from residual.tables.figures import (
+    CLASSES,
+    Jackknife,
+    jackknife,
+    nominal_distances,
+    speed_classes,
+    table_importance,
+)
 from residual.tables.form import PAIRS, EffectForm, Option
-from residual.tables.importance import Jackknife, jackknife, table_importance
 from residual.tables.nominal_choice import SWEEP, nominal_errors
 from residual.tables.nominal_pls import NominalForm, fit_nominal_pls
-from residual.tables.outliers import CLASSES, nominal_distances, speed_classes
 
 INPUT, TWIN, WHITE = "input", "twin error", "white noise"
 LEFT = "residual"

@@ -15,8 +15,6 @@ from residual.tables.crossval import (
     systematic,
     systematic_repeats,
 )
-from residual.tables.importance import jackknife
-from residual.tables.outliers import hotelling_t2, spe_limit, t2_limit
 
 
 @given(st.integers(2, 60), st.integers(2, 20), st.integers(0, 99))
@@ -83,25 +81,6 @@ def test_the_simplest_is_as_good_as_the_best_within_its_doubt():
     assert simplest(held([[1, 1, 1], [0.99, 0.99, 0.99]]), 0) == 0
 
 
-def test_the_jack_knife_gives_the_standard_error_of_a_mean(rng):
-    x = rng.normal(size=30)
-    left = np.array([np.delete(x, i).mean() for i in range(30)])
-    found = jackknife(left, x.mean())
-    assert found.errors == pytest.approx(x.std(ddof=1) / np.sqrt(30))
-    constant = jackknife(np.ones((3, 2)) * [0, 1], np.array([0.0, 1.0]))
-    assert constant.significant.tolist() == [False, True]
-
-
-def test_limits_keep_99_percent_of_normal_rows():
-    rng = np.random.default_rng(0)
-    X = rng.normal(size=(5000, 6))
-    t2 = hotelling_t2(X[:, :3], X[:, :3].var(axis=0, ddof=1))
-    assert (t2 > t2_limit(3, 5000)).mean() == pytest.approx(0.01, abs=0.006)
-    spe = (X[:, 3:] ** 2).sum(axis=1)
-    assert (spe > spe_limit(spe)).mean() == pytest.approx(0.01, abs=0.006)
-    assert spe_limit(np.zeros(4)) == 0
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -114,7 +93,6 @@ def test_limits_keep_99_percent_of_normal_rows():
             lambda: fold_power(np.ones(4), systematic(5, 2)),
             "folds are of 5 rows, the data of 4",
         ),
-        (lambda: jackknife(np.zeros((1, 3)), np.zeros(3)), "groups must be 2"),
     ],
 )
 def test_bad_schemes_are_refused(call, message):

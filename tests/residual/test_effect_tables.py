@@ -6,6 +6,7 @@ import pytest
 from residual.errors import InputError
 from residual.tables.choose import fit_effect_tables, list_options
 from residual.tables.crossval import leave_one_out
+from residual.tables.figures import table_importance
 from residual.tables.form import (
     LEAST_SQUARES,
     LOADED,
@@ -18,9 +19,7 @@ from residual.tables.form import (
     fit_base,
     fit_linear,
 )
-from residual.tables.importance import split_pair, table_importance
 from residual.tables.levels import quantile_levels
-from residual.tables.lookup import Table
 from residual.tables.main_tables import (
     ROWS,
     add_pairs,
@@ -218,19 +217,6 @@ def test_two_runs_prove_nothing_and_allow_only_what_helps_both(rng):
     X, Y, torque, run = motion(rng, runs=2, rows=800)
     model = fit_effect_tables(X, Y, run, torque, FORM)
     assert {o.kind for o in model.chosen} <= {NONE, MAIN}
-
-
-def test_a_pair_table_splits_into_main_effects_and_what_only_both_say(rng):
-    first, second = rng.integers(0, 4, 500), rng.integers(0, 3, 500)
-    r, c = rng.normal(size=(4, 1)), rng.normal(size=(3, 1))
-    additive = Table((0, 1), r[:, None] + c[None])
-    assert np.abs(split_pair(additive, first, second)[2]).max() < 1e-9
-    table = Table((0, 1), rng.normal(size=(4, 3, 2)))
-    a, b, both = split_pair(table, first, second)
-    np.testing.assert_allclose(a[:, None] + b[None] + both, table.values, atol=1e-9)
-    rows = both[first, second]
-    for level in range(4):
-        np.testing.assert_allclose(rows[first == level].sum(0), 0, atol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 
 from residual.errors import InputError
 from residual.tables.crossval import leave_one_out, random_blocks, systematic
+from residual.tables.figures import nominal_distances
 from residual.tables.levels import equal_levels
 from residual.tables.nominal_choice import nominal_errors
 from residual.tables.nominal_pls import NominalForm, fit_nominal_pls
-from residual.tables.outliers import nominal_distances
 from tests.residual.motion_blocks import motion, one_hot
 from tests.residual.refit import held_out
 
