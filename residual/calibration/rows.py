@@ -26,6 +26,13 @@ from residual.tables.components import state_block, state_names
 BLOCKS = 4  # of a run
 FEW = 4  # runs under which leaving one out leaves fewer than three
 GUARD = 0.25  # s, beside a block that is left out: filters and friction remember
+PAPER, MEASURED = "paper", "measured"
+PAPER_JOINTS = 3  # section 2.4 of the paper
+PAPER_HZ, MEASURED_HZ = 125.0, 60.0  # a higher rate repeats rows and changes nothing
+_REPEATED = 1e-3  # squared distance to the previous period, as a share of chance's
+_LEFT = 0.5  # ... beyond which a motion has left its start
+PARTS = 5  # of a single log
+MOST = 900.0  # s of logs in all
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,13 +139,6 @@ def _masked(track: Track, parts: Sequence[Part]) -> Track:
 def _times(track: Track) -> Array:
     """Times of a track's rows on the log's own clock [s]. Shape (m,)."""
     return track.t[:: track.step][: len(track.tau)]
-
-
-PAPER, MEASURED = "paper", "measured"
-PAPER_JOINTS = 3  # section 2.4 of the paper
-PAPER_HZ, MEASURED_HZ = 125.0, 60.0  # a higher rate repeats rows and changes nothing
-_REPEATED = 1e-3  # squared distance to the previous period, as a share of chance's
-_LEFT = 0.5  # ... beyond which a motion has left its start
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -351,10 +351,6 @@ def _stacked(mode: str, joints: tuple[int, ...], made: tuple) -> Rows:
         frozen(part),
         frozen(near),
     )
-
-
-PARTS = 5  # of a single log
-MOST = 900.0  # s of logs in all
 
 
 def cut_single(runs: Sequence[Run]) -> tuple[Run, ...]:

@@ -22,6 +22,7 @@ SECONDS, RATE = 10.0, 250.0
 TRAVEL = 0.4  # of a joint's range to each side of its middle
 WAVES = ((0.5, 1.0), (0.3, 2.7), (0.2, 5.3))  # share of the amplitude, times the lowest
 LOWEST = 0.1  # Hz
+TABLES, BODY = "tables", "rigid body"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -88,7 +89,6 @@ def limits(robot: Robot) -> tuple[Array, Array, Array]:
 
 
 Whole = Model | Corrected
-TABLES, BODY = "tables", "rigid body"
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,17 @@ from residual.signals.direction import SMOOTH
 
 FULL = 20.0  # tanh of it is one, to the last bit
 NOT_NEGATIVE = ("damping", "quadratic_damping", "friction", "armature", "stiffness")
+URDF_CAN = ("damping", "friction")
+MJCF_CAN = (
+    "damping",
+    "quadratic_damping",
+    "friction",
+    "armature",
+    "stiffness",
+    "constant",
+)
+STEP = 0.001  # s
+THICK = 0.03  # m, of the lines that stand for links
 
 
 def split_passive(
@@ -73,9 +84,6 @@ def saturated_speed(model: Model) -> Array:
     return floor * np.array(times)
 
 
-URDF_CAN = ("damping", "friction")
-
-
 def to_urdf(whole: Whole) -> Exported:
     """Return a model as the text of a URDF.
 
@@ -101,21 +109,11 @@ def to_urdf(whole: Whole) -> Exported:
     return parts.exported({f"{file_stem(whole)}.urdf": text.encode()})
 
 
-MJCF_CAN = (
-    "damping",
-    "quadratic_damping",
-    "friction",
-    "armature",
-    "stiffness",
-    "constant",
-)
-STEP = 0.001  # s
 # Twice the time step is the fastest that MuJoCo lets a constraint be.
 FRICTION = {
     "solreffriction": f"{2 * STEP} 1",
     "solimpfriction": "0.9999 0.9999 0.001 0.5 2",
 }
-THICK = 0.03  # m, of the lines that stand for links
 
 
 def to_mjcf(whole: Whole) -> Exported:

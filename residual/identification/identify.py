@@ -43,6 +43,7 @@ from residual.signals.track import Filters
 
 _LIMIT = 0.05  # relative sd that every parameter may keep
 _CHANCE = 0.95
+_ROWS_PER_PARAMETER = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -102,9 +103,6 @@ def _relative_sd(
     covariance = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
     sd = size * np.sqrt(np.maximum(np.diag(covariance), 0))
     return sd / np.maximum(np.abs(theta[start.free]), 1e-300)
-
-
-_ROWS_PER_PARAMETER = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -22,6 +22,11 @@ from residual.robot.robot import Robot
 from residual.signals.pieces import are_long, hold_out_end, in_pieces, session_clock
 from residual.signals.track import Track, prepare
 
+SAME_RUN = (
+    "no --holdout given: the last quarter of the longest log was held out; the proof "
+    "is weak, since it is the same run"
+)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class AccelerationError:
@@ -104,12 +109,6 @@ def _effect_inertia(model: Model, state: State) -> Array:
         for term, before in zip(model.terms, rest, strict=True):
             out[:, :, j] += term.torque(pushed) - before
     return out
-
-
-SAME_RUN = (
-    "no --holdout given: the last quarter of the longest log was held out; the proof "
-    "is weak, since it is the same run"
-)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

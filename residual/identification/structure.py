@@ -35,6 +35,10 @@ from residual.signals.track import Track
 
 _AMPLITUDE = 0.3  # of torque rms: the usual size of an effect of unknown value
 _LOAD, _REACH = 0.08, 0.2  # a usual load: of the arm's mass, m off its link
+_STATES = 120  # of a motion that is tried
+_LIMIT = 1.0
+_FAST, _HARD = 1.5, 5.0  # rad/s, rad/s^2 where a robot has no limits
+_LARGEST = 1e9
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -169,12 +173,6 @@ def load(model: Model) -> Array:
     own = mass * np.array([1.0] + 3 * [_REACH] + 6 * [_REACH**2])
     out[: len(model.inertial)] = np.tile(own, model.robot.dof)
     return out
-
-
-_STATES = 120  # of a motion that is tried
-_LIMIT = 1.0
-_FAST, _HARD = 1.5, 5.0  # rad/s, rad/s^2 where a robot has no limits
-_LARGEST = 1e9
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -31,6 +31,8 @@ from residual.tables.form import (
 from residual.tables.levels import Levels
 from residual.tables.lookup import Axis, Lookup, Table
 
+PROVEN = 3  # runs from which on a choice among them can be trusted
+
 
 def build_lookup(
     base: Base, rest: Rest, chosen: Sequence[Option], form: EffectForm
@@ -131,9 +133,6 @@ def _all_pairs(rest: Rest, chosen: Sequence[Option], offset: Array) -> _Found | 
 
 def _axes(levels: Levels) -> list[Axis]:
     return [Axis(i, edges) for i, edges in enumerate(levels.edges)]
-
-
-PROVEN = 3  # runs from which on a choice among them can be trusted
 
 
 @dataclass(frozen=True, eq=False, slots=True)

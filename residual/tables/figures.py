@@ -21,6 +21,12 @@ from residual.tables.blocks import as_block, as_pair, check_count, frozen
 from residual.tables.lookup import Lookup, Table
 from residual.tables.nominal_pls import NominalPls
 
+UNSURE = 0.05
+ALPHA = 0.01  # share of good rows that a limit calls outliers
+STANDING, SLOW = 0.02, 0.3  # of the 95 % quantile of a joint's speed
+CLASSES = ("standing", "slow", "fast")
+MAD = 1.4826  # of a normal distribution: its sd per median absolute deviation
+
 
 def table_importance(lookup: Lookup, X: Array) -> dict[str, Array]:
     """Return the size of each term's contribution about its mean on rows X (n, d).
@@ -73,9 +79,6 @@ def split_pair(table: Table, first: Array, second: Array) -> tuple[Array, ...]:
     return r, c, np.where(N[..., None] > 0, both, 0.0)
 
 
-UNSURE = 0.05
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Jackknife:
     """Fitted numbers with their jack-knife standard errors.
@@ -107,12 +110,6 @@ def jackknife(left_out: Array, full: Array) -> Jackknife:
     spread = ((left_out - full) ** 2).sum(axis=0)
     errors = np.sqrt((groups - 1) / groups * spread)
     return Jackknife(frozen(full.copy()), frozen(errors), groups)
-
-
-ALPHA = 0.01  # share of good rows that a limit calls outliers
-STANDING, SLOW = 0.02, 0.3  # of the 95 % quantile of a joint's speed
-CLASSES = ("standing", "slow", "fast")
-MAD = 1.4826  # of a normal distribution: its sd per median absolute deviation
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -38,6 +38,8 @@ from residual.tables.nominal_pls import (
 )
 
 WIDTHS = (6, 12)  # levels of either; speeds part at standstill
+NONE, LEAST_SQUARES, MAIN = "none", "least squares", "main effects"
+LOADED, NAMED, PAIRS = "main effects and load", "named pairs", "all pairs"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -121,9 +123,6 @@ def _solve(normal: Normal, cells: tuple, y: Array, joint: int, ridges) -> list[t
         out.append((known - inverse * (cross @ solved), table))
     return out
 
-
-NONE, LEAST_SQUARES, MAIN = "none", "least squares", "main effects"
-LOADED, NAMED, PAIRS = "main effects and load", "named pairs", "all pairs"
 
 # Sparse: dense pair tables were no better on unseen runs, with twenty times the cells.
 PAIR_FORM = NominalForm(22, 15, "quantile", scale_y=True, sparsity=0.5)

@@ -24,6 +24,11 @@ from residual.quantity import plain
 from residual.recording import Array
 from residual.tables.blocks import as_block
 
+GRID = 1024  # steps per axis that lead to a level without a search
+CUBE = 32_768  # cells that a table of three axes may have: 1 MB for four joints
+TRIES = 2_000  # steps of the search for triples: plenty for 9 axes
+FORM = 1  # of the exported files; raised when they change
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Axis:
@@ -50,10 +55,6 @@ class Table:
     axes: tuple[int, ...]
     values: Array
 
-
-GRID = 1024  # steps per axis that lead to a level without a search
-CUBE = 32_768  # cells that a table of three axes may have: 1 MB for four joints
-TRIES = 2_000  # steps of the search for triples: plenty for 9 axes
 
 Pieces = tuple[Array, Array]
 Pair = tuple[int, int]
@@ -254,9 +255,6 @@ class Lookup:
                 f"{', '.join(self.names)}. Give these, in order."
             )
         return X
-
-
-FORM = 1  # of the exported files; raised when they change
 
 
 def export_lookup(lookup: Lookup) -> dict[str, bytes]:

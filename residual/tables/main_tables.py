@@ -26,6 +26,10 @@ PYRAMID = (5, 10, 20, 40)  # levels, from wide to narrow
 RIDGES = (1.0, 10.0, 100.0, 1000.0)  # per ROWS rows
 ROWS = 20_000
 KEPT = 1e-10  # share of the largest singular value below which a level is a copy
+LEVELS = 12
+RIDGE = 50.0  # per ROWS rows: a cell of so few is believed by half
+GAIN = 0.03  # least share of the squared rest that a table must explain on unseen runs
+MOST = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -217,12 +221,6 @@ def _centred(stacked: Array, share: Array, sizes: Sequence[int]) -> tuple[Array,
     tables = np.split(stacked, ends)
     shares = np.split(share, ends)
     return tuple(frozen(t - s @ t) for t, s in zip(tables, shares, strict=True))
-
-
-LEVELS = 12
-RIDGE = 50.0  # per ROWS rows: a cell of so few is believed by half
-GAIN = 0.03  # least share of the squared rest that a table must explain on unseen runs
-MOST = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)

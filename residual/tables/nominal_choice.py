@@ -44,6 +44,8 @@ from residual.tables.nominal_pls import (
 
 WIDTH = 8  # folds that share a pass: one cache line of a table
 ROOM = 4e7  # numbers that the scores of a pass may take: 320 MB
+SWEEP = (2, 3, 4, 6, 8, 12, 16, 22, 30, 40)
+NARROWEST, WIDEST = 2, 80
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -165,10 +167,6 @@ def _squared(held: _Held, predicted: Array, width: int) -> Array:
     gap = held.squares - 2 * predicted * held.sums
     gap += held.count[:, None] * predicted**2
     return np.stack([np.bincount(held.fold, g, width) for g in gap.T], axis=1)
-
-
-SWEEP = (2, 3, 4, 6, 8, 12, 16, 22, 30, 40)
-NARROWEST, WIDEST = 2, 80
 
 
 @dataclass(frozen=True, slots=True)
