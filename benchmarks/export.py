@@ -11,12 +11,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.groups import run_groups
+from benchmarks.harness.figures import run_groups
 
 GROUPS = {
-    "targets": "export_parts.targets:target_figures",
-    "mujoco": "export_parts.targets:mujoco_figures",
-    "speed": "export_parts.targets:speed_figures",
+    "targets": "export_parts.models:target_figures",
+    "mujoco": "export_parts.models:mujoco_figures",
+    "speed": "export_parts.models:speed_figures",
 }
 
 

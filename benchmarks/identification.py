@@ -11,10 +11,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.groups import run_groups
+from benchmarks.harness.figures import run_groups
 
 GROUPS = {
-    "identities": "identification_parts.identities:identity_figures",
+    "identities": "identification_parts.recovery:identity_figures",
     "recovery": "identification_parts.recovery:recovery_figures",
     "measured": "identification_parts.recovery:measured_figures",
     "speed": "identification_parts.speed:speed_figures",

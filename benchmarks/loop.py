@@ -21,8 +21,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.harness.cases import Kept, kept_file, seed_range
-from benchmarks.harness.figures import Figures, all_missing
-from benchmarks.harness.groups import function_of, run_groups
+from benchmarks.harness.figures import Figures, all_missing, function_of, run_groups
 from flows.workers.pool import Pool
 
 GROUPS = {

@@ -11,15 +11,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.groups import run_groups
+from benchmarks.harness.figures import run_groups
 
 GROUPS = {
     "identity": "plant_parts.physics:identity_figures",
     "energy": "plant_parts.physics:energy_figures",
     "stability": "plant_parts.physics:stability_figures",
     "determinism": "plant_parts.physics:determinism_figures",
-    "speed": "plant_parts.speed:speed_figures",
-    "excitation": "plant_parts.speed:excitation_figures",
+    "speed": "plant_parts.physics:speed_figures",
+    "excitation": "plant_parts.physics:excitation_figures",
 }
 
 

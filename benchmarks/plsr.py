@@ -12,7 +12,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.groups import run_groups
+from benchmarks.harness.figures import run_groups
 
 GROUPS = {
     "fit": "plsr_parts.speed:fit_figures",

@@ -13,13 +13,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.figures import Figures
-from benchmarks.harness.groups import function_of, run_groups
+from benchmarks.harness.figures import Figures, function_of, run_groups
 
 GROUPS = {
     "commit": "store_parts.timed:commit_figures",
     "many": "store_parts.timed:many_figures",
-    "together": "store_parts.together:together_figures",
+    "together": "store_parts.timed:together_figures",
     "kills": "store_parts.kills:kill_figures",
 }
 _TIMED = ("commit", "many")

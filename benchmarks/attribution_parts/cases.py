@@ -1,4 +1,8 @@
-"""Cases of each group: what is drawn, how it is diagnosed, what came of it."""
+"""Cases of each group: what is drawn, how it is diagnosed, what came of it.
+
+A verdict is judged by sets, and by moved values. The edit test: what changed is taken
+out of the model again, and the arm is asked.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

@@ -1,4 +1,8 @@
-"""Ask a method what changed, and write down what came of it as a row."""
+"""Ask a method what changed, and judge the answer beside the truth as a row.
+
+Silence about a change is a miss. A name is right if it is the truth's name and joints,
+or if the answer itself says that the logs cannot tell the two apart.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,7 @@
-"""Clean logs of arms: two synthetic, one in a physics engine, and measured ones."""
+"""Clean logs of arms: two synthetic, one in a physics engine, and measured ones.
+
+Beside them a log that was spoiled on purpose, and helpers that all faults use.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""Faults of sensors and clocks: what cannot be mended by a line."""
+"""Faults that no line mends: of sensors, of clocks, of the motion, of the robot."""
 
 import xml.etree.ElementTree as ET
 

@@ -1,4 +1,11 @@
-"""What a check says of spoiled logs: right kind and joints, and lines that mend."""
+"""What a check says of spoiled logs: right kind and joints, and lines that mend.
+
+Whether a fault leaves a trace at all is told by the clean log and the fault alone. Two
+witnesses can tell of a change in the torque. The other joints: no body and no friction
+that is fitted to all torques carries it. The robot file: it is larger than what the
+file misses of the clean torque anyway. What neither can see is no fault of the log: a
+wrist whose torque is friction, times a factor, is a wrist of other friction.
+"""
 
 import json
 import tempfile

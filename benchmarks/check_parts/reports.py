@@ -1,7 +1,8 @@
-"""Faults of what is reported: currents, torque with a part gone, commands, dead angles.
+"""Faults of reading (signs, order, units, gears, scales, speeds) and of reports.
 
-What a driver takes out is the arm's own weight and friction, by the clean log, not what
-the robot file says of them.
+Reports: currents, torque with a part gone, commands, dead angles. What a driver takes
+out is the arm's own weight and friction, by the clean log, not what the robot file says
+of them.
 """
 
 from collections.abc import Sequence

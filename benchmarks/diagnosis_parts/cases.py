@@ -1,4 +1,9 @@
-"""Cases of each group: what is drawn, how it is diagnosed, what came of it."""
+"""Cases of each group: what is drawn, how it is diagnosed, what came of it.
+
+Synthetic arms for the bulk, PyBullet for a part. Motions go by one seed, the arm and
+its noise by another, so that several arms may be looked at in one excitation, whose
+minimum detectable sizes are known.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

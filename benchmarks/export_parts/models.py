@@ -1,14 +1,31 @@
-"""Models with one effect, as large as an arm may have it."""
+"""Models with one effect each, through each target and back, on two arms.
 
+Beside them dry friction and a closed loop in MuJoCo, and the time of a call: the model
+of an IRB140 with the tables of a calibration.
+"""
+
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from time import process_time
 
 import numpy as np
 
+from benchmarks.harness.figures import Figures, figure, missing, partial
+from flows.proofs.c import compiled, compiler
+from flows.proofs.proof import CREEP, extra, inverse, loaded, mujoco_model, text_of
+from flows.steps.export import Made, export_model
 from residual.effects import registry
+from residual.export.c99 import to_c99
+from residual.export.exported import Motion, exciting
+from residual.export.numpy_file import to_numpy
+from residual.export.simulators import STEP, to_mjcf
+from residual.model.corrected import NEAREST, Corrected, Tables
 from residual.model.model import Model, Term
-from residual.robot.dynamics import inertial_parameters
+from residual.robot.dynamics import inertial_parameters, inverse_dynamics, mass_matrix
 from residual.robot.robot import Robot, load_robot, robot_from_texts
+from residual.tables.form import MAIN
+from residual.tables.lookup import Axis, Lookup, Table
 
 LENGTH = 0.35  # m
 NAMES = sorted(registry())
@@ -94,3 +111,227 @@ def model_with(robot: Robot, *names: str, **changes) -> Model:
     terms = tuple(term(robot, name) for name in names)
     given = {"speed_floor": np.full(robot.dof, 0.01), **changes}
     return Model(robot, inertial_parameters(robot.model), terms, **given)
+
+
+# Bars of what a target carries [N m]; those of c99 and numpy are per N m of torque.
+BARS = {
+    "json": 0.0,
+    "urdf": 1e-12,
+    "mjcf": 1e-9,
+    "c99": 1e-12,
+    "numpy": 1e-12,
+    "fmu": 1e-9,
+    "rrd": 1e-9,
+    "table": None,
+}
+RELATIVE = ("c99", "numpy", "table")
+COMPILED = ("c99", "fmu")
+BESIDE = "viscous"  # so that there is a torque where the effect cannot be carried
+FEW = ("coulomb", "payload", "elasticity")  # of a quick run
+
+
+def target_figures(quick: bool) -> Figures:
+    """Measure every target; a quick run takes three effects and one arm."""
+    arms, names = (ARMS[:1], FEW) if quick else (ARMS, NAMES)
+    out: Figures = {}
+    for target, bar in BARS.items():
+        if target in COMPILED and compiler() is None:
+            out[target] = missing(bar, "no C compiler here")
+            continue
+        made = {(arm, n): _exported(target, arm, n) for arm in arms for n in names}
+        entry = _figure(target, bar, made)
+        out[target] = partial(entry, "three effects, one arm") if quick else entry
+        print(f"{target}: {entry['value']:.3g}", flush=True)
+        out[f"{target}_carries"] = _carried(names, made)
+    return out
+
+
+def _exported(target: str, arm: str, name: str) -> Made:
+    robot = robot_of(arm)
+    # An MJCF spring holds a constant torque only where there is one.
+    return export_model(model_with(robot, *dict.fromkeys((BESIDE, name))), target)
+
+
+def _figure(target: str, bar: float | None, made: dict) -> dict:
+    gaps = {}
+    for (arm, name), each in made.items():
+        size = max(each.proof.torque, 1e-9) if target in RELATIVE else 1.0
+        gaps[arm, name] = each.proof.difference / size
+    (arm, name), worst = max(gaps.items(), key=lambda item: item[1])
+    states = sum(each.proof.states for each in made.values())
+    return figure(
+        worst, bar, len(gaps), what=f"{states} states", worst=f"{name}, {arm}"
+    )
+
+
+def _carried(names: Sequence[str], made: dict) -> dict:
+    """How many effects are carried; all others must be listed with a torque."""
+    lost, silent = {}, []
+    for (_, name), each in made.items():
+        kept = {t.effect.name for t in _terms(each)}
+        left = [one for one in each.export.left if one.name == name]
+        if name not in kept:
+            lost[name] = max(lost.get(name, 0.0), *(one.largest for one in left), 0.0)
+        if (name in kept) == bool(left):
+            silent.append(name)
+    left = ", ".join(f"{k} {v:.2g}" for k, v in lost.items()) or "nothing"
+    told = f"left out, with the torque that is missing [N m]: {left}"
+    entry = figure(len(names) - len(lost), None, len(names), what=told)
+    return entry | {"ok": False if silent else None}
+
+
+def _terms(each: Made):
+    carried = each.export.carried
+    return getattr(carried, "model", carried).terms
+
+
+SHORT = 1e-3  # of its value: what friction may lack where the joint creeps
+SECONDS = 2.0
+SUBSTEPS = 5  # of ours per step of MuJoCo
+STIFF, DAMPED = 400.0, 40.0  # 1/s^2, 1/s of the loop
+
+
+def mujoco_figures(quick: bool) -> Figures:
+    """Friction at 1e-3 rad/s, and how far the two loops part."""
+    arms = ARMS[:1] if quick else ARMS
+    short = max(_short(arm) for arm in arms)
+    loops = {arm: _loop(arm) for arm in arms}
+    apart = max(a for a, _ in loops.values())
+    told = {arm: f"{1e6 * t:.3g}" for arm, (_, t) in loops.items()}
+    return {
+        "mjcf_friction_short": figure(short, SHORT, 2 * len(arms)),
+        "mjcf_loop_apart": figure(
+            1e6 * apart, None, len(arms), what=f"error of the loop itself {told} µrad"
+        ),
+    }
+
+
+def _short(arm: str) -> float:
+    """By how much dry friction falls short of its value, as a share of it."""
+    robot = robot_of(arm)
+    whole = model_with(robot, "coulomb", speed_floor=np.full(robot.dof, 1e-5))
+    (own,) = whole.terms
+    (j,), zero = own.joints, np.zeros((2, robot.dof))
+    qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(robot.dof)
+    states = Motion(np.arange(2.0), zero, qd, zero)
+    up, down = inverse(text_of(to_mjcf(whole)), states)[:, j]
+    return float(1 - (up - down) / 2 / own.theta[0])
+
+
+def _model(arm: str) -> Model:
+    robot = robot_of(arm)
+    names = ("viscous", "coulomb", "rotor_inertia")
+    terms = [term(robot, n, j) for n in names for j in range(robot.dof)]
+    terms += [term(robot, "payload"), term(robot, "spring", 1)]
+    floor = np.full(robot.dof, 1e-3)
+    return Model(robot, inertial_parameters(robot.model), tuple(terms), floor)
+
+
+def _loop(arm: str) -> tuple[float, float]:
+    """Largest distance of the loops, and of ours from its reference [rad]."""
+    model = _model(arm)
+    motion = exciting(model.robot, SECONDS, 1 / STEP)
+    # Both drives know the rigid body as described and nothing else.
+    forward = inverse_dynamics(model.robot.model, *motion.parts)
+    scale = np.diag(mass_matrix(model.robot.model, motion.q[:1])[0]) + 0.6
+    theirs = _in_mujoco(text_of(to_mjcf(model)), motion, forward, scale)
+    ours = _ours(model, motion, forward, scale)
+    return float(np.abs(theirs - ours).max()), float(np.abs(ours - motion.q).max())
+
+
+def _drive(motion: Motion, k: int, q, qd, scale):
+    return scale * (STIFF * (motion.q[k] - q) + DAMPED * (motion.qd[k] - qd))
+
+
+def _in_mujoco(text: str, motion: Motion, forward, scale) -> np.ndarray:
+    mujoco, model = extra("mujoco"), mujoco_model(text)
+    model.actuator_ctrllimited[:] = 0
+    data, out = mujoco.MjData(model), np.empty_like(motion.q)
+    data.qpos[:], data.qvel[:] = motion.q[0], motion.qd[0]
+    for k in range(len(out)):
+        out[k] = data.qpos
+        data.ctrl[:] = forward[k] + _drive(motion, k, data.qpos, data.qvel, scale)
+        mujoco.mj_step(model, data)
+    return out
+
+
+def _ours(model: Model, motion: Motion, forward, scale) -> np.ndarray:
+    """The model of ours by its own torque, semi-implicit steps of 0.2 ms."""
+    q, qd, h = motion.q[0].copy(), motion.qd[0].copy(), STEP / SUBSTEPS
+    dof, out = model.robot.dof, np.empty_like(motion.q)
+    for k in range(len(out)):
+        out[k] = q
+        drive = forward[k] + _drive(motion, k, q, qd, scale)
+        for _ in range(SUBSTEPS):
+            # Torque is linear in acceleration: a row for each joint gives M and h.
+            rows = np.vstack([np.zeros(dof), np.eye(dof)])
+            torque = model.torque(*(np.tile(x, (dof + 1, 1)) for x in (q, qd)), rows)
+            mass = (torque[1:] - torque[0]).T
+            qd = qd + h * np.linalg.solve(mass, drive - torque[0])
+            q = q + h * qd
+    return out
+
+
+NUMPY_BAR, C_BAR = 5.0, 2.0  # microseconds a row
+LEVELS, ROWS, TIMES = 22, 10_000, 7
+SIGNALS = ("q", "qd", "qdd")
+
+
+def speed_figures(quick: bool) -> Figures:
+    """Time per row of body, friction and tables, NumPy alone and compiled."""
+    whole, motion = _whole(), exciting(robot_of("irb140"), ROWS / 250)
+    told = "rigid body, friction of all joints, 18 tables of 22 levels for each joint"
+    out: Figures = {}
+    with loaded(to_numpy(whole)) as torque:
+        each, got = _each(lambda: torque(motion.t, *motion.parts))
+    gap = np.abs(got - whole.along(motion.t, motion.parts)).max()
+    out["numpy_microseconds"] = figure(each, NUMPY_BAR, ROWS, what=told)
+    out["tables_numpy"] = figure(float(gap), 1e-9, ROWS)
+    if compiler() is None:
+        return out | {"c_microseconds": missing(C_BAR, "no C compiler here")}
+    with compiled(to_c99(whole)) as along:
+        each, got = _each(lambda: along(motion))
+    gap = np.abs(got - whole.along(motion.t, motion.parts)).max()
+    out["c_microseconds"] = figure(each, C_BAR, ROWS, what=told)
+    return out | {"tables_c": figure(float(gap), 1e-9, ROWS)}
+
+
+def _each(run) -> tuple[float, np.ndarray]:
+    """Least time of a row [microseconds]: of the processor, whoever else uses it."""
+    least, out = np.inf, run()
+    for _ in range(TIMES):
+        start = process_time()
+        out = run()
+        least = min(least, process_time() - start)
+    return 1e6 * least / ROWS, out
+
+
+def _whole() -> Corrected:
+    """A model with one table per variable on each joint, as of a calibration."""
+    robot, rng = robot_of("irb140"), np.random.default_rng(0)
+    names = ("viscous", "coulomb", "rotor_inertia")
+    terms = [term(robot, n, j) for n in names for j in range(robot.dof)]
+    model = model_with(robot)
+    model = Model(robot, model.inertial, tuple(terms), model.speed_floor)
+    columns = tuple((on, (j,), "") for on in SIGNALS for j in range(robot.dof))
+    axes = [
+        Axis(k, np.sort(rng.uniform(-2, 2, LEVELS - 1))) for k in range(len(columns))
+    ]
+    own = [
+        Tables(j, columns, _lookup(axes, rng), MAIN, NEAREST) for j in range(robot.dof)
+    ]
+    return Corrected(model, tuple(own))
+
+
+def _lookup(axes: list[Axis], rng: np.random.Generator) -> Lookup:
+    count = len(axes)
+    return Lookup(
+        tuple(f"x{k}" for k in range(count)),
+        ("torque",),
+        tuple(axes),
+        tuple(Table((k,), rng.normal(size=(LEVELS, 1))) for k in range(count)),
+        rng.normal(size=1),
+        np.zeros((count, 1)),
+        np.full(count, -2.0),
+        np.full(count, 2.0),
+    )

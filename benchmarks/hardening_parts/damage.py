@@ -1,4 +1,8 @@
-"""A disk that is full, at one moment after the other of what writes into a store."""
+"""A full disk, one flipped bit at many places, and what the check of samples costs.
+
+The disk is full at one moment after the other of what writes into a store; bits are
+those of its committed records; the cost is that of a scan of all channels of many runs.
+"""
 
 import errno
 import os

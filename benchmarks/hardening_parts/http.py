@@ -1,4 +1,4 @@
-"""Requests that no server of a store may let through, played to its guard."""
+"""Requests that no server of a store may let through, and files with one bad value."""
 
 import asyncio
 import re

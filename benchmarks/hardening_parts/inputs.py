@@ -1,4 +1,7 @@
-"""Hostile inputs in a table; each is answered or refused, and nothing else."""
+"""Hostile inputs in a table; each is answered or refused, and nothing else.
+
+What a command makes of one input is judged beside it: whether an answer is right.
+"""
 
 import csv
 import io

@@ -1,4 +1,7 @@
-"""kill -9 at random moments of what writes into a store."""
+"""kill -9 at random moments of what writes into a store.
+
+For kills within a rerun: runs of an earlier version, and what makes them again.
+"""
 
 import multiprocessing
 import random

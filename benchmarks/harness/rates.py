@@ -1,6 +1,6 @@
 """Figures of rows: shares with their intervals, beside the bars that they must reach.
 
-Apart from `figures`, which must load before NumPy.
+Apart from `figures`, which loads no NumPy.
 """
 
 from collections import Counter

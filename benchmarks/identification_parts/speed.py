@@ -1,4 +1,8 @@
-"""Group 4: time of the normal equations and of a robust fit, against a named peer."""
+"""Time of the normal equations and of a robust fit, against a named peer.
+
+60 000 samples of six joints have a regressor of 173 MB, and most of the time goes into
+touching that memory. Here a slab of it is made, used and overwritten.
+"""
 
 from dataclasses import dataclass
 from time import process_time
@@ -9,7 +13,7 @@ from sklearn.linear_model import HuberRegressor
 
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.harness.rates import in_turn
-from benchmarks.identification_parts.identities import ROBOT, plant_logs
+from benchmarks.identification_parts.recovery import ROBOT, plant_logs
 from residual.errors import InputError
 from residual.identification import estimate
 from residual.identification.estimate import Options, Start, estimated

@@ -1,4 +1,7 @@
-"""What commands cost on a log of an hour, and whether it says what it says whole."""
+"""What commands cost on a log of an hour, and whether it says what it says whole.
+
+The log is that of an arm at work, one motion after the other, made piece by piece.
+"""
 
 import json
 from collections.abc import Iterator

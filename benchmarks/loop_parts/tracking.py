@@ -2,7 +2,8 @@
 
 On motions of families that no fit has seen; torque fed forward, with the same plain
 feedback for all. One number per arm and family: root mean square of read minus wanted
-position over all joints and motions.
+position over all joints and motions. Beside it wrong corrections: another sign, another
+joint, twice as much; what comes of them.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,4 +1,8 @@
-"""Cases of each program: what it answers on an exported study, and if it is so."""
+"""Cases of each program: what it answers on an exported study, and if it is so.
+
+Ours is `modelgap diagnose` of the fit logs of a case. The last quarter of the longest
+log is its proof, as always where no log is held out.
+"""
 
 import json
 from collections.abc import Callable, Mapping

@@ -1,4 +1,10 @@
-"""What a program is given of an exported study, and the answer that it writes."""
+"""What a program is given of an exported study, and the answer that it writes.
+
+Least squares and sparse selection share torque as a linear model of bodies and drives.
+Angles are low-passed without phase and differentiated; torque and columns then pass the
+same filter and are thinned out, as is usual (Gautier 1997). Rows of a joint that hardly
+moves are left out, since friction there is any torque that holds.
+"""
 
 import json
 from collections.abc import Mapping

@@ -1,9 +1,13 @@
-"""Group fit: the paper form against IKPLS and scikit-learn, and alone on many rows."""
+"""Fit, sweep and look-up of the paper form against IKPLS, scikit-learn and products.
+
+The sweep takes levels 2 to 40 under three schemes, all component counts (figure 12).
+"""
 
 import json
 import subprocess
 import sys
 from itertools import combinations
+from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
@@ -159,7 +163,7 @@ def _gap(model: NominalPls, theirs: np.ndarray) -> float:
 def _many_rows() -> Figures:
     """Time and peak memory of 100 000 rows, in a process of its own."""
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.plsr_parts.many", "100000"],
+        [sys.executable, "-c", f"from {__name__} import many; many(100_000)"],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -174,6 +178,20 @@ def _many_rows() -> Figures:
         names[0]: figure(told["seconds"], _SECONDS, 3),
         names[1]: figure(told["gigabytes"], _GIGABYTES, 1, what="whole process"),
     }
+
+
+def many(rows: int) -> None:
+    """Fit many rows and print seconds and peak memory of this process as JSON.
+
+    Not getrusage(): a process starts with the peak of the one that started it, which
+    here has just held the columns of the peers.
+    """
+    warm()
+    X, Y = random_rows(rows)
+    spent = seconds(lambda: fit_nominal_pls(X, Y, NominalForm()), 3)
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    peak = next(int(x.split()[1]) / 1e6 for x in lines if x.startswith("VmHWM"))
+    print(json.dumps({"seconds": spent, "gigabytes": peak}))
 
 
 def _exponent(quick: bool) -> Figures:

@@ -1,4 +1,4 @@
-"""Runs that the groups share, and a place for their stores."""
+"""Runs that the groups share, a store with every kind of record, and all it answers."""
 
 import shutil
 import tempfile

@@ -1,6 +1,6 @@
 """A results file whose groups were measured one by one."""
 
-from benchmarks.harness.groups import merged
+from benchmarks.harness.figures import merged
 
 GROUPS = ("one", "two", "three")
 

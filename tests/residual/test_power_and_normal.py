@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.identification_parts.identities import energy, power, power_miss
+from benchmarks.identification_parts.recovery import energy, power, power_miss
 from benchmarks.identification_parts.speed import normal_equations
 from residual.errors import InputError
 from residual.robot import dynamics
