@@ -64,29 +64,34 @@ def adopted():
     return found.known, before, now
 
 
-def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted):
+@pytest.fixture(scope="module")
+def since(adopted):
+    """What is new since then, and the new logs by themselves, as planning sees them."""
     model, before, now = adopted
-    found = diagnose_case(now, baseline=before.fit, declared=model)
+    shown = []
+    found = diagnose_case(
+        now,
+        baseline=before.fit,
+        declared=model,
+        inside=lambda examined, fitted, named: shown.append(examined),
+    )
+    return found, shown
+
+
+def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted, since):
+    model, (found, _) = adopted[0], since
     assert names(found.verdict) == [("coulomb", (2,))]
     assert "spring" in found.verdict.declared
     assert {t.effect.name for t in model.terms} <= set(found.verdict.declared)
+
+
+def test_who_plans_is_shown_the_new_logs_by_themselves(adopted, since):
+    (examined,) = since[1]
+    assert "spring" in examined.nominal.names
+    assert len(examined.logs.tracks) == len(adopted[2].fit)
 
 
 def test_an_adopted_model_comes_with_its_logs(adopted):
     model, _, now = adopted
     with pytest.raises(InputError, match="without the logs behind it"):
         diagnose_case(now, declared=model)
-
-
-def test_who_plans_is_shown_the_new_logs_by_themselves(adopted):
-    model, before, now = adopted
-    shown = []
-    diagnose_case(
-        now,
-        baseline=before.fit,
-        declared=model,
-        inside=lambda examined, fitted, named: shown.append(examined),
-    )
-    (examined,) = shown
-    assert "spring" in examined.nominal.names
-    assert len(examined.logs.tracks) == len(now.fit)

@@ -1,6 +1,7 @@
 """Search and gate on linear problems whose answer is known."""
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -433,19 +434,27 @@ def test_viscous_coulomb_and_rotor_are_also_tried_together(rng):
 # -- what a name is worth ----------------------------------------------------------
 
 
+# As on an arm: columns slower than what is left, of whose rows a quarter counts.
+SLOW = {"rows": 300, "colour": 0.6, "slow": 0.9}
+
+
+@cache
+def smallest(seed):
+    """The smallest detectable size of LINE in one draw."""
+    null = Problem.draw(np.random.default_rng(seed), **SLOW)
+    group = null.design.add([(LINE, (0,), ())])
+    task = null.task(group, tolerance=0.0, share=0.0)
+    (entry,) = minimum_detectable(task, task.start())
+    assert (entry.name, entry.joints) == ("line", (1,))
+    return entry.value
+
+
 def detection_rate(share, draws=40):
     """How often LINE is found at a share of its smallest detectable size."""
     hits = []
-    # As on an arm: columns slower than what is left, of whose rows a quarter counts.
-    options = {"rows": 300, "colour": 0.6, "slow": 0.9}
     for seed in range(draws):
-        null = Problem.draw(np.random.default_rng(seed), **options)
-        group = null.design.add([(LINE, (0,), ())])
-        task = null.task(group, tolerance=0.0, share=0.0)
-        (entry,) = minimum_detectable(task, task.start())
-        assert (entry.name, entry.joints) == ("line", (1,))
-        truth = [(LINE, (0,), [share * entry.value])]
-        there = Problem.draw(np.random.default_rng(seed), truth, **options)
+        truth = [(LINE, (0,), [share * smallest(seed)])]
+        there = Problem.draw(np.random.default_rng(seed), truth, **SLOW)
         group = there.design.add([(LINE, (0,), ())])
         hits.append(bool(search(there.task(group, tolerance=0, share=0)).members))
     return np.mean(hits)
