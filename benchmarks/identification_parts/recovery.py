@@ -33,7 +33,7 @@ from residual.robot.robot import load_robot
 from residual.signals.track import prepare
 from sim.experiment import run_experiment
 from sim.plant.arm import build_arm
-from sim.records import Noise, PlantSpec, Rates, Reference, stream
+from sim.records import Noise, PlantSpec, Rates, stream
 from sim.sizes import usual_limits
 from warehouse.logs import read_log
 
@@ -125,8 +125,7 @@ def _plant(seed: int, noise: float) -> PlantSpec:
 
 def _log(family: str, number: int, seed: int, noise: float) -> Recording:
     rng = stream(1000 * seed + number, f"motion/{family}")
-    m = make_motion(family, usual_limits(ROBOT), _DURATION, 1000.0, rng)
-    motion = Reference(family, m.t, m.q, m.qd, m.qdd, None)
+    motion = make_motion(family, usual_limits(ROBOT), _DURATION, 1000.0, rng)
     start = 2 * _DURATION * number
     log = run_experiment(ROBOT, motion, _plant(seed, noise), Rates(), start).log
     return Recording(f"{family}{number}", log.robot, log.t, log.q, log.tau)

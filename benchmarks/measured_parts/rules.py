@@ -83,11 +83,6 @@ def ask(job: Job) -> list[dict]:
     return rows
 
 
-def _has(arm: str, used: bool) -> Callable[[str], bool]:
-    """Whether an arm has an effect anyway."""
-    return lambda name: (arm, name) in KNOWN or (used and name in HAS)
-
-
 def _logs(
     job: Job,
 ) -> tuple[Robot, list[Recording], list[Recording], list[tuple[str, tuple[int, ...]]]]:

@@ -54,8 +54,7 @@ def reference(
 ) -> Reference:
     """Return a motion."""
     space, rng = usual_limits(ROBOT), stream(seed, f"motion/{family}")
-    m = make_motion(family, space, duration, rate, rng)
-    return Reference(family, m.t, m.q, m.qd, m.qdd, None)
+    return make_motion(family, space, duration, rate, rng)
 
 
 def drive(effects: Effects, motion: Reference, seed: int) -> Trace:

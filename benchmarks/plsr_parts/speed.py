@@ -8,12 +8,13 @@ import subprocess
 import sys
 from itertools import combinations
 from pathlib import Path
-from time import perf_counter, process_time
+from time import perf_counter
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from benchmarks.harness.figures import ROOT, Figures, figure, missing, partial
+from benchmarks.harness.rates import cpu
 from residual.tables.crossval import leave_one_out, random_blocks, systematic
 from residual.tables.kernels import evaluate_levels, evaluate_row, evaluate_rows
 from residual.tables.nominal_choice import nominal_errors
@@ -75,12 +76,7 @@ def dense_columns(model: NominalPls, X: np.ndarray) -> np.ndarray:
 
 def seconds(job: object, times: int = 1) -> float:
     """Least processor time of a call: other processes do not count [s]."""
-    spent = []
-    for _ in range(times):
-        start = process_time()
-        job()
-        spent.append(process_time() - start)
-    return min(spent)
+    return min(cpu(job) for _ in range(times))
 
 
 def _fourier(t: np.ndarray, hertz: float, rng: np.random.Generator) -> np.ndarray:
