@@ -17,6 +17,8 @@ from pathlib import Path
 from tempfile import mkstemp
 from time import monotonic, sleep
 
+from pydantic import TypeAdapter
+
 from flows.errors import RunError
 from residual.errors import InputError
 
@@ -197,10 +199,8 @@ class Running:
 def read_running(home: Path) -> Running | None:
     """Return what was started last for a store, whether it lives or not."""
     try:
-        told = json.loads((home / _FILE).read_text(encoding="utf-8"))
-        processes = tuple(Process(**each) for each in told.pop("processes"))
-        return Running(**told, processes=processes)
-    except (OSError, ValueError, KeyError, TypeError):
+        return TypeAdapter(Running).validate_json((home / _FILE).read_bytes())
+    except (OSError, ValueError):
         # Half a file there is not, since it is replaced by rename; one of another
         # version is as good as none.
         return None

@@ -84,17 +84,23 @@ def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     assert choose_to_watch(id[:8], store, nominal=False).line is None
 
 
+def said(command, runs, store, capsys, *more):
+    """Run a command on a night; what it printed, and the id of what it stored."""
+    fit, held_out = runs
+    words = [command, *fit, "--robot", ROBOT, "--holdout", *held_out]
+    assert main([*words, "--store", str(store), *more]) == 0
+    told = capsys.readouterr().out
+    return told, told.split("modelgap show ")[1].split()[0]
+
+
 def test_the_command_names_the_model_it_goes_by_in_its_first_lines(fresh, capsys):
     store, _, second, id = fresh
     adopt(Adopt(id, store=store))
-    words = ["diagnose", *second[0], "--robot", ROBOT, "--holdout", *second[1]]
-    assert main([*words, "--store", str(store)]) == 0
-    told = capsys.readouterr().out
+    told, stored = said("diagnose", second, store, capsys)
     assert "model: adoption" in "\n".join(told.splitlines()[:2])
-    stored = told.split("modelgap show ")[1].split()[0]
     assert read_record(store, stored)["request"]["model"] == id
-    assert main([*words, "--store", str(store), "--model", "nominal"]) == 0
-    assert "spring" in capsys.readouterr().out
+    told, _ = said("diagnose", second, store, capsys, "--model", "nominal")
+    assert "spring" in told
 
 
 def test_a_rerun_goes_by_the_model_of_then(fresh):
@@ -109,18 +115,14 @@ def test_a_rerun_goes_by_the_model_of_then(fresh):
 def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
     store, _, second, id = fresh
     adopt(Adopt(id, store=store))
-    words = ["identify", *second[0], "--robot", ROBOT, "--holdout", *second[1]]
-    assert main([*words, "--store", str(store)]) == 0
-    told = capsys.readouterr().out
+    told, kept = said("identify", second, store, capsys)
     assert "model: adoption" in "\n".join(told.splitlines()[:2])
-    kept = told.split("modelgap show ")[1].split()[0]
     record = read_record(store, kept)
     assert record["request"]["model"] == id
     assert "spring" in {t["name"] for t in record["model"]["terms"]}
     roll_back(ROBOT, store=store)
     assert reruns.rerun(kept, store, True).apart == ()
-    assert main([*words, "--store", str(store), "--model", "nominal"]) == 0
-    kept = capsys.readouterr().out.split("modelgap show ")[1].split()[0]
+    _, kept = said("identify", second, store, capsys, "--model", "nominal")
     names = {t["name"] for t in read_record(store, kept)["model"]["terms"]}
     assert "spring" not in names
 
