@@ -26,11 +26,11 @@ from flows.blind.score import Name, members
 from flows.blind.size import measured, smallest
 from flows.specs.experiment import derived_seed
 from flows.steps.edit import is_named, with_truth
-from residual.diagnose import diagnose
-from residual.diagnosis.causes.edits import MOVING, dense_model, sealed_edit
+from residual.diagnosis.changes import MOVING, dense_model, sealed_edit
 from residual.diagnosis.result import Detectable, Diagnosis, Place, Verdict
 from residual.diagnosis.verdict import to_json
 from residual.effects import reported_joints
+from residual.method.diagnose import diagnose
 from residual.model.model import Model
 from sim.catalogue import acting, changed
 from sim.quasi_static import true_model

@@ -16,8 +16,8 @@ from benchmarks.changes_parts import arms, peer, real
 from benchmarks.changes_parts.case import DRIFT, EDGE, LOAD, MEASURED, Case, Made, Truth
 from benchmarks.changes_parts.plant import as_effect, times
 from benchmarks.harness.cases import guarded
-from residual.diagnose import diagnose
 from residual.errors import ModelgapError
+from residual.method.diagnose import diagnose
 from sim.catalogue import amount, main_parameter, stated
 
 Place = tuple[str, tuple[int, ...]]

@@ -20,9 +20,9 @@ from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
 from flows.blind.size import draw_sized, measured
 from flows.blind.sums import CLEAR
 from flows.specs.experiment import derived_seed
-from residual.diagnose import diagnose
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
+from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.catalogue import kinds, unnamed

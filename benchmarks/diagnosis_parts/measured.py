@@ -14,10 +14,10 @@ from benchmarks.harness.figures import Figures, figure, missing
 from benchmarks.measured_parts.arms import data_folder
 from flows.blind.score import Name, Said, members
 from flows.blind.sums import wilson
-from residual.diagnose import diagnose
 from residual.diagnosis.examine import examine
 from residual.evidence.fit import as_model
 from residual.evidence.rules import Rules
+from residual.method.diagnose import diagnose
 from residual.model.compare import prepare_held_out
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording

@@ -19,8 +19,8 @@ from benchmarks.harness.logs import sensed
 from benchmarks.harness.shell import run_shell
 from benchmarks.store_parts.made import folder
 from benchmarks.synthetic.motions import FAMILIES, make_motion
-from residual.diagnose import diagnose
 from residual.diagnosis.result import Diagnosis
+from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
 from residual.signals import pieces
 from sim.draw import draw

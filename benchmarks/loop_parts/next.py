@@ -25,9 +25,9 @@ from flows.specs.experiment import derived_seed
 from flows.steps.planning.ask import Listener
 from flows.steps.planning.design import design
 from flows.steps.planning.motions import Search, with_twins
-from residual.diagnose import diagnose
 from residual.diagnosis.result import Diagnosis, Place
 from residual.effects import reported_joints
+from residual.method.diagnose import diagnose
 from residual.planning.outlook import Pair, realised
 from residual.planning.promise import logged_products, promised
 from residual.planning.question import Question

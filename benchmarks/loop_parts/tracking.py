@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks.harness.figures import Figures, figure, missing
 from residual.calibration.calibrate import Settings, calibrate
 from residual.calibration.rows import Run
-from residual.diagnose import diagnose
+from residual.diagnosis.held_out import worth
 from residual.diagnosis.result import Diagnosis
-from residual.diagnosis.validation.worth import worth
 from residual.effects import registry, vocabulary
+from residual.method.diagnose import diagnose
 from residual.model.control import Use, computed_torque, feed_forward
 from residual.model.model import Model, Term
 from residual.robot.dynamics import inertial_parameters

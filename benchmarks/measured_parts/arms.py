@@ -17,7 +17,7 @@ from time import process_time
 import numpy as np
 
 from benchmarks.harness.figures import ROOT
-from residual.diagnose import diagnose
+from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.dynamics import regressor
 from residual.robot.robot import Robot, load_robot

@@ -13,10 +13,9 @@ from unittest.mock import patch
 from benchmarks.changes_parts.ask import make
 from benchmarks.changes_parts.case import Case
 from benchmarks.measured_parts.arms import KR300, LWR4, SPLITS, UR10, UR10E, read_split
-from residual import diagnose
-from residual.diagnosis import conclude, examine
+from residual.diagnosis import angle_noise, conclude, examine, held_out, standing
 from residual.diagnosis.result import Verdict
-from residual.diagnosis.validation import angle_noise, held_out, standing
+from residual.method import diagnose
 from residual.recording import Recording
 from residual.robot.robot import Robot
 

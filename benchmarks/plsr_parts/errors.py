@@ -43,7 +43,7 @@ from residual.calibration.scores import (
     ratio_interval,
     relative_error,
 )
-from residual.diagnose import diagnose
+from residual.method.diagnose import diagnose
 from residual.model.model import Term
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot, load_robot

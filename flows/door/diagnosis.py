@@ -9,10 +9,10 @@ from flows.outputs import write_all
 from flows.report.diagnosis import render, summary
 from flows.steps.check import checked
 from flows.storage.null import of_this_version
-from residual import diagnose as method
 from residual.diagnosis import result
-from residual.diagnosis.null_record import Null
 from residual.diagnosis.verdict import to_json
+from residual.method import diagnose as method
+from residual.method.null_record import Null
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread

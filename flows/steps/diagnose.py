@@ -16,7 +16,7 @@ from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 
 check = Lazy("flows.steps.check")
-method = Lazy("residual.diagnose")
+method = Lazy("residual.method.diagnose")
 result = Lazy("residual.diagnosis.result")
 versions = Lazy("flows.storage.null")
 kept = Lazy("flows.storage.diagnosis")

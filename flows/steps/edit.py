@@ -13,7 +13,7 @@ import pinocchio as pin
 from flows.inputs.robots import load
 from flows.steps.experiment import reference_of
 from flows.storage.diagnosis import read_models, read_verdict
-from residual.diagnosis.causes.edits import dense_model, sealed_edit
+from residual.diagnosis.changes import dense_model, sealed_edit
 from residual.diagnosis.result import Edit, Place, Verdict
 from residual.effects import registry, reported_joints
 from residual.model.model import Model, Term

@@ -16,9 +16,9 @@ from flows.requests import Null as Request
 from flows.settings import cores, store_folder
 from flows.storage.null import KIND, method_hash, null_records
 from flows.workers.pool import Here, Pool
-from residual.diagnosis.null_record import Null, from_record
 from residual.errors import InputError, ModelgapError
-from residual.nulls import block, source
+from residual.method.null_record import Null, from_record
+from residual.method.nulls import block, source
 from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.ids import data_hash

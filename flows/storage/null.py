@@ -9,9 +9,9 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from residual.diagnosis.null_record import Null, from_record, to_record
 from residual.errors import InputError
 from residual.lazy import Lazy
+from residual.method.null_record import Null, from_record, to_record
 from residual.robot.robot import Robot
 
 sql = Lazy("warehouse.query.store")

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.causes.changes import changes
-from residual.diagnosis.causes.sets import rivals
+from residual.diagnosis.changes import changes
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
+from residual.diagnosis.held_out import Splits, Verdicts, judgement
 from residual.diagnosis.prior_scale import neighbours
 from residual.diagnosis.result import (
     LOAD,
@@ -27,9 +27,9 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
+from residual.diagnosis.sets import rivals
 from residual.diagnosis.uncertainty import doubtful
 from residual.diagnosis.unexplained import Leftover, depends_on
-from residual.diagnosis.validation.held_out import Splits, Verdicts, judgement
 from residual.effects import registry
 from residual.evidence.priors import Space, inertial_precision
 from residual.evidence.rules import RULES

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.adequacy import Adequacy, repeat
-from residual.diagnosis.examine import Examined
+from residual.diagnosis.examine import Adequacy, Examined, repeat
 from residual.diagnosis.patterns import (
     DIRECTION,
     PLAIN,

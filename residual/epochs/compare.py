@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.causes.edits import baseline_edits, dense_fit
+from residual.diagnosis.changes import baseline_edits, dense_fit
 from residual.diagnosis.result import Diagnosis
 from residual.epochs.conclude import Judged, clouds, conclude
 from residual.epochs.models import Epoch, augmented, fit_epoch

@@ -7,12 +7,12 @@ from itertools import permutations
 
 import numpy as np
 
-from residual.diagnosis.causes.sets import near_sets
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
 from residual.diagnosis.gate import alternatives
 from residual.diagnosis.result import Place
 from residual.diagnosis.search import Task
+from residual.diagnosis.sets import near_sets
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, Shape
 from residual.errors import InputError

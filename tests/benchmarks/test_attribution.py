@@ -17,7 +17,7 @@ from benchmarks.attribution_parts.arms import (
 )
 from benchmarks.attribution_parts.cases import true_arm
 from flows.blind.score import Name
-from residual.diagnosis.causes.edits import MOVING, errors_on
+from residual.diagnosis.changes import MOVING, errors_on
 from residual.diagnosis.result import Detectable
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.signals.track import Filters

@@ -48,7 +48,7 @@ def calls(monkeypatch):
     def render(outcome, robot_name, motion=None, origin=None):
         return f"<html>{robot_name} {outcome.notes} {origin.command}</html>"
 
-    monkeypatch.setattr("residual.diagnose.diagnose", diagnose)
+    monkeypatch.setattr("residual.method.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr("flows.report.diagnosis.print_diagnosis", print_diagnosis)
     monkeypatch.setattr("flows.report.diagnosis.render", render)

@@ -13,7 +13,7 @@ from flows.steps.rerun import rerun as reruns
 from flows.storage import diagnosis as keep
 from flows.storage.calibration import effects_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict
-from residual.diagnosis.validation.worth import worth
+from residual.diagnosis.held_out import worth
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, diagnosed, night
 from warehouse.layout import find, read_record

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from flows.storage.diagnosis import checked_verdict
 from flows.storage.null import null_json, read_null
-from residual.diagnosis.null_record import Key, Null
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
+from residual.method.null_record import Key, Null
 from residual.model.corrected import Corrected
 from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record

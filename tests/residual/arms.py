@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make
-from residual.diagnose import diagnose
 from residual.diagnosis.examine import Examined, examine
 from residual.diagnosis.findings import Named, findings
 from residual.diagnosis.result import Diagnosis
 from residual.evidence.rules import Rules
+from residual.method.diagnose import diagnose
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics

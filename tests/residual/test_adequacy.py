@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from residual.diagnosis import examine, gate
-from residual.diagnosis.adequacy import adequacy, repeat
-from residual.diagnosis.warnings import delayed_at_source, filtered_at_source
+from residual.diagnosis.examine import adequacy, repeat
+from residual.diagnosis.whole import delayed_at_source, filtered_at_source
 from residual.evidence.fit import fit
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs

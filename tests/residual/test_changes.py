@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from residual.diagnosis.causes.changes import _Asked, _State, _told
-from residual.diagnosis.causes.sets import _score, best_set, rivals
+from residual.diagnosis.changes import _Asked, _State, _told
+from residual.diagnosis.sets import _score, best_set, rivals
 from tests.residual.linear import GEAR, LINE, OTHER, PLANE, Problem
 
 

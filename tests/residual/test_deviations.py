@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from residual.diagnosis.adequacy import carried
 from residual.diagnosis.candidates import Candidates, renewed
+from residual.diagnosis.examine import carried
 from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, local
 from residual.evidence.columns import union

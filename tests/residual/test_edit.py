@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
-from residual.diagnosis.causes.edits import (
+from residual.diagnosis.changes import (
     baseline_edits,
     dense_model,
     edited,

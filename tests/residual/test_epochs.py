@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual.diagnose import diagnose
 from residual.epochs.contrast import SQUARES, expected_worth, worth_of
 from residual.epochs.joint import OWN, Joint
 from residual.epochs.rows import Layout
 from residual.errors import InputError
+from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
 from sim.records import Hidden
 from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case

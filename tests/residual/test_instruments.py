@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnose import diagnose
-from residual.diagnosis.detectable import lookalikes
-from residual.diagnosis.gate import Tested
-from residual.diagnosis.result import Place
-from residual.diagnosis.validation import angle_noise as instruments
-from residual.diagnosis.validation import held_out as holdout
-from residual.diagnosis.validation.angle_noise import (
+from residual.diagnosis import angle_noise as instruments
+from residual.diagnosis import held_out as holdout
+from residual.diagnosis.angle_noise import (
     EFFECTIVE,
     INSTRUMENTS,
     Checked,
     drop_noise,
     noise_notes,
 )
-from residual.diagnosis.validation.held_out import Verdicts
+from residual.diagnosis.detectable import lookalikes
+from residual.diagnosis.gate import Tested
+from residual.diagnosis.held_out import Verdicts
+from residual.diagnosis.result import Place
 from residual.evidence.fit import fit
+from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.signals.track import Filters, encoder_noise

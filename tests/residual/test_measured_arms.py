@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import Case
-from residual.diagnose import diagnose
 from residual.diagnosis.examine import examine
 from residual.evidence.fit import as_model
 from residual.evidence.rules import Rules
+from residual.method.diagnose import diagnose
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters

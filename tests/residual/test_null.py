@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from residual import nulls
-from residual.diagnosis.null_record import (
-    Key,
-    Null,
-    choose_null,
-    from_record,
-    to_record,
-)
 from residual.errors import InputError
-from residual.nulls import (
+from residual.method import nulls
+from residual.method.null_record import Key, Null, choose_null, from_record, to_record
+from residual.method.nulls import (
     LONGEST,
     autocovariance,
     block,

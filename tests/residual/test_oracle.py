@@ -3,11 +3,11 @@
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
-from residual.diagnose import diagnose
 from residual.diagnosis.oracle import oracle
 from residual.epochs import oracle as epochs
 from residual.epochs.compare import Asked
 from residual.errors import UnknownNameError
+from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
 from sim.quasi_static import Plant
 from sim.records import Hidden

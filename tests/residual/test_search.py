@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from residual.diagnosis import held_out as holdout
 from residual.diagnosis.candidates import collect
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.findings import findings
@@ -24,7 +25,6 @@ from residual.diagnosis.search import (
     torque_share,
 )
 from residual.diagnosis.uncertainty import standard_deviations
-from residual.diagnosis.validation import held_out as holdout
 from residual.effects import registry
 from residual.effects.base import Effect, Refinement, Span, local
 from residual.evidence.design import Design

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
-from residual.diagnose import diagnose
-from residual.diagnosis.validation.whole import outdone, plain_fit
+from residual.diagnosis.whole import outdone, plain_fit
+from residual.method.diagnose import diagnose
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters

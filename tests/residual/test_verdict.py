@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from residual.check.result import Fault, LogCheck
-from residual.diagnose import diagnose, with_check
 from residual.diagnosis.result import PLAIN
 from residual.diagnosis.verdict import from_json, to_json
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
+from residual.method.diagnose import diagnose, with_check
 from sim.records import Hidden
 from tests.residual.arms import (
     SEVEN,

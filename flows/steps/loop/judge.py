@@ -5,8 +5,8 @@ from pathlib import Path
 
 from flows.steps.loop.choose import diagnosis_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict
+from residual.diagnosis.held_out import Worth, worth
 from residual.diagnosis.result import Verdict
-from residual.diagnosis.validation.worth import Worth, worth
 from residual.model.model import Model
 from residual.threads import one_blas_thread
 from warehouse.layout import read_record

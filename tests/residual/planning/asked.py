@@ -3,7 +3,7 @@
 from functools import cache
 
 from benchmarks.synthetic.logs import LogPlan, make
-from residual.diagnose import diagnose
+from residual.method.diagnose import diagnose
 from residual.planning.question import open_question, parse_wish, wished_question
 from residual.robot.robot import load_robot
 from sim.draw import draw

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.motions import make_motion
-from residual.diagnose import diagnose
-from residual.diagnosis.causes.sets import Rival
 from residual.diagnosis.result import Place
+from residual.diagnosis.sets import Rival
 from residual.errors import InputError, UnknownNameError
+from residual.method.diagnose import diagnose
 from residual.planning import question as gather
 from residual.planning.outlook import outlook, structural_twins
 from residual.planning.promise import growing_grams, logged_products, planned_gram

@@ -17,13 +17,13 @@ import numpy as np
 from residual.diagnosis.candidates import Candidates, every_candidate
 from residual.diagnosis.examine import examine
 from residual.diagnosis.gate import passed, simplest
-from residual.diagnosis.null_record import Key, key_of
 from residual.diagnosis.prior_scale import select
 from residual.diagnosis.search import Task, _shortlist
 from residual.evidence.design import LAGS, Design
 from residual.evidence.fit import Fit, System, fit, gain, possible
 from residual.evidence.priors import Space, first_design, inertial_precision
 from residual.evidence.rules import Rules
+from residual.method.null_record import Key, key_of
 from residual.model.model import Model
 from residual.model.nominal import (
     Logs,

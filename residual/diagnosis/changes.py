@@ -7,23 +7,29 @@ covariance before and after, and m1 its mean, the logs alone know it by
 information = V1^-1 - V0^-1,    mean = information^-1 V1^-1 m1.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.special import ndtri
 
 from residual.diagnosis.examine import Examined
-from residual.diagnosis.result import Change
+from residual.diagnosis.result import Change, Edit, Number
 from residual.diagnosis.uncertainty import between_logs, values_jacobian
+from residual.effects import registry
 from residual.effects.base import Effect
-from residual.evidence.fit import Fit, scaled_inverse
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, scaled_inverse, smallest_change
 from residual.evidence.priors import inertial_sd
 from residual.evidence.rules import RULES
-from residual.model.model import Term, with_slots
+from residual.model.compare import compare, prepare_held_out
+from residual.model.model import Model, Term, with_slots
+from residual.model.nominal import prepare_logs
 from residual.quantity import plain
-from residual.recording import Array
+from residual.recording import Array, Recording
 from residual.robot.base_parameters import base_parameters
+from residual.signals.pieces import session_clock
 
 LOOSE = 1e-4  # of the prior's information: what stays, so that nothing is infinite
 BODY = "inertial"
@@ -197,3 +203,193 @@ def _positive(information: Array, prior: Array) -> Array:
     values, vectors = np.linalg.eigh(information * np.outer(size, size))
     kept = (vectors * np.maximum(values, LOOSE)) @ vectors.T
     return kept / np.outer(size, size)
+
+
+ROUNDS = 3  # of parameters and noise in turn
+
+
+def dense_model(nominal: Model, recordings: Sequence[Recording]) -> Model:
+    """Fit all that the nominal model has, freely."""
+    clock = session_clock(recordings)
+    logs = prepare_logs(nominal.robot, recordings, clock, nominal.filters)
+    return dense_fit(Design(logs.tracks, nominal))
+
+
+def dense_fit(design: Design) -> Model:
+    """Fit all that a design's nominal model has, freely, on the design's rows."""
+    weight = design.rows / np.maximum(design.power.sum(axis=0), 1e-300)
+    for _ in range(ROUNDS):
+        theta = _solve(design, weight)
+        left = [_left(design, j, theta) for j in range(design.dof)]
+        weight = design.rows / np.maximum(left, 1e-12 * design.rms**2 * design.rows)
+    return design.model.with_coefficients(design.model.coefficients() + theta)
+
+
+def _solve(design: Design, weight: Array) -> Array:
+    """Smallest change of the coefficients that leaves least. Shape (p,)."""
+    size = len(design.nominal)
+    gram, cross = np.zeros((size, size)), np.zeros(size)
+    for j in range(design.dof):
+        own, right, have = _sums(design, j)
+        gram[np.ix_(have, have)] += weight[j] * own
+        cross[have] += weight[j] * right
+    return smallest_change(gram, cross)
+
+
+def _sums(design: Design, j: int) -> tuple[Array, Array, Array]:
+    """Gram and cross product of the nominal columns on joint j, and which they are."""
+    place, have = design.present(j, design.nominal)
+    gram, cross = design.total(j)
+    return gram[np.ix_(place, place)], cross[place], have
+
+
+def _left(design: Design, j: int, theta: Array) -> float:
+    gram, cross, have = _sums(design, j)
+    own = theta[have]
+    return float(design.power[:, j].sum() - 2 * own @ cross + own @ gram @ own)
+
+
+def set_back(model: Model, nominal: Model, effect) -> Model | None:
+    """Set back what stands for an effect in a dense model.
+
+    Args:
+        effect: Anything with a name and joints from 1.
+
+    Returns:
+        The edited model; None where no parameter of it stands for the effect.
+    """
+    known, joints = registry()[effect.name], tuple(effect.joints)
+    bodies = _body_slots(known, joints, model.robot.dof)
+    if bodies:
+        inertial = model.inertial.copy()
+        for body in bodies:
+            own = slice(10 * body, 10 * body + 10)
+            inertial[own] = nominal.inertial[own]
+        model = model.with_coefficients(
+            np.concatenate([inertial, model.coefficients()[len(inertial) :]])
+        )
+    places = {(t.effect.name, j + 1) for t in model.terms for j in t.joints}
+    had = [j for j in joints if (effect.name, j) in places]
+    if not had and not bodies:
+        return None
+    return model.without(effect.name, had) if had else model
+
+
+def _body_slots(known, joints: tuple[int, ...], dof: int) -> tuple[int, ...]:
+    if known.carries == "body":
+        return (dof - 1,)
+    return tuple(j - 1 for j in joints) if known.scope == "link" else ()
+
+
+FILTERED, MOVING = "filtered", "moving"
+
+
+class Placed(Protocol):
+    """Whatever has a name and joints from 1: a finding, or what was hidden."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Its joints from 1; empty for the whole arm."""
+
+
+def edited(model: Model, effects: Sequence[Placed]) -> Model:
+    """Return a model without some effects; nothing is refitted.
+
+    Raises:
+        InputError: If it does not have one of them.
+    """
+    for effect in effects:
+        model = model.without(effect.name, effect.joints or None)
+    return model
+
+
+def errors_on(
+    models: Mapping[str, Model | None],
+    logs: Sequence[Recording],
+    kind: str = FILTERED,
+) -> dict[str, Number]:
+    """Return the error of each model on logs [%], None for one that there is not.
+
+    Args:
+        models: By name; logs are prepared with the signal path of the first.
+        logs: Logs of the arm without what the models do not have.
+        kind: Of which samples: "filtered", or "moving" for those that move alone, where
+            friction is not any torque that holds.
+    """
+    some = {name: model for name, model in models.items() if model is not None}
+    first = next(iter(some.values()))
+    found, _ = compare(some, prepare_held_out(logs, first), first.filters)
+    known = {name: plain(errors.overall(kind)) for name, errors in found.items()}
+    return {name: known.get(name) for name in models}
+
+
+def baseline_edits(
+    models: Mapping[str, Model],
+    dense: Model,
+    found: tuple[Sequence[Placed], Sequence[Placed]],
+    baseline: Sequence[Recording],
+) -> tuple[Edit, ...]:
+    """Take what was found out of the augmented model, and predict the baseline.
+
+    The baseline had none of it, so all of it goes; ``kept`` is with this one back.
+
+    Args:
+        models: "nominal" and "augmented" of a diagnosis with a baseline.
+        dense: Dense least squares on the same logs.
+        found: Effects that are named, and those that are folded into the background.
+    """
+    effects, every = found[0], [*found[0], *found[1]]
+    nominal, augmented = models["nominal"], models["augmented"]
+    bare, back = edited(augmented, every), dense
+    for effect in every:
+        back = set_back(back, nominal, effect) or back
+    tried: dict[str, Model | None] = {"bare": bare, "nominal": nominal, "dense": back}
+    for i, effect in enumerate(effects):
+        others = [other for other in every if other is not effect]
+        tried[f"kept {i}"] = edited(augmented, others)
+    errors = errors_on(tried, baseline)
+    return tuple(
+        Edit(
+            effect.name,
+            tuple(effect.joints),
+            errors["bare"],
+            errors[f"kept {i}"],
+            None if set_back(dense, nominal, effect) is None else errors["dense"],
+            errors["nominal"],
+        )
+        for i, effect in enumerate(effects)
+    )
+
+
+def sealed_edit(
+    effect: Placed,
+    models: Mapping[str, Model],
+    logs: Sequence[Recording],
+    kind: str = FILTERED,
+) -> Edit:
+    """Judge one effect on the arm that has everything but it.
+
+    Args:
+        models: "augmented", "dense" and "nominal"; "oracle", the true arm without the
+            effect, where it is known.
+
+    Raises:
+        InputError: If the augmented model does not have the effect.
+    """
+    augmented, dense, nominal = (models[k] for k in ("augmented", "dense", "nominal"))
+    found = errors_on(
+        {
+            "edited": edited(augmented, [effect]),
+            "kept": augmented,
+            "dense": set_back(dense, nominal, effect),
+            "oracle": models.get("oracle"),
+        },
+        logs,
+        kind,
+    )
+    numbers = (found[k] for k in ("edited", "kept", "dense", "oracle"))
+    return Edit(effect.name, tuple(effect.joints), *numbers)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.diagnosis.angle_noise import Checked, drop_noise
 from residual.diagnosis.examine import (
     Examined,
     Progress,
@@ -19,16 +20,15 @@ from residual.diagnosis.examine import (
 )
 from residual.diagnosis.findings import Named, findings
 from residual.diagnosis.gate import Tested
-from residual.diagnosis.result import Splits
-from residual.diagnosis.search import least
-from residual.diagnosis.validation.angle_noise import Checked, drop_noise
-from residual.diagnosis.validation.held_out import (
+from residual.diagnosis.held_out import (
     Verdicts,
     found_again,
     harmful,
     judge_held_out,
     without,
 )
+from residual.diagnosis.result import Splits
+from residual.diagnosis.search import least
 from residual.evidence.design import Group
 from residual.evidence.rules import RULES
 from residual.model.compare import HeldOutLog

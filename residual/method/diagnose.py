@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from residual.check.result import LogCheck
+from residual.diagnosis.angle_noise import noise_notes
 from residual.diagnosis.conclude import Case, conclude
 from residual.diagnosis.examine import (
     Examined,
@@ -15,25 +16,25 @@ from residual.diagnosis.examine import (
     examine,
 )
 from residual.diagnosis.findings import Named, clouds, folded
-from residual.diagnosis.null_record import Null, choose_null, key_of, null_sentences
+from residual.diagnosis.held_out import Verdicts, three_models, unproven
 from residual.diagnosis.result import PLAIN, Diagnosis, ErrorTables, Verdict
+from residual.diagnosis.standing import Standing, stand
 from residual.diagnosis.unexplained import Remains, examine_leftover
-from residual.diagnosis.validation.angle_noise import noise_notes
-from residual.diagnosis.validation.held_out import Verdicts, three_models, unproven
-from residual.diagnosis.validation.standing import Standing, stand
-from residual.diagnosis.validation.whole import (
+from residual.diagnosis.whole import (
     Plain,
     contradictions,
     given_constants,
     outdone,
     plain_fit,
     plain_names,
+    signal_notes,
+    warnings,
 )
-from residual.diagnosis.warnings import signal_notes, warnings
 from residual.epochs.compare import Asked, compared
 from residual.errors import InputError
 from residual.evidence.fit import Fit
 from residual.evidence.rules import Rules
+from residual.method.null_record import Null, choose_null, key_of, null_sentences
 from residual.model.compare import (
     Errors,
     HeldOutLog,

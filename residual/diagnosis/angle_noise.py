@@ -17,7 +17,7 @@ from scipy.linalg import solve_triangular
 
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested
-from residual.diagnosis.validation.held_out import Verdicts, without
+from residual.diagnosis.held_out import Verdicts, without
 from residual.evidence.design import Design
 from residual.evidence.fit import (
     Fit,

@@ -1,1 +1,0 @@
-"""What else may have done it, and what moved: values, sets, and the edit test."""
