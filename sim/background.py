@@ -1,4 +1,7 @@
-"""What an arm has of a background: drawn from its seed, the same in all its runs."""
+"""What every joint of a used arm has beside its model: undeclared, small, of own form.
+
+Drawn from the seed of the arm, the same in all its runs; the laws stand in `sim.laws`.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -30,6 +33,7 @@ _HARMONICS = ((1.0, 1.0), (2.0, 0.5), (3.0, 0.3))  # order and weight
 _GAIN = 0.04
 _TWIST = (3e-4, 1.5e-3)  # rad under the torque range
 _CUTOFF, _STEP = 40.0, 0.001  # Hz; of the torque range
+USUAL_SPEED = 0.35  # of the robot's usual speed
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -184,9 +188,6 @@ def _warmths(start, power, times, growth):
             out[0, i, j] = oil + (heat - oil) / times[0, j]
             out[1, i, j] = housing + (heat - housing) / times[1, j]
     return out
-
-
-USUAL_SPEED = 0.35  # of the robot's usual speed
 
 
 class Rubbing(NamedTuple):

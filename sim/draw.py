@@ -1,4 +1,9 @@
-"""Draw what an arm hides: effect, joint and size, as on a 100-kg arm."""
+"""Draw what an arm hides (effect, joint and size, as on a 100-kg arm), and whole arms.
+
+Light arms have seven joints, each of a geometry and masses of its own. Sizes are of no
+maker: engineering judgement for an arm that a person can carry, with strain wave gears,
+whose rotors seen from the link weigh as much as the links do.
+"""
 
 import json
 from functools import lru_cache
@@ -14,6 +19,26 @@ from sim.catalogue import kinds, of_drives, vocabulary
 from sim.effects.base import Effect, Here, Joints, Rng
 from sim.records import Hidden, PlantEffect, Sizes, stream
 from sim.sizes import sizes, usual_limits
+
+NAME = "light"
+_AXES = "zyzyzyz"  # rolls and pitches in turn
+_MASS = (4.2, 4.0, 3.2, 3.0, 2.2, 1.8, 0.7)  # kg
+_RADIUS = (0.065, 0.06, 0.055, 0.055, 0.05, 0.045, 0.04)  # m
+_SPEED = (2.2, 2.2, 2.4, 2.4, 2.6, 2.6, 2.8)  # rad/s
+_EFFORT = (110.0, 110.0, 70.0, 70.0, 35.0, 30.0, 20.0)  # N m
+_COULOMB = (4.5, 5.0, 3.2, 3.0, 1.4, 1.2, 0.8)  # N m
+_VISCOUS = (6.0, 6.5, 4.0, 4.0, 1.4, 1.2, 0.7)  # N m s/rad
+_ROTOR = (0.8, 0.8, 0.5, 0.5, 0.16, 0.14, 0.09)  # kg m^2
+_DRIVE = {"N m": _COULOMB, "N m s/rad": _VISCOUS, "kg m^2": _ROTOR}
+_ROLL, _PITCH = 2.8, 1.9  # rad
+_LINK = """<link name="link_{i}"><inertial>
+<origin xyz="{centre}"/><mass value="{mass}"/>
+<inertia ixx="{xx}" ixy="{xy}" ixz="{xz}" iyy="{yy}" iyz="{yz}" izz="{zz}"/></inertial>
+</link>
+<joint name="joint_{i}" type="revolute"><parent link="link_{before}"/>
+<child link="link_{i}"/><origin xyz="{place}"/><axis xyz="{axis}"/>
+<limit lower="-{reach}" upper="{reach}" velocity="{speed}" effort="{effort}"/></joint>
+"""
 
 
 def draw_hidden(
@@ -91,28 +116,6 @@ def _here(robot: Robot, usual: Sizes, joints: Joints) -> Here:
         *(float(size[rows].min()) for size in least),
         *(float(size[rows[0]]) for size in middle),
     )
-
-
-NAME = "light"
-_AXES = "zyzyzyz"  # rolls and pitches in turn
-_MASS = (4.2, 4.0, 3.2, 3.0, 2.2, 1.8, 0.7)  # kg
-_RADIUS = (0.065, 0.06, 0.055, 0.055, 0.05, 0.045, 0.04)  # m
-_SPEED = (2.2, 2.2, 2.4, 2.4, 2.6, 2.6, 2.8)  # rad/s
-_EFFORT = (110.0, 110.0, 70.0, 70.0, 35.0, 30.0, 20.0)  # N m
-_COULOMB = (4.5, 5.0, 3.2, 3.0, 1.4, 1.2, 0.8)  # N m
-_VISCOUS = (6.0, 6.5, 4.0, 4.0, 1.4, 1.2, 0.7)  # N m s/rad
-_ROTOR = (0.8, 0.8, 0.5, 0.5, 0.16, 0.14, 0.09)  # kg m^2
-_DRIVE = {"N m": _COULOMB, "N m s/rad": _VISCOUS, "kg m^2": _ROTOR}
-_ROLL, _PITCH = 2.8, 1.9  # rad
-
-_LINK = """<link name="link_{i}"><inertial>
-<origin xyz="{centre}"/><mass value="{mass}"/>
-<inertia ixx="{xx}" ixy="{xy}" ixz="{xz}" iyy="{yy}" iyz="{yz}" izz="{zz}"/></inertial>
-</link>
-<joint name="joint_{i}" type="revolute"><parent link="link_{before}"/>
-<child link="link_{i}"/><origin xyz="{place}"/><axis xyz="{axis}"/>
-<limit lower="-{reach}" upper="{reach}" velocity="{speed}" effort="{effort}"/></joint>
-"""
 
 
 class _Body(NamedTuple):

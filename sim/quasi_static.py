@@ -1,4 +1,8 @@
-"""The synthetic arm: a motion in, its true torque out, part by part."""
+"""The synthetic arm: a motion in, its true torque out, part by part.
+
+There is no controller and no simulation over time, so that many logs cost little. The
+formulas of the hidden effects are deliberately not those of the diagnosis.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

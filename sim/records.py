@@ -1,4 +1,9 @@
-"""The records that the rooms of the simulated world share."""
+"""The records that the rooms of the simulated world share, and its random streams.
+
+Each thing that is drawn has a stream of its own, so that adding an effect changes
+neither the arm nor anybody else's noise. Noise also depends on the motion: two
+experiments on one arm share its scatter and nothing else.
+"""
 
 import hashlib
 from collections.abc import Mapping
@@ -13,6 +18,10 @@ BackgroundWord = Literal["clean", "workshop", "worn"]
 CLEAN: BackgroundWord = "clean"
 WORKSHOP: BackgroundWord = "workshop"
 BACKGROUNDS: tuple[BackgroundWord, ...] = get_args(BackgroundWord)
+
+HIDDEN = "hidden"
+# What a manifest lists: the streams that one experiment draws from.
+NAMES = ("scatter", "friction", "encoder", "torque", "effect")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -196,11 +205,6 @@ class PlantRun:
     log: Recording
     truth: Mapping[str, Array]
     twin: Mapping[str, Array]
-
-
-HIDDEN = "hidden"
-# What a manifest lists: the streams that one experiment draws from.
-NAMES = ("scatter", "friction", "encoder", "torque", "effect")
 
 
 def stream(seed: int, name: str) -> np.random.Generator:

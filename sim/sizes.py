@@ -18,6 +18,14 @@ _SHARE_OF_SPEED = 0.5
 _FASTEST = 3.0  # rad/s
 _UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
 
+# A six-axis arm of 100 kg: engineering judgement, not data of a manufacturer.
+_ARM_100_KG = dict(
+    torque=(57.0, 157.0, 54.0, 11.0, 7.0, 7.0),
+    coulomb=(12.0, 14.0, 9.0, 4.0, 3.5, 2.5),
+    viscous=(10.0, 11.0, 7.0, 2.5, 2.0, 1.5),
+    rotor=(2.0, 2.0, 1.0, 0.3, 0.3, 0.15),
+)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class UsualLimits:
@@ -61,15 +69,6 @@ def draw_centre(space: UsualLimits, rng: np.random.Generator) -> Array:
     """Return the middle of one motion, up to 0.3 rad off the usual one [rad]."""
     centre = space.centre + rng.uniform(-0.3, 0.3, len(space.centre))
     return np.clip(centre, space.lower + space.amplitude, space.upper - space.amplitude)
-
-
-# A six-axis arm of 100 kg: engineering judgement, not data of a manufacturer.
-_ARM_100_KG = dict(
-    torque=(57.0, 157.0, 54.0, 11.0, 7.0, 7.0),
-    coulomb=(12.0, 14.0, 9.0, 4.0, 3.5, 2.5),
-    viscous=(10.0, 11.0, 7.0, 2.5, 2.0, 1.5),
-    rotor=(2.0, 2.0, 1.0, 0.3, 0.3, 0.15),
-)
 
 
 def sizes(robot: Robot) -> Sizes:

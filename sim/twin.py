@@ -1,6 +1,8 @@
 """The nominal twin: the model as described, driven along the same reference.
 
-Its distance from the arm is the error of the paper: e_tau, e_q and their like.
+Its distance from the arm is the error of the paper: e_tau, e_q and their like. The
+paper feeds one reference to arm and model and takes the difference of what they do (its
+figure 2); a measured log that has the reference is enough for that.
 """
 
 from collections.abc import Mapping
@@ -21,6 +23,8 @@ from sim.plant.stepping import Trace, drive, simulate
 from sim.records import PlantSpec, Rates, Reference
 
 _NOMINAL = PlantSpec(scatter=0.0)
+_NOTHING = 1e-6  # N m, N m s/rad, kg m^2: the plant needs some inertia of a rotor
+LOGGED = "logged"  # the family of a reference that nobody here has planned
 
 
 def twin_of(robot: Robot, reference: Reference) -> Trace:
@@ -134,10 +138,6 @@ def run_along(
         chatter=np.sqrt(np.mean(np.diff(torque, 2, axis=0) ** 2, axis=0)),
         energy=np.abs(torque * speed).sum(axis=0) * dt,
     )
-
-
-_NOTHING = 1e-6  # N m, N m s/rad, kg m^2: the plant needs some inertia of a rotor
-LOGGED = "logged"  # the family of a reference that nobody here has planned
 
 
 def logged_reference(log: Recording) -> Reference:

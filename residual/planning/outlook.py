@@ -20,6 +20,11 @@ from residual.evidence.rules import RULES
 from residual.planning.question import Contest, Question, Rival
 from residual.recording import Array
 
+DRAWS = 400  # logs that a chance is counted in
+HOPELESS = 1.0  # nats: a motion that promises less decides nothing
+TWIN = 0.01  # of the power of what one has beyond the other, on any motion
+Pair = tuple[int, int, int]  # contest, true rival, other rival
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Refit:
@@ -135,13 +140,6 @@ def _root(gram: Array) -> Array:
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
     return size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-
-
-DRAWS = 400  # logs that a chance is counted in
-HOPELESS = 1.0  # nats: a motion that promises less decides nothing
-TWIN = 0.01  # of the power of what one has beyond the other, on any motion
-
-Pair = tuple[int, int, int]  # contest, true rival, other rival
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -23,6 +23,13 @@ from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.track import prepare, widened
 
+SECONDS = 20.0  # length of a motion where nobody says another [s]
+PERIODS = 2  # of it
+MOTIONS, HARMONICS = 6, 5
+TURN = np.pi  # rad to either side: what of a range is used at most
+UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
+RISE = 0.15  # s in which a joint reaches its speed, where it states no acceleration
+
 
 def planned_gram(
     question: Question, motion: Sequence[Array], rate: float, seconds: float
@@ -126,14 +133,6 @@ def standing(question: Question, qd: Array, rate: float) -> Array:
     still = np.abs(qd) < question.signals.speed_floor
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
     return widened(still, int(np.ceil(question.signals.margin * rate)))
-
-
-SECONDS = 20.0  # length of a motion where nobody says another [s]
-PERIODS = 2  # of it
-MOTIONS, HARMONICS = 6, 5
-TURN = np.pi  # rad to either side: what of a range is used at most
-UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
-RISE = 0.15  # s in which a joint reaches its speed, where it states no acceleration
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -136,10 +136,7 @@ def base_columns(model: pin.Model) -> Array:
     Returns:
         Indices into the 10 * dof inertial parameters, increasing. Shape (b,).
     """
-    rows = regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
-    size = np.linalg.norm(rows, axis=0)
-    rows = rows / np.where(size > _SILENT * size.max(), size, np.inf)
-    factors = qr(rows, mode="r", pivoting=True)
+    factors = qr(_scaled(_random_rows(model), _SILENT), mode="r", pivoting=True)
     pivots, order = np.abs(np.diag(np.asarray(factors[0]))), np.asarray(factors[-1])
     return np.sort(order[: int((pivots > _INDEPENDENT * pivots[0]).sum())])
 
@@ -169,7 +166,7 @@ def base_parameters(model: pin.Model) -> BaseParameters:
     URDF whose angles were rounded (1.5708 for a right angle) has columns that differ
     by rounding alone; they count as one.
     """
-    rows = regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
+    rows = _random_rows(model)
     standard = standard_inertial(rows.shape[1] // PER_LINK)
     return express(rows, _readable_columns(rows), standard)
 
@@ -235,9 +232,14 @@ def _readable_columns(rows: Array) -> Array:
     return np.sort(pivoted[:rank])
 
 
-def _scaled(rows: Array) -> Array:
+def _random_rows(model: pin.Model) -> Array:
+    return regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
+
+
+def _scaled(rows: Array, least: float = _TOLERANCE) -> Array:
+    """Return columns at length one; shorter ones than a share of the longest at 0."""
     size = np.linalg.norm(rows, axis=0)
-    return rows / np.where(size > _TOLERANCE * size.max(), size, np.inf)
+    return rows / np.where(size > least * size.max(), size, np.inf)
 
 
 def _gap(scaled: Array, rank: int) -> float:

@@ -18,6 +18,11 @@ from residual.robot.robot import Robot
 PER_LINK = 10
 # A mass of exactly zero has no centre; this one moves no torque by more than 1e-5 N m.
 _LEAST_MASS = 1e-6
+AT_ONCE = 1 << 11  # rows of a regressor
+LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
+KEPT = 1 << 27  # bytes of all of them: thirteen minutes for six joints
+_Known = OrderedDict[tuple, tuple[tuple, tuple[Array, ...]]]
+_KNOWN: _Known = OrderedDict()
 
 
 def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
@@ -219,14 +224,6 @@ def chain_of(model: pin.Model) -> Chain:
         np.array(flange.translation),
         np.array(flange.rotation),
     )
-
-
-AT_ONCE = 1 << 11  # rows of a regressor
-LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
-KEPT = 1 << 27  # bytes of all of them: thirteen minutes for six joints
-
-_Known = OrderedDict[tuple, tuple[tuple, tuple[Array, ...]]]
-_KNOWN: _Known = OrderedDict()
 
 
 @dataclass(frozen=True, eq=False, slots=True)

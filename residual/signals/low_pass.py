@@ -13,6 +13,7 @@ from residual.recording import Array
 ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
 REACH = 4.5  # periods of the cut-off after which it has forgotten all but 1e-5
 BLOCK = 16  # rows that are made at once
+_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)  # Blackman-Harris, four terms
 
 
 def low_pass(
@@ -97,9 +98,6 @@ def _impulse_response(cutoff: float, rate: float, reach: int, ahead: float) -> A
     pulse = np.fft.irfft(np.append(gain, 0.0))
     taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
     return taps / taps.sum()
-
-
-_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)  # Blackman-Harris, four terms
 
 
 def power_density(x: Array, length: int, robust: bool = False) -> tuple[Array, Array]:

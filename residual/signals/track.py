@@ -16,6 +16,7 @@ from residual.signals.low_pass import low_pass
 from residual.signals.pieces import cut, let_go, overlap
 
 ROWS = 4.2  # rows per period of the cut-off: some 33 a second behind 8 Hz
+SEED = 0  # of the redrawn noise: a diagnosis says the same twice
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,11 +130,8 @@ def prepare(
     signals = _signals(recordings, filters, full_rate, again=any(pieces))
     if speed_floor is None:
         speed_floor = _standstill_speed(signals(), filters)
-    options = speed_floor, full_rate
     tracks = tuple(
-        _track(r.id, u, m, filters, options)
-        if not piece
-        else _piece(r.id, u, m, filters, options)
+        (_piece if piece else _track)(r.id, u, m, filters, speed_floor, full_rate)
         for r, piece, (u, m) in zip(recordings, pieces, signals(), strict=True)
     )
     return tracks, speed_floor
@@ -248,9 +246,16 @@ def _thinning(rate: float, filters: Filters) -> int:
     return max(1, round(rate / filters.rate))
 
 
-def _piece(label, u: _Uniform, motion, filters: Filters, options) -> Track:
+def _piece(
+    label: str,
+    u: _Uniform,
+    motion: tuple[Array, Array, Array],
+    filters: Filters,
+    speed_floor: Array,
+    full_rate: bool,
+) -> Track:
     """Prepare a piece of a log; rows beyond its own part of it are those of others."""
-    track = _track(label, u, motion, filters, options)
+    track = _track(label, u, motion, filters, speed_floor, full_rate)
     over = overlap(track.cutoff, u.rate)
     at = (np.arange(len(track.inner)) * track.step / track.rate).round(6)
     own = (at >= over - 1e-6) & (at < len(u.t) / u.rate - over - 1e-6)
@@ -258,8 +263,14 @@ def _piece(label, u: _Uniform, motion, filters: Filters, options) -> Track:
     return replace(track, inner=inner, moving=moving, whole=False)
 
 
-def _track(label, u: _Uniform, motion, filters: Filters, options) -> Track:
-    speed_floor, full_rate = options
+def _track(
+    label: str,
+    u: _Uniform,
+    motion: tuple[Array, Array, Array],
+    filters: Filters,
+    speed_floor: Array,
+    full_rate: bool,
+) -> Track:
     first = 1 if full_rate else _thinning(u.rate, filters)
     rate = u.rate / first
     cutoff = filters.cutoff(u.rate)
@@ -330,9 +341,6 @@ def at_samples(torque: Array, track: Track, recording: Recording) -> Array:
     if torque.shape[0] == len(recording.t) and np.allclose(track.t, recording.t):
         return torque
     return np.column_stack([np.interp(recording.t, track.t, c) for c in torque.T])
-
-
-SEED = 0  # of the redrawn noise: a diagnosis says the same twice
 
 
 def smooth(recording: Recording, filters: Filters) -> Array:

@@ -18,6 +18,15 @@ import pinocchio as pin
 
 from residual.recording import Array
 
+_FREE = 1e3  # rad and rad/s: limits that nothing reaches
+_LOOK = {"yaw": 52.0, "pitch": -18.0, "roll": 0.0, "upAxisIndex": 2}
+_FIELD = 40.0  # degrees from top to bottom
+_AWAY = 2.1  # distance of the camera, in lengths of the arm
+_UP = 0.4  # height that it looks at, in lengths of the arm
+_TILES = 4  # from the middle to the edge of the floor
+_FLOOR = ((0.86, 0.88, 0.9, 1.0), (0.76, 0.79, 0.82, 1.0))
+_LIGHT = (1.2, -1.6, 3.0)
+
 
 def urdf_of(model: pin.Model) -> str:
     """Return a URDF with the joints and bodies of a serial arm.
@@ -98,17 +107,6 @@ def silence() -> Iterator[None]:
 
 with silence():
     import pybullet as bullet
-
-
-_FREE = 1e3  # rad and rad/s: limits that nothing reaches
-
-_LOOK = {"yaw": 52.0, "pitch": -18.0, "roll": 0.0, "upAxisIndex": 2}
-_FIELD = 40.0  # degrees from top to bottom
-_AWAY = 2.1  # distance of the camera, in lengths of the arm
-_UP = 0.4  # height that it looks at, in lengths of the arm
-_TILES = 4  # from the middle to the edge of the floor
-_FLOOR = ((0.86, 0.88, 0.9, 1.0), (0.76, 0.79, 0.82, 1.0))
-_LIGHT = (1.2, -1.6, 3.0)
 
 
 class _Client:

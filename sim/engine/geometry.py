@@ -1,9 +1,15 @@
-"""Room between the arm, the floor and itself.
+"""Clearance of an arm from the floor and itself, and joint angles for a pose.
 
 The arm is taken as capsules between the frames of its joints, all of one thickness, a
 share of the arm's length. That is coarse: a bulky wrist, a tool or a cable is not in
 it. The floor is the plane z = 0 of the base frame, and is there for arms whose first
 axis stands on it; how an arm with a horizontal first axis is mounted nobody can tell.
+
+Joint angles are found by Newton steps from a guess. An arm with more than six joints
+reaches a pose in many ways. Along a path it keeps to the plane, in the space of its
+joints, through a home posture and square to the motion that leaves the flange of that
+posture at rest. So a pose has one answer near home, and a closed path of poses gives a
+closed path of joints.
 """
 
 from dataclasses import dataclass
@@ -26,6 +32,11 @@ from residual.robot.robot import Robot
 MARGIN = 0.02  # m, kept free
 _THICKNESS = 0.07  # radius as a share of the stretched arm; 8 cm for an IRB 140
 _SAME = 0.02  # of the stretched arm: frames that near are one point
+POSE_JOINTS = 6
+NEAR_SINGULAR = 0.03  # least singular value of the Jacobian, of its largest
+_STEPS, _LONGEST = 80, 0.4  # rad
+_EXACT = 1e-11  # error of the pose [m, rad]
+_DAMPING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -142,13 +153,6 @@ def _end(model: pin.Model, frame: int) -> str:
 def _piece(model: pin.Model, kept: list[int], i: int) -> str:
     start = "the base" if kept[i] == 0 else _end(model, kept[i])
     return f"{start} to {_end(model, kept[i + 1])}"
-
-
-POSE_JOINTS = 6
-NEAR_SINGULAR = 0.03  # least singular value of the Jacobian, of its largest
-_STEPS, _LONGEST = 80, 0.4  # rad
-_EXACT = 1e-11  # error of the pose [m, rad]
-_DAMPING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -4,7 +4,8 @@ Friction of a contact with speed u is a torque between -backward and +forward, e
 forward for u > 0 and to -backward for u < 0, plus viscosity times u. The levels depend
 on speed, load, position and temperature at the beginning of the step; which of the
 three branches holds is found for the end of it. So a joint that stands still stands
-still, and nothing chatters.
+still, and nothing chatters. Friction work warms, the housing cools; between motor and
+link are springs with play.
 """
 
 import math
@@ -27,6 +28,16 @@ _pressed = njit(laws.pressed)
 _SWEEPS, _DONE = 200, 1e-13
 # Damping of the bristles, as a share of critical on the rotor alone.
 _BRISTLE_DAMPING = 0.2
+AMBIENT, RISE = 20.0, 25.0  # degrees Celsius; rise at the usual power
+SLOW = 600.0  # s: joints whose friction does not depend on temperature
+_warmth = njit(laws.warmth)
+_thinned = njit(laws.thinned)
+_leaning = njit(laws.leaning)
+_heated = njit(laws.heated)
+_LEAN, _GROWTH, _OIL, _HOUSING, _SLOT = range(5)
+# Gear teeth in play touch hard: angular frequency of the rotor on them [rad/s].
+MESH = 2 * np.pi * 100.0
+DAMPING = 0.05  # of critical, rotor against a fixed link
 
 
 @compiled
@@ -131,17 +142,6 @@ def slide(coupling, free, forward, backward, impulse):
             return
 
 
-AMBIENT, RISE = 20.0, 25.0  # degrees Celsius; rise at the usual power
-SLOW = 600.0  # s: joints whose friction does not depend on temperature
-
-
-_warmth = njit(laws.warmth)
-_thinned = njit(laws.thinned)
-_leaning = njit(laws.leaning)
-_heated = njit(laws.heated)
-_LEAN, _GROWTH, _OIL, _HOUSING, _SLOT = range(5)
-
-
 @compiled
 def warmed(warmth, power, usual, time_constant, dt):
     """Return the warmth after a step, where 1 is the end state at the usual power.
@@ -191,11 +191,6 @@ def heat(used, memory, power, usual, temperature, dt):
         temperature[j] = AMBIENT + RISE * warm
         memory[slot] = _heated(memory[slot], share, used[j, _OIL], dt)
         memory[slot + 1] = _heated(memory[slot + 1], share, used[j, _HOUSING], dt)
-
-
-# Gear teeth in play touch hard: angular frequency of the rotor on them [rad/s].
-MESH = 2 * np.pi * 100.0
-DAMPING = 0.05  # of critical, rotor against a fixed link
 
 
 def series_spring(compliances: list[float], gaps: list[float], rotor: float) -> tuple:

@@ -1,5 +1,6 @@
-"""Signals that lie: encoders that the controller believes, torque constants.
+"""What sensors make of true values, and signals that lie.
 
+An encoder that errs is believed by the controller; so is a wrong torque constant.
 An arm without a frozen or drifting encoder keeps its bits.
 """
 
@@ -19,6 +20,7 @@ WHITE_TORQUE = 0.015  # of the torque range
 SLOW_TORQUE = 0.005  # of the torque range
 SLOW_TIME = 0.1  # s
 SLACK = 1e-9  # s: an onset on a sample acts on that sample
+FAST, FAR = 60.0, 1.0  # rad/s, rad: beyond them a real arm has been stopped
 
 
 def encoder(q: Array, rng: np.random.Generator, step: float = ENCODER_STEP) -> Array:
@@ -67,9 +69,6 @@ def reported(tau: Array, t: Array, effects: Sequence[Acting]) -> Array:
             acts = np.ix_(t >= onset - SLACK, rows)
             out[acts] = what.report(out[:, rows], t, onset, p)[acts[0][:, 0]]
     return out
-
-
-FAST, FAR = 60.0, 1.0  # rad/s, rad: beyond them a real arm has been stopped
 
 
 def encoder_errors(effects: Sequence[Acting], dof: int) -> Array:

@@ -18,22 +18,10 @@ _SOURCES = (*sorted(_PLANT.glob("*.py")), _PLANT.parent / "laws.py")
 _CODE = hashlib.sha256(b"".join(path.read_bytes() for path in _SOURCES)).hexdigest()
 _FOLDER = _PLANT / "__pycache__" / f"compiled-{_CODE[:12]}"
 
-
-def compiled(function: Callable) -> Callable:
-    """Compile a function on its first call; later processes load it."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_FOLDER)
-    try:
-        return numba.njit(cache=True)(function)
-    finally:
-        numba.config.CACHE_DIR = before
-
-
 # Columns of a row of friction: kind (`sim.laws`), on which contact, its memory, four
 # numbers. Contacts are the joints, then the shared gears of pairs. Columns of a row of
 # torque: kind, on which joint, into which channel, four numbers.
 WIDTH = 7
-
 # Rows of the trace, before one row for each explicit channel.
 (
     Q,
@@ -51,6 +39,17 @@ WIDTH = 7
     TEMPERATURE,
 ) = range(13)
 CHANNELS = 13
+ANGLE, SPEED, LOADED = range(3)
+
+
+def compiled(function: Callable) -> Callable:
+    """Compile a function on its first call; later processes load it."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_FOLDER)
+    try:
+        return numba.njit(cache=True)(function)
+    finally:
+        numba.config.CACHE_DIR = before
 
 
 class Constants(NamedTuple):
@@ -123,9 +122,6 @@ class State(NamedTuple):
     motors: Array
     impulse: Array
     memory: Array
-
-
-ANGLE, SPEED, LOADED = range(3)
 
 
 def pack(constants: Constants) -> Packed:

@@ -17,9 +17,13 @@ from sim.trajectories.move_stop_move import plan_move_stop_move
 from sim.trajectories.tools import plan_cyclic, plan_welding
 
 KINDS = ("fourier", "cyclic", "welding", "move_stop_move")
-
 _SHORTEST = 0.5  # s, of a period
 _RATES = (10.0, 20_000.0)  # Hz
+_PLANNERS: dict[str, Callable[..., Plan]] = {
+    "cyclic": plan_cyclic,
+    "welding": plan_welding,
+    "move_stop_move": plan_move_stop_move,
+}
 
 
 def make_reference(
@@ -66,13 +70,6 @@ def sample(plan: Plan, rate: float) -> Reference:
     t = even(plan.duration, rate)
     q, qd, qdd = plan.curve(t)
     return Reference(plan.kind, t, q, qd, qdd, plan.period)
-
-
-_PLANNERS: dict[str, Callable[..., Plan]] = {
-    "cyclic": plan_cyclic,
-    "welding": plan_welding,
-    "move_stop_move": plan_move_stop_move,
-}
 
 
 def _plan_fourier(
