@@ -16,13 +16,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors
-    from flows.door.calibration import Calibration, calibrate
-    from flows.door.check import check
-    from flows.door.comparison import compare
-    from flows.door.diagnosis import Diagnosis, diagnose
-    from flows.door.export import export
-    from flows.door.identification import Identification, identify
-    from flows.door.logs import read_logs
+    from flows.door.logs import check, compare, export, read_logs
+    from flows.door.results import (
+        Calibration,
+        Diagnosis,
+        Identification,
+        calibrate,
+        diagnose,
+        identify,
+    )
     from flows.door.store import Store, open_store
     from flows.door.table import Table
     from flows.inputs.robots import load as load_robot
@@ -71,13 +73,15 @@ __all__ = [
 ]
 
 _PLACES = {
-    "flows.door.calibration": ("Calibration", "calibrate"),
-    "flows.door.check": ("check",),
-    "flows.door.comparison": ("compare",),
-    "flows.door.diagnosis": ("Diagnosis", "diagnose"),
-    "flows.door.export": ("export",),
-    "flows.door.identification": ("Identification", "identify"),
-    "flows.door.logs": ("read_logs",),
+    "flows.door.logs": ("check", "compare", "export", "read_logs"),
+    "flows.door.results": (
+        "Calibration",
+        "Diagnosis",
+        "Identification",
+        "calibrate",
+        "diagnose",
+        "identify",
+    ),
     "flows.door.store": ("Store", "open_store"),
     "flows.door.table": ("Table",),
     "flows.inputs.robots": ("load_robot",),

@@ -1,18 +1,122 @@
-"""What a user wants of each verb, in his own words: one frozen record per verb.
+"""What a user wants of each verb: one frozen record per verb, its fields the options.
 
-Of what is stored, the record of its request says how to make it again; where things
-are (store, map of columns, file of a null) is no part of that.
+The command line takes a record as its options, with the meanings that stand here; words
+that stand on the line by their place are handed over by the command. Of what is stored,
+the record of its request says how to make it again; where things are (store, map of
+columns, file of a null) is no part of that.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Any, Self
+
+from cyclopts import Parameter, Token
+
+from residual.errors import InputError
 
 _PLACES = ("columns", "null", "store")
 _FORMERLY = {"fit": "logs"}  # keys of records of 0.1.0
 
+# A switch without a value; there is no --no-switch.
+Flag = Annotated[bool, Parameter(negative="")]
+# Takes all following words up to the next option; at least one.
+Words = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negative="")]
+# One word at a time; the option may be given again.
+Tags = Annotated[tuple[str, ...], Parameter(negative="")]
+# What stands on the line by its place.
+Log = Annotated[str, Parameter(name="LOG")]
+GivenWord = Annotated[str, Parameter(parse=False)]
+GivenWords = Annotated[tuple[str, ...], Parameter(parse=False)]
 
+
+def parse_declared(_: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
+    """Return the names in "a,b", () for "none"."""
+    text = tokens[0].value
+    if text.strip() == "none":
+        return ()
+    return tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+
+
+def parse_numbers(_: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
+    """Return the whole numbers in "1,2,3".
+
+    Raises:
+        InputError: If one is no whole number.
+    """
+    text = tokens[0].value
+    try:
+        return tuple(int(word) for word in text.split(","))
+    except ValueError as error:
+        raise InputError(
+            f"{tokens[0].keyword} {text}: expected whole numbers, as 1,2,3."
+        ) from error
+
+
+# Options that many commands have, each explained here and nowhere else.
+Store = Annotated[
+    str | Path | None,
+    Parameter(help="Folder of the store; else $MODELGAP_STORE, else ./store."),
+]
+RobotWord = Annotated[
+    str,
+    Parameter(
+        help="Built-in name (irb140), URDF file, or folder with one *.urdf and an "
+        "optional robot.toml."
+    ),
+]
+Columns = Annotated[
+    str | None,
+    Parameter(
+        name="--map", help="TOML file that says which column is what, in which unit."
+    ),
+]
+Declared = Annotated[
+    tuple[str, ...] | None,
+    Parameter(
+        converter=parse_declared,
+        n_tokens=1,
+        negative="",
+        help='Effects that the model has, as a,b; "none" for a bare rigid body. '
+        "Without it the robot's own list, or viscous,coulomb,rotor_inertia.",
+    ),
+]
+Numbers = Annotated[
+    tuple[int, ...] | None,
+    Parameter(converter=parse_numbers, n_tokens=1, negative=""),
+]
+TrustLog = Annotated[
+    Flag,
+    Parameter(help="Go on although a fault of the logs is certain (modelgap check)."),
+]
+Which = Annotated[
+    str | None,
+    Parameter(
+        help="Which model of a diagnosis: nominal, identified or augmented, which is "
+        "the usual one."
+    ),
+]
+ModelWord = Annotated[
+    str,
+    Parameter(
+        help="Id of a diagnosis or model of the store, or a file that a model was "
+        "saved into."
+    ),
+]
+HeldOut = Annotated[
+    Words,
+    Parameter(
+        name="--holdout",
+        help="Logs for the proof. Without them the last quarter of the longest log.",
+    ),
+]
+Json = Annotated[
+    str | None,
+    Parameter(help='File for the outcome as JSON; "-" prints it and nothing else.'),
+]
+
+
+@Parameter(name="*")
 class Request:
     """A verb and what it is to be done with."""
 
@@ -38,24 +142,25 @@ class Request:
         lists = {k: tuple(v) for k, v in values.items() if isinstance(v, list)}
         return cls(**values | lists, store=store)
 
+    @property
+    def instead(self) -> str | None:
+        """The option that says by itself what the nominal model is, None for none."""
+        for name in ("baseline", "paper"):
+            if getattr(self, name, None):
+                return f"--{name}"
+        return None if getattr(self, "declared", None) is None else "--declared"
+
 
 @dataclass(frozen=True, slots=True)
 class Check(Request):
-    """Which logs are checked.
+    """Which logs are checked."""
 
-    Attributes:
-        logs: Logs: "FILE", "FILE@start:end", or the id of a run.
-        robot: Built-in name, URDF file or folder.
-        declared: Effects that the model has; None for the robot's own list.
-        columns: COLUMNS.toml, None for the default columns.
-        store: Folder of the store, None for the usual one.
-    """
-
-    logs: tuple[str, ...]
-    robot: str
-    declared: tuple[str, ...] | None = None
-    columns: str | None = None
-    store: str | Path | None = None
+    logs: GivenWords = ()
+    _: KW_ONLY
+    robot: RobotWord
+    declared: Declared = None
+    columns: Columns = None
+    store: Store = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,28 +168,28 @@ class Diagnose(Request):
     """Which logs are diagnosed, and against which.
 
     Attributes:
-        logs: Logs to diagnose: "FILE", "FILE@start:end", or the id of a run.
-        robot: Built-in name, URDF file or folder.
-        held_out: Logs for the proof; empty for the last quarter of the longest.
-        baseline: Logs of healthy runs of the robot.
-        declared: Effects that the model has; None for the robot's own list.
-        columns: COLUMNS.toml, None for the default columns.
-        null: File of a calibrated null; None for those of the store.
-        store: Folder of the store, None for the usual one.
-        trust_log: Whether to go on where a fault of the logs is certain.
-        model: Id of the diagnosis whose model was adopted: then what changed since the
-            runs behind it is named; None for no such.
+        baseline: Logs of healthy runs of the robot; then what has changed is named.
+        null: What modelgap calibrate-null wrote with --out; without it, one that fits
+            is looked for in the store.
+        store: Folder of the store with runs and nulls; else $MODELGAP_STORE, else
+            ./store.
+        trust_log: Go on although a fault of the logs is certain (modelgap check); the
+            answer is then "unknown", and names nothing.
+        model: "nominal", or the id of a diagnosis whose model is to be doubted; without
+            it the model that the robot has in the store (modelgap models), where the
+            logs are runs of it or --store is given.
     """
 
-    logs: tuple[str, ...]
-    robot: str
-    held_out: tuple[str, ...] = ()
-    baseline: tuple[str, ...] = ()
-    declared: tuple[str, ...] | None = None
-    columns: str | None = None
+    logs: GivenWords = ()
+    _: KW_ONLY
+    robot: RobotWord
+    baseline: Words = ()
+    held_out: HeldOut = ()
+    declared: Declared = None
+    columns: Columns = None
     null: str | None = None
     store: str | Path | None = None
-    trust_log: bool = False
+    trust_log: Flag = False
     model: str | None = None
 
 
@@ -93,31 +198,30 @@ class Identify(Request):
     """Which logs a model is identified from, and how.
 
     Attributes:
-        logs: Logs to fit: "FILE", "FILE@start:end", or the id of a run.
-        robot: Built-in name, URDF file or folder.
-        held_out: Logs for the proof; empty for the last quarter of the longest.
-        declared: Effects that the model has; None for the robot's own list.
-        method: "ols", "wls" or "irls".
-        prior: Relative scale of the nominal prior, None for a free fit.
-        essential: Whether to drop parameters that are not needed.
-        consistent: Whether to find physically consistent parameters too.
-        columns: COLUMNS.toml, None for the default columns.
-        store: Folder of the store, None for the usual one.
-        trust_log: Whether to go on where a fault of the logs is certain.
-        model: Id of the diagnosis whose model it starts from; None for the nominal one.
+        method: ols (all rows alike), wls (each joint by its noise), irls (outliers
+            count less).
+        prior: How far nominal values may be off, such as 0.03; without it the fit is
+            free.
+        essential: Drop parameters that the logs do not need.
+        consistent: Also find parameters that bodies can have: positive masses and
+            pseudo-inertias, nearest to the nominal. Needs the extra [sdp].
+        model: Model to start from: the id of a diagnosis or an adoption, or nominal.
+            Without it, on runs of the store, the one that the robot has (modelgap
+            models), its named effects among what is fitted.
     """
 
-    logs: tuple[str, ...]
-    robot: str
-    held_out: tuple[str, ...] = ()
-    declared: tuple[str, ...] | None = None
+    logs: GivenWords = ()
+    _: KW_ONLY
+    robot: RobotWord
+    held_out: HeldOut = ()
     method: str = "wls"
+    declared: Declared = None
     prior: float | None = None
-    essential: bool = False
-    consistent: bool = False
-    columns: str | None = None
-    store: str | Path | None = None
-    trust_log: bool = False
+    essential: Flag = False
+    consistent: Flag = False
+    columns: Columns = None
+    store: Store = None
+    trust_log: TrustLog = False
     model: str | None = None
 
 
@@ -126,30 +230,31 @@ class Calibrate(Request):
     """Which logs look-up tables are fitted to.
 
     Attributes:
-        logs: Logs: "FILE", "FILE@start:end", or the id of a run.
-        robot: Built-in name, URDF file or folder.
-        paper: The paper's regressors and twin error.
-        declared: Effects that the model has; None for the robot's own list.
-        columns: COLUMNS.toml, None for the default columns.
-        store: Folder of the store, None for the usual one.
-        trust_log: Whether to go on where a fault of the logs is certain.
-        levels: Levels of the paper's form: one number, or one for each variable; None
-            to choose them.
-        components: Its components: exactly so many with `levels`, else at most.
-        joints: Joints of X and Y, from 1; None for all, or the paper's.
-        model: Id of the diagnosis whose named effects it has; None for the latest.
+        paper: As the paper does it: states of the reference of joints 1 to 3, errors
+            against the simulated twin; only for logs with a reference (q_ref), on which
+            the twin of a measured log is simulated.
+        levels: Levels of the paper form: 22 for every variable, or a number for each,
+            as 8,8,8,22,22,22,2,2,2. Without it they are chosen on runs left out.
+        components: Components of the paper form: at most so many are tried (30), and
+            exactly so many exported if --levels are given.
+        joints: Joints of states and torques, as 1,2,3. Without it all; with --paper
+            the first three, as in the paper.
+        model: Whose named effects stand beside the tables: the id of a diagnosis or an
+            adoption, or nominal. Without it, on runs of the store, the model that the
+            robot has (modelgap models), else the latest diagnosis of these runs.
     """
 
-    logs: tuple[str, ...]
-    robot: str
-    paper: bool = False
-    declared: tuple[str, ...] | None = None
-    columns: str | None = None
-    store: str | Path | None = None
-    trust_log: bool = False
-    levels: tuple[int, ...] | None = None
+    logs: GivenWords = ()
+    _: KW_ONLY
+    robot: RobotWord
+    paper: Flag = False
+    declared: Declared = None
+    columns: Columns = None
+    store: Store = None
+    trust_log: TrustLog = False
+    levels: Numbers = None
     components: int | None = None
-    joints: tuple[int, ...] | None = None
+    joints: Numbers = None
     model: str | None = None
 
 
@@ -158,22 +263,18 @@ class Null(Request):
     """Which logs the false-alarm rate of a diagnosis is found for.
 
     Attributes:
-        logs: Logs: "FILE", "FILE@start:end", or ids of runs.
-        robot: Built-in name, URDF file or folder.
-        declared: Effects that the model has; None for the robot's own list.
-        columns: COLUMNS.toml, None for the default columns.
-        draws: How many draws.
-        seed: Seed of the draws.
-        store: Folder of the store, None for the usual one.
+        draws: Number of recordings; one in 200 is the least p-value of 200.
+        seed: Seed of their noise.
     """
 
-    logs: tuple[str, ...]
-    robot: str
-    declared: tuple[str, ...] | None = None
-    columns: str | None = None
+    logs: GivenWords = ()
+    _: KW_ONLY
+    robot: RobotWord
+    declared: Declared = None
+    columns: Columns = None
     draws: int = 200
     seed: int = 0
-    store: str | Path | None = None
+    store: Store = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,28 +282,28 @@ class Import(Request):
     """Which logs become runs of the store.
 
     Attributes:
-        logs: Logs: "FILE" or "FILE@start:end".
-        robot: Built-in name, URDF file or folder.
-        columns: COLUMNS.toml, None for the default columns.
-        trajectory: What kind of motion it was, for queries; None for no word.
-        kind: What it was recorded for.
-        store: Folder of the store, None for the usual one.
-        trust_log: Whether to go on where a fault of the logs is certain.
-        serial: Serial number of the arm; None for that of robot.toml, or none.
-        tags: Words, or "KEY=VALUE".
-        recorded_at: When the first sample was taken, ISO 8601 with a zone; None for
-            what the log says, or unknown.
+        columns: TOML file that says which column is what, in which unit; for bags which
+            topic, and which joint has which name.
+        trajectory: A word for the kind of motion, by which queries can group.
+        kind: A word for what it was recorded for.
+        serial: Serial number of the arm, as in its robot.toml: what is known of one arm
+            is then kept apart from others of its kind.
+        tags: A word, or KEY=VALUE, such as cell=4; may be given several times.
+        recorded_at: When the first sample was taken, as 2026-11-20T14:03:00+01:00;
+            without it what the log says: the clock of a bag or MCAP, a line above the
+            table, recorded_at in the metadata of Parquet, a column of time since 1970.
     """
 
-    logs: tuple[str, ...]
-    robot: str
-    columns: str | None = None
+    logs: GivenWords = ()
+    _: KW_ONLY
+    robot: RobotWord
+    columns: Annotated[str | None, Parameter(name="--map")] = None
     trajectory: str | None = None
     kind: str = "log"
-    store: str | Path | None = None
-    trust_log: bool = False
+    store: Store = None
+    trust_log: TrustLog = False
     serial: str | None = None
-    tags: tuple[str, ...] = ()
+    tags: Annotated[Tags, Parameter(name="--tag")] = ()
     recorded_at: str | None = None
 
 
@@ -212,13 +313,12 @@ class Validate(Request):
 
     Attributes:
         run: Id of the run, or its beginning.
-        window: Length of the windows of the open loop [s].
-        store: Folder of the store, None for the usual one.
+        window: Length of the windows in seconds; errors grow quickly with it.
     """
 
-    run: str
+    run: GivenWord = ""
     window: float = 0.25
-    store: str | Path | None = None
+    store: Store = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,16 +328,44 @@ class Monitor(Request):
     Attributes:
         model: Id of a diagnosis, or a robot for its nominal model.
         runs: Ids of the runs to watch.
-        good: Ids of the healthy runs; empty for those of the diagnosis.
-        per_hour: False alarms wanted at most [1/h].
-        store: Folder of the store, None for the usual one.
+        good: Ids of healthy runs, three or more; without it those that the
+            diagnosis was made from.
+        per_hour: False alarms wanted at most in an hour.
     """
 
-    model: str
-    runs: tuple[str, ...]
-    good: tuple[str, ...] = ()
+    model: GivenWord = ""
+    runs: GivenWords = ()
+    good: Annotated[Words, Parameter(name="--calibrate")] = ()
     per_hour: float = 1.0
-    store: str | Path | None = None
+    store: Store = None
+
+
+@dataclass(frozen=True, slots=True)
+class Next(Request):
+    """For which verdict or wish a motion is designed.
+
+    Attributes:
+        verdict: Id of a diagnosis in the store, or a JSON file with a verdict.
+        robot: Their robot: built-in name (irb140), URDF file, or folder.
+        baseline: Their logs of healthy runs.
+        held_out: Their logs for the proof.
+        want: An effect and the least size that is to be seen, NAME>=SIZE or
+            NAME@JOINT>=SIZE; its first parameter, in the unit of docs/effects.md.
+        seconds: Length of the motion, 4 to 600.
+        seed: Seed of the search.
+    """
+
+    verdict: GivenWord = ""
+    logs: GivenWords = ()
+    _: KW_ONLY
+    robot: str | None = None
+    baseline: Words = ()
+    held_out: Annotated[Words, Parameter(name="--holdout")] = ()
+    want: str | None = None
+    seconds: float = 20.0
+    seed: int = 0
+    columns: Columns = None
+    store: Store = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +378,6 @@ class Campaign(Request):
         seed: Replaces the seed of the file; None for that one.
         runner: Where it is computed; None for the usual place (`flows.workers.runner`).
         trust_network: Whether that may be on other machines.
-        store: Folder of the store, None for the usual one.
     """
 
     path: str
@@ -258,24 +385,7 @@ class Campaign(Request):
     seed: int | None = None
     runner: str | None = None
     trust_network: bool = False
-    store: str | Path | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Demo(Request):
-    """Which demonstration.
-
-    Attributes:
-        seed: Seed of everything: arm, effect, motions, noise.
-        effect: Effect to hide; None to draw it, "none" to hide nothing.
-        store: Folder of the store, None for the usual one.
-        background: What all joints have beside it: clean, workshop or worn.
-    """
-
-    seed: int
-    effect: str | None = None
-    store: str | Path | None = None
-    background: str = "clean"
+    store: Store = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,17 +393,53 @@ class Export(Request):
     """Which model is written in the form of which program.
 
     Attributes:
-        model: Id of a diagnosis or model, or a file that holds a model.
         to: The target.
-        which: Which model of a diagnosis; None for the augmented one.
-        log: A log to show, "FILE", "FILE@start:end" or the id of a run; None for none.
-        columns: COLUMNS.toml of the log, None for the default columns.
-        store: Folder of the store, None for the usual one.
+        log: With rrd: a log of the robot (FILE, FILE@0:16.5, or the id of a run), to
+            see its torque and what the model leaves of it.
+        columns: TOML file that says which column of the log is what, in which unit.
     """
 
-    model: str
+    model: GivenWord = ""
+    _: KW_ONLY
     to: str
-    which: str | None = None
+    which: Which = None
     log: str | None = None
-    columns: str | None = None
-    store: str | Path | None = None
+    columns: Annotated[str | None, Parameter(name="--map")] = None
+    store: Store = None
+
+
+@dataclass(frozen=True, slots=True)
+class Predict(Request):
+    """Which model is asked for its torque, and on which logs.
+
+    Attributes:
+        without: Effects to take out, as NAME or NAME@JOINT; without a joint all of
+            that name.
+    """
+
+    logs: GivenWords = ()
+    _: KW_ONLY
+    model: ModelWord
+    which: Which = None
+    without: Words = ()
+    columns: Columns = None
+    store: Store = None
+
+
+@dataclass(frozen=True, slots=True)
+class View(Request):
+    """Which log is looked at, and with which model beside it.
+
+    Attributes:
+        robot: Built-in name (irb140), URDF file, or folder with one *.urdf; a run of
+            the store and a verdict know theirs.
+        verdict: Id of a diagnosis of the store: its models predict the torque, and
+            each of its findings is drawn.
+    """
+
+    log: GivenWord = ""
+    _: KW_ONLY
+    robot: str | None = None
+    verdict: str | None = None
+    columns: Columns = None
+    store: Store = None

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pytest
 
 import modelgap as mg
-from flows.door.diagnosis import Diagnosis
+from flows.door.results import Diagnosis
 from flows.door.table import Table
 from residual.diagnosis.result import (
     ErrorTables,

@@ -22,8 +22,8 @@ from benchmarks.attribution_parts.arms import (
 )
 from benchmarks.harness.cases import guarded
 from flows.blind.export.score import matched
+from flows.blind.row import measured, smallest
 from flows.blind.score import Name, members
-from flows.blind.size import measured, smallest
 from flows.specs.experiment import derived_seed
 from flows.steps.edit import is_named, with_truth
 from residual.diagnosis.changes import MOVING, dense_model, sealed_edit

@@ -22,7 +22,7 @@ from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make,
 from benchmarks.harness.cases import guarded
 from benchmarks.synthetic.other_forms import FORMS
 from flows.blind.draw import vocabulary
-from flows.blind.size import draw_sized
+from flows.blind.row import draw_sized
 from flows.inputs.logs import LogSets
 from flows.requests import Diagnose
 from flows.steps.check import check

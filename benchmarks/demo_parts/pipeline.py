@@ -10,8 +10,8 @@ from benchmarks.harness.cases import STORE, guarded
 from benchmarks.harness.figures import FEW, Figures, figure, missing
 from benchmarks.harness.shell import run_shell
 from flows.blind.sums import wilson
-from flows.requests import Demo
 from flows.steps import demo
+from flows.steps.demo import Demo
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.storage.diagnosis import read_outcome
 from flows.workers.pool import Here

@@ -15,9 +15,8 @@ from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from flows.blind.draw import MULTIPLES, OF_A_PAIR, vocabulary
-from flows.blind.row import case_row, true_parameters
+from flows.blind.row import case_row, draw_sized, measured, true_parameters
 from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
-from flows.blind.size import draw_sized, measured
 from flows.blind.sums import CLEAR
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.oracle import oracle

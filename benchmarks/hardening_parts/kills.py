@@ -29,7 +29,7 @@ from benchmarks.store_parts.made import (
 )
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
-from flows.steps.rerun.rerun import rerun
+from flows.steps.rerun import rerun
 from residual.recording import Recording
 from warehouse import commit
 from warehouse.bundle import read_bundle, write_bundle

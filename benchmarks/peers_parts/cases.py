@@ -18,7 +18,7 @@ from benchmarks.harness.cases import guarded
 from benchmarks.peers_parts import sparse, squares
 from benchmarks.peers_parts.opened import Answer, Case, Log
 from flows.blind.export import score
-from flows.blind.export.case import OPEN, SEALED
+from flows.blind.export.write import OPEN, SEALED
 from flows.blind.score import Said, members
 from residual.recording import Recording
 from residual.robot.robot import Robot, robot_from_texts

@@ -15,9 +15,8 @@ import numpy as np
 import pyarrow as pa
 
 from flows.blind.draw import Asked, Draft, Excitation, arm_of, motions
-from flows.blind.row import case_row, true_parameters
+from flows.blind.row import Hidden, case_row, draw_sized, measured, true_parameters
 from flows.blind.score import UNKNOWN
-from flows.blind.size import Hidden, draw_sized, measured
 from flows.errors import RunError
 from flows.inputs.robots import load
 from flows.specs.experiment import ExperimentSpec

@@ -1,63 +1,40 @@
-"""modelgap demo: the main job on an arm of our own, the truth shown last."""
+"""modelgap demo and blind: arms that hide something, the truth shown last."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
+from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.options import SEEDS, Flag, check_between
-from flows.outputs import Progress, progress_bar, say
+from flows.blind.draw import Asked
+from flows.blind.export.write import check_target, export_study
+from flows.blind.run import run_study
+from flows.cli.options import LONGEST, SEEDS, Outputs, check_between, check_workers
+from flows.errors import RunError
+from flows.outputs import progress_bar, say
+from flows.report.console import show
 from flows.report.diagnosis import print_diagnosis, print_truth
 from flows.report.stored import as_hidden, demo_page
+from flows.report.study import store_page, told
 from flows.report.words.staged import Staged
-from flows.requests import Demo
-from flows.settings import store_folder
+from flows.requests import Flag, Store
+from flows.settings import cores, store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.storage.diagnosis import read_outcome
-from sim.records import CLEAN, BackgroundWord
+from flows.workers.pool import Pool
+from residual.errors import InputError
+from sim.records import WORKSHOP, BackgroundWord
 from warehouse.objects.mirror import shown
 
-
-@dataclass(frozen=True, slots=True)
-class Made:
-    """What a demonstration left in the store.
-
-    Attributes:
-        diagnosis: Id of the diagnosis.
-        proof: Id of the validation with its curves.
-        hidden: What was under the seal, as JSON can hold it.
-        page: The report.
-    """
-
-    diagnosis: str
-    proof: str
-    hidden: list[dict]
-    page: Path
+MOST_ARMS = 20
+# As it was once called; a demonstration is always plain now.
+Plain = Annotated[Flag, Parameter(show=False)]
+_USUAL = steps.Demo()
 
 
-def run(asked: Demo, progress: Progress | None = None) -> Made:
-    """Do all steps one after the other.
-
-    Args:
-        asked: Which demonstration.
-        progress: Told the stage and the share done.
-    """
-    store = store_folder(asked.store)
-    runs = steps.run_experiments(asked, progress)
-    ids = diagnose_runs(request_of(runs, store), progress)
-    hidden = steps.open_seal(runs, ids[0], store)
-    return Made(*ids, hidden, demo_page(ids, runs["fit"][0], hidden, store))
-
-
-def demo(
-    *,
-    seed: int = 7,
-    effect: str | None = None,
-    store: str | None = None,
-    plain: Flag = False,
-    background: BackgroundWord = CLEAN,
-) -> None:
+def demo(*, asked: steps.Demo = _USUAL, plain: Plain = False) -> None:
     """Find the effect that a simulated arm hides from its model.
 
     Runs six experiments of three families on the arm in a physics engine, and two that
@@ -69,27 +46,99 @@ def demo(
     modelgap demo
     modelgap demo --effect spring --seed 3
     ```
-
-    Args:
-        seed: Seed of the arm, the motions, the noise, and of what is hidden.
-        effect: Effect to hide; drawn from the seed without it. "none" hides nothing.
-            It is as large as the motions of the arm can show.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        plain: The same steps without Prefect.
-        background: What all joints have beside it: nothing, that of an arm in use, or
-            twice as much.
     """
-    del plain  # there is no other way any more; who asks for it gets it
-    place, console = store_folder(store), Console()
-    check_between("--seed", seed, 0, SEEDS)
-    asked = Demo(seed, effect, place, background)
+    del plain
+    place, console = store_folder(asked.store), Console()
+    check_between("--seed", asked.seed, 0, SEEDS)
+    request = replace(asked, store=place)
     # Before anything is started, so that a wrong word is answered at once.
-    count = len(steps.specs(asked))
-    arm = f"the simulated {steps.ROBOT}, background {background}"
+    count = len(steps.specs(request))
+    arm = f"the simulated {steps.ROBOT}, background {request.background}"
     say(console, f"{count} experiments on {arm}, into {shown(place)}")
     with progress_bar() as progress:
-        made = run(asked, progress)
-    outcome = read_outcome(place, made.proof)
+        runs = steps.run_experiments(request, progress)
+        ids = diagnose_runs(request_of(runs, place), progress)
+        hidden = steps.open_seal(runs, ids[0], place)
+        page = demo_page(ids, runs["fit"][0], hidden, place)
+    outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)
-    print_truth(Staged(b"", "", as_hidden(made.hidden), outcome.verdict), console)
-    say(console, f"\nreport: {made.page}")
+    print_truth(Staged(b"", "", as_hidden(hidden), outcome.verdict), console)
+    say(console, f"\nreport: {page}")
+
+
+def blind(
+    *,
+    n: Annotated[int, Parameter(name="--n")] = 20,
+    seed: int = 0,
+    store: Store = None,
+    report: str | None = None,
+    workers: int | None = None,
+    duration: float = 20.0,
+    background: BackgroundWord = WORKSHOP,
+    export: str | None = None,
+    arms: int = 1,
+) -> None:
+    """Hide effects from the diagnosis and count how often it is right.
+
+    Draws what an arm hides: one effect, two, none, or one that has no name; joint, size
+    in minimum detectable ones, motions, noise. Runs it in the physics engine with the
+    truth sealed, diagnoses the stored runs, and opens the seal when the verdict is
+    committed. Interrupted, the same command goes on; with a larger --n it goes further.
+
+    ```
+    modelgap blind --n 20 --seed 1 --report blind.html
+    modelgap sql --named blind_confusion
+    ```
+
+    For any other program: the same cases as plain files, nothing diagnosed.
+
+    ```
+    modelgap blind --n 20 --seed 1 --arms 2 --background clean --export cases
+    python cases/sealed/score.py answers.json
+    ```
+
+    Args:
+        n: Number of cases; 20 to 30 s of one core each.
+        seed: Seed of everything; the same seed is the same study.
+        report: HTML page to write; it is in the store in any case.
+        workers: Number of processes; one per core without it.
+        duration: Length of every experiment [s].
+        background: What all joints have beside what is hidden: nothing, that of an arm
+            in use, or twice as much.
+        export: New folder for the cases as CSV, URDF and JSON, the truth apart, with a
+            program that scores answers (README.md in it); nothing is diagnosed but arms
+            with nothing to hide, for their detectable sizes.
+        arms: Number of arms of an export: the built-in one, the others drawn.
+    """
+    place, console = store_folder(store), Console()
+    check_between("--seed", seed, 0, SEEDS)
+    check_between("--duration", duration, 0.1, LONGEST)
+    asked = Asked(n, seed, duration=duration, background=background)
+    check_workers(workers)
+    if export is not None:
+        if report is not None:
+            raise InputError("--export diagnoses nothing, so it has no --report.")
+        _export(asked, Path(export), arms, place, workers)
+        return
+    if arms != 1:
+        raise InputError("--arms is for --export; a study has the built-in arm.")
+    out = Outputs({"--report": report})
+    with progress_bar() as progress:
+        study = run_study(asked, place, progress, workers=workers)
+    page = store_page(asked, study, place)
+    show(console, *told(study))
+    out.write({"--report": page.read_bytes})
+    say(console, f"\nreport: {report or page}")
+    if study.failed:
+        raise RunError(f"{len(study.failed)} of {n} cases failed: {study.failed[0]}")
+
+
+def _export(
+    asked: Asked, target: Path, arms: int, store: Path, workers: int | None
+) -> None:
+    if not 1 <= arms <= MOST_ARMS:
+        raise InputError(f"--arms is {arms}, expected 1 to {MOST_ARMS}.")
+    check_target(target)
+    with progress_bar() as progress, Pool(workers or cores()) as pool:
+        export_study(asked, range(arms), target, (store, pool), progress)
+    say(Console(), f"wrote {target}: {asked.n} cases; its README.md says what is where")

@@ -2,48 +2,24 @@
 
 from dataclasses import replace
 
-from flows.cli.options import (
-    STDOUT,
-    Flag,
-    Log,
-    Words,
-    console_beside,
-    named_files,
-    parse_declared,
-)
-from flows.outputs import (
-    check_writable,
-    json_text,
-    progress_bar,
-    read_files,
-    say,
-    write_all,
-)
-from flows.requests import Diagnose
+from flows.cli.options import Outputs
+from flows.outputs import progress_bar, read_files
+from flows.requests import Diagnose, Flag, Log
 from flows.steps import diagnose as steps
-from flows.steps.loop.choose import Wanted, choose_for
 from residual.lazy import Lazy
 
+models = Lazy("flows.steps.models")
 page = Lazy("flows.report.next")
 origin = Lazy("flows.report.made")
 terminal = Lazy("flows.report.diagnosis")
-result = Lazy("residual.diagnosis.result")
 verdict = Lazy("residual.diagnosis.verdict")
 
 
 def diagnose(
     *logs: Log,
-    robot: str,
-    baseline: Words = (),
-    holdout: Words = (),
-    declared: str | None = None,
-    map: str | None = None,
+    asked: Diagnose,
     report: str | None = None,
     json: str | None = None,
-    null: str | None = None,
-    store: str | None = None,
-    trust_log: Flag = False,
-    model: str | None = None,
     verbose: Flag = False,
 ) -> None:
     """Name what the model of a robot lacks, from its logs.
@@ -78,70 +54,28 @@ def diagnose(
         logs: Logs to diagnose: CSV, Parquet, ROS bag or MCAP, or the id of a run of
             the store. FILE@0:16.5 takes a window in seconds from the first sample,
             FILE@60%: the last 40 percent.
-        robot: Built-in name (irb140), URDF file, or folder with one *.urdf and an
-            optional robot.toml.
-        baseline: Logs of healthy runs of the robot; then what has changed is named.
-        holdout: Logs for the proof. Without them the last quarter of the longest log.
-        declared: Effects that the model has, as a,b; "none" for a bare rigid body.
-            Without it the robot's own list, or viscous,coulomb,rotor_inertia.
-        map: TOML file that says which column is what, in which unit.
         report: HTML page to write.
         json: File for the verdict as JSON; "-" prints it and nothing else.
-        null: What modelgap calibrate-null wrote with --out; without it, one that fits
-            is looked for in the store.
-        store: Folder of the store with runs and nulls; else $MODELGAP_STORE, else
-            ./store.
-        trust_log: Go on although a fault of the logs is certain (modelgap check); the
-            answer is then "unknown", and names nothing.
-        model: "nominal", or the id of a diagnosis whose model is to be doubted; without
-            it the model that the robot has in the store (modelgap models), where the
-            logs are runs of it or --store is given.
         verbose: List the effects that these logs could not tell apart.
     """
-    request = Diagnose(
-        logs=logs,
-        robot=robot,
-        held_out=holdout,
-        baseline=baseline,
-        declared=parse_declared(declared),
-        columns=map,
-        null=null,
-        store=store,
-        trust_log=trust_log,
-    )
-    words = Wanted(model, store, (*logs, *holdout), _instead(baseline, declared))
-    choice = choose_for(robot, words)
+    request = replace(asked, logs=logs)
+    choice = models.choose_for(request)
     request = replace(request, model=choice.diagnosis)
-    files = named_files({"--report": report, "--json": json})
-    check_writable(files, read_files((*logs, *baseline, *holdout, robot), map, null))
-    console = console_beside(json)
+    words = (*logs, *request.baseline, *request.held_out, request.robot)
+    inputs = read_files(words, request.columns, request.null)
+    out = Outputs({"--report": report, "--json": json}, inputs)
     read = steps.read_logs(request)
-    say(console, *read.lines[:1], *choice.lines, *read.lines[1:])
+    out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     stored = steps.as_stored(read)
     with progress_bar() as progress:
         found = steps.diagnose(request, stored or read, progress)
     # Those of the logs were printed before the work.
-    say(console, *found.notes[len(read.lines) :])
-    text = json_text(verdict.to_json(found.verdict))
-    contents = {"--json": text}
-    if report:
-        contents["--report"] = _page(found, request, report)
-    write_all({path: contents[option] for option, path in files.items()})
-    terminal.print_diagnosis(found, console, verbose)
-    say(console, *(f"wrote {path}" for path in files.values()))
-    if stored:
-        id, _ = steps.keep(request, stored, found)
-        say(console, f"stored as a diagnosis: modelgap show {id}")
-    if json == STDOUT:
-        print(text, end="")
+    out.say(*found.notes[len(read.lines) :])
 
+    def written() -> str:
+        return page.page_with_motion(found, origin.of_request(request, str(report)))
 
-def _instead(baseline: tuple[str, ...], declared: str | None) -> str | None:
-    """Return the option that says by itself what the nominal model is."""
-    if baseline:
-        return "--baseline"
-    return None if declared is None else "--declared"
-
-
-def _page(found: "result.Diagnosis", request: Diagnose, path: str) -> str:
-    return page.page_with_motion(found, origin.of_request(request, path))
+    out.write({"--report": written}, lambda: verdict.to_json(found.verdict))
+    terminal.print_diagnosis(found, out.console, verbose)
+    kept = steps.keep(request, stored, found)[0] if stored else None
+    out.finish(*([f"stored as a diagnosis: modelgap show {kept}"] if kept else []))

@@ -1,34 +1,61 @@
-"""modelgap experiment, campaign and validate: simulated runs, and a model on a run."""
+"""modelgap experiment, campaign, fleet, validate and trajectory: the simulated arm."""
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.options import Flag, check_between
+from flows.cli.options import (
+    FASTEST,
+    LONGEST,
+    MOST_PERIODS,
+    SEEDS,
+    Outputs,
+    check_between,
+)
 from flows.errors import RunError
+from flows.inputs.robots import load
 from flows.outputs import progress_bar, say
 from flows.report import experiments
 from flows.report.console import show
+from flows.report.motion import motion_parts, motion_png
 from flows.report.words.verdict import headline
-from flows.requests import Validate
+from flows.requests import Flag, RobotWord, Store, Validate
 from flows.settings import cores, store_folder
 from flows.specs.campaign import load_campaign
 from flows.specs.experiment import load_spec
+from flows.steps import campaign as campaigns
 from flows.steps import experiment as steps
 from flows.steps import validate as trial
-from flows.steps.campaign import run_all
-from flows.steps.loop.choose import chosen_to_drive
-from flows.steps.loop.track import Track, track
-from flows.steps.many import fleet as fleets
-from flows.steps.rehearsal import refusal_of
+from flows.steps.experiment import as_csv, refusal_of
+from flows.steps.models import chosen_to_drive
+from flows.steps.track import Track, track
 from flows.storage.diagnosis import read_verdict
 from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError
+from sim.engine.render import animate
+from sim.records import TrajectorySpec
+from sim.trajectories import make_reference
+from sim.trajectories.excitation import usage
 from warehouse.objects.mirror import shown
 
+DryRun = Annotated[
+    Flag,
+    Parameter(
+        help="Only say what would run, what is there, and what will fail: motions are "
+        "planned, and those that break a limit of the arm are told. Nothing is run."
+    ),
+]
+TrustNetwork = Annotated[
+    Flag,
+    Parameter(help="Let the cluster be on other machines; Dask is not encrypted."),
+]
+_PLAIN = Validate()
 
-def experiment(spec: str, *, store: str | None = None, dry_run: Flag = False) -> None:
+
+def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> None:
     """Run one experiment on the simulated arm and store it.
 
     ```
@@ -41,9 +68,6 @@ def experiment(spec: str, *, store: str | None = None, dry_run: Flag = False) ->
 
     Args:
         spec: SPEC.toml: robot, trajectory, plant with its hidden effects, rates.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        dry_run: Only say what would run, what is there, and what will fail: motions are
-            planned, and those that break a limit of the arm are told. Nothing is run.
     """
     place, console = store_folder(store), Console()
     (planned,) = steps.plan([(spec, load_spec(spec))], place)
@@ -59,10 +83,10 @@ def experiment(spec: str, *, store: str | None = None, dry_run: Flag = False) ->
 def campaign(
     spec: str,
     *,
-    store: str | None = None,
-    dry_run: Flag = False,
+    store: Store = None,
+    dry_run: DryRun = False,
     runner: str | None = None,
-    trust_network: Flag = False,
+    trust_network: TrustNetwork = False,
 ) -> None:
     """Run many experiments on the simulated arm, over all cores.
 
@@ -78,13 +102,9 @@ def campaign(
 
     Args:
         spec: The campaign file.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        dry_run: Only say what would run, what is there, and what will fail: motions are
-            planned, and those that break a limit of the arm are told. Nothing is run.
-        runner: Where to compute: threads (the default) and processes are a process per
-            core here, dask://HOST:PORT a Dask cluster that reaches the store too.
-            Without it $MODELGAP_RUNNER.
-        trust_network: Let the cluster be on other machines; Dask is not encrypted.
+        runner: Where to compute: threads (the default) is a process per core here,
+            dask://HOST:PORT a Dask cluster that reaches the store too. Without it
+            $MODELGAP_RUNNER.
     """
     place, console = store_folder(store), Console()
     where = chosen_runner(runner, trust_network)
@@ -96,7 +116,7 @@ def campaign(
     if dry_run:
         return
     with workers_of(where, missing) as workers, progress_bar() as bar:
-        summary = run_all(planned, place, bar, workers)
+        summary = campaigns.run_all(planned, place, bar, workers)
     for failure in summary.failures:
         say(console, f"failed: {failure.planned.label}: {failure.why}")
     failed = len(summary.failures)
@@ -131,7 +151,7 @@ def fleet(
     held_out: str = "welding",
     store: str | None = None,
     runner: str | None = None,
-    trust_network: Flag = False,
+    trust_network: TrustNetwork = False,
 ) -> None:
     """Run the campaigns of many arms, and diagnose each of them, over all cores.
 
@@ -150,17 +170,18 @@ def fleet(
         held_out: Kind of motion of the campaigns that is held out for the proof.
         store: Folder of the store, or s3://BUCKET/PREFIX; else $MODELGAP_STORE, else
             ./store. With a cluster of several machines it is in a bucket.
+        store: Folder of the store, or s3://BUCKET/PREFIX; else $MODELGAP_STORE, else
+            ./store. With a cluster of several machines it is in a bucket.
         runner: Where to compute: a process per core, or dask://HOST:PORT. Without it
             $MODELGAP_RUNNER.
-        trust_network: Let the cluster be on other machines; Dask is not encrypted.
     """
     place, console = store_folder(store), Console()
     where = chosen_runner(runner, trust_network)
     with workers_of(where, max(cores(), len(arms))) as workers:
         with progress_bar() as bar:
-            found, failed = fleets.arms_of(arms, held_out, place, workers, bar)
+            found, failed = campaigns.arms_of(arms, held_out, place, workers, bar)
         with progress_bar() as bar:
-            done = fleets.diagnose_arms(found, place, workers, bar)
+            done = campaigns.diagnose_arms(found, place, workers, bar)
     for why in failed:
         say(console, f"failed: {why}")
     for each in done:
@@ -183,10 +204,9 @@ def _list(planned: list[steps.Planned], console: Console) -> None:
 
 def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
-    window: float = 0.25,
+    asked: Validate = _PLAIN,
     model: str | None = None,
     seeds: int = 0,
-    store: str | None = None,
 ) -> None:
     """Try a model on runs of the store, without fitting anything.
 
@@ -207,21 +227,19 @@ def validate(
 
     Args:
         runs: Ids of runs; the beginning is enough. With a model, of one robot.
-        window: Length of the windows in seconds; errors grow quickly with it.
         model: Id of a diagnosis, a model or a calibration (its look-up tables) to drive
             with; "nominal" for none. Without it the one that the robot has
             (modelgap models).
         seeds: With a model: how many further motions of each family to drive.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    place, console = store_folder(store), Console()
+    place, console = store_folder(asked.store), Console()
     check_between("--seeds", seeds, 0, 1000)
     if not runs:
         raise InputError("No run to validate on. Name it: modelgap validate RUN")
     choice = chosen_to_drive(place, runs[0], model)
     say(console, *choice.lines)
     for run in runs:
-        id, made = trial.validate(Validate(run, window, place))
+        id, made = trial.validate(replace(asked, run=run, store=place))
         stored = f"stored in {shown(place)}: modelgap show {id}"
         told = experiments.meaning(made)
         show(console, experiments.validation(made), told, *made.notes, stored)
@@ -230,3 +248,56 @@ def validate(
             id, done = track(Track(runs, choice.diagnosis, seeds, place), bar)
         stored = f"stored in {shown(place)}: modelgap show {id}"
         show(console, *experiments.tracking(done), stored)
+
+
+def trajectory(
+    kind: str,
+    *,
+    robot: RobotWord = "irb140",
+    duration: float = 20.0,
+    periods: int = 2,
+    seed: int = 0,
+    rate: float = 250.0,
+    csv: str | None = None,
+    plot: str | None = None,
+    gif: str | None = None,
+) -> None:
+    """Plan a motion within the limits of a robot.
+
+    Prints how much of each limit it uses and how well it excites the parameters of
+    the model. Range, speed, acceleration, torque of the nominal model, the floor and
+    the arm itself are respected between the samples too.
+
+    ```
+    modelgap trajectory fourier --gif arm.gif
+    modelgap trajectory welding --robot arm.urdf --duration 30 --csv program.csv
+    ```
+
+    Args:
+        kind: fourier (optimised excitation), cyclic (spray painting), welding (seams
+            with air moves) or move_stop_move (pick and place with dwells).
+        duration: Length in seconds, up to 600.
+        periods: How often the motion is repeated within it.
+        seed: Seed of what is drawn: starts of the search, work piece, places.
+        rate: Samples per second of the CSV.
+        csv: File for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
+            (rad/s^2).
+        plot: PNG of the curves to write.
+        gif: GIF of the moving arm to write.
+    """
+    out = Outputs({"--csv": csv, "--plot": plot, "--gif": gif}, [Path(robot)])
+    check_between("--duration", duration, 0.1, LONGEST)
+    check_between("--periods", periods, 1, MOST_PERIODS)
+    check_between("--rate", rate, 1, FASTEST)
+    check_between("--seed", seed, 0, SEEDS)
+    spec, arm = TrajectorySpec(kind, duration, periods, seed), load(robot)
+    motion = make_reference(arm, spec, rate)
+    make = {
+        "--csv": lambda: as_csv(motion),
+        "--plot": lambda: motion_png(arm, motion),
+        "--gif": lambda: animate(arm, motion),
+    }
+    # Before anything is printed, which may go into a pipe that closes.
+    out.write(make)
+    show(out.console, *motion_parts(arm, motion, spec, rate, usage(arm, motion)))
+    out.finish()

@@ -3,8 +3,8 @@
 from rich.console import Console
 from rich.markdown import Markdown
 
-from flows.cli.options import Log
 from flows.report.words import explain as words
+from flows.requests import Log
 
 
 def explain(*word: Log) -> None:

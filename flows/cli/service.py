@@ -1,4 +1,4 @@
-"""modelgap up, status and down: the server, worker and schedules of a store."""
+"""modelgap up, status, down and pages: the server of a store, and what it serves."""
 
 import os
 import sys
@@ -10,15 +10,17 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli.options import Flag
 from flows.errors import RunError
-from flows.outputs import json_text, say
+from flows.outputs import check_new_folder, check_outside, json_text, say, write_all
 from flows.project.read import project_here
-from flows.service.api import opening_address
+from flows.report.night.look import unknown
+from flows.report.night.site import Site
+from flows.requests import Flag, Store
+from flows.service.api import Api, answers, opening_address, past_of
 from flows.service.down import down as stop
 from flows.service.down import stay
 from flows.service.request import DATABASE, ServiceRequest, checked
-from flows.service.state import store_key
+from flows.service.state import read_running, store_key
 from flows.service.status import Status
 from flows.service.status import status as state_of
 from flows.service.up import up as bring_up
@@ -36,7 +38,7 @@ def up(
     database: str | None = None,
     trust_network: Flag = False,
     foreground: Flag = False,
-    store: str | None = None,
+    store: Store = None,
 ) -> None:
     """Start server, worker and schedules of a store, and return when they answer.
 
@@ -65,7 +67,6 @@ def up(
         trust_network: Let others in the network reach the server. What they send is
             not encrypted: who listens there learns the key, and runs programs as you.
         foreground: Stay until Ctrl-C, then stop everything; for service managers.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     database = database or os.environ.get(DATABASE) or None
     place = store_folder(store)
@@ -89,7 +90,7 @@ def up(
         print("modelgap status shows what is due; modelgap down stops it")
 
 
-def status(*, json: Flag = False, store: str | None = None) -> None:
+def status(*, json: Flag = False, store: Store = None) -> None:
     """Show server, workers, pages, what is due next, and the last flow runs.
 
     ```
@@ -101,7 +102,6 @@ def status(*, json: Flag = False, store: str | None = None) -> None:
 
     Args:
         json: Print it as JSON.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     place = store_folder(store)
     found = state_of(place / PREFECT)
@@ -115,7 +115,7 @@ def status(*, json: Flag = False, store: str | None = None) -> None:
         )
 
 
-def down(*, wait: float = 60.0, store: str | None = None) -> None:
+def down(*, wait: float = 60.0, store: Store = None) -> None:
     """Stop worker and server of a store; schedules and history stay.
 
     ```
@@ -128,7 +128,6 @@ def down(*, wait: float = 60.0, store: str | None = None) -> None:
 
     Args:
         wait: How long flow runs may go on, in seconds.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     if not 0 <= wait < 1e6:
         raise InputError(f"--wait {wait:g}: expected 0 or more seconds.")
@@ -136,6 +135,42 @@ def down(*, wait: float = 60.0, store: str | None = None) -> None:
     home = place / PREFECT
     stopped = stop(home, wait, _say) if home.is_dir() else None
     print(f"{shown(place)}: {'stopped' if stopped else 'nothing runs'}")
+
+
+def pages(*, out: str, store: Store = None) -> None:
+    """Write the pages of all nights, robots and reports into a folder.
+
+    ```
+    modelgap pages --out morning
+    ```
+
+    They are those that modelgap up serves: a page per night and per robot, an index of
+    all reports, and a page of every record that one of them links. They need no server
+    and load nothing from elsewhere; open index.html, or send the folder to somebody.
+    What failed in a night is known to the server of the store only: while that does
+    not run, the pages say so.
+
+    Args:
+        out: Folder to write them into; a new one, or an empty one.
+    """
+    place, folder = store_folder(store), Path(out)
+    check_new_folder("--out", folder)
+    check_outside("--out", out, place)
+    count = 0
+    for address, page in _site(place).files():
+        path = folder / address
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_all({path: page})
+        count += 1
+    print(f"{count} pages: {folder / 'index.html'}")
+
+
+def _site(store: Path) -> Site:
+    home = store / PREFECT
+    running = read_running(home)
+    if running is None or not running.server or not answers(running.url):
+        return Site(store, None, unknown)
+    return Site(store, f"{running.ui}/", past_of(Api(running.url, store_key(home))))
 
 
 def _say(text: str) -> None:

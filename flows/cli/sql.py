@@ -10,7 +10,7 @@ from typing import Annotated
 import pyarrow as pa
 from cyclopts import Parameter
 
-from flows.cli.options import Flag
+from flows import requests
 from flows.cli.store import Format
 from flows.outputs import check_outside, check_writable, write_all
 from flows.report.answers import (
@@ -48,13 +48,13 @@ def sql(
     *,
     named: str | None = None,
     with_: _Values = (),
-    schema: Flag = False,
+    schema: requests.Flag = False,
     format: Format = "table",
     out: str | None = None,
     timeout: float = 60.0,
-    without_damaged: Flag = False,
+    without_damaged: requests.Flag = False,
     attach: str | None = None,
-    store: Annotated[str | None, Parameter(name="--store")] = None,
+    store: requests.Store = None,
 ) -> None:
     """Ask the store in SQL; it can only be read.
 
@@ -88,7 +88,6 @@ def sql(
         attach: Write a DuckDB database of the views, for DuckDB itself, DBeaver or a
             notebook. It reads the files of the store, is an export outside of it, and
             is not guarded (docs/sql.md).
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     if attach is not None:
         _attach(attach, [query, named, schema or None, out], store_folder(store))

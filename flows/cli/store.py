@@ -4,13 +4,12 @@ import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
-from flows.cli.options import Tags, check_between
+from flows.cli.options import check_between
 from flows.report.answers import check_shown, print_table, tell_damage
 from flows.report.records import record_lines
+from flows.requests import Store, Tags
 from flows.settings import store_folder
 from flows.steps import verify as steps
 from residual.errors import InputError
@@ -18,13 +17,12 @@ from warehouse.catalogue import rebuild
 from warehouse.layout import find, read_record
 from warehouse.lineage import move_away, old_runs
 from warehouse.objects.mirror import bucket_of
-from warehouse.query.store import Store, open_store
+from warehouse.query import store as opening
 from warehouse.query.views import text as quoted
 from warehouse.runs import quarantine as set_aside
 from warehouse.runs import read_manifest, tombstone
 
 Format = Literal["table", "csv", "json", "parquet"]
-_Store = Annotated[str | None, Parameter(name="--store")]
 _COLUMNS = (
     "run_id, robot, source, kind, trajectory, duration_s, rows, seed, created, "
     "quarantined"
@@ -34,7 +32,7 @@ _COLUMNS = (
 def runs(
     limit: int = 50,
     format: Format = "table",
-    store: _Store = None,
+    store: Store = None,
 ) -> None:
     """List the runs of the store, the latest last.
 
@@ -46,12 +44,11 @@ def runs(
     Args:
         limit: How many of the latest to list.
         format: How to print them.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
     check_shown(format, None)
-    with open_store(store_folder(store)) as opened:
+    with opening.open_store(store_folder(store)) as opened:
         latest = f"FROM runs ORDER BY created DESC, run_id LIMIT {limit}"
         query = f"SELECT {_COLUMNS} FROM ({latest}) ORDER BY created, run_id"
         rows = opened.sql(query, without_damaged=True)
@@ -60,7 +57,7 @@ def runs(
         _tell_rows(opened, rows.column("run_id").to_pylist())
 
 
-def compact(*, largest: float = 1.0, store: _Store = None) -> None:
+def compact(*, largest: float = 1.0, store: Store = None) -> None:
     """Copy the samples of many small runs into a few files, for SQL.
 
     ```
@@ -74,7 +71,6 @@ def compact(*, largest: float = 1.0, store: _Store = None) -> None:
 
     Args:
         largest: Runs with up to so many megabytes of samples are copied.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     if not 0 < largest < float("inf"):
         raise InputError(f"--largest {largest}: expected megabytes above 0.")
@@ -86,7 +82,7 @@ def compact(*, largest: float = 1.0, store: _Store = None) -> None:
         count = sum(map(len, catalogue.rows.values()))
         print(f"the catalogue was made again from {count} records")
         return
-    with open_store(place) as opened:
+    with opening.open_store(place) as opened:
         done = opened.compact(int(1e6 * largest))
         tell_damage(opened)
     print(
@@ -95,7 +91,7 @@ def compact(*, largest: float = 1.0, store: _Store = None) -> None:
     )
 
 
-def verify(*, store: _Store = None) -> None:
+def verify(*, store: Store = None) -> None:
     """Read the whole store and say what is not as it was written.
 
     ```
@@ -106,9 +102,6 @@ def verify(*, store: _Store = None) -> None:
     against what it is the hash of. Exit code 1 where something is damaged or missing,
     so that it can run by itself, from cron for example. Nothing is changed. It takes
     about as long as reading the store from the disk.
-
-    Args:
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     for line in steps.verify(store_folder(store)):
         print(line, flush=True)
@@ -120,7 +113,7 @@ def prune(
     robot: str | None = None,
     keep_tag: Tags = (),
     move: str | None = None,
-    store: _Store = None,
+    store: Store = None,
 ) -> None:
     """List old runs that nothing refers to, or move them out of the store.
 
@@ -139,7 +132,6 @@ def prune(
         robot: Only of the robot of this name.
         keep_tag: Runs with this tag stay; may be given several times.
         move: Folder outside of the store to move them to.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
     check_between("--older-than", older_than, 0.0, 1e5)
     place = store_folder(store)
@@ -152,7 +144,7 @@ def prune(
     print(f"{len(found)} runs of {size / 1e6:.1f} MB {word}")
 
 
-def quarantine(id: str, /, *, reason: str, store: _Store = None) -> None:
+def quarantine(id: str, /, *, reason: str, store: Store = None) -> None:
     """Say that a run should not be used, and why; nothing of it is changed.
 
     ```
@@ -167,9 +159,8 @@ def quarantine(id: str, /, *, reason: str, store: _Store = None) -> None:
     Args:
         id: Id of the run; the beginning is enough.
         reason: Why, for those who find it later.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    with open_store(store_folder(store)) as opened:
+    with opening.open_store(store_folder(store)) as opened:
         found = find(opened.path, id).id
         known = tombstone(opened.path, found)
         set_aside(opened.path, found, reason)
@@ -184,7 +175,7 @@ def show(
     /,
     *,
     format: Literal["text", "json"] = "text",
-    store: _Store = None,
+    store: Store = None,
 ) -> None:
     """Show all that is known of one run, model, diagnosis, validation or report.
 
@@ -195,9 +186,8 @@ def show(
     Args:
         id: Its id; the beginning is enough.
         format: How to print it.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
     """
-    with open_store(store_folder(store)) as opened:
+    with opening.open_store(store_folder(store)) as opened:
         found = find(opened.path, id)
         record = {
             "kind": found.kind,
@@ -214,7 +204,7 @@ def show(
         print("\n".join(record_lines(record)))
 
 
-def _tell_rows(store: Store, ids: Iterable[str]) -> None:
+def _tell_rows(store: opening.Store, ids: Iterable[str]) -> None:
     """Say whose record has gone or is damaged: the list has them from a copy."""
     for id in ids:
         try:

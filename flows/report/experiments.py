@@ -1,7 +1,7 @@
 """Experiments in the terminal: validations, and drives by a model."""
 
 from flows.report.document import Table
-from flows.steps.loop.track import LOOP, MODEL, NOMINAL, Gain, Tracked
+from flows.steps.track import LOOP, MODEL, NOMINAL, Gain, Tracked
 from flows.steps.validate import Validation
 
 # The 2 x 2 design and computed torque: what stands in a row, and its name.

@@ -8,8 +8,7 @@ from flows.report.document import Document, Section, Table, words_table
 from flows.report.made import Made
 from flows.report.page.base import render_document
 from flows.report.words.verdict import sentences
-from flows.steps.loop.judge import Judged
-from flows.steps.loop.propose import Proposal
+from flows.steps.adopt import Judged, Proposal
 from residual.diagnosis.result import ErrorTables
 from residual.identification.prove import Identified
 from residual.model.compare import EDITED, WHOLE

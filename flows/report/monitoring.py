@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from flows.report.document import Table, words_table
-from flows.steps.loop.wear import Wear
 from flows.steps.monitor import Watched
 from flows.steps.null import Made
 from flows.steps.watch.session import Session
+from flows.steps.wear import Wear
 from residual.evidence.rules import Rules
 from residual.monitoring.watch import Change
 from residual.monitoring.wear import JointTrend, Rate

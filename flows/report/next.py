@@ -18,8 +18,7 @@ from flows.report.words.outlook import (
 )
 from flows.report.words.phrases import joint_words
 from flows.steps.planning.ask import Asked
-from flows.steps.planning.design import Design
-from flows.steps.planning.suggest import apart_by_no_motion
+from flows.steps.planning.design import Design, apart_by_no_motion
 from residual.diagnosis.result import Diagnosis
 from residual.quantity import MISSING, number, probability
 from residual.robot.robot import Robot

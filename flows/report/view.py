@@ -10,7 +10,7 @@ from flows.report.page import base
 from flows.report.page.base import environment
 from flows.report.words.phrases import phrase
 from flows.report.words.verdict import sentences
-from flows.steps.view import Viewed
+from flows.steps.predict import Viewed
 from residual.quantity import percent
 from residual.recording import Array, Recording
 from residual.robot.shapes import Body, Look

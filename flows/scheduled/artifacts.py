@@ -1,4 +1,7 @@
-"""What people see of a flow in Prefect's pages: tables, plots, the report."""
+"""What a flow tells: artifacts and names for people, events that start other flows.
+
+Events are sent by the flow layer after a commit; the store knows nothing of them.
+"""
 
 import os
 from base64 import b64encode
@@ -14,20 +17,36 @@ from prefect.artifacts import (
     create_table_artifact,
     update_progress_artifact,
 )
+from prefect.client.orchestration import get_client
+from prefect.events import emit_event
+from prefect.runtime import flow_run
 
+from flows.project.deployments import (
+    ALARM,
+    COMMITTED,
+    PROPOSED,
+    STORE,
+    STORED,
+    resource,
+)
 from flows.report.figures.scores import plot as draw
 from flows.report.monitoring import meaning
+from flows.report.night.look import title_of
 from flows.report.words.calibration import sentences
+from flows.report.words.verdict import brief
 from flows.settings import PAGES, page_link
 from flows.steps.calibrate import Calibrated
 from flows.steps.monitor import Watched
 from flows.steps.validate import Validation
+from flows.storage.diagnosis import read_verdict
 from residual.identification.prove import Identified
 from residual.recording import Recording
 
 Rows = Sequence[Mapping]
 
 _MOST = 200  # rows that anybody reads there
+_TOGETHER = 1000  # ids in one event; the server refuses more than 1.5 MB
+_LONGEST = 200  # characters; what is longer no list shows
 _PAUSE = 5.0  # s between two steps of a bar: whoever tells it waits for the server
 _PICTURE = 400_000  # bytes; what is larger makes the page slow
 
@@ -207,3 +226,67 @@ def _row(about: dict, per_joint: np.ndarray, overall: float | None = None) -> di
 
 def _short(value: float) -> float | None:
     return float(f"{value:.3g}") if np.isfinite(value) else None
+
+
+def runs_committed(ids: Sequence[str]) -> None:
+    """Tell that runs are in the store; one event for a batch of them.
+
+    Args:
+        ids: Their ids.
+    """
+    for start in range(0, len(ids), _TOGETHER):
+        part = list(ids[start : start + _TOGETHER])
+        _tell(COMMITTED, {"run_ids": part})
+
+
+def alarm_raised(record: str, runs: Sequence[str], good: Sequence[str]) -> None:
+    """Tell that the monitoring of runs raised an alarm.
+
+    Args:
+        record: Id of the monitoring.
+        runs: Ids of the runs with an alarm.
+        good: Ids of the runs that they were judged by.
+    """
+    about = {"record": record, "run_ids": list(runs), "good_ids": list(good)}
+    _tell(ALARM, about)
+
+
+def model_proposed(diagnosis: str) -> None:
+    """Tell that the model of a diagnosis may be that of its robot.
+
+    Args:
+        diagnosis: Its id.
+    """
+    _tell(PROPOSED, {"diagnosis": diagnosis})
+
+
+def logs_stored(robot: str) -> None:
+    """Tell that an inbox has stored logs of a robot.
+
+    Args:
+        robot: Its name in the project.
+    """
+    _tell(STORED, {"robot": robot}, resource(robot))
+
+
+def _tell(name: str, payload: dict, about: str = STORE) -> None:
+    emit_event(name, resource={"prefect.resource.id": about}, payload=payload)
+
+
+def name_of(diagnosis: str, store: Path) -> str:
+    """Return a diagnosis in half a line: "irb140 #2: load friction on joint 2, ...".
+
+    Args:
+        diagnosis: Its id.
+        store: The store.
+    """
+    words = brief(read_verdict(store, diagnosis))
+    return f"{title_of(store, diagnosis)}: {words}"
+
+
+def rename(name: str) -> None:
+    """Give the flow run that we are in another name; nothing outside of one."""
+    if flow_run.id is None:
+        return
+    with get_client(sync_client=True) as client:
+        client.update_flow_run(flow_run.id, name=name[:_LONGEST])

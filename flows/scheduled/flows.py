@@ -6,48 +6,11 @@ started.
 
 from prefect import flow, get_run_logger
 from prefect.runtime import flow_run
-from prefect.task_runners import ProcessPoolTaskRunner
 
-from flows.requests import Campaign, Demo
-from flows.scheduled import events, loop_tasks, tasks
-from flows.settings import cores, one_thread_each, store_folder
-from flows.steps.campaign import by_role, planned
-from flows.workers.runner import PROCESSES, chosen_runner
-from sim.records import CLEAN, WORKSHOP, BackgroundWord
-
-# Batches per process: some end early, and each costs Prefect a tenth of a second.
-_BATCHES = 4
-
-
-def in_batches(asked: Campaign) -> list[str]:
-    """Run a campaign as Prefect tasks in processes of Prefect, batch by batch.
-
-    Args:
-        asked: The campaign.
-
-    Returns:
-        The ids of its runs.
-
-    Raises:
-        RunError: If none of them succeeded.
-    """
-    wanted = planned(asked)
-    missing = [p.run_id for p in wanted if not p.stored]
-    parts = [missing[i :: _BATCHES * cores()] for i in range(_BATCHES * cores())]
-    with one_thread_each(), ProcessPoolTaskRunner(max_workers=cores()) as pool:
-        futures = [
-            pool.submit(tasks.batch, {"asked": asked, "ids": ids})
-            for ids in parts
-            if ids
-        ]
-        failed = [why for future in futures for why in future.result()]
-    for why in failed:
-        get_run_logger().warning(why)
-    stored = [p.run_id for p in planned(asked) if p.stored]
-    runs = by_role(asked, wanted, stored, failed)["fit"]
-    events.runs_committed([id for id in runs if id in missing])
-    return runs
-
+from flows.requests import Campaign
+from flows.scheduled import loop, tasks
+from flows.settings import store_folder
+from sim.records import WORKSHOP, BackgroundWord
 
 _LIMIT = 12 * tasks.HOUR
 _NIGHT = 24 * tasks.HOUR
@@ -72,7 +35,7 @@ def nightly(
         campaign_file: The campaign; its seed is replaced by the next one.
         held_out: Kind of motion that is not fitted.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        runner: threads, processes or dask://HOST:PORT; else $MODELGAP_RUNNER.
+        runner: threads or dask://HOST:PORT; else $MODELGAP_RUNNER.
         trust_network: Whether that host may be another machine.
         auto: Whether to adopt it without asking.
         seed: Seed of the motions, to repeat a night; without it the time of the
@@ -90,9 +53,9 @@ def nightly(
     tasks.identify(runs, place)
     tasks.calibrate(runs, place)
     tasks.validate(runs["held_out"] or runs["fit"], 0.25, place)
-    ids = tasks.diagnose(runs, place, loop_tasks.model_in_force(runs, place))
+    ids = tasks.diagnose(runs, place, loop.model_in_force(runs, place))
     page = tasks.report(ids, place)
-    loop_tasks.adopt_or_propose(ids[0], place, auto)
+    loop.adopt_or_propose(ids[0], place, auto)
     return page
 
 
@@ -118,13 +81,13 @@ def campaign(
     runner: str | None = None,
     trust_network: bool = False,
 ) -> list[str]:
-    """Run many experiments on the simulated arm: one task, or a task per batch.
+    """Run many experiments on the simulated arm over all cores.
 
     Args:
         campaign_file: The campaign.
         seed: Replaces its seed.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        runner: threads, processes or dask://HOST:PORT; else $MODELGAP_RUNNER.
+        runner: threads or dask://HOST:PORT; else $MODELGAP_RUNNER.
         trust_network: Whether that host may be another machine.
 
     Returns:
@@ -132,8 +95,6 @@ def campaign(
     """
     place = str(store_folder(store))
     asked = Campaign(campaign_file, "", seed, runner, trust_network, place)
-    if chosen_runner(runner, trust_network).kind == PROCESSES:
-        return in_batches(asked)
     return tasks.campaign(asked)["fit"]
 
 
@@ -257,28 +218,6 @@ def rerun(id: str, verify: bool = True, store: str | None = None) -> bool:
         Whether all values are the same bits.
     """
     return tasks.rerun(id, verify, str(store_folder(store)))
-
-
-@flow(name="demo", timeout_seconds=_LIMIT)
-def demo(
-    seed: int, effect: str | None, store: str, background: BackgroundWord = CLEAN
-) -> dict:
-    """An arm hides an effect; it is found, added, proved, and only then revealed.
-
-    Args:
-        seed: Seed of everything: arm, effect, motions, noise.
-        effect: Effect to hide; None to draw it, "none" to hide nothing.
-        store: Folder of the store.
-        background: What all joints have beside it: clean, workshop, worn.
-
-    Returns:
-        Ids of diagnosis and proof, what was hidden, and the page.
-    """
-    runs = tasks.demo_experiments(Demo(seed, effect, store, background))
-    ids = tasks.diagnose(runs, store)
-    hidden = tasks.open_seal(runs, ids[0], store)
-    page = tasks.demo_report(ids, runs, hidden, store)
-    return {"diagnosis": ids[0], "proof": ids[1], "hidden": hidden, "page": page}
 
 
 @flow(name="blind", timeout_seconds=_NIGHT)

@@ -1,14 +1,92 @@
-"""Flows that wait for an answer of people, while everything else goes on.
+"""What closes the loop: models in force and proposed, motions designed, arms closed.
 
 To be imported after `flows.settings.prepare_prefect`.
 """
+
+from pathlib import Path
 
 from prefect import flow, get_run_logger
 from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
-from flows.scheduled import loop_tasks
+from flows.report.closed import ended, headline, keep_page, pairs, render
+from flows.report.made import made_of
+from flows.report.models import adoption_lines, proposal_markdown, proposal_page
+from flows.scheduled import artifacts, tasks
+from flows.scheduled.tasks import task
 from flows.settings import store_folder
+from flows.steps.adopt import Adopt, judge, keep_proposal, known_already, proposal_of
+from flows.steps.adopt import adopt as give
+from flows.steps.closing.arm import Close
+from flows.steps.closing.close import adopted_verdict, begun, closed, decided
+from flows.steps.closing.rule import RUN
+from flows.steps.models import in_force
+from flows.steps.planning import ask, execute
+from flows.steps.planning.ask import Next
+from flows.steps.planning.design import design
+from flows.steps.planning.motions import Search, with_twins
+from flows.storage.diagnosis import read_verdict
+from residual.errors import InputError
+from residual.planning.outlook import HOPELESS
+from residual.threads import one_blas_thread
+
+
+@task(name="model-in-force", task_run_name="model-in-force", tags=["analysis"])
+def model_in_force(runs: dict, store: str) -> str | None:
+    """Say which model the robot of a night has; returns the id of its diagnosis."""
+    choice = in_force(runs["fit"], Path(store))
+    get_run_logger().info(choice.line or "model: the nominal one")
+    return choice.diagnosis
+
+
+@task(name="adopt-or-propose", task_run_name="adopt-or-propose", tags=["analysis"])
+def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
+    """Adopt what a night found, or propose it; returns the adoption or the page."""
+    place, log = Path(store), get_run_logger()
+    judged = judge(place, diagnosis)
+    if judged.doubts:
+        # What was found and may not be adopted is to be seen in the morning.
+        say = log.warning if read_verdict(place, diagnosis).effects else log.info
+        say(f"nothing to propose: {'; '.join(judged.doubts)}")
+        return None
+    if auto:
+        return _adopt(diagnosis, place, "found by a night, adopted by itself")
+    proposal = proposal_of(place, judged)
+    before = known_already(place, proposal)
+    if before:
+        log.info(f"proposed already: modelgap show {before}")
+        return None
+    made = made_of(place, diagnosis)
+    page = keep_proposal(place, proposal, proposal_page(proposal, made).encode())
+    artifacts.proposal(page, proposal_markdown(proposal), diagnosis)
+    artifacts.model_proposed(diagnosis)
+    return str(page)
+
+
+def question(diagnosis: str, store: str) -> str:
+    """Return a proposal as text, two models side by side; what the gate says now."""
+    place = Path(store)
+    return proposal_markdown(proposal_of(place, judge(place, diagnosis)))
+
+
+@task(name="adopt", task_run_name="adopt {diagnosis}", tags=["analysis"])
+def adopt(diagnosis: str, store: str, note: str) -> str | None:
+    """Adopt a model that was proposed; a refusal is told, and no failure."""
+    try:
+        return _adopt(diagnosis, Path(store), note)
+    except InputError as error:
+        get_run_logger().warning(str(error))
+        artifacts.record("adoption", (), str(error))
+        return None
+
+
+def _adopt(diagnosis: str, store: Path, note: str) -> str:
+    number, judged = give(Adopt(diagnosis, note, store=store))
+    lines = adoption_lines(number, judged)
+    for line in lines:
+        get_run_logger().info(line)
+    artifacts.record("adoption", (diagnosis,), "\n\n".join(lines))
+    return number
 
 
 class Answer(RunInput):
@@ -34,10 +112,107 @@ def propose(diagnosis: str, store: str | None = None) -> str | None:
     """
     place = str(store_folder(store))
     asked = Answer.with_initial_data(
-        description=loop_tasks.question(diagnosis, place), adopt=False, note=""
+        description=question(diagnosis, place), adopt=False, note=""
     )
     answer = suspend_flow_run(wait_for_input=asked, timeout=None, key="adopt")
     if not answer.adopt:
         get_run_logger().info("not adopted: that was the answer")
         return None
-    return loop_tasks.adopt(diagnosis, place, answer.note)
+    return adopt(diagnosis, place, answer.note)
+
+
+@task(name="decide", task_run_name="decide", tags=["simulation"])
+def decide(asked: Close) -> bool:
+    """Do what comes next, and write it down; says whether the loop goes on."""
+    made = decided(begun(asked))
+    if made is None:
+        return False
+    get_run_logger().info(f"{made.number} {made.action}: {made.reason}")
+    if made.outcome:
+        get_run_logger().info(made.outcome)
+    if made.action == RUN:
+        artifacts.runs_committed([made.made])
+    return True
+
+
+@task(name="close-report", task_run_name="close-report", tags=["analysis"])
+def report(asked: Close) -> str:
+    """Open the seal and write the page; returns its file."""
+    store, done = Path(asked.store), closed(asked)
+    verdict = adopted_verdict(store, done.known.adopted)
+    page = keep_page(done, store, render(done, verdict))
+    came = headline(done, pairs(done.hidden, verdict))
+    words = f"{came} {ended(done)}"
+    get_run_logger().info(words)
+    artifacts.verdict(f"{asked.robot}, seed {asked.seed}: {came}", page, words)
+    return str(page)
+
+
+@flow(name="close", flow_run_name="close {seed}", timeout_seconds=24 * tasks.HOUR)
+def close(
+    robot: str = "irb140",
+    budget: int = 8,
+    seed: int = 7,
+    effects: int | None = None,
+    store: str | None = None,
+) -> str:
+    """Go from a simulated arm with undeclared effects to an adopted model, by itself.
+
+    Every decision is in the store once it is made: a run that was stopped goes on from
+    there when it is started again.
+
+    Args:
+        robot: Built-in name, URDF file or folder; the arm is simulated.
+        budget: How many experiments it may run.
+        seed: Seed of the arm, of what it hides, and of the motions.
+        effects: How many effects it hides; None to draw one to three.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+
+    Returns:
+        The page.
+    """
+    asked = Close(robot, budget, seed, effects, store=str(store_folder(store)))
+    while decide(asked):
+        pass
+    return report(asked)
+
+
+@task(name="settle", task_run_name="settle {id}", tags=["simulation"])
+@one_blas_thread
+def settle(id: str, request: Next) -> list[str]:
+    """Design the motion, run it, diagnose all logs; returns diagnosis and proof."""
+    asked = ask.ask(request)
+    if not asked.question.contests:
+        raise InputError(f"Diagnosis {id} leaves nothing open.")
+    wanted = Search(asked.question, asked.robot, request.seconds, request.seed)
+    made = design(with_twins(wanted))
+    if made.best.seen.worth < HOPELESS:
+        raise InputError(f"No motion tells apart what diagnosis {id} leaves open.")
+    run = execute.execute(asked.request, made.best.spec)
+    artifacts.runs_committed([run])
+    return list(execute.settle(asked.request, run))
+
+
+@flow(name="next", flow_run_name="next {diagnosis}", timeout_seconds=6 * tasks.HOUR)
+def next_experiment(
+    diagnosis: str,
+    want: str | None = None,
+    seconds: float = 20.0,
+    seed: int = 0,
+    store: str | None = None,
+) -> str:
+    """Run the motion that settles a diagnosis of simulated runs, and diagnose again.
+
+    Args:
+        diagnosis: Its id.
+        want: An effect that is to be seen, as "payload>=0.5"; None for what is open.
+        seconds: Length of the motion [s].
+        seed: Seed of the search.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+
+    Returns:
+        The page of the new diagnosis.
+    """
+    place = store_folder(store)
+    request = Next(diagnosis, want=want, seconds=seconds, seed=seed, store=place)
+    return tasks.report(settle(diagnosis, request), str(place))

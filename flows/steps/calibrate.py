@@ -1,6 +1,6 @@
 """Calibrate a data-driven correction on logs or runs; what is of runs is kept."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from flows.storage.calibration import (
 from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run
+from residual.model.model import Term
 from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.layout import find_run
@@ -62,7 +63,6 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
     return replace(logs, lines=tuple(lines)), tuple(runs)
 
 
-@one_blas_thread
 def calibrate(
     request: Calibrate,
     logs: LogSets,
@@ -78,16 +78,16 @@ def calibrate(
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
-    report = checked(logs, request.declared, request.trust_log)
-    settings = _settings(request)
-    store, ids = store_folder(request.store), tuple(logs.runs.values())
+    store, ids = store_folder(request.store), tuple((logs.runs or {}).values())
     found = Found()
     if request.model and not request.paper:
         found = effects_of(store, request.model)
     elif not request.paper:
         found = found_effects(store, ids, logs.robot, request.declared)
-    # One thread: the products are small, two threads only wait for each other.
-    made = fit_tables(logs.robot, runs, settings, found.effects, progress)
+    settings = _settings(request)
+    made, warnings = calibrate_logs(
+        logs, runs, settings, found.effects, request.trust_log, progress
+    )
     if found.line:
         made = replace(made, notes=(*made.notes, found.line))
     asked = request.to_record() | {
@@ -97,7 +97,30 @@ def calibrate(
     }
     stored = len(ids) == len(runs)
     kept = store_calibration(store, made, asked) if stored else {}
-    return Calibrated(made, (*logs.warnings, *report.sentences), kept)
+    return Calibrated(made, warnings, kept)
+
+
+@one_blas_thread
+def calibrate_logs(
+    logs: LogSets,
+    runs: Sequence[Run],
+    settings: Settings,
+    named: Sequence[Term] = (),
+    trust_log: bool = False,
+    progress: Progress | None = None,
+) -> tuple[Calibration, tuple[str, ...]]:
+    """Fit and validate every model; returns what is odd but usable beside it.
+
+    Args:
+        named: What a diagnosis found, for the model with named effects.
+
+    Raises:
+        InputError: If the logs are not usable together, or a fault of them is certain.
+    """
+    report = checked(logs, settings.declared, trust_log)
+    # One thread: the products are small, two threads only wait for each other.
+    made = fit_tables(logs.robot, runs, settings, named, progress)
+    return made, (*logs.warnings, *report.sentences)
 
 
 def _settings(request: Calibrate) -> Settings:

@@ -6,14 +6,14 @@ are stored, diagnosed from the store, and reported; only then is the seal opened
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 
 from flows.errors import RunError
 from flows.inputs.robots import load
 from flows.outputs import Progress
-from flows.requests import Demo
+from flows.requests import Request, Store
 from flows.settings import store_folder
 from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps.campaign import run_all
@@ -25,7 +25,15 @@ from residual.errors import InputError
 from residual.names import check_name
 from residual.quantity import plain
 from sim.catalogue import kinds
-from sim.records import BACKGROUNDS, HIDDEN, PlantEffect, TrajectorySpec, stream
+from sim.records import (
+    BACKGROUNDS,
+    CLEAN,
+    HIDDEN,
+    BackgroundWord,
+    PlantEffect,
+    TrajectorySpec,
+    stream,
+)
 from sim.trajectories import make_reference
 from sim.trajectories.fourier import draw_slow
 from sim.visible import Stage, draw_visible
@@ -41,6 +49,24 @@ CREEP = 0.2  # rad/s that no joint of the slow motion exceeds
 _RATE = 100.0  # Hz, of the motions by which a size is found
 
 Runs = dict[str, list[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Demo(Request):
+    """Which demonstration.
+
+    Attributes:
+        seed: Seed of the arm, the motions, the noise, and of what is hidden.
+        effect: Effect to hide; drawn from the seed without it. "none" hides nothing.
+            It is as large as the motions of the arm can show.
+        background: What all joints have beside it: nothing, that of an arm in use, or
+            twice as much.
+    """
+
+    seed: int = 7
+    effect: str | None = None
+    store: Store = None
+    background: BackgroundWord = CLEAN
 
 
 def specs(asked: Demo) -> list[tuple[str, ExperimentSpec]]:

@@ -18,7 +18,6 @@ from residual.threads import one_blas_thread
 check = Lazy("flows.steps.check")
 method = Lazy("residual.method.diagnose")
 result = Lazy("residual.diagnosis.result")
-versions = Lazy("flows.storage.null")
 kept = Lazy("flows.storage.diagnosis")
 null = Lazy("flows.storage.null")
 stored = Lazy("warehouse.runs")
@@ -57,14 +56,13 @@ def _of_others(request: Diagnose, robot: Robot) -> list[str]:
     ]
 
 
-@one_blas_thread
 def diagnose(
     request: Diagnose,
     logs: LogSets,
     progress: Progress | None = None,
     inside: "method.Inside | None" = None,
 ) -> "result.Diagnosis":
-    """Find what the model lacks, and say whether an experiment would tell more.
+    """Find what the model lacks, by a store: its nulls, its models, its runs.
 
     Args:
         progress: Told the stage and the share done.
@@ -73,26 +71,64 @@ def diagnose(
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
-    report = check.checked(logs, request.declared, request.trust_log)
-    store, model, before = store_folder(request.store), None, logs.baseline
+    store, model = store_folder(request.store), None
     if request.model:
         model = kept.read_known(store, request.model)
-        before = before or _behind(request.model, logs, store)
+        before = logs.baseline or _behind(request.model, logs, store)
+        logs = replace(logs, baseline=before)
+    nulls = null.read_null(request.null) if request.null else ()
+    if not request.null and not logs.baseline and store.is_dir():
+        nulls = null.nulls_in(store)
+    how = {"declared": request.declared, "trust_log": request.trust_log}
+    return diagnose_logs(
+        logs, **how, nulls=nulls, model=model, progress=progress, inside=inside
+    )
+
+
+@one_blas_thread
+def diagnose_logs(
+    logs: LogSets,
+    *,
+    declared: Sequence[str] | None = None,
+    trust_log: bool = False,
+    nulls: "null.Null | Sequence[null.Null]" = (),
+    model: "method.Model | None" = None,
+    progress: Progress | None = None,
+    inside: "method.Inside | None" = None,
+) -> "result.Diagnosis":
+    """Find what the model lacks, and say whether an experiment would tell more.
+
+    Args:
+        declared: Effects that the model has; None for the robot's own list.
+        trust_log: Whether to go on where a fault of the logs is certain.
+        nulls: A null that is to be taken, or some of which one may fit.
+        model: The adopted model; None for the nominal one.
+
+    Raises:
+        InputError: If the logs are not usable together, or a fault of them is certain.
+    """
+    report = check.checked(logs, declared, trust_log)
     # What is compared with logs of before needs no null: these show what chance does.
-    nulls, outdated = ((), ()) if before else _nulls(request, logs.robot, store)
+    listed = [nulls] if isinstance(nulls, null.Null) else nulls
+    good, outdated = null.of_this_version(() if logs.baseline else listed, logs.robot)
     # One thread: the products are small, two threads only wait for each other.
     found = method.diagnose(
         logs.robot,
         logs.fit,
-        baseline=before,
+        baseline=logs.baseline,
         held_out=logs.held_out,
-        declared=request.declared if model is None else model,
+        declared=declared if model is None else model,
         progress=progress,
-        null=nulls[0] if request.null and nulls else nulls,
+        null=good[0] if good and listed is not nulls else good,
         inside=inside,
     )
-    logs = replace(logs, warnings=(*logs.warnings, *outdated))
-    return _with_reading(method.with_check(found, report), logs)
+    found = method.with_check(found, report)
+    warnings = (*logs.warnings, *outdated, *found.warnings)
+    return replace(
+        found,
+        verdict=replace(found.verdict, warnings=warnings),
+        notes=(*logs.lines, *found.notes),
+    )
 
 
 def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]:
@@ -120,17 +156,6 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
             f"{', '.join(id[:8] for id in ids)} in {store}. Got: {error} Import them "
             "into this store, or give logs of that time with --baseline."
         ) from error
-
-
-def _nulls(
-    request: Diagnose, robot: Robot, store: Path
-) -> tuple[Sequence["null.Null"], tuple[str, ...]]:
-    """Return the nulls there are, and what to say of outdated ones."""
-    if request.null:
-        nulls = (null.read_null(request.null),)
-    else:
-        nulls = null.nulls_in(store) if store.is_dir() else ()
-    return versions.of_this_version(nulls, robot)
 
 
 def runs_of(request: Diagnose) -> LogSets:
@@ -218,13 +243,3 @@ def request_of(
     words = {name: tuple(runs.get(role, ())) for role, name in _ROLES.items()}
     robot = robot_of(runs["fit"], store)
     return Diagnose(robot=robot, **words, store=store, model=model)
-
-
-def _with_reading(found: "result.Diagnosis", logs: LogSets) -> "result.Diagnosis":
-    """Add what the readers said to what the diagnosis says."""
-    warnings = (*logs.warnings, *found.warnings)
-    return replace(
-        found,
-        verdict=replace(found.verdict, warnings=warnings),
-        notes=(*logs.lines, *found.notes),
-    )

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.steps.rerun.cause import environment_apart
-from flows.steps.rerun.records import apart
+from flows.steps.rerun import environment_apart
+from flows.steps.rerun_records import apart
 from residual.errors import InputError
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.layout import Found, find

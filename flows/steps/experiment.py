@@ -1,16 +1,22 @@
 """One experiment, step by step: spec -> reference -> plant -> store, id to id."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
+
 from flows.inputs.robots import load
-from flows.specs.experiment import NOMINAL, ExperimentSpec
-from flows.steps.loop.controller import given_by, settled
+from flows.specs.experiment import NOMINAL, ControllerTable, ExperimentSpec
+from flows.steps.models import choose, model_to_drive
+from residual.calibration.rows import Run
 from residual.errors import InputError
+from residual.export.exported import Whole
+from residual.model.control import Use, computed_torque, feed_forward
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
@@ -18,12 +24,17 @@ from sim.catalogue import check_effect
 from sim.experiment import run_experiment
 from sim.records import NAMES, Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
 from sim.trajectories import make_reference
+from sim.twin import log_twin_errors
 from warehouse import ids
 from warehouse.commit import Sealed, commit_run, sealed_hash
 from warehouse.ids import plain, record_folder
+from warehouse.layout import find
 from warehouse.objects.mirror import is_there
 from warehouse.provenance import plant_code_hash
 from warehouse.robots import keep_robot
+
+ADOPTED, FEED_FORWARD = "adopted", "feed_forward"
+Given = np.ndarray | Callable
 
 _LATER = ("background", "worked_before")
 
@@ -272,3 +283,102 @@ def reference_of(robot: Robot, spec: TrajectorySpec, rate: float) -> Reference:
 
 def _stream_names() -> Sequence[str]:
     return list(NAMES)
+
+
+def refusal_of(planned: Planned) -> str | None:
+    """Plan the motion of an experiment; nothing is simulated, nothing is written.
+
+    Returns:
+        Why it would fail: the limit of range, speed, acceleration or torque that its
+        motion breaks. None where the motion is possible; that the arm then diverges,
+        only the run itself shows.
+    """
+    spec = planned.spec
+    try:
+        reference_of(checked_robot(spec), spec.reference(), spec.log_rates().control)
+    except InputError as error:
+        return str(error)
+    return None
+
+
+def as_csv(reference: Reference) -> str:
+    """Return t [s], q1.. [rad], qd1.. [rad/s] and qdd1.. [rad/s^2] as CSV text."""
+    joints = range(1, reference.q.shape[1] + 1)
+    names = [f"{name}{joint}" for name in ("q", "qd", "qdd") for joint in joints]
+    parts = [reference.t[:, None], reference.q, reference.qd, reference.qdd]
+    text = io.StringIO()
+    np.savetxt(
+        text,
+        np.hstack(parts).round(9) + 0.0,  # + 0 makes of -0 a 0
+        fmt="%.9f",
+        delimiter=",",
+        header=",".join(["t", *names]),
+        comments="",
+    )
+    return text.getvalue()
+
+
+def with_twins(robot: Robot, runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Return runs with their errors against a twin on their own reference.
+
+    Those that have a twin, and those that have no reference, stay as they are.
+
+    Raises:
+        DivergedError: If a twin cannot follow.
+    """
+    return tuple(
+        run
+        if run.log.q_ref is None or "e_tau" in run.twin
+        else replace(run, twin=log_twin_errors(robot, run.log))
+        for run in runs
+    )
+
+
+def settled(spec: ExperimentSpec, robot: Robot, store: Path) -> ExperimentSpec:
+    """Return a spec whose controller names its model by a whole id.
+
+    Args:
+        spec: The spec; its model may be "adopted", or the beginning of an id.
+
+    Raises:
+        InputError: If there is no such model, or none is adopted.
+    """
+    word = spec.controller.model
+    if word == NOMINAL:
+        return spec
+    if word == ADOPTED:
+        word = choose(robot, store=store).diagnosis or NOMINAL
+    else:
+        word = find(store, word).id
+    table = spec.controller.model_copy(update={"model": word})
+    return spec.model_copy(update={"controller": table})
+
+
+def torque_of(model: Whole, reference: Reference, kind: str, use: Use) -> Given:
+    """Return what drives an arm along a reference by a model: a torque, or a law.
+
+    Args:
+        kind: "feed_forward" for a torque along it, "computed_torque" for a law.
+    """
+    motion = reference.q, reference.qd, reference.qdd
+    make = feed_forward if kind == FEED_FORWARD else computed_torque
+    return make(model, reference.t, motion, use)
+
+
+def given_by(
+    table: ControllerTable, robot: Robot, reference: Reference, store: Path | None
+) -> Given | None:
+    """Return what a spec's controller drives the arm by; None for the nominal one.
+
+    Args:
+        table: The controller of the spec, its model named by a whole id.
+
+    Raises:
+        InputError: If its model is not there.
+    """
+    if table.model == NOMINAL:
+        return None
+    if store is None:
+        raise InputError(f"Model {table.model} of the controller needs a store.")
+    model = model_to_drive(store, table.model, robot)
+    return torque_of(model, reference, table.kind, Use())

@@ -18,7 +18,7 @@ from flows.proofs.proof import (
 from flows.proofs.rrd import make_rrd, prove_rrd
 from flows.requests import Export
 from flows.settings import store_folder
-from flows.storage.export import read_model
+from flows.steps.models import read_model
 from residual.errors import InputError
 from residual.export.c99 import to_c99
 from residual.export.exported import Exported, Whole, body_of, to_json

@@ -34,7 +34,6 @@ def read_logs(request: Identify) -> LogSets:
     return read_sets(sets, robot, request.columns, request.store, to_check=True)
 
 
-@one_blas_thread
 def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
     """Identify, prove it, and keep the model if it is from runs or a store was named.
 
@@ -44,23 +43,45 @@ def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
-    report = checked(logs, request.declared, request.trust_log)
-    known: Sequence[str] | Model | None = request.declared
+    known = None
     if request.model:
         known = read_known(store_folder(request.store), request.model)
-    made = identify_and_prove(
-        logs.robot,
-        logs.fit,
-        logs.held_out,
-        known,
+    made = identify_logs(
+        logs,
+        request.declared if known is None else known,
         _options(request),
         request.consistent,
+        request.trust_log,
     )
-    made = replace(made, warnings=(*logs.warnings, *report.sentences, *made.warnings))
     count = len(request.logs) + len(request.held_out)
     if request.store is None and len(logs.runs) < count:
         return made, None
     return made, _keep(made, request, logs.runs)
+
+
+@one_blas_thread
+def identify_logs(
+    logs: LogSets,
+    known: Sequence[str] | Model | None = None,
+    options: Options | None = None,
+    consistent: bool = False,
+    trust_log: bool = False,
+) -> Identified:
+    """Identify and prove it.
+
+    Args:
+        known: Effects that the model has, None for the robot's own list; or a model.
+
+    Raises:
+        InputError: If the logs are not usable together, or a fault of them is certain.
+    """
+    declared = None if isinstance(known, Model) else known
+    report = checked(logs, declared, trust_log)
+    made = identify_and_prove(
+        logs.robot, logs.fit, logs.held_out, known, options, consistent
+    )
+    warnings = (*logs.warnings, *report.sentences, *made.warnings)
+    return replace(made, warnings=warnings)
 
 
 def _options(request: Identify) -> Options:

@@ -1,7 +1,7 @@
 """Watch the sensors of runs: calibrate on healthy runs, tell what is not as usual."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import pyarrow as pa
@@ -9,7 +9,7 @@ import pyarrow as pa
 from flows.inputs.robots import serial_of
 from flows.requests import Monitor as Request
 from flows.settings import store_folder
-from flows.steps.monitor_model import Source, model_of, robot_of, source_of
+from flows.steps.models import Source, in_force, source_of
 from residual.errors import InputError
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, to_record
 from residual.recording import Array, Recording
@@ -79,10 +79,10 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
     healthy = _read(store, request.good or source.good)
     watched = _read(store, request.runs)
     _check(source, healthy, watched)
-    robot = robot_of(source, next(iter(healthy.values())), store)
+    robot = source.robot_of(next(iter(healthy.values())), store)
     for run in (*healthy.values(), *watched.values()):
-        robot_of(source, run, store)
-    start = model_of(source, robot, list(healthy.values()))
+        source.robot_of(run, store)
+    start = source.model_of(robot, list(healthy.values()))
     made = calibrate(start, list(healthy.values()), request.per_hour)
     found = Watched(
         monitor=made,
@@ -99,6 +99,57 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
         "robot_hash": robot.content_hash,
     }
     return _put(store, source, found, asked), found, watched
+
+
+@dataclass(frozen=True, slots=True)
+class NewRuns:
+    """What the monitoring of new runs said.
+
+    Attributes:
+        record: Id of its record, None where there was nothing to compare with.
+        found: What was found; None where nothing was watched.
+        watched: The runs that were watched, by their id.
+        why: Why nothing was watched, "" where it was.
+    """
+
+    record: str | None = None
+    found: Watched | None = None
+    watched: Mapping[str, Recording] = field(default_factory=dict)
+    why: str = ""
+
+    @property
+    def alarmed(self) -> tuple[str, ...]:
+        """Runs with an alarm."""
+        alarms = self.found.alarms if self.found else {}
+        return tuple(run for run, own in alarms.items() if own)
+
+
+def watch_new(
+    runs: Sequence[str],
+    store: Path,
+    model: str | None = None,
+    good: Sequence[str] = (),
+) -> NewRuns:
+    """Watch new runs of one robot, against its adopted model or its last diagnosis.
+
+    Args:
+        model: Id of a diagnosis, or a robot; None for what the robot has, else what was
+            found of it last.
+        good: Ids of the healthy runs; empty for those of the diagnosis.
+
+    Raises:
+        InputError: If a run is not usable, or of another description of the robot.
+    """
+    model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
+    if model is None:
+        return NewRuns(why="No diagnosis of this arm yet: nothing to compare with.")
+    healthy = tuple(good) or source_of(model, store).good
+    new = tuple(run for run in runs if run not in healthy)
+    if not new:
+        return NewRuns(why="No run that is not one of the healthy ones.")
+    if len(healthy) < LEAST_RUNS:
+        return NewRuns(why=f"{len(healthy)} healthy runs, {LEAST_RUNS} are the least.")
+    return NewRuns(*monitor(Request(model, new, good=healthy, store=store)))
 
 
 def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:

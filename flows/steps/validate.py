@@ -19,6 +19,7 @@ from flows.inputs.robots import load
 from flows.requests import Validate as Request
 from flows.settings import store_folder
 from flows.steps.experiment import plant_of
+from flows.steps.models import as_described
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -176,13 +177,7 @@ def robot_of(log: Recording, manifest: Mapping) -> Robot:
         InputError: If it is described differently now.
     """
     name = manifest.get("robot", log.robot)
-    robot = load(name)
-    if robot.content_hash != manifest.get("robot_hash"):
-        raise InputError(
-            f"Run {log.id} was made with another description of {log.robot} than "
-            f"{name} has now. Put back the URDF and robot.toml of that time."
-        )
-    return robot
+    return as_described(load(name), log, manifest, name)
 
 
 def hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | None:

@@ -18,7 +18,7 @@ from flows.workers.pool import Done, Pool
 from residual.errors import InputError
 
 RUNNER = "MODELGAP_RUNNER"
-THREADS, PROCESSES, DASK = "threads", "processes", "dask"
+THREADS, DASK = "threads", "dask"
 _PATIENCE = 20  # s until the scheduler must have answered
 # Jobs sent ahead per thread of the cluster: none waits, and 10^6 do not lie there.
 _AHEAD = 3
@@ -96,8 +96,8 @@ class Runner:
     """Where to compute.
 
     Attributes:
-        kind: "threads", "processes" or "dask".
-        address: Of the Dask scheduler, as tcp://host:port; None for the others.
+        kind: "threads" or "dask".
+        address: Of the Dask scheduler, as tcp://host:port; None for the other.
     """
 
     kind: str = THREADS
@@ -114,17 +114,15 @@ def chosen_runner(word: str | None = None, trust_network: bool = False) -> Runne
         InputError: If it is none of these, or on another machine without that leave.
     """
     word = word or os.environ.get(RUNNER) or THREADS
-    if word in (THREADS, PROCESSES):
-        return Runner(word)
+    if word == THREADS:
+        return Runner()
     try:
         parts = urlsplit(word)
         host, port = parts.hostname, parts.port
     except ValueError:
         parts, host, port = None, None, None
     if not parts or parts.scheme != DASK or not host or not port:
-        raise InputError(
-            f"Runner '{word}': expected threads, processes or dask://HOST:PORT."
-        )
+        raise InputError(f"Runner '{word}': expected threads or dask://HOST:PORT.")
     if not is_loopback(host) and not trust_network:
         raise InputError(
             f"Runner '{word}' is on the network, where Dask runs whatever is sent to "
@@ -138,8 +136,7 @@ def chosen_runner(word: str | None = None, trust_network: bool = False) -> Runne
 def workers_of(runner: Runner, jobs: int) -> Iterator[Pool | Cluster | None]:
     """Give what runs jobs: processes of ours, or a cluster that somebody else keeps.
 
-    Threads and processes are the same here: experiments need a process each, and the
-    difference is in what Prefect sees (`flows.scheduled.flows`).
+    "threads" are processes too: every experiment needs one of its own.
     """
     if jobs == 0:
         yield None

@@ -12,8 +12,7 @@ from benchmarks import page
 from benchmarks.peers_parts import bars, sparse, squares
 from benchmarks.peers_parts.opened import Answer, Arm, Case, Log
 from flows.blind.export import score
-from flows.blind.export.case import write_csv
-from flows.blind.export.write import describe
+from flows.blind.export.write import describe, write_csv
 from residual.robot.robot import load_robot
 
 NAMES = {"fit": ["fit_1", "fit_2", "fit_3"], "held_out": ["h_1"], "after": ["a_1"]}

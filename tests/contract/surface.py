@@ -100,7 +100,8 @@ def _option(one: Argument) -> str:
 def _type(hint: Any) -> str:
     """Return a type as a user thinks of it: `str | None` is a text."""
     if isinstance(hint, types.UnionType) or get_origin(hint) is Union:
-        return " or ".join(_type(a) for a in get_args(hint) if a is not type(None))
+        parts = [a for a in get_args(hint) if a not in (type(None), Path)]
+        return " or ".join(map(_type, parts))
     if get_origin(hint) is Literal:
         return "|".join(map(str, get_args(hint)))
     if get_origin(hint) is tuple:

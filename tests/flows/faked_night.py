@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from flows.report import stored
-from flows.steps import calibrate, campaign, demo, diagnose, identify, validate
-from flows.steps.loop.choose import Choice
+from flows.steps import calibrate, campaign, diagnose, identify, validate
+from flows.steps.models import Choice
 from tests.verdict_documents import typed
 
 NAME = "irb140 #2: load friction on joint 2, 9.6 → 7.1 %"
@@ -21,7 +21,7 @@ def faked(monkeypatch, tmp_path):
 
     To be called when Prefect has its settings.
     """
-    from flows.scheduled import artifacts, loop_tasks, names, tasks
+    from flows.scheduled import artifacts, loop, tasks
 
     page = tmp_path / "report.html"
     page.write_text("<html>")
@@ -37,23 +37,19 @@ def faked(monkeypatch, tmp_path):
         monkeypatch.setattr(module, name, step)
 
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
-    hidden = [{"name": "spring", "joints": [2], "parameters": {"stiffness": 4.0}}]
-    take(demo, "run_experiments", runs)
-    take(demo, "open_seal", hidden)
-    take(stored, "demo_page", page)
     take(stored, "diagnosis_page", page)
     take(stored, "words", "Nothing is missing.")
     take(campaign, "run_campaign", campaign.Ran(runs, ("aa",), ("one failed",)))
     monkeypatch.setattr(diagnose, "request_of", lambda *asked: asked)
     for module, name, answer in (
-        (loop_tasks, "in_force", Choice("11" * 10, "model: adoption 3")),
-        (loop_tasks, "judge", SimpleNamespace(doubts=("nothing new",))),
+        (loop, "in_force", Choice("11" * 10, "model: adoption 3")),
+        (loop, "judge", SimpleNamespace(doubts=("nothing new",))),
     ):
         take(module, name, answer)
     take(diagnose, "diagnose_runs", ("dd", "ee"))
     monkeypatch.setattr(tasks, "robot_of", lambda runs, store: "irb140")
-    monkeypatch.setattr(loop_tasks, "read_verdict", lambda *_: typed({}))
-    monkeypatch.setattr(names, "of_diagnosis", lambda *_: NAME)
+    monkeypatch.setattr(loop, "read_verdict", lambda *_: typed({}))
+    monkeypatch.setattr(artifacts, "name_of", lambda *_: NAME)
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
     monkeypatch.setattr(artifacts, "sentences", lambda made: ("calibrated",))

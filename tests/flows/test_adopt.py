@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.steps.loop.adopt import Adopt, adopt, list_adoptions, roll_back
-from flows.steps.loop.choose import Wanted, choose_for, choose_to_watch
-from flows.steps.rerun import rerun as reruns
+from flows.inputs.robots import load
+from flows.steps import rerun as reruns
+from flows.steps.adopt import Adopt, adopt, list_adoptions, roll_back
+from flows.steps.models import choose, chosen_to_watch
 from flows.storage import diagnosis as keep
 from flows.storage.calibration import effects_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict
@@ -64,24 +65,25 @@ def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, capsys):
 def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     store, first, _, id = fresh
     adopt(Adopt(id, store=store))
-    on_runs = choose_for(ROBOT, Wanted(store=store, logs=first[0]))
+    robot, runs = load(ROBOT), first[0]
+    on_runs = choose(robot, store=store, logs=runs)
     assert on_runs.diagnosis == id
     assert "adoption" in on_runs.line
     assert id[:8] in on_runs.line
-    assert choose_for(ROBOT, Wanted(logs=("A.csv",))).diagnosis is None
-    assert choose_for(ROBOT, Wanted(store=store, logs=("A.csv",))).diagnosis == id
-    nominal = choose_for(ROBOT, Wanted("nominal", store, first[0]))
+    assert choose(robot, logs=("A.csv",)).diagnosis is None
+    assert choose(robot, store=store, logs=("A.csv",)).diagnosis == id
+    nominal = choose(robot, "nominal", store, runs)
     assert nominal.diagnosis is None
     assert "nominal" in nominal.line
-    healthy = choose_for(ROBOT, Wanted(None, store, first[0], "--baseline"))
+    healthy = choose(robot, None, store, runs, "--baseline")
     assert healthy.diagnosis is None
     assert "--baseline" in healthy.line
     with pytest.raises(InputError, match="each say what the nominal model is"):
-        choose_for(ROBOT, Wanted(id, store, first[0], "--baseline"))
-    assert choose_for(ROBOT, Wanted(id[:6], store, first[0])).diagnosis == id
-    assert choose_to_watch(ROBOT, store, nominal=False).diagnosis == id
-    assert choose_to_watch(ROBOT, store, nominal=True).diagnosis is None
-    assert choose_to_watch(id[:8], store, nominal=False).line is None
+        choose(robot, id, store, runs, "--baseline")
+    assert choose(robot, id[:6], store, runs).diagnosis == id
+    assert chosen_to_watch(ROBOT, store, nominal=False).diagnosis == id
+    assert chosen_to_watch(ROBOT, store, nominal=True).diagnosis is None
+    assert chosen_to_watch(id[:8], store, nominal=False).line is None
 
 
 def said(command, runs, store, capsys, *more):
@@ -142,7 +144,7 @@ def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
     assert (now.parent, now.model_id, now.note) == (number, None, "too many alarms")
     listed = [n for n, *_ in list_adoptions(store)]
     assert listed == [*(n for n, *_ in before), number, back]
-    line = choose_for(ROBOT, Wanted(store=store)).line
+    line = choose(load(ROBOT), store=store).line
     assert f"to which adoption {int(back)} went back" in line
     with pytest.raises(InputError, match="nothing to go back from"):
         roll_back(None, store=store)

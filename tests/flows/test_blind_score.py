@@ -5,9 +5,8 @@ from dataclasses import replace
 import pytest
 
 from flows.blind.draw import Asked, drafts
-from flows.blind.row import case_row, estimate
+from flows.blind.row import Hidden, case_row, draw_sized, estimate, measured
 from flows.blind.score import Name, members, score
-from flows.blind.size import Hidden, draw_sized, measured
 from flows.blind.sums import summary, wilson
 from residual.diagnosis.result import Detectable
 from residual.effects import registry

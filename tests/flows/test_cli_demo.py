@@ -16,8 +16,8 @@ from flows.inputs.robots import load
 from flows.outputs import progress_bar
 from flows.report.diagnosis import print_truth
 from flows.report.words.staged import Hidden, Staged, baseline_sentences, judge
-from flows.requests import Demo
 from flows.steps import demo as steps
+from flows.steps.demo import Demo
 from residual.diagnosis.result import Edit
 from sim.draw import draw_hidden
 from sim.records import HIDDEN, stream

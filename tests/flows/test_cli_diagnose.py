@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from flows.cli import main
-from flows.cli.options import parse_declared
+from flows.requests import parse_declared
 from residual.method import diagnose as loop
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from flows.proofs import proof as proofs
 from flows.proofs.c import compiler
 from flows.proofs.proof import CREEP, inverse
 from flows.steps.export import TARGETS, export_model
-from flows.storage.export import read_model
+from flows.steps.models import read_model
 from residual.errors import InputError, UnknownNameError
 from residual.export.exported import Motion
 from residual.model.corrected import Corrected, Tables
@@ -181,7 +181,7 @@ def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch)
     id = commit_record(
         tmp_path, "diagnoses", {"robot": "irb140", "verdict": "none", "model_id": None}
     )
-    monkeypatch.setattr("flows.storage.export.read_models", lambda store, id: both)
+    monkeypatch.setattr("flows.steps.models.read_models", lambda store, id: both)
     assert read_model(tmp_path, id) is both["augmented"]
     assert read_model(tmp_path, id, "nominal") is both["nominal"]
     with pytest.raises(UnknownNameError, match="'augmented'"):

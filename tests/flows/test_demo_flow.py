@@ -11,10 +11,8 @@ import pytest
 import yaml
 
 from flows.errors import RunError
-from flows.requests import Demo
-from flows.scheduled.surroundings import Surroundings, surrounded
 from flows.settings import PAGES
-from flows.steps import demo
+from flows.steps import campaign
 from tests.flows.blind_rows import row
 from tests.flows.faked_night import NAME, faked
 
@@ -37,24 +35,6 @@ def order(flows, monkeypatch, tmp_path):
     return faked(monkeypatch, tmp_path)
 
 
-def test_the_seal_is_opened_after_the_verdict_is_stored(flows, order, tmp_path):
-    done = flows.demo(3, None, str(tmp_path))
-    names = [name for name, _ in order]
-    assert names[:4] == ["run_experiments", "diagnose_runs", "open_seal", "demo_page"]
-    assert done["diagnosis"] == "dd"
-    assert done["hidden"][0]["name"] == "spring"
-    assert done["page"] == str(tmp_path / "report.html")
-
-
-def test_the_steps_of_a_flow_get_progress_and_processes_of_its_command(flows, order):
-    told, pool = print, object()
-    with surrounded(Surroundings(told, pool)):
-        flows.demo(3, "spring", "store")
-    (_, given), (_, given_to_diagnose) = order[:2]
-    assert given == (Demo(3, "spring", "store"), told, pool)
-    assert given_to_diagnose[-1] is told
-
-
 def test_a_failing_step_fails_the_flow_with_its_own_error(flows, order, monkeypatch):
 
     from flows.errors import RunError
@@ -62,9 +42,9 @@ def test_a_failing_step_fails_the_flow_with_its_own_error(flows, order, monkeypa
     def fail(*_):
         raise RunError("Experiment welding failed: joint 2 at 1.2 s")
 
-    monkeypatch.setattr(demo, "run_experiments", fail)
+    monkeypatch.setattr(campaign, "run_campaign", fail)
     with pytest.raises(RunError, match="joint 2 at"):
-        flows.demo(3, None, "store")
+        flows.nightly("CAMPAIGN.toml", store="store")
     assert order == []
 
 
@@ -198,7 +178,7 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
 
 
 def test_the_events_of_the_deployments_are_those_that_flows_send(server):
-    from flows.scheduled import events
+    from flows.scheduled import artifacts
 
     expected = {
         (d["name"], event, trigger["match"]["prefect.resource.id"])
@@ -207,9 +187,9 @@ def test_the_events_of_the_deployments_are_those_that_flows_send(server):
         for event in trigger["expect"]
     }
     assert expected == {
-        ("monitor", events.COMMITTED, events.STORE),
-        ("diagnose", events.ALARM, events.STORE),
-        ("propose", events.PROPOSED, events.STORE),
+        ("monitor", artifacts.COMMITTED, artifacts.STORE),
+        ("diagnose", artifacts.ALARM, artifacts.STORE),
+        ("propose", artifacts.PROPOSED, artifacts.STORE),
     }
 
 

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from flows.cli.experiment import fleet
 from flows.settings import store_folder
 from flows.specs.experiment import experiment_of
 from flows.steps import campaign
-from flows.steps.campaign import run_all
+from flows.steps.campaign import Arm, arms_of, diagnose_arms, run_all
 from flows.steps.experiment import plan
-from flows.steps.many import fleet
-from flows.steps.many.fleet import Arm, arms_of, diagnose_arms
 from flows.workers import runner as module
 from flows.workers.pool import Here
 from flows.workers.runner import Cluster

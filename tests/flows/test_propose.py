@@ -5,10 +5,17 @@ from pathlib import Path
 import pytest
 
 from flows.report.models import proposal_markdown, proposal_page
-from flows.steps.loop.adopt import Adopt, adopt, list_adoptions, roll_back
-from flows.steps.loop.choose import in_force
-from flows.steps.loop.judge import judge
-from flows.steps.loop.propose import keep_proposal, known_already, proposal_of
+from flows.steps.adopt import (
+    Adopt,
+    adopt,
+    judge,
+    keep_proposal,
+    known_already,
+    list_adoptions,
+    proposal_of,
+    roll_back,
+)
+from flows.steps.models import in_force
 from tests.flows.adopted_arm import ROBOT, diagnosed, night
 from warehouse.numbered import adopted
 
@@ -25,11 +32,11 @@ def made(tmp_path_factory, compiled_plant):
 @pytest.fixture
 def nights(server, made, monkeypatch):
     """The tasks of a night; events are told to a list."""
-    from flows.scheduled import loop_tasks
+    from flows.scheduled import loop
 
     told = []
-    monkeypatch.setattr(loop_tasks.events, "model_proposed", told.append)
-    yield loop_tasks, made, told
+    monkeypatch.setattr(loop.artifacts, "model_proposed", told.append)
+    yield loop, made, told
     store = made[0]
     while (last := adopted(store, ROBOT)) and last[1].model_id:
         roll_back(None, store=store)

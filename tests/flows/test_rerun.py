@@ -11,12 +11,10 @@ import pytest
 from flows.cli import main
 from flows.requests import Diagnose
 from flows.specs.experiment import experiment_of
-from flows.steps import experiment
+from flows.steps import experiment, rerun
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.diff import diff
-from flows.steps.rerun import rerun
-from flows.steps.rerun import runs as rerun_run
-from flows.steps.rerun.cause import cause_of
+from flows.steps.rerun import cause_of
 from residual.errors import InputError
 from residual.recording import Recording
 from sim.records import PlantRun
@@ -74,7 +72,7 @@ def other_code(monkeypatch):
         for place in ("warehouse.provenance", "flows.steps.experiment"):
             hash = f"{place}.plant_code_hash"
             monkeypatch.setattr(hash, lambda: told.code_hash)
-        for place in ("flows.steps.rerun.rerun", "warehouse.commit"):
+        for place in ("flows.steps.rerun", "warehouse.commit"):
             monkeypatch.setattr(f"{place}.provenance", lambda: told)
 
     return change
@@ -99,7 +97,7 @@ def test_a_spec_comes_back_from_its_two_halves(tmp_path, plant):
     for wanted in (spec(), spec(seed=2**62, plant={}), spec(rates={"log": 500.0})):
         id = experiment.run(wanted, tmp_path)
         told, hidden = read_manifest(tmp_path, id), open_seal(tmp_path, id).spec
-        again = rerun_run.spec_of(told, hidden)
+        again = rerun.spec_of(told, hidden)
         assert experiment.run_id_of(again) == id
         assert again.plant_spec() == wanted.plant_spec()
 

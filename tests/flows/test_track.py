@@ -9,17 +9,9 @@ from flows.cli import main
 from flows.report import experiments
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
-from flows.steps.loop.controller import settled, torque_of
-from flows.steps.loop.track import (
-    LOOP,
-    MODEL,
-    NOMINAL,
-    Motion,
-    Track,
-    track,
-    tracked,
-)
-from flows.steps.rerun import rerun as reruns
+from flows.steps import rerun as reruns
+from flows.steps.experiment import settled, torque_of
+from flows.steps.track import LOOP, MODEL, NOMINAL, Motion, Track, track, tracked
 from residual.effects import registry
 from residual.errors import InputError
 from residual.model.control import WIDTH, Use, computed_torque, feed_forward

@@ -10,10 +10,10 @@ import pinocchio as pin
 import pytest
 
 from flows.cli import main
-from flows.model_requests import View
 from flows.report.page import base
 from flows.report.view import frames_of, render
-from flows.steps.view import Viewed, view
+from flows.requests import View
+from flows.steps.predict import Viewed, view
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import load_robot, robot_from_texts

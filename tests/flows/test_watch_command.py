@@ -7,7 +7,7 @@ import pytest
 
 from flows.cli import main
 from flows.inputs.robots import load
-from flows.steps.watch.alarm import keep_run
+from flows.steps.watch.run import keep_run
 from flows.steps.watch.session import advance, read, write
 from residual.errors import InputError
 from residual.monitoring.rows import Samples
@@ -83,7 +83,7 @@ def test_ctrl_c_keeps_what_was_read_and_says_so(made, tmp_path, capsys, monkeypa
     def interrupted(self):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("flows.inputs.stream.file.GrowingFile.wait", interrupted)
+    monkeypatch.setattr("flows.inputs.stream.GrowingFile.wait", interrupted)
     words = ("--state", str(state), "--calibrate", *ids)
     assert watch(made, path, *words) == 130
     said = " ".join(capsys.readouterr().out.split())
@@ -108,12 +108,9 @@ def test_a_state_is_whole_or_not_there_and_a_damaged_one_is_said(made, tmp_path)
 
 
 def test_it_says_what_it_needs(made, tmp_path, capsys):
-    urdf, store, ids = made
+    urdf, store, _ = made
     where = ["--store", str(store), "--state", str(tmp_path / "s.npz")]
     assert main(["watch", str(urdf), *where]) == 2
-    assert "--listen PORT" in capsys.readouterr().err
+    assert "--file" in capsys.readouterr().err
     assert main(["watch", str(urdf), "--file", "x.csv", *where]) == 2
     assert "healthy runs to learn from" in capsys.readouterr().err
-    words = ["watch", str(urdf), "--listen", "0.0.0.0:5005", *where]
-    assert main([*words, "--calibrate", *ids]) == 2
-    assert "other machines" in capsys.readouterr().err

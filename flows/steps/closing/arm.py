@@ -4,8 +4,12 @@ import json
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from flows.inputs.robots import load
+from flows.requests import Request, Store
 from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps.experiment import plant_of, sealed_half
 from residual.effects import reported_joints
@@ -23,28 +27,27 @@ _TRIES = 50  # to draw effects that are not one thing twice
 
 
 @dataclass(frozen=True, slots=True)
-class Close:
-    """Which loop is wanted.
+class Close(Request):
+    """Which loop goes from a simulated arm to an adopted model.
 
     Attributes:
-        robot: Built-in name, URDF file or folder.
-        budget: How many experiments it may run.
+        robot: Built-in name (irb140), URDF file, or folder; the arm is simulated.
+        budget: How many experiments it may run; 3 to 100.
         seed: Seed of the arm, of what it hides, and of the motions.
-        effects: How many effects it hides; None to draw one to three.
+        effects: How many effects to hide, 0 to 3; drawn from 1 to 3 without it.
         seconds: Length of a standard motion [s].
-        store: Folder of the store, None for the usual one.
         designed: Whether what is open is settled by a designed motion.
         drives: Whether the arm is driven by what was adopted.
     """
 
-    robot: str
+    robot: str = "irb140"
     budget: int = 8
     seed: int = 7
     effects: int | None = None
-    seconds: float = 20.0
-    store: str | Path | None = None
-    designed: bool = True
-    drives: bool = True
+    seconds: Annotated[float, Parameter(parse=False)] = 20.0
+    store: Store = None
+    designed: Annotated[bool, Parameter(parse=False)] = True
+    drives: Annotated[bool, Parameter(parse=False)] = True
 
     @property
     def serial(self) -> str:

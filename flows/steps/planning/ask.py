@@ -7,10 +7,10 @@ from pathlib import Path
 
 from flows.inputs.logs import LogSets, is_run
 from flows.outputs import Progress
-from flows.requests import Diagnose
+from flows.requests import Diagnose, Next
 from flows.settings import store_folder
 from flows.steps.diagnose import diagnose, read_logs, runs_of
-from flows.steps.planning.request import Next
+from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import checked_verdict, read_verdict
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named
@@ -26,7 +26,7 @@ from residual.planning.question import (
     wished_question,
 )
 from residual.robot.robot import Robot
-from warehouse.layout import Found, find, read_record
+from warehouse.layout import read_record
 from warehouse.robots import robot_word
 
 SHORTEST, LONGEST = 4.0, 600.0  # s, of a motion
@@ -110,34 +110,14 @@ def _of_store(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
             "out, or name the JSON file of a verdict."
         )
     store = store_folder(request.store)
-    found = diagnosis_of(store, request.verdict)
-    verdict = read_verdict(store, found.id)
-    record = read_record(store, found.id).get("request") or {}
+    id = diagnosis_of(store, request.verdict)
+    verdict = read_verdict(store, id)
+    record = read_record(store, id).get("request") or {}
     if record.get("step") != "diagnose":
-        raise InputError(
-            f"{found.id} does not say how it was made. Diagnose its runs again."
-        )
+        raise InputError(f"{id} does not say how it was made. Diagnose its runs again.")
     word = robot_word(store, record["robot"], record.get("robot_hash"))
     again = Diagnose.from_record({**record, "robot": word}, store)
     return verdict, again, runs_of(again)
-
-
-def diagnosis_of(store: Path, id: str) -> Found:
-    """Return a diagnosis by its id, or by that of its proof.
-
-    Raises:
-        InputError: If it is neither.
-    """
-    found = find(store, id)
-    if found.kind == "validations":
-        of = read_record(store, found.id).get("diagnosis")
-        found = find(store, of) if of else found
-    if found.kind != "diagnoses":
-        raise InputError(
-            f"{found.id} is of kind {found.kind}, expected a diagnosis. "
-            'modelgap sql "SELECT diagnosis_id FROM diagnoses" lists them.'
-        )
-    return found
 
 
 def _of_file(request: Next) -> tuple[Verdict, Diagnose, LogSets]:

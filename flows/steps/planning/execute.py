@@ -10,7 +10,7 @@ from flows.settings import store_folder
 from flows.specs.experiment import ExperimentSpec, TrajectoryTable
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs
-from flows.steps.rerun.runs import spec_of
+from flows.steps.rerun import spec_of
 from residual.errors import InputError
 from residual.planning.question import PAUSE
 from sim.records import TrajectorySpec

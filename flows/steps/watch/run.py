@@ -5,7 +5,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from flows.inputs.stream.source import Source
+import numpy as np
+import pyarrow as pa
+
+from flows.inputs.stream import GrowingFile, StandardInput
+from flows.requests import Diagnose
 from flows.steps.watch.session import (
     Session,
     advance,
@@ -16,12 +20,17 @@ from flows.steps.watch.session import (
 )
 from residual.monitoring.rows import Heard, Samples
 from residual.monitoring.watch import Change
+from residual.recording import Recording
+from residual.robot.robot import Robot
+from warehouse.commit import commit_record, commit_run
+from warehouse.robots import keep_robot
+from warehouse.schema import VIEWS
 
 SAVE = 5.0  # s between two times that the state is kept
 ENDS = 3  # looks in a row with nothing new after which all that is there was read
 
 Tell = Callable[[str], None]
-Diagnose = Callable[[Session, Samples, Change], None]
+Diagnosing = Callable[[Session, Samples, Change], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +45,11 @@ class Shell:
         diagnose: Diagnoses the samples around an alarm.
     """
 
-    source: Source
+    source: GrowingFile | StandardInput
     path: Path
     tell: Tell
     alarmed: Callable[[Change], None]
-    diagnose: Diagnose
+    diagnose: Diagnosing
 
 
 def watch(session: Session, shell: Shell, once: bool = False) -> Session:
@@ -54,7 +63,7 @@ def watch(session: Session, shell: Shell, once: bool = False) -> Session:
     """
     saved, idle = time.monotonic(), 0
     try:
-        while not (once and idle >= ENDS):
+        while not (shell.source.ended or (once and idle >= ENDS)):
             session, new, more = _look(session, shell)
             idle = 0 if new else idle + 1
             if due(session):
@@ -62,13 +71,12 @@ def watch(session: Session, shell: Shell, once: bool = False) -> Session:
             elif time.monotonic() - saved > SAVE:
                 write(shell.path, session)
                 saved = time.monotonic()
-            if not more:
+            if not (more or shell.source.ended):
                 shell.source.wait()
         while due(session, last=True):
             session = _diagnosed(session, shell)
     finally:
         write(shell.path, session)
-        shell.source.close()
     return session
 
 
@@ -118,3 +126,90 @@ def said_of(before: Heard, now: Heard) -> list[str]:
         for key, words in _WORDS.items()
         if new[key] > old[key]
     ]
+
+
+ENOUGH = 8.0  # s of samples that a diagnosis needs
+KIND = "watch"
+TAG = "alarm"
+
+
+def keep_run(store: Path, word: str, robot: Robot, samples: Samples) -> str:
+    """Put the samples around an alarm into the store as a run.
+
+    Args:
+        samples: The samples, in order.
+    """
+    recording = Recording(
+        "watched", robot.name, samples.t - samples.t[0], samples.q, samples.tau
+    )
+    keep_robot(store, word, robot)
+    about = {"file": "stream", "begin": float(samples.t[0])}
+    manifest = {
+        "source": "imported",
+        "kind": KIND,
+        "trajectory": None,
+        "robot_hash": robot.content_hash,
+        "serial": robot.serial,
+        "recorded_at": None,
+        "tags": [TAG],
+        "log": about,
+    }
+    return commit_run(store, recording, manifest)
+
+
+def keep_alarm(
+    store: Path, session: Session, run: str, begin: float, alarm: Change
+) -> str:
+    """Put an alarm into the store: a validation with its row in `alarms`.
+
+    Args:
+        begin: Time on the stream's clock at which that run begins [s].
+    """
+    origin = session.origin
+    record = {
+        "robot": origin.robot,
+        "kind": KIND,
+        "model_id": None,
+        "alarm": asdict(alarm),
+        "run_begins": begin,
+        "heard": asdict(session.state.tail.heard),
+    }
+    at = alarm.time - begin
+    row = {
+        "run_id": run,
+        "time": at,
+        "joint": alarm.joint,
+        "sensor": "torque",
+        "fault": alarm.quantity,
+        "kind": "change",
+        "score": alarm.score,
+        "until": at,
+    }
+    fields = [c.field for c in VIEWS["alarms"] if c.name in row]
+    table = pa.Table.from_pylist([row], schema=pa.schema(fields))
+    parents = {"calibration": list(origin.good), "watched": [run]}
+    if origin.diagnosis:
+        parents["diagnosis"] = [origin.diagnosis]
+    return commit_record(store, "validations", record, {"alarms": table}, parents)
+
+
+def request_of(session: Session, run: str, word: str, store: Path) -> Diagnose:
+    """Return the diagnosis that an alarm asks for.
+
+    Against the model that was watched by; where that is the nominal one, against the
+    healthy runs, so that it is said what has changed since.
+    """
+    origin = session.origin
+    baseline = () if origin.diagnosis else origin.good
+    return Diagnose(
+        logs=(run,),
+        robot=word,
+        baseline=baseline,
+        store=store,
+        model=origin.diagnosis,
+    )
+
+
+def long_enough(samples: Samples) -> bool:
+    """Return whether samples are enough for a diagnosis."""
+    return len(samples.t) > 1 and float(np.ptp(samples.t)) >= ENOUGH

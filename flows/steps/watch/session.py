@@ -4,11 +4,19 @@ import io
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 from zipfile import BadZipFile
 
 import numpy as np
+from cyclopts import Parameter
 
+from flows.inputs.robots import load
+from flows.requests import GivenWord, Request, Store, Words
+from flows.settings import store_folder
+from flows.steps.models import Choice, choose, source_of
 from residual.errors import InputError
+from residual.monitoring.learn import PER_HOUR, learn
+from residual.monitoring.monitor import LEAST_RUNS
 from residual.monitoring.reference import Reference
 from residual.monitoring.rows import Samples
 from residual.monitoring.watch import (
@@ -19,7 +27,10 @@ from residual.monitoring.watch import (
     state_to_record,
     step,
 )
+from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from warehouse.files import sync
+from warehouse.runs import read_run
 
 BEFORE, AFTER = 5.0, 20.0  # s around an alarm that are diagnosed
 FORM = 2
@@ -175,3 +186,130 @@ def read(path: Path) -> Session | None:
             f"{path} is no state of this version of modelgap watch ({error}). Name "
             "another with --state, or delete it to begin anew."
         ) from error
+
+
+STATES = "_watch"  # folder of states in the store
+
+
+@dataclass(frozen=True, slots=True)
+class Watch(Request):
+    """What is watched while it runs.
+
+    Attributes:
+        robot: Built-in name, URDF file or folder. It goes by the model that it has in
+            the store (modelgap models).
+        good: Ids of healthy runs, three or more, such as will be watched, cold and
+            warm. Needed once: the state remembers what was learnt.
+        model: "nominal", or the id of a diagnosis, in place of the model that it has.
+        per_hour: False alarms wanted at most in an hour.
+        state: File of the state; without it one in the store.
+    """
+
+    robot: GivenWord = ""
+    good: Annotated[Words, Parameter(name="--calibrate")] = ()
+    model: str | None = None
+    per_hour: float = PER_HOUR
+    state: str | None = None
+    store: Store = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Begun:
+    """A watch that may begin.
+
+    Attributes:
+        robot: The arm.
+        session: Where it goes on.
+        path: File of its state.
+        lines: What to say of it first.
+    """
+
+    robot: Robot
+    session: Session
+    path: Path
+    lines: tuple[str, ...]
+
+
+def start(asked: Watch) -> Begun:
+    """Go on with a watch, or learn from healthy runs what is usual.
+
+    What was learnt goes by one model; where the robot has another now, it is learnt
+    again, and the source is read on.
+
+    Raises:
+        InputError: If there are too few healthy runs, or they are of another robot.
+    """
+    store, robot = store_folder(asked.store), load(asked.robot)
+    choice = choose(robot, asked.model, store)
+    path = _path(asked, store, robot)
+    before = read(path)
+    if before and before.origin.robot_hash != robot.content_hash:
+        raise InputError(
+            f"{path} is of {before.origin.robot} as it was described then. Delete it "
+            "to begin anew, or put the description back."
+        )
+    good = _good(asked, store, choice, before)
+    origin = Origin(robot.name, robot.content_hash, choice.diagnosis, good)
+    if before and before.origin == origin:
+        return Begun(robot, before, path, (*choice.lines, _going_on(before)))
+    session = _learnt(asked, store, robot, origin)
+    session = new_session(origin, session, before.position if before else None)
+    again = ("model or healthy runs are others than before: learnt again",)
+    lines = (*choice.lines, *(again if before else ()), _learnt_from(session))
+    return Begun(robot, session, path, lines)
+
+
+def _path(asked: Watch, store: Path, robot: Robot) -> Path:
+    if asked.state is not None:
+        path = Path(asked.state)
+        if not path.parent.is_dir():
+            raise InputError(f"--state {path}: there is no folder {path.parent}.")
+        return path
+    folder = store / STATES
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    serial = f"-{robot.serial}" if robot.serial else ""
+    return folder / f"{robot.name}{serial}.npz"
+
+
+def _good(
+    asked: Watch, store: Path, choice: Choice, before: Session | None
+) -> tuple[str, ...]:
+    if asked.good:
+        return tuple(read_run(store, id).id for id in asked.good)
+    if before:
+        return before.origin.good
+    good = source_of(choice.diagnosis, store).good if choice.diagnosis else ()
+    if len(good) < LEAST_RUNS:
+        raise InputError(
+            f"{len(good)} healthy runs to learn from, expected at least {LEAST_RUNS}, "
+            "such as will be watched, cold and warm. Import them and name them:\n"
+            "modelgap watch ROBOT --calibrate RUN RUN RUN ..."
+        )
+    return good
+
+
+@one_blas_thread
+def _learnt(asked: Watch, store: Path, robot: Robot, origin: Origin):
+    source = source_of(origin.diagnosis or asked.robot, store)
+    runs = [read_run(store, id) for id in origin.good]
+    for run in runs:
+        source.robot_of(run, store)
+    return learn(source.model_of(robot, runs), runs, asked.per_hour)
+
+
+def _learnt_from(session: Session) -> str:
+    minutes, count = 60 * session.reference.hours, len(session.origin.good)
+    limits = session.reference.limits
+    return (
+        f"learnt from {count} healthy runs, {minutes:.3g} min; an alarm needs "
+        f"{limits.min():.2g} to {limits.max():.2g} nats of evidence"
+    )
+
+
+def _going_on(session: Session) -> str:
+    heard = session.state.tail.heard
+    minutes = session.state.moved / session.reference.window.row_rate / 60
+    return (
+        f"going on after {heard.samples} samples, {minutes:.3g} min of motion and "
+        f"{session.state.alarms} alarms"
+    )

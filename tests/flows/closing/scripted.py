@@ -1,10 +1,9 @@
 """A loop whose arm is not moved: what comes of each step stands in a list."""
 
 from flows.steps.closing import close
-from flows.steps.closing.act import Came
 from flows.steps.closing.arm import Close
-from flows.steps.closing.known import RUN
-from flows.steps.closing.rule import ADOPT, DIAGNOSE, STOP
+from flows.steps.closing.close import Came
+from flows.steps.closing.rule import ADOPT, DIAGNOSE, RUN, STOP
 
 SPRING, OFFSET = "spring on joint 3", "offset on joint 6"
 QUIET = {"verdict": "none", "effects": [], "classes": [], "rivals": [], "twins": []}

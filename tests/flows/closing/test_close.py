@@ -9,7 +9,6 @@ from functools import partial
 import pytest
 
 from flows.cli import main
-from flows.steps.closing import act as acting
 from flows.steps.closing import close
 from flows.steps.closing.arm import Close, loop_id, make_arm
 from residual.errors import InputError
@@ -139,10 +138,10 @@ def test_records_of_another_arm_are_not_gone_on_with(tmp_path, monkeypatch, whol
 
 def test_a_designed_motion_is_as_long_as_is_ample():
     spec = TrajectorySpec("fourier", 20.0, 8, 0, ((1.0,),))
-    assert acting.cut(spec, 1.0).duration == 10.0  # four periods of 2.5 s hold 8 s
-    assert acting.cut(spec, 9.0).duration == 15.0
-    assert acting.cut(spec, None) == spec
-    assert acting.cut(replace(spec, kind="cyclic"), 1.0).duration == 20.0
+    assert close.cut(spec, 1.0).duration == 10.0  # four periods of 2.5 s hold 8 s
+    assert close.cut(spec, 9.0).duration == 15.0
+    assert close.cut(spec, None) == spec
+    assert close.cut(replace(spec, kind="cyclic"), 1.0).duration == 20.0
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ import pytest
 
 from flows.report.closed import FALSE, MISSED, RIGHT, headline, pairs, render
 from flows.steps.closing import close
-from flows.steps.closing.act import summary
-from flows.steps.closing.close import begun
+from flows.steps.closing.close import begun, summary
 from residual.diagnosis.result import (
     MOTION,
     Alternative,

@@ -10,9 +10,8 @@ import pytest
 from flows.blind import draw as blind_draw
 from flows.blind.draw import Asked, Draft, Excitation, Wish
 from flows.blind.export import write
-from flows.blind.export.case import moves
-from flows.blind.export.write import classes, words
-from flows.cli.blind import blind
+from flows.blind.export.write import classes, moves, words
+from flows.cli.demo import blind
 from flows.errors import RunError
 from flows.workers.pool import Here
 from residual.errors import InputError
@@ -48,7 +47,7 @@ DRAFTS = [
 @pytest.fixture
 def short(monkeypatch, compiled_plant):
     monkeypatch.setattr(write, "drafts", lambda asked: DRAFTS)
-    monkeypatch.setattr("flows.blind.export.case.AFTER", ("cyclic", "cyclic"))
+    monkeypatch.setattr("flows.blind.export.write.AFTER", ("cyclic", "cyclic"))
     monkeypatch.setattr(blind_draw, "_PAUSE", 1.0)
     # Without known sizes the usual ones are hidden, and nothing need be diagnosed.
     monkeypatch.setattr(write, "null_sizes", lambda *args: ({0: []}, []))

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from flows.steps.planning.design import RANDOM, design, improve
+from flows.steps.planning.design import (
+    RANDOM,
+    apart_by_no_motion,
+    design,
+    document,
+    improve,
+)
 from flows.steps.planning.motions import (
     FOURIER,
     Search,
@@ -14,7 +20,6 @@ from flows.steps.planning.motions import (
     series_gram,
     with_twins,
 )
-from flows.steps.planning.suggest import apart_by_no_motion, document
 from residual.planning.promise import promised
 from residual.robot.dynamics import inverse_dynamics
 from sim.engine.geometry import MARGIN, body, clearances

@@ -9,12 +9,10 @@ from flows.cli import main
 from flows.inputs.robots import load
 from flows.requests import Diagnose
 from flows.specs.experiment import ExperimentSpec
-from flows.steps import experiment
+from flows.steps import experiment, rerun
 from flows.steps.diagnose import diagnose_runs, request_of
-from flows.steps.planning.ask import ask
+from flows.steps.planning.ask import Next, ask
 from flows.steps.planning.execute import execute, next_spec
-from flows.steps.planning.request import Next
-from flows.steps.rerun import rerun
 from residual.errors import InputError
 from residual.recording import Recording
 from sim.records import TrajectorySpec

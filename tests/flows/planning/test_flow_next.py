@@ -41,7 +41,7 @@ def stored(tmp_path_factory):
 
 
 def test_the_flow_runs_a_motion_and_reports_all_logs(server, stored, monkeypatch):
-    from flows.scheduled import settling
+    from flows.scheduled import loop as settling
 
     monkeypatch.setattr("flows.steps.planning.design.MANY", 4)
     monkeypatch.setattr("flows.steps.planning.design._LOOKS", 70)
@@ -56,7 +56,7 @@ def test_the_flow_runs_a_motion_and_reports_all_logs(server, stored, monkeypatch
 
 
 def test_the_flow_fails_where_nothing_is_open(server, stored, monkeypatch):
-    from flows.scheduled import settling
+    from flows.scheduled import loop as settling
 
     store, diagnosis = stored
     monkeypatch.setattr("residual.planning.question.alternatives", lambda *_: ([], 1.0))
@@ -68,13 +68,13 @@ def test_the_flow_fails_where_nothing_is_open(server, stored, monkeypatch):
 def test_the_flow_close_decides_until_nothing_is_left_and_reports(
     server, tmp_path, monkeypatch
 ):
-    from flows.scheduled import closing
+    from flows.scheduled import loop
 
     quiet = partial(scripted.act, script=(scripted.QUIET,))
     monkeypatch.setattr("flows.steps.closing.close.act", quiet)
     monkeypatch.setattr("flows.steps.closing.close.open_seal", lambda *_: [])
-    page = Path(closing.close(budget=4, seed=1, effects=0, store=str(tmp_path)))
+    page = Path(loop.close(budget=4, seed=1, effects=0, store=str(tmp_path)))
     text = page.read_text(encoding="utf-8")
     assert "Nothing was hidden, and nothing was adopted" in text
     assert len(list_folders(tmp_path, "decisions")) == text.count('<th scope="row"')
-    assert closing.close(budget=4, seed=1, effects=0, store=str(tmp_path)) == str(page)
+    assert loop.close(budget=4, seed=1, effects=0, store=str(tmp_path)) == str(page)

@@ -1,0 +1,182 @@
+"""modelgap identify, calibrate and calibrate-null: what is fitted to logs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from flows.cli.options import SEEDS, Outputs, check_between, check_workers
+from flows.outputs import check_new_folder, in_folder, progress_bar, read_files, say
+from flows.report import calibration as calibrated
+from flows.report.console import show, wide
+from flows.report.models import identification as identified
+from flows.report.monitoring import null_lines
+from flows.report.words.calibration import sentences
+from flows.requests import Calibrate, Identify, Json, Log, Null, Words
+from flows.settings import store_folder
+from flows.steps import calibrate as calibration
+from flows.steps import identify as identification
+from flows.steps import null as nulls
+from flows.steps.models import choose_for
+from flows.storage.calibration import calibration_files
+from flows.storage.calibration import document as calibration_document
+from flows.storage.identification import document as identification_document
+from flows.storage.null import null_json
+from residual.calibration.rows import Run
+from residual.errors import InputError
+from residual.model.export import robot_files
+from residual.robot.robot import Robot
+
+
+def identify(
+    *logs: Log, asked: Identify, export: str | None = None, json: Json = None
+) -> None:
+    """Identify the parameters of a robot's model.
+
+    Base inertial parameters and declared effects are fitted together, with standard
+    deviations; what the motion cannot tell is said. Errors are taken on the logs of
+    --holdout.
+
+    ```
+    modelgap identify A.csv B.csv --robot arm.urdf --holdout C.csv
+    modelgap identify A.csv B.csv --robot arm.urdf --consistent --export arm_new
+    ```
+
+    Args:
+        logs: Logs to fit: CSV or Parquet, a window as in FILE@0:16.5 or FILE@60%:,
+            or the id of a run of the store.
+        export: New folder for the identified URDF and robot.toml; give it as --robot.
+    """
+    request = replace(asked, logs=logs)
+    choice = choose_for(request)
+    request = replace(request, model=choice.diagnosis)
+    words = (*logs, *request.held_out, request.robot)
+    out = Outputs({"--json": json}, read_files(words, request.columns))
+    if export is not None:
+        check_new_folder("--export", Path(export))
+    read = identification.read_logs(request)
+    out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
+    made, kept = identification.identify(request, read)
+    files = {}
+    if export is not None:
+        about = f"identified from {' '.join(made.fit)}"
+        files = in_folder(export, robot_files(made.best, about))
+    show(wide(out.console), *identified(made))
+    out.write(document=lambda: identification_document(made), also=files)
+    out.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
+
+
+def calibrate(
+    *logs: Log,
+    asked: Calibrate,
+    report: str | None = None,
+    json: Json = None,
+    export: str | None = None,
+) -> None:
+    """Fit look-up tables to the residual of a model, and validate them in every way.
+
+    Least squares, PLSR, the paper's nominal-level PLSR and a form that generalises are
+    compared on runs left out, on families of motion left out, and on the paper's
+    systematic and random rows. Where they disagree, the page says what random rows
+    hide.
+
+    ```
+    modelgap calibrate A.csv B.csv C.csv --robot arm.urdf --report out.html
+    modelgap calibrate 3f2a 77c0 90ab --robot irb140 --paper
+    modelgap calibrate 3f2a 77c0 90ab --robot irb140 --export tables
+    ```
+
+    Args:
+        logs: Logs: CSV or Parquet, a window as in FILE@0:16.5 or FILE@60%:, or the id
+            of a run of the store. A single log is cut into parts.
+        report: HTML page to write.
+        json: File for all figures as JSON; "-" prints it and nothing else.
+        export: New folder for the tables, the model that they correct, and programs
+            that evaluate both.
+    """
+    request = replace(asked, logs=logs)
+    choice = choose_for(request)
+    request = replace(request, model=choice.diagnosis)
+    inputs = read_files((*logs, request.robot), request.columns)
+    out = Outputs({"--report": report, "--json": json}, inputs)
+    if export is not None:
+        check_new_folder("--export", Path(export))
+    read, runs = calibration.read_logs(request)
+    if request.paper:
+        runs = _with_twins(read.robot, runs)
+    out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
+    with progress_bar() as progress:
+        done = calibration.calibrate(request, read, runs, progress)
+    made = done.made
+    out.write(
+        {"--report": lambda: calibrated.render(made, done.warnings)},
+        lambda: calibration_document(made, sentences(made), done.warnings, done.kept),
+        in_folder(export, calibration_files(made)) if export is not None else {},
+    )
+    show(wide(out.console), *calibrated.told(done))
+    out.finish(*_kept(done))
+
+
+def _kept(done: calibration.Calibrated) -> list[str]:
+    if not done.kept:
+        return []
+    model, validation = done.kept["model"], done.kept["validation"]
+    return [
+        f"stored: model {model}, validation {validation}: modelgap show "
+        f"{validation[:8]}"
+    ]
+
+
+def _with_twins(robot: Robot, runs: tuple[Run, ...]) -> tuple[Run, ...]:
+    # Here, since who calibrates in another way need not load the engine.
+    from flows.steps.experiment import with_twins
+
+    return with_twins(robot, runs)
+
+
+def calibrate_null(
+    *logs: Log,
+    asked: Null,
+    baseline: Words = (),
+    out: str | None = None,
+    workers: int | None = None,
+) -> None:
+    """State the false-alarm rate of a diagnosis: once per robot, motion and noise.
+
+    Makes recordings in which nothing is missing, with the motion, the model and the
+    noise of the logs, encoder and torque noise drawn anew, and searches them as a
+    diagnosis does. The store keeps what they show; a later diagnosis of such logs with
+    that robot finds it there, and states a p-value.
+
+    ```
+    modelgap calibrate-null A.csv B.csv --robot arm.urdf
+    modelgap calibrate-null A.csv B.csv --robot arm.urdf --out null.json
+    modelgap diagnose A.csv B.csv --robot arm.urdf --null null.json
+    ```
+
+    Interrupted, it keeps what is finished; the same command goes on.
+
+    Args:
+        logs: Logs as they will be diagnosed: CSV, Parquet, or ids of runs.
+        baseline: Refused: what is compared with healthy runs needs no null.
+        out: JSON file to write as well.
+        workers: Number of processes; one per core without it.
+    """
+    if baseline:
+        raise InputError(
+            "--baseline: a comparison with healthy runs needs no null: those runs show "
+            "what chance does. Leave it out, or diagnose at once: "
+            "modelgap diagnose LOG ... --baseline HEALTHY ... --robot R."
+        )
+    check_between("--seed", asked.seed, 0, SEEDS)
+    check_between("--draws", asked.draws, 1, 1_000_000)
+    check_workers(workers)
+    outputs = Outputs({"--out": out}, read_files(logs))
+    request = replace(asked, logs=logs)
+    with progress_bar() as progress:
+        made = nulls.calibrate_null(request, progress, workers=workers)
+    outputs.write({"--out": lambda: null_json(made.null)})
+    say(Console(), *null_lines(made, asked.draws, store_folder(asked.store)))
+    outputs.finish()
+    if not made.complete:
+        raise KeyboardInterrupt

@@ -1,0 +1,79 @@
+"""modelgap check and import: whether logs are what they say, and into the store."""
+
+from dataclasses import replace
+
+from rich.console import Console
+
+from flows.cli.options import Outputs
+from flows.outputs import read_files, say
+from flows.report.console import show
+from flows.report.records import channels, log_lines
+from flows.report.words.verdict import check_lines
+from flows.requests import Check, Flag, Import, Json, Log
+from flows.settings import store_folder
+from flows.steps import check as checking
+from flows.steps import imports
+from warehouse.objects.mirror import shown
+
+
+def check(*logs: Log, asked: Check, json: Json = None) -> None:
+    """Check logs before any modelling: units, signs, order of joints, clock, sensors.
+
+    Every fault is told with its evidence, how certain it is, and the line for the map
+    or the robot file that mends it. What is certain makes diagnose, identify, calibrate
+    and import stop; here it does not: the exit code is 0 whatever is found.
+
+    ```
+    modelgap check A.csv B.csv --robot arm.urdf
+    modelgap check A.csv --robot arm.urdf --map COLUMNS.toml --json check.json
+    ```
+
+    Args:
+        logs: Logs: CSV, Parquet, ROS bag or MCAP, a window as in FILE@0:16.5 or
+            FILE@60%:, or the id of a run of the store.
+    """
+    request = replace(asked, logs=logs)
+    out = Outputs({"--json": json}, read_files((*logs, asked.robot), asked.columns))
+    read = checking.read_logs(request)
+    out.say(*read.lines[1:])
+    report = checking.check(read, request.declared)
+    out.write(document=report.to_json)
+    out.say(*check_lines(report))
+    out.finish()
+
+
+def import_(*logs: Log, asked: Import, dry_run: Flag = False) -> None:
+    """Put measured logs into the store, as runs like any other.
+
+    Then their ids stand for them: in identify, calibrate, diagnose, monitor and SQL.
+
+    ```
+    modelgap import monday.csv --robot arm.urdf --dry-run
+    modelgap import monday.csv tuesday.mcap --robot arm.urdf --map COLUMNS.toml
+    modelgap import weld.bag@2:40 --robot arm_folder --trajectory welding
+    ```
+
+    CSV with any separator, also with lines above the names as RobotStudio's viewers
+    write them, Parquet, ROS 1 and ROS 2 bags, MCAP. Of bags the joint states are read,
+    joints by their names in the URDF. --dry-run shows what was understood and stores
+    nothing. A log that is in the store already is not stored again.
+
+    Args:
+        logs: Logs; FILE@0:16.5 takes a window in seconds from the first sample.
+        dry_run: Only show what was understood, and the id it would have.
+    """
+    place, console = store_folder(asked.store), Console()
+    request = replace(asked, logs=logs, store=place)
+    arm, read = imports.read_logs(request)
+    for log in read:
+        if dry_run:
+            show(console, channels(log))
+        say(console, *log_lines(log, arm, dry_run))
+    sound, report = imports.check_logs(request, arm, read)
+    say(console, *(f"warning: {sentence}" for sentence in report.sentences))
+    for log in () if dry_run else sound:
+        id = imports.store_log(log, request, arm)
+        word = "was in" if log.stored else "stored in"
+        say(console, f"{id}  {log.known.id}: {word} {shown(place)}")
+        if log.stored and (request.tags or request.recorded_at):
+            say(console, "  its tags and time stay as they were stored")

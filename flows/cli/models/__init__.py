@@ -1,1 +1,0 @@
-"""Commands about a model: its torque, and other programs."""

@@ -1,0 +1,161 @@
+"""modelgap next: the motion that would settle what a verdict leaves open."""
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from flows.cli.options import FASTEST, SEEDS, Outputs, check_between
+from flows.inputs.logs import is_run
+from flows.outputs import Progress, progress_bar, read_files, say
+from flows.report.console import show
+from flows.report.next import Sheet, comparison, nothing_open, render_sheet, told
+from flows.report.words.verdict import sentences
+from flows.requests import Flag, Log, Next
+from flows.settings import store_folder
+from flows.steps.experiment import as_csv
+from flows.steps.planning.ask import Asked, ask
+from flows.steps.planning.design import Design, design, document
+from flows.steps.planning.execute import execute, next_spec, settle
+from flows.steps.planning.motions import Search, with_twins
+from flows.storage.diagnosis import read_verdict
+from residual.diagnosis.verdict import to_json
+from residual.errors import InputError
+from residual.planning.outlook import HOPELESS
+from residual.threads import one_blas_thread
+from sim.records import Reference, TrajectorySpec
+from sim.trajectories import make_reference
+from warehouse.objects.mirror import shown
+
+_PLAIN = Next()
+
+
+def next_(
+    verdict: str,
+    /,
+    *logs: Log,
+    asked: Next = _PLAIN,
+    rate: float = 250.0,
+    out: str | None = None,
+    report: str | None = None,
+    json: str | None = None,
+    run: Flag = False,
+) -> None:
+    """Design the motion that tells apart what a verdict leaves open.
+
+    The logs of the verdict are looked at once more; then motions of all families are
+    searched for the one that brings most evidence between the rivals, within the
+    limits of the arm. Of a diagnosis in the store all is known:
+
+    ```
+    modelgap next 3f2a --out program.csv --report program.html
+    modelgap next 3f2a --run
+    ```
+
+    Of the JSON of a verdict, its logs and robot have to be named:
+
+    ```
+    modelgap next out.json A.csv B.csv --robot arm.urdf --out program.csv
+    ```
+
+    Or an effect is wished to be seen, if it is as large:
+
+    ```
+    modelgap next 3f2a --want "payload>=0.5" --seconds 12
+    ```
+
+    Args:
+        verdict: Id of a diagnosis in the store (the beginning is enough), or the file
+            of modelgap diagnose --json.
+        logs: Logs of that file: CSV, Parquet, ROS bag or MCAP, or the id of a run.
+        rate: Samples per second of the program.
+        out: CSV for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
+            (rad/s^2).
+        report: HTML page that says how to run it.
+        json: File for the verdict with its next_experiment filled in; "-" prints it
+            and nothing else.
+        run: Run it on the simulated arm that the runs are of, and diagnose all logs
+            together.
+    """
+    request = replace(asked, verdict=verdict, logs=logs)
+    outputs = _checked(
+        request, {"--out": out, "--report": report, "--json": json}, rate, run
+    )
+    with progress_bar() as progress:
+        opened = ask(request, progress)
+        if run:  # whether it can be is known before the search
+            next_spec(store_folder(request.store), opened.request, TrajectorySpec())
+        made = _designed(opened, request, progress)
+    outputs.say(*opened.lines)
+    if not opened.same:
+        said = sentences(opened.found.verdict)[0]
+        outputs.say(f"Warning: these logs say another thing than {verdict}: {said}")
+    if made is None or made.best.seen.worth < HOPELESS:
+        outputs.say(*nothing_open(opened, made))
+        return
+    reference = make_reference(opened.robot, made.best.spec, rate)
+    program = Path(out).name if out else None
+    plan = document(made, program)
+    outputs.write(
+        {
+            "--out": lambda: as_csv(reference),
+            "--report": lambda: _page(opened, made, reference, program),
+        },
+        lambda: to_json(replace(opened.verdict, next_experiment=plan)),
+    )
+    show(outputs.console, *told(made), comparison(made))
+    outputs.finish()
+    if run:
+        _run(opened, made, outputs.console)
+
+
+def _checked(
+    request: Next, options: Mapping[str, str | None], rate: float, run: bool
+) -> Outputs:
+    stored = is_run(request.verdict)
+    words = (*request.logs, *request.baseline, *request.held_out)
+    read = [] if stored else [Path(request.verdict)]
+    outputs = Outputs(options, read + read_files(words, request.columns))
+    check_between("--rate", rate, 1, FASTEST)
+    check_between("--seed", request.seed, 0, SEEDS)
+    if run and not stored:
+        raise InputError(
+            "--run takes the id of a diagnosis in the store: only of its runs the "
+            "arm is known. Without it, write the motion with --out."
+        )
+    return outputs
+
+
+@one_blas_thread
+def _designed(opened: Asked, request: Next, tell: Progress | None) -> Design | None:
+    """Return the best motion; None where nothing is open."""
+    if not opened.question.contests:
+        return None
+    wanted = Search(opened.question, opened.robot, request.seconds, request.seed)
+    return design(with_twins(wanted), tell)
+
+
+def _page(
+    opened: Asked, made: Design, reference: Reference, program: str | None
+) -> str:
+    request = opened.request
+    words = ["modelgap", "diagnose", *request.logs, "NEW_LOG", "--robot", request.robot]
+    for option, more in (
+        ("--holdout", request.held_out),
+        ("--baseline", request.baseline),
+    ):
+        words += [option, *more] if more else []
+    return render_sheet(Sheet(opened, made, reference, program, shlex.join(words)))
+
+
+def _run(opened: Asked, made: Design, console: Console) -> None:
+    """Run the motion, diagnose all logs together, and say what came of it."""
+    id = execute(opened.request, made.best.spec)
+    say(console, f"ran it on the simulated arm: run {id}")
+    with progress_bar() as progress:
+        diagnosis, _ = settle(opened.request, id, progress)
+    store = store_folder(opened.request.store)
+    say(console, *sentences(read_verdict(store, diagnosis)))
+    say(console, f"stored in {shown(store)}: modelgap show {diagnosis}")

@@ -1,0 +1,162 @@
+"""modelgap init and inbox: a project of one's own, and what lies in its inboxes."""
+
+import time
+from collections import Counter
+from pathlib import Path
+
+from flows.inbox.new import diagnose_new
+from flows.inbox.run import Inbox, inboxes, look_twice, take_all
+from flows.inbox.take import KNOWN, REFUSED, STORED, WAITING, Taken
+from flows.outputs import progress_bar
+from flows.project.notify import Notice, tell
+from flows.project.read import Project, read_project
+from flows.project.start import Start, start
+from flows.report.words.verdict import headline
+from flows.requests import Flag
+from flows.settings import PROJECT
+from flows.steps.monitor import watch_new
+from residual.errors import InputError
+
+_PAUSE = 5.0  # s between two looks
+
+
+def init(
+    folder: str = ".", /, *, robot: str | None = None, simulated: Flag = False
+) -> None:
+    """Write modelgap.toml: robots, inboxes, schedules, store, who is told.
+
+    ```
+    modelgap init --robot arm.urdf
+    modelgap init cell4 --robot ur10_folder
+    modelgap init trial --robot irb140 --simulated
+    ```
+
+    Every option is in the file, with a comment; what is commented out shows the
+    default. Then put logs into inbox/ and start it: modelgap up. An existing file is
+    never overwritten.
+
+    Args:
+        folder: Where; made if it is not there.
+        robot: URDF file, folder with one and an optional robot.toml, or built-in name;
+            what lies elsewhere is copied beside the file. The simulated IRB140 unless
+            given.
+        simulated: Let the nights run a campaign on a simulated arm of it.
+    """
+    project = start(Start(folder, robot, simulated))
+    print(f"wrote {project.folder / PROJECT}")
+    for inbox in project.table.inbox:
+        print(f"logs of {inbox.robot} go into {project.path(inbox.folder)}")
+    there = "" if project.folder == Path.cwd() else f" in {project.folder}"
+    print(f"edit it if you like, then{there}: modelgap up")
+
+
+def inbox(
+    folder: str = ".", /, *, once: Flag = False, import_only: Flag = False
+) -> None:
+    """Store the logs in the inboxes of a project, watch and diagnose them.
+
+    ```
+    modelgap inbox
+    modelgap inbox --once
+    modelgap inbox --once --import-only
+    ```
+
+    What modelgap up does on a schedule, as a plain command. A log that rests is checked
+    and stored; its file goes to done/, or to rejected/ with the reason in a text file
+    beside it. What is still written is waited for. Afterwards each robot is diagnosed
+    once for all that is new. It may be ended at any time: nothing is lost or stored
+    twice.
+
+    Args:
+        folder: Folder of the project (modelgap.toml).
+        once: Return when what lies there now is done; without it until Ctrl-C.
+        import_only: Leave watching and diagnosing to the night.
+    """
+    project = read_project(folder)
+    of = inboxes(project)
+    if not of:
+        raise InputError(
+            "modelgap.toml has no [[inbox]]. Add one with robot and folder, then again."
+        )
+    while True:
+        sums = _round(project, of, import_only)
+        if once:
+            words = ", ".join(f"{sums[what]} {what}" for what in _WORDS)
+            print(words)
+            return
+        if not sums:
+            time.sleep(_PAUSE)
+
+
+_WORDS = (STORED, KNOWN, REFUSED, WAITING)
+
+
+def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counter:
+    sums: Counter = Counter()
+    for place, resting in look_twice(of).items():
+        inbox = of[place]
+        told = (lambda _: None) if import_only else _watcher(project, inbox)
+        for number, taken in enumerate(take_all(inbox, resting, told), 1):
+            sums[taken.what] += 1
+            _say(f"{number}/{len(resting)} {_words(taken)}")
+            if taken.what == REFUSED:
+                title = f"{inbox.table.robot}: {taken.path.name} was refused"
+                notice = Notice("refused", inbox.table.robot, title, taken.why)
+                _tell(project, notice)
+    if not import_only and sums:
+        for robot in project.table.robot:
+            if not robot.simulated:
+                _diagnose(project, robot.name)
+    return sums
+
+
+def _words(taken: Taken) -> str:
+    name = taken.path.name
+    if taken.what == STORED:
+        return f"{name}: stored as run {taken.run}"
+    if taken.what == KNOWN:
+        return f"{name}: is run {taken.run} already"
+    return f"{name}: {taken.what}: {taken.why}"
+
+
+def _watcher(project: Project, inbox: Inbox):
+    robot = inbox.table.robot
+
+    def told(runs: list[str]) -> None:
+        try:
+            found = watch_new(runs, project.store)
+        except InputError as error:
+            _say(f"{robot}: not watched: {error}")
+            return
+        if found.alarmed:
+            title = f"{robot}: {len(found.alarmed)} of {len(runs)} new runs alarm"
+            _say(title)
+            _tell(project, Notice("alarm", robot, title, ids=found.alarmed))
+
+    return told
+
+
+def _diagnose(project: Project, robot: str) -> None:
+    try:
+        with progress_bar() as progress:
+            found = diagnose_new(project, robot, progress)
+    except InputError as error:
+        _say(f"{robot}: not diagnosed: {error}")
+        _tell(project, Notice("failed", robot, f"{robot}: not diagnosed", str(error)))
+        return
+    if found is None:
+        return
+    title = f"{robot}: {headline(found.verdict)}"
+    _say(f"{title} ({len(found.batch.runs)} new runs against {found.batch.against})")
+    _say(f"stored as a diagnosis: modelgap show {found.ids[0]}")
+    if found.verdict.effects:
+        _tell(project, Notice("finding", robot, title, ids=found.ids[:1]))
+
+
+def _tell(project: Project, notice: Notice) -> None:
+    for why in tell(project, notice):
+        _say(f"not told: {why}")
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

@@ -1,1 +1,0 @@
-"""Commands of a project of one's own."""

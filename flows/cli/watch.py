@@ -1,0 +1,253 @@
+"""modelgap watch, monitor and wear: is the arm, and are its sensors, as they were?"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from flows.cli.options import STDOUT, Outputs
+from flows.errors import RunError
+from flows.inputs.stream import GrowingFile, StandardInput
+from flows.outputs import progress_bar, say
+from flows.report.console import show
+from flows.report.figures.scores import plot as draw
+from flows.report.monitoring import (
+    WEAR_KEY,
+    alarm_line,
+    alarm_table,
+    end_line,
+    meaning,
+    wear_sentence,
+    wear_table,
+)
+from flows.report.words.verdict import headline
+from flows.requests import Columns, Flag, Json, Monitor, Store
+from flows.service.status import start_diagnosis
+from flows.settings import store_folder
+from flows.steps import diagnose as diagnosis
+from flows.steps import monitor as monitoring
+from flows.steps.models import chosen_to_watch
+from flows.steps.watch.run import (
+    Shell,
+    keep_alarm,
+    keep_run,
+    long_enough,
+    request_of,
+)
+from flows.steps.watch.run import watch as run
+from flows.steps.watch.session import Begun, Session, Watch, start
+from flows.steps.wear import Wear, follow
+from flows.storage.diagnosis import read_verdict
+from residual.errors import ModelgapError
+from residual.monitoring.rows import Samples
+from residual.monitoring.watch import Change
+from warehouse.logs import ColumnMap, load_columns
+from warehouse.objects.mirror import shown
+
+_PLAIN, _HOURLY = Watch(), Monitor()
+
+
+def watch(
+    robot: str,
+    /,
+    *,
+    asked: Watch = _PLAIN,
+    file: str,
+    columns: Columns = None,
+    once: Flag = False,
+    alarms_only: Flag = False,
+) -> None:
+    """Watch a robot while it runs; say what has changed, and diagnose it.
+
+    ```
+    modelgap watch irb140 --file today.csv --calibrate 01ab 02cd 03ef 04aa
+    logger_of_the_arm | modelgap watch irb140 --file -
+    ```
+
+    From healthy runs it learns what the model of the robot leaves; then it reads rows
+    as they come. A load on the flange, a gain, bias or friction of a joint that is
+    no longer as it was raises an alarm with its size; the rows around it become a run
+    of the store, and that is diagnosed: by the service where one is up (modelgap up),
+    else here. Ctrl-C loses nothing: the same command goes on where it stopped
+    (docs/watch.md).
+
+    Args:
+        robot: Built-in name (irb140), URDF file or folder. It goes by the model that
+            it has in the store (modelgap models).
+        file: CSV or JSON lines that grow; half a line is waited for. "-" is standard
+            input, such lines down a pipe.
+        once: Read what is there, diagnose, and stop.
+        alarms_only: Store alarms and their rows, and diagnose nothing.
+    """
+    console = Console()
+    tell = partial(say, console)
+    begun = start(replace(asked, robot=robot))
+    arm = begun.robot, load_columns(columns) if columns else ColumnMap()
+    source = (
+        StandardInput(*arm)
+        if file == STDOUT
+        else GrowingFile.at(Path(file), *arm, begun.session.position)
+    )
+    say(console, *begun.lines, f"reading {source.name}; Ctrl-C stops, nothing is lost")
+    watched = store_folder(asked.store), robot, begun
+
+    def diagnose(now: Session, samples: Samples, alarm: Change) -> None:
+        _alarmed(now, samples, alarm, watched, alarms_only, tell)
+
+    shell = Shell(source, begun.path, tell, lambda a: tell(alarm_line(a)), diagnose)
+    try:
+        session = run(begun.session, shell, once)
+    except KeyboardInterrupt:
+        tell(f"stopped; {begun.path} knows where. The same command goes on there.")
+        raise
+    say(console, end_line(session))
+
+
+def _alarmed(
+    session: Session,
+    samples: Samples,
+    alarm: Change,
+    watched: tuple[Path, str, Begun],
+    alarms_only: bool,
+    tell: Callable[[str], None],
+) -> None:
+    """Keep an alarm and its rows, and have them diagnosed; a failure ends no watch."""
+    store, word, begun = watched
+    run_id = keep_run(store, word, begun.robot, samples)
+    begin = float(samples.t[0])
+    id = keep_alarm(store, session, run_id, begin, alarm)
+    tell(f"stored: alarm {id[:8]}, its rows as run {run_id[:8]}")
+    if alarms_only:
+        return
+    if not long_enough(samples):
+        tell("too few rows for a diagnosis: the stream ended soon after the alarm")
+        return
+    request = request_of(session, run_id, word, store)
+    try:
+        started = start_diagnosis(request, store)
+        if started:
+            tell(f"diagnosis started: flow run {started} (modelgap status)")
+            return
+        tell("diagnosing the rows around the alarm ...")
+        diagnosed, _ = diagnosis.diagnose_runs(request)
+    except (ModelgapError, RunError) as error:
+        tell(f"no diagnosis: {error}")
+        return
+    tell(f"diagnosis: {headline(read_verdict(store, diagnosed))}")
+    tell(f"stored as a diagnosis: modelgap show {diagnosed}")
+
+
+def monitor(
+    model: str,
+    /,
+    *runs: Annotated[str, Parameter(name="RUN")],
+    asked: Monitor = _HOURLY,
+    nominal: Flag = False,
+    plot: str | None = None,
+) -> None:
+    """Watch the sensors of runs, with limits from healthy runs.
+
+    ```
+    modelgap monitor irb140 3f2a --calibrate 01ab 02cd 03ef 04aa
+    modelgap monitor 77e0 3f2a 4b1c --plot watched.png
+    ```
+
+    Encoders that freeze, jump or wander off, torque sensors with a bias, a lower gain
+    or spikes: when, which joint, which sensor. In a closed loop an encoder that drifts
+    slowly is hidden: the arm follows it (docs/monitoring.md).
+
+    Args:
+        model: Id of a diagnosis, or a robot (built-in name, URDF, folder) for the
+            model that it has (modelgap models). Its coefficients are fitted to the
+            healthy runs.
+        runs: Ids of the runs to watch; the beginning is enough.
+        nominal: Of a robot take the nominal model, whatever it has.
+        plot: PNG file for the scores over time.
+    """
+    place = store_folder(asked.store)
+    out = Outputs({"--plot": plot})
+    choice = chosen_to_watch(model, place, nominal, runs)
+    out.say(*choice.lines)
+    request = replace(asked, model=choice.diagnosis or model, runs=runs, store=place)
+    id, found, watched = monitoring.monitor(request)
+    if any(found.alarms.values()):
+        show(out.console, alarm_table(found, watched))
+    out.write({"--plot": lambda: draw(found, watched)})
+    out.say(meaning(found), *found.notes)
+    out.finish(f"stored in {shown(place)}: modelgap show {id}")
+
+
+def wear(
+    *runs: str,
+    robot: str,
+    model: str | None = None,
+    json: Json = None,
+    store: Store = None,
+) -> None:
+    """Tell wear from warming up in the stored runs of a robot.
+
+    ```
+    modelgap wear --robot irb140
+    ```
+
+    Friction that falls within a session and is back the next morning is warmth; what
+    moves from day to day at equal warmth is wear. It takes runs of several days, some
+    early and some late in their session, and says so where they cannot tell.
+
+    Args:
+        runs: Runs of the store; all of the robot, the latest 200, where none is given.
+        robot: Built-in name (irb140), URDF file, or folder with one *.urdf.
+        model: Hold the runs against this model: nominal, or an id. Without it the
+            adopted one, or one that is identified from the runs.
+    """
+    out = Outputs({"--json": json})
+    with progress_bar() as progress:
+        found = follow(store_folder(store), robot, runs, model, progress)
+    out.write(document=lambda: document(found))
+    if json != STDOUT:
+        out.say(*([found.line] if found.line else []))
+        show(out.console, wear_sentence(found), wear_table(found), WEAR_KEY)
+        return
+    out.finish()
+
+
+def document(found: Wear) -> dict:
+    """Return the outcome as plain values; changes are relative, NaN is null."""
+    return {
+        "schema": 1,
+        "robot": found.robot,
+        "clock": found.clock,
+        "time_constant": found.time,
+        "joints": [
+            {
+                "joint": one.joint,
+                "logs": one.logs,
+                "wear_per_30_days": _rate(one.wear),
+                "cold_to_warm": _rate(one.warming),
+                "why_not": one.why,
+            }
+            for one in found.joints
+        ],
+        "runs": [
+            {
+                "run_id": id,
+                "day": float(day),
+                "session": float(since),
+                "change": [None if v != v else float(v) for v in change],
+            }
+            for id, day, since, change in zip(
+                found.runs, found.days, found.sessions, found.change, strict=True
+            )
+        ],
+    }
+
+
+def _rate(rate) -> dict | None:
+    if rate is None:
+        return None
+    keys = ("value", "low", "high", "real")
+    return {key: getattr(rate, key) for key in keys}

@@ -1,0 +1,248 @@
+"""Diagnose, identify and calibrate from Python: the results of the steps, to keep."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from flows.door.table import Table
+from flows.inputs.logs import LogSets
+from flows.outputs import Progress, write_all
+from flows.report import calibration as calibration_page
+from flows.report.diagnosis import summary
+from flows.report.words.calibration import sentences
+from flows.steps.calibrate import calibrate_logs
+from flows.steps.diagnose import diagnose_logs
+from flows.steps.identify import identify_logs
+from flows.storage import calibration as calibrated
+from flows.storage import identification as identified
+from residual.calibration import calibrate as core
+from residual.calibration.methods import DEFAULT, NONE
+from residual.calibration.rows import Run
+from residual.calibration.scores import RUN, find
+from residual.diagnosis import result
+from residual.diagnosis.verdict import to_json
+from residual.identification.estimate import Options
+from residual.identification.prove import Identified
+from residual.lazy import Lazy
+from residual.method.null_record import Null
+from residual.model.corrected import Corrected
+from residual.model.export import robot_files
+from residual.model.model import Model
+from residual.recording import Recording
+from residual.robot.robot import Robot
+from warehouse.logs import check_distinct
+
+page = Lazy("flows.report.next")  # draws the motion that is proposed: a simulation
+
+_COLUMNS = ("name", "value", "sd", "nominal", "unit", "status", "joint", "is")
+
+
+def _as(kind: type, made: Any, **more: object) -> Any:
+    """Return a result of the core as one that can be shown and kept."""
+    return kind(*(getattr(made, field.name) for field in fields(made)), **more)
+
+
+def _sets(
+    robot: Robot,
+    fit: Sequence[Recording],
+    baseline: Sequence[Recording] = (),
+    held_out: Sequence[Recording] = (),
+) -> LogSets:
+    check_distinct([*fit, *baseline, *held_out])
+    return LogSets(robot, tuple(fit), tuple(baseline), tuple(held_out))
+
+
+class Diagnosis(result.Diagnosis):
+    """The result of a diagnosis, which can be shown and kept."""
+
+    __slots__ = ()
+
+    def save_report(self, path: str | Path) -> None:
+        """Write the page: one HTML file that needs nothing else."""
+        write_all({Path(path): page.page_with_motion(self)})
+
+    def to_json(self) -> dict:
+        """The verdict as plain values, in its documented form (docs/verdict.md)."""
+        return to_json(self.verdict)
+
+    def _repr_html_(self) -> str:
+        return summary(self)
+
+
+def diagnose(
+    robot: Robot,
+    fit: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    baseline: Sequence[Recording] = (),
+    declared: Sequence[str] | None = None,
+    null: Null | None = None,
+    progress: Progress | None = None,
+    trust_log: bool = False,
+) -> Diagnosis:
+    """Find which effects the model of a robot lacks, and prove it on other motion.
+
+    Args:
+        robot: The arm.
+        fit: Logs to diagnose.
+        held_out: Logs for the proof; none: the last quarter of the longest of ``fit``.
+        baseline: Logs of healthy runs. With them only what has changed is named.
+        declared: Effects that the model has; None for the robot's own list.
+        null: What ``load_null`` reads; p-values and threshold come from it.
+        progress: Called with the stage and the share done.
+        trust_log: Whether to go on where a fault of the logs is certain (``check``);
+            the answer is then "unknown", and names nothing.
+
+    Raises:
+        InputError: If a log or a name is not usable, two logs share samples, or a fault
+            of them is certain.
+    """
+    found = diagnose_logs(
+        _sets(robot, fit, baseline, held_out),
+        declared=declared,
+        trust_log=trust_log,
+        nulls=null or (),
+        progress=progress,
+    )
+    return _as(Diagnosis, found)
+
+
+class Identification(Identified):
+    """An identified model, which can be shown and kept."""
+
+    __slots__ = ()
+
+    @property
+    def parameters(self) -> Table:
+        """Base parameters: value, standard deviation, what they were, what they are."""
+        rows = pa.Table.from_pylist(identified.parameters(self))
+        return Table(rows.select(_COLUMNS))
+
+    @property
+    def models(self) -> Mapping[str, Model]:
+        """Models by name: nominal, identified, and consistent where it was asked."""
+        free = {"nominal": self.found.nominal, "identified": self.found.model}
+        bodies = (
+            {} if self.consistent is None else {"consistent": self.consistent.model}
+        )
+        return free | bodies
+
+    def save_urdf(self, folder: str | Path) -> None:
+        """Write URDF and robot.toml of the best model into a folder."""
+        place = Path(folder)
+        place.mkdir(parents=True, exist_ok=True)
+        write_all({place / k: v for k, v in robot_files(self.best).items()})
+
+    def to_json(self) -> dict:
+        """All of it as plain values (docs/identification.md)."""
+        return identified.document(self)
+
+    def __repr__(self) -> str:
+        before, after = (
+            f"{self.errors[name].overall('filtered'):.3g} %"
+            for name in ("nominal", "consistent" if self.consistent else "identified")
+        )
+        count = len(self.found.base)
+        return (
+            f"Identification({self.robot.name}: {count} parameters; "
+            f"held-out {before} -> {after})"
+        )
+
+
+def identify(
+    robot: Robot,
+    fit: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    declared: Sequence[str] | None = None,
+    options: Options | None = None,
+    consistent: bool = False,
+    trust_log: bool = False,
+) -> Identification:
+    """Identify base parameters and declared effects together, and prove them.
+
+    Args:
+        robot: The arm.
+        fit: Logs to fit.
+        held_out: Logs for the proof; none: the last quarter of the longest of ``fit``.
+        declared: Effects that the model has; None for the robot's own list.
+        options: Weights, prior, and whether to drop what is not needed; None for
+            weighted least squares without a prior.
+        consistent: Whether to find inertias too that bodies can have (needs the extra
+            ``sdp``).
+        trust_log: Whether to go on where a fault of the logs is certain (``check``).
+
+    Raises:
+        InputError: If a log or a name is not usable, two logs share samples, or a fault
+            of them is certain.
+    """
+    sets = _sets(robot, fit, held_out=held_out)
+    made = identify_logs(sets, declared, options, consistent, trust_log)
+    return _as(Identification, made)
+
+
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Calibration(core.Calibration):
+    """Look-up tables and what they are worth, which can be shown and kept.
+
+    Attributes:
+        warnings: What is odd about the logs but usable.
+    """
+
+    warnings: tuple[str, ...] = ()
+
+    def save_report(self, path: str | Path) -> None:
+        """Write the page: one HTML file that needs nothing else."""
+        write_all({Path(path): calibration_page.render(self, self.warnings)})
+
+    def save_tables(self, folder: str | Path) -> None:
+        """Write tables and model, with evaluators that need only NumPy or C."""
+        place, files = Path(folder), calibrated.calibration_files(self)
+        place.mkdir(parents=True, exist_ok=True)
+        write_all({place / name: content for name, content in files.items()})
+
+    def to_json(self) -> dict:
+        """All figures as plain values (docs/calibration.md)."""
+        return calibrated.document(self, sentences(self), self.warnings, {})
+
+    @property
+    def model(self) -> Corrected | None:
+        """Model and tables as one; None where they correct a simulated twin."""
+        return core.corrected_model(self)
+
+    def __repr__(self) -> str:
+        ours, none = (find(self.scores, RUN, model) for model in (DEFAULT, NONE))
+        error = (
+            f"{none.overall:.3g} % -> {ours.overall:.3g} %" if ours and none else "–"
+        )
+        return f"Calibration({self.robot}: unseen runs {error})"
+
+
+def calibrate(
+    robot: Robot,
+    fit: Sequence[Recording],
+    declared: Sequence[str] | None = None,
+    figures: bool = True,
+    trust_log: bool = False,
+) -> Calibration:
+    """Fit tables to what the model leaves, and judge them on motion they never saw.
+
+    Args:
+        robot: The arm.
+        fit: Logs; a single one is cut into five parts.
+        declared: Effects that the model has; None for the robot's own list.
+        figures: Whether to compute too what only the page shows, which takes most of
+            the time.
+        trust_log: Whether to go on where a fault of the logs is certain (``check``).
+
+    Raises:
+        InputError: If a log or a name is not usable, two logs share samples, or a fault
+            of them is certain.
+    """
+    names = None if declared is None else tuple(declared)
+    settings = core.Settings(declared=names, views=figures)
+    runs = [Run(log) for log in fit]
+    sets = _sets(robot, fit)
+    made, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
+    return _as(Calibration, made, warnings=warnings)

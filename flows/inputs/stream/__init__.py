@@ -1,1 +1,0 @@
-"""Samples that are still coming: a file that grows, a folder that fills, a socket."""

@@ -1,0 +1,352 @@
+"""Give a robot another model, with a reason, and take it back; nothing is deleted."""
+
+from dataclasses import asdict, dataclass
+from getpass import getuser
+from pathlib import Path
+
+from flows.inputs.robots import load
+from flows.requests import Flag, GivenWord, Request, Store
+from flows.settings import store_folder
+from flows.steps.models import diagnosis_of
+from flows.storage.diagnosis import read_known, read_models, read_verdict, store_report
+from residual.diagnosis.held_out import Worth, worth
+from residual.diagnosis.result import Verdict
+from residual.errors import InputError
+from residual.model.model import Model
+from residual.threads import one_blas_thread
+from warehouse.files import read_parquet
+from warehouse.ids import record_folder
+from warehouse.layout import list_folders, read_record
+from warehouse.numbered import (
+    ADOPTED,
+    ADOPTIONS,
+    FORCED,
+    ROLLED_BACK,
+    Adoption,
+    adopted,
+    commit_adoption,
+    read_adoption,
+)
+from warehouse.objects.mirror import shown
+from warehouse.runs import read_run
+from warehouse.schema import KINDS
+
+# Times the error of the baseline's own model: what a model may leave of its logs once
+# what was found is taken out again.
+EDITED = 2.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Judged:
+    """A model before the gate.
+
+    Attributes:
+        diagnosis: Id of the diagnosis that found it.
+        model_id: Its own id.
+        model: The model.
+        parent: The adoption that the robot has, with its number; None for none.
+        worth: What held-out motion says, None where there is none to ask.
+        doubts: Why it should not be adopted; empty for a model that may.
+    """
+
+    diagnosis: str
+    model_id: str
+    model: Model
+    parent: tuple[str, Adoption] | None
+    worth: Worth | None
+    doubts: tuple[str, ...] = ()
+
+    def as_record(self) -> dict:
+        """Return what the gate saw as JSON can hold it."""
+        seen = asdict(self.worth) if self.worth else {}
+        seen.pop("doubts", None)
+        return {"held_out": seen, "doubts": list(self.doubts)}
+
+
+@one_blas_thread
+def judge(store: Path, word: str) -> Judged:
+    """Hold the model of a diagnosis against the one that its robot has.
+
+    The logs are those that the diagnosis held out; the model before it is the adopted
+    one, else the one that the diagnosis started from.
+
+    Args:
+        word: Id of a diagnosis, of the model that it ended with, or of an adoption.
+
+    Raises:
+        InputError: If there is no such model.
+    """
+    id = diagnosis_of(store, word)
+    verdict, model = read_verdict(store, id), read_known(store, id)
+    parent = adopted(store, model.robot.name, model.robot.serial)
+    doubts, seen = _of_verdict(verdict), None
+    runs = _held_out(store, id)
+    if not runs:
+        doubts.append("no run was held out; diagnose with --holdout RUN")
+    else:
+        before = _before(store, id, parent)
+        seen = worth(model, before, [read_run(store, run) for run in runs])
+        doubts += seen.doubts
+    record = read_record(store, id)
+    return Judged(id, record["model_id"], model, parent, seen, tuple(doubts))
+
+
+def _of_verdict(verdict: Verdict) -> list[str]:
+    out = []
+    if not verdict.trusted:
+        out.append("a fault of its logs is certain")
+    if verdict.contradictions:
+        out.append("no arm can be as its fit says")
+    if not verdict.effects:
+        out.append("it names nothing that the model lacks")
+    if verdict.error.same_run:
+        out.append("its proof is the end of a log that was fitted")
+    return [*out, *_of_edit(verdict)]
+
+
+def _of_edit(verdict: Verdict) -> list[str]:
+    """What the edit test says: without its effects a model is that of the baseline."""
+    out = []
+    for one in verdict.edit or ():
+        if None in (one.error, one.kept, one.reference):
+            continue
+        if one.error > min(one.kept, EDITED * one.reference):
+            out.append(
+                f"without {one.name} it leaves {one.error:.3g} % "
+                f"of the healthy logs' torque, with it {one.kept:.3g} %, and their own "
+                f"model {one.reference:.3g} %: the edit test is not passed"
+            )
+    return out
+
+
+def _held_out(store: Path, diagnosis: str) -> tuple[str, ...]:
+    return tuple(read_record(store, diagnosis)["request"].get("held_out") or ())
+
+
+def _before(store: Path, diagnosis: str, parent: tuple[str, Adoption] | None) -> Model:
+    if parent and parent[1].diagnosis_id:
+        return read_known(store, parent[1].diagnosis_id)
+    return read_models(store, diagnosis)["nominal"]
+
+
+@dataclass(frozen=True, slots=True)
+class Adopt(Request):
+    """Which model a robot is to get.
+
+    Attributes:
+        model: Id of a diagnosis, of the model that it ended with, or of an adoption.
+        note: A word about it, which is kept.
+        force: Adopt it against the gate; that needs a --note.
+    """
+
+    model: GivenWord = ""
+    note: str = ""
+    force: Flag = False
+    store: Store = None
+
+
+def adopt(request: Adopt) -> tuple[str, Judged]:
+    """Let a model be the nominal one of its robot in this store from now on.
+
+    Returns:
+        The number of the adoption, and what the gate saw.
+
+    Raises:
+        InputError: If the gate refuses, the robot has that model already, or has got
+            another one meanwhile.
+    """
+    store = store_folder(request.store)
+    judged = judge(store, request.model)
+    robot, parent = judged.model.robot, judged.parent
+    if parent and parent[1].model_id == judged.model_id:
+        raise InputError(
+            f"{robot.name} has that model already, by adoption {int(parent[0])}."
+        )
+    if judged.doubts and not request.force:
+        raise InputError(
+            f"Refused: {'; '.join(judged.doubts)}. {robot.name} keeps the model that "
+            "it has. Diagnose with more motion, or give --force and a --note with the "
+            "reason."
+        )
+    if request.force and not request.note:
+        raise InputError(
+            "--force needs a --note: why is it to be adopted all the same?"
+        )
+    made = Adoption(
+        robot=robot.name,
+        serial=robot.serial,
+        action=FORCED if judged.doubts else ADOPTED,
+        model_id=judged.model_id,
+        diagnosis_id=judged.diagnosis,
+        parent=parent[0] if parent else None,
+        who=_user(),
+        note=request.note,
+        before=judged.worth.before if judged.worth else None,
+        after=judged.worth.after if judged.worth else None,
+        evidence=judged.as_record(),
+    )
+    return commit_adoption(store, made), judged
+
+
+def roll_back(
+    word: str | None, note: str = "", store: str | Path | None = None
+) -> tuple[str, Adoption]:
+    """Give a robot the model back that it had before, by one more record.
+
+    Args:
+        word: The robot; None where the store has adoptions of one alone.
+        store: Folder of the store, None for the usual one.
+
+    Raises:
+        InputError: If there is nothing to go back from, or it is not clear for whom.
+    """
+    place = store_folder(store)
+    robot, serial = _robot_of(place, word)
+    last = adopted(place, robot, serial)
+    if last is None or last[1].model_id is None:
+        raise InputError(f"{robot} has its nominal model: nothing to go back from.")
+    before = _gone_back_to(place, robot, serial)
+    made = Adoption(
+        robot=robot,
+        serial=serial,
+        action=ROLLED_BACK,
+        model_id=before and before.model_id,
+        diagnosis_id=before and before.diagnosis_id,
+        parent=last[0],
+        who=_user(),
+        note=note,
+        before=last[1].after,
+        after=last[1].before,
+    )
+    return commit_adoption(place, made), made
+
+
+def list_adoptions(
+    store: str | Path | None = None, word: str | None = None
+) -> list[tuple[str, Adoption, str]]:
+    """Return all adoptions with number and time, the first one first.
+
+    Args:
+        store: Folder of the store, None for the usual one.
+        word: A robot, or its name, to list alone; None for all.
+
+    Raises:
+        InputError: If a record is damaged.
+    """
+    place = store_folder(store)
+    wanted = None if word is None else _named(place, word)
+    out = []
+    for id in list_folders(place, ADOPTIONS):
+        made = read_adoption(place, id)
+        if wanted is None or (made.robot, made.serial) in wanted:
+            out.append((id, made, _created(place, id)))
+    return out
+
+
+def _gone_back_to(store: Path, robot: str, serial: str | None) -> Adoption | None:
+    """The version under the one in force: what was rolled back is off the pile."""
+    pile: list[Adoption] = []
+    for id in list_folders(store, ADOPTIONS):
+        made = read_adoption(store, id)
+        if (made.robot, made.serial) != (robot, serial):
+            continue
+        if made.action == ROLLED_BACK:
+            pile.pop()
+        else:
+            pile.append(made)
+    return pile[-2] if len(pile) > 1 else None
+
+
+def _named(store: Path, word: str) -> set[tuple[str, str | None]]:
+    """Name and serial number that a word may stand for: a name, or a robot."""
+    keys = {(made.robot, made.serial) for _, made, _ in list_adoptions(store)}
+    by_name = {key for key in keys if key[0] == word}
+    if by_name:
+        return by_name
+    robot = load(word)
+    return {(robot.name, robot.serial)}
+
+
+def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
+    if word is not None:
+        keys = _named(store, word)
+    else:
+        keys = {(made.robot, made.serial) for _, made, _ in list_adoptions(store)}
+    if len(keys) == 1:
+        return keys.pop()
+    if not keys:
+        raise InputError(
+            f"No model was adopted in {shown(store)}: nothing to go back from."
+        )
+    names = ", ".join(f"{r} {s or ''}".strip() for r, s in sorted(keys, key=str))
+    raise InputError(f"Several robots have adopted models: {names}. Say --robot R.")
+
+
+def _created(store: Path, id: str) -> str:
+    path = record_folder(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+    created = read_parquet(path, ["created"]).column("created")[0].as_py()
+    return f"{created:%Y-%m-%d %H:%M}"
+
+
+def _user() -> str:
+    try:
+        return getuser()
+    except (KeyError, OSError):  # a container may have no name for its user
+        return "unknown"
+
+
+PROPOSAL = "proposal"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Proposal:
+    """What is proposed.
+
+    Attributes:
+        judged: The model before the gate.
+        verdict: What its diagnosis says.
+    """
+
+    judged: Judged
+    verdict: Verdict
+
+    @property
+    def now(self) -> str:
+        """The model that the robot has."""
+        parent = self.judged.parent
+        if parent is None or parent[1].diagnosis_id is None:
+            return "nominal model"
+        return f"adoption {int(parent[0])}, diagnosis {parent[1].diagnosis_id[:8]}"
+
+    @property
+    def about(self) -> dict:
+        """What makes it the same proposal as that of another night."""
+        parent = self.judged.parent
+        return {
+            "robot": self.verdict.robot,
+            "serial": self.judged.model.robot.serial,
+            "kind": PROPOSAL,
+            "parent": parent and parent[0],
+            "findings": [[e.name, *e.joints] for e in self.verdict.effects],
+        }
+
+
+def proposal_of(store: Path, judged: Judged) -> Proposal:
+    """Return a model as a proposal."""
+    return Proposal(judged, read_verdict(store, judged.diagnosis))
+
+
+def known_already(store: Path, proposal: Proposal) -> str | None:
+    """Return the id of a proposal of the same findings, answered or not, or None."""
+    about = proposal.about
+    for id in list_folders(store, "reports"):
+        if read_record(store, id) == about:
+            return id
+    return None
+
+
+def keep_proposal(store: Path, proposal: Proposal, page: bytes) -> Path:
+    """Put the page of a proposal into the store."""
+    files = {"proposal.html": page}
+    folder = store_report(store, proposal.about, proposal.judged.diagnosis, files)
+    return folder / "proposal.html"

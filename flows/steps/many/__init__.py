@@ -1,1 +1,0 @@
-"""Many arms at once."""

@@ -1,1 +1,0 @@
-"""A record made again from its request and its ancestors, and compared."""
