@@ -218,7 +218,7 @@ def _trusted(task: Task) -> list[dict]:
 def _diagnosed(own: Host, spoiled: Spoiled) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         sets = read(Path(folder), spoiled.tables, given(own, spoiled))
-        asked = Diagnose(("logs",), own.robot.name, store=folder, trust_log=True)
+        asked = Diagnose(("logs",), robot=own.robot.name, store=folder, trust_log=True)
         try:
             verdict = diagnose(asked, sets).verdict
         except InputError as error:

@@ -1,6 +1,7 @@
 """modelgap diff, lineage, rerun, bundle and unbundle: where a record comes from."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
@@ -83,7 +84,7 @@ def lineage(
             if asked
         }
     if format == "json":
-        told = {words: root.as_record() for words, root in trees.items()}
+        told = {words: asdict(root) for words, root in trees.items()}
         print(json.dumps(told, indent=2))
         return
     for words, root in trees.items():

@@ -1,16 +1,15 @@
 """The generated pages of the site, as Markdown: effects, their list, the glossary."""
 
-import ast
 import json
-import re
 from collections import Counter, defaultdict
 from functools import cache
-from importlib.util import find_spec
 from inspect import cleandoc
 from pathlib import Path
 
+from cyclopts import Argument
+
 import modelgap as mg
-from flows.cli.app import _COMMANDS
+from flows.cli.app import _COMMANDS, app
 from flows.report.words.explain import TERMS, VERDICTS, effect_page
 from residual.effects import registry
 from scripts.docs_site import curve
@@ -21,7 +20,6 @@ RIGHT = ("right", "class")  # by its own name, or by an equivalent
 NOT_MEASURED = "not measured"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "hidden"
 FOLDER = "effects"
-_ENTRY = re.compile(r"^    (\w+): (.*(?:\n        .*)*)", re.M)
 
 
 def generated() -> dict[str, str]:
@@ -73,53 +71,35 @@ def commands_page() -> str:
     ]
     for heading, commands in _COMMANDS.items():
         parts.append(f"## {heading}")
-        parts += [
-            _command_section(name, source_of(place[0]))
-            for name, place in commands.items()
-        ]
+        parts += [_command_section(name) for name in commands]
     return "\n\n".join(parts) + "\n"
 
 
-def source_of(place: str) -> ast.FunctionDef:
-    """Return the source of a command, given as MODULE:FUNCTION below `flows.cli`."""
-    module, _, name = place.partition(":")
-    source = Path(find_spec(f"flows.cli.{module}").origin).read_text(encoding="utf-8")
-    (node,) = (
-        node
-        for node in ast.parse(source).body
-        if isinstance(node, ast.FunctionDef) and node.name == name
-    )
-    return node
+def option_words(name: str) -> dict[str, str]:
+    """Return every word and option of a command as it is shown, with its meaning."""
+    options = app[name].assemble_argument_collection(parse_docstring=True)
+    return {
+        _shown(one): " ".join((one.parameter.help or "").split()).replace("|", "\\|")
+        for one in options
+        if one.show
+    }
 
 
-def option_words(node: ast.FunctionDef) -> dict[str, str]:
-    """Return every word and option of a command, by its argument, as it is shown."""
-    given = [*node.args.posonlyargs, *node.args.args]
-    out = {one.arg: f"`{_dashed(one.arg).upper()}`" for one in given}
-    if node.args.vararg:
-        out[node.args.vararg.arg] = f"`{_dashed(node.args.vararg.arg).upper()}...`"
-    for one, usual in zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True):
-        plain = isinstance(usual, ast.Constant) and not isinstance(usual.value, bool)
-        shown = plain and usual.value not in (None, "")
-        default = f" (`{usual.value}`)" if shown else ""
-        out[one.arg] = f"`--{_dashed(one.arg)}`{default}"
-    return out
+def _shown(one: Argument) -> str:
+    if not one.name.startswith("-"):
+        many = "..." if one.is_var_positional() else ""
+        return f"`{one.name}{many}`"
+    usual = one.field_info.default
+    told = usual not in (None, "", (), one.field_info.empty)
+    default = f" (`{usual}`)" if told and not isinstance(usual, bool) else ""
+    return f"`{one.name}`{default}"
 
 
-def _command_section(name: str, node: ast.FunctionDef) -> str:
-    about, _, arguments = cleandoc(ast.get_docstring(node)).partition("\n\nArgs:\n")
-    entries = _ENTRY.findall(arguments.replace("|", "\\|"))
-    told = {key: " ".join(says.split()) for key, says in entries}
-    rows = [
-        f"| {shown} | {told.get(key, '')} |"
-        for key, shown in option_words(node).items()
-    ]
+def _command_section(name: str) -> str:
+    about = cleandoc(app[name].help)
+    rows = [f"| {shown} | {told} |" for shown, told in option_words(name).items()]
     table = "\n".join(["| word or option | what it is |", "| --- | --- |", *rows])
     return "\n\n".join([f"### {name}", about, *([table] if rows else [])])
-
-
-def _dashed(name: str) -> str:
-    return name.rstrip("_").replace("_", "-")
 
 
 @cache

@@ -34,5 +34,5 @@ def night(store, number, effects=(SPRING,)):
 def diagnosed(store, runs, model=None):
     """Diagnose a night; the id of the diagnosis."""
     fit, held_out = runs
-    asked = Diagnose(fit, ROBOT, held_out, store=store, model=model)
+    asked = Diagnose(fit, robot=ROBOT, held_out=held_out, store=store, model=model)
     return diagnose_runs(asked)[0]

@@ -157,7 +157,7 @@ def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
         return commit_run(store, log, about, Sealed({"salt": log.id}))
 
     fit, held_out = (tuple(map(put, logs)) for logs in (case.fit, case.held_out))
-    asked = Diagnose(fit, str(tmp_path / "arm"), held_out, store=store)
+    asked = Diagnose(fit, robot=str(tmp_path / "arm"), held_out=held_out, store=store)
     ids = diagnose_runs(asked)
     verdict = read_record(store, ids[0])["document"]
     assert verdict["effects"][0]["name"] == "spring"

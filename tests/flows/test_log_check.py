@@ -167,10 +167,12 @@ def test_runs_of_the_store_are_checked_too(place, found, named):
         assert main([verb, one, two, "--robot", "arm.urdf"]) == 2
     # A diagnosis is stored, and says which runs by their whole ids.
     assert found["asked"] == [[one, two], *2 * [[one[:8], two[:8]]]]
-    asked = Diagnose((one,), "arm.urdf", (two,), store=Path("store"))
+    asked = Diagnose((one,), robot="arm.urdf", held_out=(two,), store=Path("store"))
     with pytest.raises(InputError, match="torque sign, joint 2"):
         diagnose_runs(asked)
-    trusted = Diagnose((one,), "arm.urdf", (two,), store=Path("store"), trust_log=True)
+    trusted = Diagnose(
+        (one,), robot="arm.urdf", held_out=(two,), store=Path("store"), trust_log=True
+    )
     diagnosis, _ = diagnose_runs(trusted)
     record = read_record(Path("store"), diagnosis)
     assert record["document"]["verdict"] == "unknown"
@@ -179,9 +181,9 @@ def test_runs_of_the_store_are_checked_too(place, found, named):
 
 def test_a_request_keeps_whether_the_logs_were_trusted(tmp_path):
     asked = [
-        Diagnose(("a",), "r", trust_log=True, store=tmp_path),
-        Identify(("a",), "r", trust_log=True, store=tmp_path),
-        Import(("a",), "r", trust_log=True, store=tmp_path),
+        Diagnose(("a",), robot="r", trust_log=True, store=tmp_path),
+        Identify(("a",), robot="r", trust_log=True, store=tmp_path),
+        Import(("a",), robot="r", trust_log=True, store=tmp_path),
     ]
     for one in asked:
         kept = one.to_record()

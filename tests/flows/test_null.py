@@ -31,7 +31,7 @@ def place(tmp_path, monkeypatch):
 
 def asked(place, **changes):
     logs = tuple(sorted(str(p) for p in place.glob("*.csv")))
-    return Null(logs, str(place / "arm.urdf"), **{"draws": 8, **changes})
+    return Null(logs, robot=str(place / "arm.urdf"), **{"draws": 8, **changes})
 
 
 class Breaks(Here):
@@ -118,7 +118,7 @@ def test_a_request_that_makes_no_sense_is_refused(place):
         with pytest.raises(InputError, match=word):
             steps.calibrate_null(asked(place, **changes), pool=Here())
     with pytest.raises(InputError, match="No log"):
-        steps.calibrate_null(Null((), str(place / "arm.urdf")), pool=Here())
+        steps.calibrate_null(Null((), robot=str(place / "arm.urdf")), pool=Here())
 
 
 def test_a_diagnosis_finds_the_null_of_its_logs_in_the_store(place, capsys):

@@ -5,11 +5,15 @@ from flows.requests import Diagnose, Monitor
 
 
 def test_a_request_comes_back_from_its_record(tmp_path):
-    asked = Diagnose(("a", "b"), "irb140", held_out=("c",), declared=("viscous",))
+    asked = Diagnose(("a", "b"), robot="irb140", held_out=("c",), declared=("viscous",))
     kept = asked.to_record()
     assert kept["step"] == "diagnose"
     assert Diagnose.from_record(kept, tmp_path) == Diagnose(
-        ("a", "b"), "irb140", ("c",), declared=("viscous",), store=tmp_path
+        ("a", "b"),
+        robot="irb140",
+        held_out=("c",),
+        declared=("viscous",),
+        store=tmp_path,
     )
 
 

@@ -273,7 +273,9 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
     monkeypatch.setattr("residual.method.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.storage.diagnosis.errors_by_run", lambda found: [])
     runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
-    asked = Diagnose(tuple(runs[:2]), "irb140", (runs[2],), store=tmp_path)
+    asked = Diagnose(
+        tuple(runs[:2]), robot="irb140", held_out=(runs[2],), store=tmp_path
+    )
     ids = diagnose_runs(asked)
     return tmp_path, runs, ids
 

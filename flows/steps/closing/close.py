@@ -179,8 +179,8 @@ def cut(spec: TrajectorySpec, enough: float | None) -> TrajectorySpec:
 def _diagnose(loop: Loop, how: Mapping, tell: Progress | None) -> Came:
     request = Diagnose(
         tuple(how["fit"]),
-        loop.arm.word,
-        tuple(how["held_out"]),
+        robot=loop.arm.word,
+        held_out=tuple(how["held_out"]),
         store=loop.store,
         model=how["model"],
     )
