@@ -63,9 +63,7 @@ LATE = {
     "warehouse/query/store.py": {"warehouse"},
     "warehouse/__init__.py": {"warehouse"},
     "flows/door/table.py": {"polars"},
-    # Prefect takes its settings when it is loaded, and they depend on the store.
-    "flows/cli/demo.py": {"flows"},
-    "flows/cli/calibrate.py": {"flows"},
+    "flows/cli/fit.py": {"flows"},
 }
 MOST_LATE, MOST_FILES = 30, 21
 MAX_LINES = 500
@@ -225,7 +223,7 @@ def _loaded() -> tuple[str, ...]:
     """Return what a process has loaded after three commands, then after all of logs."""
     page, logs = (
         ", ".join(f"flows.cli.{name}" for name in names.split())
-        for names in ("diagnose calibrate identify", "app imports monitor")
+        for names in ("diagnose fit", "app logs watch")
     )
     code = (
         f"import sys, {page}\nprint('matplotlib' in sys.modules)\n"

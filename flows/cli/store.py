@@ -11,7 +11,7 @@ from flows.report.answers import check_shown, print_table, tell_damage
 from flows.report.records import record_lines
 from flows.requests import Store, Tags
 from flows.settings import store_folder
-from flows.steps import verify as steps
+from flows.steps import diff as steps
 from residual.errors import InputError
 from warehouse.catalogue import rebuild
 from warehouse.layout import find, read_record

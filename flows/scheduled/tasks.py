@@ -24,12 +24,12 @@ from flows.specs.experiment import load_spec
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns
 from flows.steps import diagnose as diagnosis
+from flows.steps import diff as verification
 from flows.steps import experiment as experiments
 from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import rerun as reruns
 from flows.steps import validate as validation
-from flows.steps import verify as verification
 from flows.workers.runner import ClusterLostError
 from sim.records import CLEAN, BackgroundWord
 
