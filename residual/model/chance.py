@@ -44,7 +44,7 @@ def is_sure(after: Array, before: Array) -> bool:
     return bool(change.sum() > stdtrit(len(change) - 1, SURE) * scatter)
 
 
-def rises(after: Array, before: Array, power: Array) -> Array:
+def rises(after: Array, before: Array, power: Array, least: float = SMALL) -> Array:
     """By how much each joint's error is larger, as a share; 0 where by chance. (dof,).
 
     Args:
@@ -52,10 +52,11 @@ def rises(after: Array, before: Array, power: Array) -> Array:
         before: The same of the other model. Shape (seconds, dof).
         power: Squared torque on the same rows [N^2 m^2]; a joint without is not logged.
             Shape (dof,).
+        least: Share of that torque by which an error must rise to count.
     """
     now, then = np.sqrt(after.sum(axis=0)), np.sqrt(before.sum(axis=0))
     clear = (power > 1e-12 * power.max(initial=0.0)) & (
-        now - then > SMALL * np.sqrt(power)
+        now - then > least * np.sqrt(power)
     )
     pairs = zip(after.T, before.T, clear, strict=True)
     return np.array([rise(a, b) if counts else 0.0 for a, b, counts in pairs])
