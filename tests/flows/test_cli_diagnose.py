@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from cyclopts import Token
 
 from flows.cli import main
 from flows.requests import parse_declared
@@ -56,14 +57,13 @@ def test_every_log_goes_into_the_set_that_the_words_say(folder, calls, capsys, w
 @pytest.mark.parametrize(
     ("text", "names"),
     [
-        (None, None),
         ("none", ()),
         ("viscous", ("viscous",)),
         ("viscous, coulomb,viscous", ("viscous", "coulomb")),
     ],
 )
 def test_declared_effects_are_a_list_of_names_or_none(text, names):
-    assert parse_declared(text) == names
+    assert parse_declared(None, [Token(value=text)]) == names
 
 
 def test_files_are_written_and_named(folder, calls, capsys):

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from flows.cli.experiment import fleet
 from flows.settings import store_folder
 from flows.specs.experiment import experiment_of
 from flows.steps import campaign
@@ -128,10 +127,10 @@ def diagnosed(monkeypatch):
             raise ZeroDivisionError("a fault")
         return f"{len(asked):020x}", "0" * 20
 
-    monkeypatch.setattr(fleet, "diagnose_runs", diagnose)
-    monkeypatch.setattr(fleet, "_robots", lambda *_: {})
+    monkeypatch.setattr(campaign, "diagnose_runs", diagnose)
+    monkeypatch.setattr(campaign, "_robots", lambda *_: {})
     monkeypatch.setattr(
-        fleet, "in_force", lambda *_: type("C", (), {"diagnosis": None})
+        campaign, "in_force", lambda *_: type("C", (), {"diagnosis": None})
     )
     return asked
 

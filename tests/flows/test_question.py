@@ -15,8 +15,8 @@ def asked(server, monkeypatch, tmp_path):
     from flows.scheduled import loop
 
     given = []
-    monkeypatch.setattr(loop.loop_tasks, "question", lambda *about: "| now | then |")
-    monkeypatch.setattr(loop.loop_tasks, "adopt", lambda *it: given.append(it) or "7")
+    monkeypatch.setattr(loop, "question", lambda *about: "| now | then |")
+    monkeypatch.setattr(loop, "adopt", lambda *it: given.append(it) or "7")
     words = {"diagnosis": "ab" * 10, "store": str(tmp_path)}
     with get_client(sync_client=True) as client:
         place = client.create_deployment(client.create_flow(loop.propose), "propose")

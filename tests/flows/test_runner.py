@@ -29,17 +29,27 @@ ROOT = Path(__file__).parents[2]
 def test_the_word_decides_then_the_setting_then_threads(monkeypatch):
     monkeypatch.delenv(RUNNER, raising=False)
     assert chosen_runner() == Runner("threads")
-    monkeypatch.setenv(RUNNER, "processes")
-    assert chosen_runner() == Runner("processes")
+    monkeypatch.setenv(RUNNER, "dask://127.0.0.1:1")
+    assert chosen_runner() == Runner("dask", "tcp://127.0.0.1:1")
+    assert chosen_runner("threads") == Runner("threads")
     assert chosen_runner("dask://127.0.0.1:8786").address == "tcp://127.0.0.1:8786"
     assert chosen_runner("dask://[::1]:8786").address == "tcp://[::1]:8786"
 
 
 @pytest.mark.parametrize(
-    "word", ["ray", "dask", "dask://", "dask://127.0.0.1", "dask://a:b", "tcp://a:1"]
+    "word",
+    [
+        "processes",
+        "ray",
+        "dask",
+        "dask://",
+        "dask://127.0.0.1",
+        "dask://a:b",
+        "tcp://a:1",
+    ],
 )
 def test_other_words_are_refused(word):
-    with pytest.raises(InputError, match="expected threads, processes or dask"):
+    with pytest.raises(InputError, match="expected threads or dask"):
         chosen_runner(word)
 
 

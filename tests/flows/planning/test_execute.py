@@ -87,7 +87,7 @@ def test_an_id_is_enough_to_ask_and_the_verdict_is_the_same_again(made):
         asked = ask(Next(id, seconds=8.0, store=store))
         assert asked.same
         assert asked.request.logs == request.logs
-    with pytest.raises(InputError, match="of kind runs, expected a diagnosis"):
+    with pytest.raises(InputError, match="one of runs, expected a diagnosis"):
         ask(Next(request.logs[0], store=store))
 
 

@@ -1,0 +1,36 @@
+"""`mg.diagnose`, `mg.identify` and `mg.calibrate` say what the commands say, by key."""
+
+import json
+
+import pytest
+
+import modelgap as mg
+from flows.cli import main
+from tests.frozen.make import HIDDEN, lasting
+
+FIT = [f"{HIDDEN / name}.csv@0:4" for name in ("fit_2", "fit_3", "held_out")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("verb", "fit", "proof"),
+    [
+        ("diagnose", FIT[:2], FIT[2:]),
+        ("identify", FIT[:2], FIT[2:]),
+        pytest.param("calibrate", FIT, [], marks=pytest.mark.long),
+    ],
+)
+def test_the_door_says_what_the_command_says(verb, fit, proof, tmp_path):
+    path = tmp_path / "said.json"
+    held_out = ["--holdout", *proof] if proof else []
+    words = [verb, *fit, "--robot", "irb140", *held_out, "--json", str(path)]
+    # A fault of so short logs is no matter here: both are to say the same of it.
+    assert main([*words, "--trust-log"]) == 0
+    robot = mg.load_robot("irb140")
+    logs = mg.read_logs([*fit, *proof], robot)
+    more = {"held_out": logs[len(fit) :]} if proof else {}
+    made = getattr(mg, verb)(robot, logs[: len(fit)], trust_log=True, **more)
+    said = lasting(json.loads(path.read_text(encoding="utf-8")))
+    ours = lasting(json.loads(json.dumps(made.to_json())))
+    assert ours.keys() == said.keys()
+    assert [key for key in said if ours[key] != said[key]] == []
