@@ -20,7 +20,7 @@ from flows.inputs.robots import load
 from flows.outputs import progress_bar, say
 from flows.report import experiments
 from flows.report.console import show
-from flows.report.motion import motion_parts, motion_png
+from flows.report.experiments import motion_parts, motion_png
 from flows.report.words.verdict import headline
 from flows.requests import Flag, RobotWord, Store, Validate
 from flows.settings import cores, store_folder

@@ -150,7 +150,7 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
         "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (
             "prefect.server.concurrency.lease_storage.filesystem"
         ),
-        "PREFECT_MESSAGING_BROKER": "flows.service.database",
+        "PREFECT_MESSAGING_BROKER": "flows.service.serve",
         "PREFECT_API_BLOCKS_REGISTER_ON_START": "false",
         # At its usual 60 s a new schedule is first thought of a minute later.
         "PREFECT_SERVER_SERVICES_SCHEDULER_LOOP_SECONDS": "10",

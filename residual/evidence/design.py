@@ -411,13 +411,6 @@ class Design:
         """Signals of the logs of the sketch on the rows of each joint."""
         return [self._stacked(per_log, j, self._shown) for j in self._js]
 
-    def on_rows(self, per_log: Sequence[Array], j: int) -> Array:
-        """Filtered values of the sketch's logs on the rows of joint j. (rows, k)."""
-        pairs = zip(self._shown, per_log, strict=True)
-        return np.concatenate(
-            [self._tracks[i].filter(x)[self._use[i][:, j]] for i, x in pairs]
-        )
-
     def series(self, j: int, values: Array) -> list[Array]:
         """Row values of joint j put back on each log's time line, 0 where masked."""
         out, start = [], 0

@@ -15,8 +15,8 @@ from prefect.settings import PREFECT_MESSAGING_BROKER, temporary_settings
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
-from flows.service import database
-from flows.service.database import Patient, patient
+from flows.service import serve
+from flows.service.serve import Patient, patient
 
 
 async def read_then_write(path, meanwhile):
@@ -91,12 +91,12 @@ def test_a_service_that_is_handed_an_event_is_a_writer_from_the_start(path):
     async def told():
         # As the server does it, which finds the broker by the name of its module.
         consumer = create_consumer("events", concurrency=1)
-        assert isinstance(consumer, database.Consumer)
+        assert isinstance(consumer, serve.Consumer)
         async with create_publisher("events") as publisher:
             await publisher.publish_data(b"{}", {})
         await consumer.run(handed)
         await consumer.cleanup()
 
-    with temporary_settings({PREFECT_MESSAGING_BROKER: database.__name__}):
+    with temporary_settings({PREFECT_MESSAGING_BROKER: serve.__name__}):
         asyncio.run(told())
     assert signs(path) == ["ours"]

@@ -34,15 +34,6 @@ from residual.calibration.views import (
     Unseen,
 )
 
-# Okabe and Ito's palette: told apart with every common colour blindness, and of
-# different lightness, so that a grey print can be read as well.
-COLOURS = {
-    "measured": "#222222",
-    "nominal": "#b3b3b3",
-    "identified": "#e69f00",
-    "augmented": "#0072b2",
-    "plsr": "#009e73",
-}
 LABELS = {
     "nominal": "nominal",
     "identified": "identified (refit)",
