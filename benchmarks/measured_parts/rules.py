@@ -138,6 +138,7 @@ _gains = held_out._gains
 
 RULES: dict[str, tuple[Switch, ...]] = {
     "resembles": ((examine, "_resembles", lambda *_: False),),
+    "only_curves": ((examine, "only_curves", _nothing),),
     "wrong_form": ((examine, "wrong_forms", _nothing),),
     "angle_noise": ((standing, "drop_noise", _no_noise),),
     "unlikely_or_nothing": ((standing, "_weak", _nothing),),

@@ -6,7 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.candidates import Candidates, every_candidate, renewed
-from residual.diagnosis.gate import Tested, passed, simplest, wrong_forms
+from residual.diagnosis.gate import (
+    Tested,
+    only_curves,
+    passed,
+    simplest,
+    wrong_forms,
+)
 from residual.diagnosis.prior_scale import Selection, select
 from residual.diagnosis.search import Task, refined, search
 from residual.diagnosis.sets import best_set
@@ -248,9 +254,13 @@ def _tested(logs: Logs, nominal: Nominal, selection: Selection) -> Examined:
     """Put what a search found through the gate, and measure what remains."""
     task, design = selection.task, selection.task.design
     fitted, tested = passed(task, simplest(task, selection.fit))
+    curved = only_curves(design, logs.sketch, fitted, tested)
+    if curved:
+        real = [t.group for t in tested if t not in curved]
+        fitted = task.settle(task.fit(real, fitted))
     plain = task.settle(task.fit((), fitted, rounds=4))
     enough = _adequacy(logs, nominal, design, (plain, fitted))
-    wrong = wrong_forms(design, logs.sketch, fitted, tested)
+    wrong = [*curved, *wrong_forms(design, logs.sketch, fitted, tested)]
     kept = [t for t in tested if t not in wrong and not _resembles(t, enough)]
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
