@@ -87,6 +87,10 @@ ADOPTIONS = f"""
     FROM adoptions a ORDER BY adoption_id DESC
 """
 
+STUDIES = """
+    SELECT report_id AS id, robot, kind, created FROM reports
+    WHERE kind IN ('blind', 'close') ORDER BY created DESC, report_id
+"""
 
 MODELS = f"""
     WITH {_UNIT}
