@@ -96,7 +96,7 @@ def code_hash(*own: str) -> str:
     """Return a hash over the code and the robots that decide results.
 
     Args:
-        own: Folders of the benchmark; none for those of benchmarks/logs.py.
+        own: Folders of the benchmark; none for those of measured arms.
     """
     digest = hashlib.sha256()
     own = own or ("benchmarks/measured_parts",)

@@ -66,6 +66,12 @@ def patient(app: ASGIApp) -> ASGIApp:
     return marked
 
 
+# Prefect's broker of events, in memory, whose consumers wait for their turn to write.
+#
+# Prefect loads it by the name in PREFECT_MESSAGING_BROKER, and asks of such a module
+# the names below.
+
+
 class Consumer(memory.Consumer):
     """Hands events to one service of the server, two at a time."""
 

@@ -210,6 +210,12 @@ def _failure(planned: Planned, error: BaseException) -> Failure:
 Workers = Pool | Here | Cluster
 
 
+# Many arms: their campaigns and their diagnoses over processes or a cluster.
+#
+# What goes to a worker is the name of the store and ids, and ids come back: with a
+# store on object storage the machines share no disk.
+
+
 @dataclass(frozen=True, slots=True)
 class Arm:
     """One arm of a fleet.

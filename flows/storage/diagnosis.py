@@ -175,6 +175,13 @@ def _parts(table: pa.Table | None, count: int) -> list[dict[str, np.ndarray]]:
     return [{k: v[which == i] for k, v in columns.items()} for i in range(count)]
 
 
+# The motion behind a model, thin enough to go with it: what is compared with later.
+#
+# Runs may be pruned, or stay in the store of another site. What a comparison of two
+# epochs reads of them is motion and torque below the filters' cut-off, and that is kept
+# with the model (METHOD section 13: a model without runs carries its states).
+
+
 def states_table(recordings: Sequence[Recording]) -> pa.Table | None:
     """Return filtered decimated motion and torque of logs; None of no logs.
 

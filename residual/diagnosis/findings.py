@@ -281,6 +281,12 @@ def _variable(
     return np.concatenate(values) if values else None, label, np.concatenate(labels)
 
 
+# What of the findings is no more than any used arm has: said in one line, not listed.
+#
+# A diagnosis finds small true things beside the large one: a ripple of the gear,
+# friction that is another when the arm is cold. They are no reason to look.
+
+
 def folded(
     named: Sequence[Named], dof: int
 ) -> tuple[tuple[Named, ...], tuple[Named, ...]]:

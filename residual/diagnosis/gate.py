@@ -182,6 +182,14 @@ def _size(group: Group) -> float:
     return len(group.ids) + shape + group.effect.far_fetched
 
 
+# Names whose own curve is another: they resemble what the logs show, and are not it.
+#
+# A sensor with a dead zone looks like one of less gain, a stop that is leaned on like a
+# spring, as long as only the error is asked. Over the variable that it is drawn against
+# the name then leaves a curve that every log repeats, a third of what it explains. No
+# author's form of the same effect leaves so much.
+
+
 def wrong_forms(
     design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[Tested]
 ) -> list[Tested]:
@@ -238,6 +246,13 @@ def _repeated(x: Array, y: Array, log: Array) -> float:
             total += mine.sum() * product
             weight += mine.sum()
     return float(np.sqrt(max(total / weight, 0.0))) if weight else 0.0
+
+
+# Names that together are but a curve: a Fourier series is no physics.
+#
+# A spring and ripples of several orders can draw any function of a joint's position,
+# such as a stop that the arm leans on. Where a free curve of as many numbers draws it
+# as well, the names say nothing that the curve does not, and none of them stands.
 
 
 def only_curves(

@@ -253,6 +253,14 @@ def _shown(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
     return bool(own > RULES.shown_in_part * every)
 
 
+# What a model is worth on motion that it was not fitted to: may it be adopted?
+#
+# Each effect that is new in it is taken out again, and nothing is refitted. Held-out
+# motion must then show it, on that joint and of about that size: the part of it that
+# lowers the error most is 1 for a right one, 0 on a wrong joint, -1 with a wrong sign,
+# and 0.5 where it is twice as large as it should be.
+
+
 @dataclass(frozen=True, slots=True)
 class Shown:
     """How much of a new effect held-out motion shows.

@@ -34,6 +34,11 @@ from residual.evidence.rules import RULES
 from residual.model.compare import HeldOutLog
 from residual.recording import Recording
 
+# Names that came up in the place of others that fell.
+#
+# Whoever asks one candidate after another gets a yes by chance in the end, and what a
+# fallen name explained is still there: anything that looks like it will be glad to.
+
 
 def substitutes(
     examined: Examined,

@@ -44,6 +44,13 @@ from residual.tables.form import EffectForm
 REPEATABLE, TIME_DRIVEN = "repeatable", "time-driven"
 
 
+# What remains after the findings: what it depends on, joint by joint.
+#
+# States come first (`curves`), since a function of the motion drifts and swings with
+# it; time is asked about what they leave (`clocks`). Where nothing beats chance on
+# left-out rows, nothing is said.
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Leftover:
     """What one joint keeps, on the rows on which it moves.

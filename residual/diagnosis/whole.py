@@ -119,6 +119,12 @@ def given_constants(
 PLACES = 20  # positions at which the inertia is looked at
 
 
+# What no arm can be: a refit whose friction drives, or whose inertia is negative.
+#
+# Both are sums over the motion that are linear in the coefficients, so their standard
+# deviation follows from the fit's covariance: nothing is called impossible by chance.
+
+
 def contradictions(
     examined: Examined, fitted: Fit, errors: dict[str, Errors]
 ) -> tuple[str, ...]:

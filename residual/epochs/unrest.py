@@ -24,6 +24,14 @@ WIDEST = 3  # columns of a group that may join
 FLAT = 1e-4  # of its square: a column that the nuisance has already
 
 
+# What one arm has of the vocabulary in both epochs: a nuisance, and no change.
+#
+# A gear has its own ripple, an arm in use its own twist. Columns that explain what the
+# usual nuisance leaves of a joint in the first epoch join it one after the other, by
+# orthogonal matching pursuit (Pati, Rezaiifar & Krishnaprasad 1993). What they explain
+# is never named: it may only make the errors smaller in which a change must be seen.
+
+
 def joined(
     design: Design,
     j: int,

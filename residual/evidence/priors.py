@@ -201,6 +201,13 @@ def held_at(prior: Prior, slots: Array) -> Prior:
 PRICE = float(np.log(20))  # nats: one effect in twenty is not of usual size
 
 
+# A second look at what is far larger than was expected of it.
+#
+# The prior of an effect's size is a mixture: what is usual, and anything. Where an
+# effect comes out many deviations beyond the usual, it is looked at on its own scale,
+# for the price of that choice.
+
+
 def widened(fitted: Fit, group: Group) -> Group | None:
     """Return a group with the prior of its own size; None where it is usual."""
     if group.parts:

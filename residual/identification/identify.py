@@ -46,6 +46,14 @@ _CHANCE = 0.95
 _ROWS_PER_PARAMETER = 3
 
 
+# Essential parameters: drop what the logs do not need (Gautier, Janot 2013).
+#
+# The parameter of the largest relative standard deviation is set to zero and the others
+# are fitted again, as long as that deviation is above a limit and the squares do not
+# grow by more than chance: F = (S_r - S) / d / (S / (n - p)). Rows are autocorrelated:
+# they count as in the weights, and p is spent of all of them alike.
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Essential:
     """The outcome of a reduction.

@@ -28,6 +28,13 @@ SAME_RUN = (
 )
 
 
+# Validation of models (G2017 section 1.3): both directions, and unseen motion.
+#
+# Torque from motion is ``compare``; here are acceleration from torque, and models that
+# are fitted to some logs and tried on the others. Feed-forward and open loop need an
+# arm or its simulation: ``modelgap validate``.
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class AccelerationError:
     """Error of the acceleration that a model makes of measured torque.

@@ -1,6 +1,6 @@
 """What chance alone brings about: the record of a calibrated null, and its use.
 
-Recordings in which nothing is missing are made and searched (`residual.null.draws`).
+Recordings in which nothing is missing are made and searched (`residual.method.nulls`).
 How large their evidence gets says what evidence is worth on this robot, with such logs
 and such noise; where one of them is named something, that is a false alarm.
 """

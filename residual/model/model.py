@@ -95,6 +95,12 @@ def with_slots(terms: Iterable[Term], start: int) -> Iterator[tuple[Term, slice]
 Terms = tuple[Term, ...]
 
 
+# A model edited by hand: an effect taken out, or with other values; nothing refitted.
+#
+# A low error is no explanation: a right cause can be taken out of its model, and what
+# is left predicts the arm without it.
+
+
 def taken_out(terms: Terms, name: str, joints: Sequence[int] | None) -> Terms:
     """Return terms without an effect.
 

@@ -25,6 +25,15 @@ _MATCHED = ("model", "cycle")
 _SURE = ("frozen", "still", "jump", "spikes")
 
 
+# From scores over their limits to alarms with a channel and the name of a fault.
+#
+# A fault shows in several scores: an encoder that jumps moves the arm, which takes
+# torque on its neighbours too. The first to cross opens the alarm. Its name is that of
+# the surest kind that crosses within the next moment: a frozen number, then a jump,
+# then spikes; else the matched feature that explains most of what is left of the
+# torque.
+
+
 @dataclass(frozen=True, slots=True)
 class Alarm:
     """One alarm.

@@ -21,6 +21,13 @@ _TINY = 1e-9
 AT_ONCE = 40_000  # rows: ten minutes
 
 
+# What a monitor knows of a log: its rows, and the torque that a model expects there.
+#
+# tau = A(q, qd, qdd) theta, A the inertial regressor and the columns of the effects.
+# Least squares with a pull to the coefficients that the model came with, in units of
+# the torque that a coefficient makes: what the runs do not show stays as it was.
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Sight:
     """What is known of a log before it is judged.

@@ -42,6 +42,14 @@ NONE, LEAST_SQUARES, MAIN = "none", "least squares", "main effects"
 LOADED, NAMED, PAIRS = "main effects and load", "named pairs", "all pairs"
 
 
+# Main effects beside a table of speed and load: friction that grows with the load.
+#
+# Friction of a gear depends on its speed and on the torque that it carries, and that
+# torque is known: it is the model's. One small table of both per joint is fitted
+# together with the main effects; fitted after them it would find that they have already
+# learnt the load as a function of the path.
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Loaded:
     """Main effects and each joint's table of speed and load, for one ridge.

@@ -140,6 +140,14 @@ class Piece:
         return pin.SE3(pin.exp3(turn) @ self.origin.rotation, place)
 
 
+# Spray painting: strokes to and fro over a panel, square to it, again and again.
+#
+# The gun crosses the panel at an even speed and turns gently outside, works its way
+# down and up again, and swings out a little at the end of each stroke. The path is
+# closed and smooth, so the joint angles along it are a Fourier series, exact to
+# rounding.
+
+
 def plan_cyclic(
     robot: Robot, duration: float, periods: int, rng: np.random.Generator
 ) -> Plan:

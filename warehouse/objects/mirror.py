@@ -63,6 +63,14 @@ _open: dict[str, Bucket] = {}
 _writable: set[str] = set()
 
 
+# Which store is at an address, and whether its server keeps conditions.
+#
+# `_store.json` is the first object of a store. It is written under the condition that
+# it is not there, twice: a server that takes both ignores the condition, and would let
+# two writers of one record believe that they were first. Such servers exist; nothing is
+# written to them.
+
+
 def identity_of(bucket: Bucket) -> str | None:
     """Return the identity of the store in a bucket, None where there is no store."""
     text = bucket.get(IDENTITY)

@@ -48,6 +48,14 @@ SMALL = 1_000_000
 _BATCH = 100_000  # samples that are fetched at once
 
 
+# Which parts of which files a query has read, and whether they were whole.
+#
+# DuckDB logs each read with its place. Only these parts are checked, after the query
+# and before anybody sees its answer: a query over one run of thousands checks that run,
+# one over a single channel checks that channel. What was whole is not checked again
+# while the file has the same size, time and inode.
+
+
 class Watched:
     """The reads of one connection.
 
