@@ -8,7 +8,7 @@ from flows.steps.monitor import Watched
 from flows.steps.null import Made
 from flows.steps.watch.session import Session
 from flows.steps.wear import Wear
-from residual.evidence.rules import Rules
+from residual.evidence.rules import RULES
 from residual.monitoring.watch import Change
 from residual.monitoring.wear import JointTrend, Rate
 from residual.recording import Recording
@@ -145,7 +145,7 @@ def _spell(seconds: float) -> str:
 
 def null_lines(made: Made, draws: int, store: Path) -> list[str]:
     """Return what a null says, a sentence each."""
-    null, least = made.null, Rules().threshold
+    null, least = made.null, RULES.threshold
     threshold = null.threshold(least)
     beyond = null.beyond(threshold)
     chance = f"{100 * beyond:.2g} %" if beyond > 1e-4 else "less than 0.01 %"

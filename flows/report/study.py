@@ -161,9 +161,8 @@ def lines(summary: Mapping) -> list[tuple[str, str, str]]:
     for key, words in _RATES.items():
         one = summary[key]
         if one["n"]:
-            low, high = (f"{100 * v:.0f}" for v in one["interval"])
-            count = f"{one['hits']} of {one['n']} ({low} to {high} %)"
-            out.append((words, f"{100 * one['value']:.0f} %", count))
+            value, count, interval = _rate(one)
+            out.append((words, value, f"{count} ({interval})"))
     errors, off = summary["errors"], summary["parameter_error"]
     if errors["over_oracle"] is not None:
         many = f"median of {errors['n']}"
@@ -196,10 +195,16 @@ def _tiles(summary: Mapping) -> list[Tile]:
     for key, label in _TILES.items():
         one = summary[key]
         if one["n"]:
-            low, high = (f"{100 * v:.0f}" for v in one["interval"])
-            note = f"{one['hits']} of {one['n']}; {low} to {high} %"
-            out.append(Tile(label, f"{100 * one['value']:.0f} %", note))
+            value, count, interval = _rate(one)
+            out.append(Tile(label, value, f"{count}; {interval}"))
     return out
+
+
+def _rate(one: Mapping) -> tuple[str, str, str]:
+    """A rate in words: its value, what it was counted from, its interval."""
+    low, high = (f"{100 * v:.0f}" for v in one["interval"])
+    value, count = f"{100 * one['value']:.0f} %", f"{one['hits']} of {one['n']}"
+    return value, count, f"{low} to {high} %"
 
 
 def _outcomes(summary: Mapping) -> Table:

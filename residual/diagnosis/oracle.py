@@ -18,7 +18,7 @@ from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, as_model, fit, physical
 from residual.evidence.priors import first_design, priors
-from residual.evidence.rules import Rules
+from residual.evidence.rules import RULES
 from residual.model.compare import Errors, compare, prepare_held_out
 from residual.model.model import Model
 from residual.model.nominal import (
@@ -126,7 +126,7 @@ def _best(
     grid = [_grid(design, logs, *one) for one in wanted]
     runs = []
     for prior in priors(design, nominal):
-        task = Task(design, prior, Candidates((), {}), Rules())
+        task = Task(design, prior, Candidates((), {}), RULES)
         runs.append((task, _fitted(task, grid)))
     counted = np.max([fitted.counted for _, fitted in runs], axis=0)
 

@@ -33,7 +33,7 @@ from residual.diagnosis.whole import (
 from residual.epochs.compare import Asked, compared
 from residual.errors import InputError
 from residual.evidence.fit import Fit
-from residual.evidence.rules import Rules
+from residual.evidence.rules import RULES, Rules
 from residual.method.null_record import Null, choose_null, key_of, null_sentences
 from residual.model.compare import (
     Errors,
@@ -122,7 +122,7 @@ def _alone(
     clock = session_clock([*asked.fit, *asked.held_out])
     logs = prepare_logs(robot, asked.fit, clock, Filters())
     nominal = _nominal(logs, start)
-    null, rules = choose_null(nulls, key_of(logs, nominal)), Rules()
+    null, rules = choose_null(nulls, key_of(logs, nominal)), RULES
     if null:
         rules = replace(rules, threshold=null.threshold(rules.threshold))
         asked = replace(asked, null=null)
@@ -229,7 +229,7 @@ def _warned(
     standing: Standing, asked: _Wanted, augmented: Errors, left: Remains
 ) -> list[str]:
     """Sentences that qualify the answer."""
-    by_chance, _ = null_sentences(asked.null, Rules().threshold)
+    by_chance, _ = null_sentences(asked.null, RULES.threshold)
     return [
         *warnings(standing.examined, standing.withdrawn, asked.same_run),
         *by_chance,
@@ -241,7 +241,7 @@ def _warned(
 
 def _noted(standing: Standing, asked: _Wanted, augmented: Model) -> tuple[str, ...]:
     """What was understood of the signals."""
-    _, by_rule = null_sentences(asked.null, Rules().threshold)
+    _, by_rule = null_sentences(asked.null, RULES.threshold)
     return (
         *signal_notes(standing.examined, asked.fit, augmented),
         *noise_notes(standing.checks, [t for t, _ in standing.judged.kept]),

@@ -22,7 +22,7 @@ from residual.diagnosis.search import Task, _shortlist
 from residual.evidence.design import LAGS, Design
 from residual.evidence.fit import Fit, System, fit, gain, possible
 from residual.evidence.priors import Space, first_design, inertial_precision
-from residual.evidence.rules import Rules
+from residual.evidence.rules import RULES
 from residual.method.null_record import Key, key_of
 from residual.model.model import Model
 from residual.model.nominal import (
@@ -90,7 +90,7 @@ def source(
     recordings = sketch_of(recordings)
     logs = prepare_logs(robot, recordings, clock, filters)
     nominal = start_nominal(logs, names)
-    made = examine(logs, nominal, Rules(), _quiet)
+    made = examine(logs, nominal, RULES, _quiet)
     whole = made.model(made.fit)
     truth = replace(
         whole,
@@ -277,7 +277,7 @@ def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]
 
 def _searched(design: Design, nominal: Nominal, candidates: Candidates) -> Draw:
     """The whole choice of prior, search and gate; and the loudest of all candidates."""
-    chosen = select(Space(design, nominal), candidates, Rules())
+    chosen = select(Space(design, nominal), candidates, RULES)
     task, named = chosen.task, False
     if chosen.fit.members:
         _, tested = passed(task, simplest(task, chosen.fit))
