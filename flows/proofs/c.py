@@ -20,6 +20,7 @@ from residual.export.fmu import SOURCE, fmu_parts, to_fmu
 from residual.recording import Array
 
 SIGNALS = ("q", "qd", "qdd")  # inputs of an FMU
+KINDS = ("model exchange", "co-simulation")  # of an FMU
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC")
 AROUND = """\
 #include "{header}"
@@ -128,27 +129,65 @@ def prove_fmu(made: Exported) -> Proof:
         (content,) = made.files.values()
         path.write_bytes(content)
         problems = extra("fmpy.validation").validate_fmu(str(path))
-        got = played(path, motion)
-    want = made.carried.along(motion.t, motion.parts)[: len(got)]
-    by = f"played by FMPy {fmpy.__version__}"
-    return compared(by, got, want, tuple(f"FMPy objects: {p}" for p in problems))
+        ways = [played(path, motion, kind) for kind in KINDS]
+    want = made.carried.along(motion.t, motion.parts)
+    by = f"played by FMPy {fmpy.__version__}, as {' and as '.join(KINDS)}"
+    notes = tuple(f"FMPy objects: {p}" for p in problems)
+    return compared(by, np.hstack(ways), np.hstack([want] * len(ways)), notes)
 
 
-def played(path: Path, motion: Motion) -> Array:
-    """Return the torque of every sample but the last one [N m]. Shape (n - 1, dof)."""
+def played(path: Path, motion: Motion, kind: str) -> Array:
+    """Return the torque of every sample, at its own time [N m]. Shape (n, dof).
+
+    Args:
+        kind: One of `KINDS`. For model exchange FMPy has a loop; of its loop for
+            co-simulation the recorder reads before the inputs are set, so that here
+            they are set, and the torque read, from the outside.
+    """
+    if kind == KINDS[1]:
+        return _stepped(path, motion)
     dof = motion.q.shape[1]
     names = [f"{signal}{j + 1}" for signal in SIGNALS for j in range(dof)]
     columns = [motion.t, *np.hstack(motion.parts).T]
     kinds = [("time", float), *((name, float) for name in names)]
     rows = np.array(list(zip(*columns, strict=True)), dtype=kinds)
+    step = float(motion.t[1] - motion.t[0])
     done = extra("fmpy").simulate_fmu(
         str(path),
+        fmi_type="ModelExchange",
+        solver="Euler",
         start_time=float(motion.t[0]),
         stop_time=float(motion.t[-1]),
-        step_size=float(motion.t[1] - motion.t[0]),
-        output_interval=float(motion.t[1] - motion.t[0]),
+        step_size=step,
+        output_interval=step,
         input=rows,
         output=[f"tau{j + 1}" for j in range(dof)],
     )
-    # What a step computed stands at its end.
-    return np.column_stack([done[f"tau{j + 1}"][1:] for j in range(dof)])
+    return np.column_stack([done[f"tau{j + 1}"] for j in range(dof)])
+
+
+def _stepped(path: Path, motion: Motion) -> Array:
+    """Go step by step: set the inputs of a time, read its torque, go on."""
+    fmpy, dof = extra("fmpy"), motion.q.shape[1]
+    about = fmpy.read_model_description(str(path))
+    folder = fmpy.extract(str(path))
+    own = extra("fmpy.fmi2").FMU2Slave(
+        guid=about.guid,
+        unzipDirectory=folder,
+        modelIdentifier=about.coSimulation.modelIdentifier,
+        instanceName="model",
+    )
+    inputs, outputs = list(range(3 * dof)), list(range(3 * dof, 4 * dof))
+    rows, out = np.hstack(motion.parts), np.empty_like(motion.q)
+    own.instantiate()
+    own.setupExperiment(startTime=float(motion.t[0]))
+    own.enterInitializationMode()
+    own.exitInitializationMode()
+    for k, (now, row) in enumerate(zip(motion.t, rows, strict=True)):
+        own.setReal(inputs, row)
+        out[k] = own.getReal(outputs)
+        own.doStep(float(now), float(motion.t[1] - motion.t[0]))
+    own.terminate()
+    own.freeInstance()
+    shutil.rmtree(folder, ignore_errors=True)
+    return out

@@ -1,4 +1,4 @@
-"""A model as an FMU: FMI 2.0 for co-simulation, the C99 header inside."""
+"""A model as an FMU: FMI 2.0, both kinds, the C99 header inside."""
 
 import hashlib
 import io
@@ -80,9 +80,11 @@ def _description(name: str, guid: str, dof: int) -> bytes:
         "numberOfEventIndicators": "0",
     }
     root = ET.Element("fmiModelDescription", about)
-    can = {"modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true"}
-    kind = ET.SubElement(root, "CoSimulation", can)
-    ET.SubElement(ET.SubElement(kind, "SourceFiles"), "File", {"name": SOURCE})
+    variable_steps = {"canHandleVariableCommunicationStepSize": "true"}
+    rates = {"canInterpolateInputs": "true"}
+    for what, can in (("ModelExchange", {}), ("CoSimulation", variable_steps | rates)):
+        kind = ET.SubElement(root, what, {"modelIdentifier": name, **can})
+        ET.SubElement(ET.SubElement(kind, "SourceFiles"), "File", {"name": SOURCE})
     units = ET.SubElement(root, "UnitDefinitions")
     for unit, powers in _UNITS.items():
         ET.SubElement(ET.SubElement(units, "Unit", {"name": unit}), "BaseUnit", powers)

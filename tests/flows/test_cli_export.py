@@ -11,12 +11,13 @@ import pytest
 from benchmarks.export_parts.models import ARMS, NAMES, model_with, robot_of
 from flows.cli import main
 from flows.proofs import proof as proofs
-from flows.proofs.c import compiler
+from flows.proofs.c import KINDS, compiled, compiler, make_fmu, played
 from flows.proofs.proof import CREEP, inverse
 from flows.steps.export import TARGETS, export_model
 from flows.steps.models import read_model
 from residual.errors import InputError, UnknownNameError
-from residual.export.exported import Motion
+from residual.export.c99 import to_c99
+from residual.export.exported import Motion, exciting
 from residual.model.corrected import Corrected, Tables
 from residual.model.record import to_record
 from residual.signals.direction import CHOICES
@@ -61,6 +62,21 @@ def test_what_is_carried_comes_back_as_the_same_torque(target, arm):
     assert made.proof.difference <= SAID[target]
     assert made.proof.states >= 1000
     assert made.proof.torque > 20.0
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_fmu_has_the_torque_of_the_header_at_the_same_step(kind, tmp_path):
+    # What remembers (a delay, bristles) would show a sample too many or too few.
+    whole = _every(robot_of("irb140"))
+    motion = exciting(robot_of("irb140"), 2.0)
+    with compiled(to_c99(whole)) as along:
+        header = along(motion)
+    ((_, content),) = make_fmu(whole).files.items()
+    (tmp_path / "model.fmu").write_bytes(content)
+    got = played(tmp_path / "model.fmu", motion, kind)
+    np.testing.assert_allclose(got, header, atol=1e-11)
+    assert np.abs(np.diff(header, axis=0)).max() > 1e-2  # a step late would show
 
 
 def test_friction_has_its_value_in_mujoco_where_the_joint_creeps():
