@@ -33,7 +33,7 @@ from benchmarks.peers_parts import bars, cases
 from flows.blind.draw import Asked
 from flows.blind.export.write import export_study
 from flows.workers.pool import Pool
-from sim.records import BACKGROUNDS, CLEAN
+from sim.engine.records import BACKGROUNDS, CLEAN
 
 _SEEDS, _QUICK_SEEDS = "8101:8104", "1:1"
 _FULL, _QUICK = (10, 20.0), (2, 8.0)  # cases, seconds of a log

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from residual.errors import InputError
 from residual.lazy import Lazy
-from warehouse.objects.bucket import is_address
+from warehouse.bucket import is_address
 
-mirror = Lazy("warehouse.objects.mirror")
+mirror = Lazy("warehouse.mirror")
 
 PROJECT = "modelgap.toml"  # file of a project, which names its store
 ROOT = Path(__file__).resolve().parents[1]
@@ -31,7 +31,7 @@ def store_folder(option: str | None = None) -> Path:
 
     Args:
         option: A folder, or s3://BUCKET/PREFIX, of which the folder of this machine
-            beside it is returned (`warehouse.objects.mirror`).
+            beside it is returned (`warehouse.mirror`).
 
     Raises:
         InputError: If there is a file where the folder should be, or the address is of

@@ -15,10 +15,10 @@ from residual.errors import InputError
 from residual.names import check_name
 from residual.recording import Array
 from residual.robot.robot import Robot, robot_from_texts
-from sim.catalogue import kinds, of_drives, vocabulary
 from sim.effects.base import Effect, Here, Joints, Rng
-from sim.records import Hidden, PlantEffect, Sizes, stream
-from sim.sizes import sizes, usual_limits
+from sim.engine.records import Hidden, PlantEffect, Sizes, stream
+from sim.plant.catalogue import kinds, of_drives, vocabulary
+from sim.plant.sizes import sizes, usual_limits
 
 NAME = "light"
 _AXES = "zyzyzyz"  # rolls and pitches in turn

@@ -8,10 +8,18 @@ import numpy as np
 from residual.errors import InputError
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from sim.background import logged
-from sim.catalogue import acting
+from sim.engine.records import (
+    PlantRun,
+    PlantSpec,
+    Rates,
+    Reference,
+    motion_label,
+    stream,
+)
 from sim.plant import tables as at
 from sim.plant.arm import Arm
+from sim.plant.background import logged
+from sim.plant.catalogue import acting
 from sim.plant.controller import Law
 from sim.plant.sensors import (
     WHITE_TORQUE,
@@ -20,9 +28,8 @@ from sim.plant.sensors import (
     reported,
     torque_noise,
 )
+from sim.plant.sizes import sizes
 from sim.plant.stepping import Trace, drive
-from sim.records import PlantRun, PlantSpec, Rates, Reference, motion_label, stream
-from sim.sizes import sizes
 from sim.twin import twin_errors, twin_of
 
 

@@ -14,8 +14,10 @@ from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
-from sim import laws
-from sim.background import (
+from sim.effects.base import State, deflection
+from sim.engine import laws
+from sim.engine.records import CLEAN, BackgroundWord, Hidden, Reference, stream
+from sim.plant.background import (
     USUAL_SPEED,
     Added,
     Background,
@@ -23,11 +25,9 @@ from sim.background import (
     added,
     draw_background,
 )
-from sim.catalogue import Acting, acting, changed
-from sim.effects.base import State, deflection
+from sim.plant.catalogue import Acting, acting, changed
 from sim.plant.sensors import encoder_errors, reported
-from sim.records import CLEAN, BackgroundWord, Hidden, Reference, stream
-from sim.sizes import scatter, sizes, usual_limits
+from sim.plant.sizes import scatter, sizes, usual_limits
 
 _RIGID_SCATTER = 0.02
 # Friction that the robot declares is off by little; that of a bare URDF is anything.

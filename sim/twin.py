@@ -15,12 +15,12 @@ from residual.errors import InputError
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.robot.toml import Declared
-from sim.catalogue import of_drives
+from sim.engine.records import PlantSpec, Rates, Reference
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
+from sim.plant.catalogue import of_drives
 from sim.plant.controller import Law, replay
 from sim.plant.stepping import Trace, drive, simulate
-from sim.records import PlantSpec, Rates, Reference
 
 _NOMINAL = PlantSpec(scatter=0.0)
 _NOTHING = 1e-6  # N m, N m s/rad, kg m^2: the plant needs some inertia of a rotor

@@ -20,12 +20,12 @@ from scipy.signal import butter, sosfiltfilt
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
-from sim.catalogue import acting, amount, kinds, multiplied, of_drives
 from sim.draw import draw_hidden
 from sim.effects.base import Rng
-from sim.laws import BRISTLE
+from sim.engine.laws import BRISTLE
+from sim.engine.records import Hidden, PlantEffect, Reference
+from sim.plant.catalogue import acting, amount, kinds, multiplied, of_drives
 from sim.quasi_static import Plant, true_torque
-from sim.records import Hidden, PlantEffect, Reference
 
 VISIBLE = 0.05  # share of a joint's torque that an effect has at least
 # Asked for: the arm that runs is a few per cent off its description, does not follow

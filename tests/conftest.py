@@ -11,8 +11,7 @@ from hypothesis.configuration import set_hypothesis_home_dir
 
 from tests import s3
 from tests.checkout import changed, listing
-from warehouse import catalogue
-from warehouse.objects import mirror
+from warehouse import catalogue, mirror
 
 # Before numpy is loaded, so that a bare `pytest` runs as `make test` does: two test
 # processes with two BLAS threads each fight over two cores.

@@ -11,7 +11,7 @@ import pytest
 from flows.cli import main
 from residual import effects as sought
 from sim import effects as hidden
-from sim.records import Hidden
+from sim.engine.records import Hidden
 from tests.residual.arms import arm, short_case, urdf_text
 
 PAGE = Path(__file__).parents[1] / "docs" / "guide" / "add_an_effect.md"

@@ -25,9 +25,8 @@ from residual.errors import InputError, ModelgapError
 from warehouse.commit import SPEC, TRUTH
 from warehouse.files import SUMS, publish, replace_file, staged
 from warehouse.ids import ID_DIGITS, seal_folder
-from warehouse.layout import Found, find, read_record
-from warehouse.lineage import needed
-from warehouse.objects.mirror import brought, ensure_local, is_there
+from warehouse.layout import Found, find, needed, read_record
+from warehouse.mirror import brought, ensure_local, is_there
 from warehouse.provenance import MADE_WITH, check_kept, files_of
 from warehouse.robots import ROBOTS, robot_folder
 from warehouse.runs import open_seal, read_manifest

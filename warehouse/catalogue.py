@@ -26,7 +26,7 @@ import pyarrow as pa
 from residual.errors import InputError
 from warehouse.files import read_parquet, replace_file, sweep_staging, write_parquet
 from warehouse.layout import list_folders
-from warehouse.objects.listing import (
+from warehouse.listing import (
     all_records,
     append,
     bring_rows,
@@ -35,7 +35,7 @@ from warehouse.objects.listing import (
     replace,
     still_noted,
 )
-from warehouse.objects.mirror import bucket_of
+from warehouse.mirror import bucket_of
 from warehouse.provenance import about_origin
 from warehouse.schema import INDEX, KINDS, Kind
 

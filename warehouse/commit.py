@@ -27,7 +27,7 @@ from warehouse.files import (
 )
 from warehouse.ids import record_folder
 from warehouse.layout import find_run
-from warehouse.objects.mirror import bucket_of, is_copied
+from warehouse.mirror import bucket_of, is_copied
 from warehouse.provenance import about_origin, keep_made_with, provenance
 from warehouse.schema import KINDS, SAMPLES_FILE, SIGNALS, VIEWS, arrow_schema
 

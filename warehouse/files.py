@@ -25,7 +25,7 @@ import pyarrow.parquet as pq
 
 from residual.errors import InputError
 from warehouse.ids import data_hash, digest
-from warehouse.objects.mirror import (
+from warehouse.mirror import (
     PRIVATE,
     SUMS,
     bucket_of,

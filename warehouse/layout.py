@@ -2,15 +2,18 @@
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from residual.errors import InputError
-from warehouse.files import read_cell
+from warehouse.files import read_cell, read_parquet
 from warehouse.ids import ID_DIGITS, check_id
-from warehouse.objects.listing import listed_ids
-from warehouse.objects.mirror import SUMS, bucket_of, is_there, shown
+from warehouse.listing import listed_ids
+from warehouse.mirror import SUMS, bucket_of, is_there, shown
 from warehouse.schema import KINDS
+
+RERUN_OF = "rerun of"  # what a record is to the one it was made again from
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,52 @@ def read_record(store: Path, id: str) -> dict:
     return json.loads(
         read_cell(found.row, "manifest" if found.kind == "runs" else "record")
     )
+
+
+def needed(store: Path, id: str) -> list[Found]:
+    """Return a record after all that it was made from: parents stand first."""
+    order: dict[str, Found] = {}
+    path: set[str] = set()
+
+    def visit(found: Found) -> None:
+        if found.id in order or found.id in path:
+            return
+        path.add(found.id)
+        for parent in parents_of(store, found):
+            visit(_parent(store, found, parent))
+        order[found.id] = found
+
+    visit(find(store, id))
+    return list(order.values())
+
+
+def parents_of(store: Path, found: Found) -> list[str]:
+    """Return ids of what a record was made from: its lineage, and what it asked for."""
+    rows = read_parquet(found.row, ["lineage"]).column("lineage")[0].as_py() or []
+    ids = [row["parent"] for row in rows]
+    if found.kind != "runs":
+        ids += _ids_in((read_record(store, found.id) or {}).get("request"))
+    return list(dict.fromkeys(check_id(id) for id in ids))
+
+
+def _parent(store: Path, child: Found, id: str) -> Found:
+    try:
+        return find(store, id)
+    except InputError as error:
+        raise InputError(
+            f"{child.id} ({child.kind}) was made from {id}, which is not in "
+            f"{shown(store)}."
+        ) from error
+
+
+def _ids_in(value: object) -> list[str]:
+    """Return all whole ids in a request."""
+    if isinstance(value, Mapping):
+        return [id for item in value.values() for id in _ids_in(item)]
+    if isinstance(value, list):
+        return [id for item in value for id in _ids_in(item)]
+    whole = isinstance(value, str) and len(value) == ID_DIGITS
+    return [value] if whole and not set(value) - set("0123456789abcdef") else []
 
 
 def _copied(store: Path, id: str) -> list[Found]:

@@ -18,7 +18,7 @@ from warehouse.commit import commit_row, lineage_rows
 from warehouse.files import read_cell
 from warehouse.ids import record_folder
 from warehouse.layout import list_folders
-from warehouse.objects.mirror import is_there
+from warehouse.mirror import is_there
 from warehouse.schema import KINDS
 
 ADOPTIONS, DECISIONS = "adoptions", "decisions"

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from residual.errors import InputError
 from warehouse.files import replace_file
-from warehouse.objects.mirror import ensure_local
+from warehouse.mirror import ensure_local
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("flows", "residual", "sim", "warehouse")

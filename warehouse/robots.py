@@ -20,7 +20,7 @@ from residual.robot.robot import (
     load_robot,
 )
 from warehouse.files import publish, staged
-from warehouse.objects.mirror import brought, is_there, shown
+from warehouse.mirror import brought, is_there, shown
 
 ROBOTS, TOML = "robots", "robot.toml"
 

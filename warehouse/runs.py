@@ -16,7 +16,7 @@ from warehouse.files import (
 )
 from warehouse.ids import ID_DIGITS, check_id, data_hash, seal_folder
 from warehouse.layout import find_run
-from warehouse.objects.mirror import ensure_local, is_there, names_in, shown
+from warehouse.mirror import ensure_local, is_there, names_in, shown
 from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")

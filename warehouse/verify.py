@@ -20,8 +20,8 @@ from residual.robot.robot import load_robot
 from warehouse import ids
 from warehouse.files import file_faults, read_parquet, staged, table_hash, to_arrays
 from warehouse.layout import Found, list_folders
-from warehouse.objects.listing import all_records, read_listing
-from warehouse.objects.mirror import (
+from warehouse.listing import all_records, read_listing
+from warehouse.mirror import (
     SUMS,
     brought,
     bucket_of,

@@ -19,12 +19,12 @@ from residual.diagnosis.result import Detectable
 from residual.effects import reported_joints
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, robot_from_texts
-from sim.catalogue import multiplied, of_drives
 from sim.draw import draw_hidden, light_arm
+from sim.engine.records import Hidden, PlantEffect, Reference, stream
+from sim.plant.catalogue import multiplied, of_drives
 from sim.plant.sensors import WHITE_TORQUE
+from sim.plant.sizes import sizes, usual_limits
 from sim.quasi_static import Plant, true_friction, true_torque
-from sim.records import Hidden, PlantEffect, Reference, stream
-from sim.sizes import sizes, usual_limits
 
 Array = np.ndarray
 

@@ -32,9 +32,9 @@ from residual.diagnosis.verdict import to_json
 from residual.effects import reported_joints
 from residual.method.diagnose import diagnose
 from residual.model.model import Model
-from sim.catalogue import acting, changed
+from sim.engine.records import PlantEffect, stream
+from sim.plant.catalogue import acting, changed
 from sim.quasi_static import true_model
-from sim.records import PlantEffect, stream
 
 _MOVED = 0.05  # of what is given: less is not called a change
 Values = Mapping[tuple[str, int], tuple[float, float]]

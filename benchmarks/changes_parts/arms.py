@@ -17,21 +17,8 @@ from benchmarks.harness.logs import CONTROL, PAUSE, RATE, sensed
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.background import Background, logged
-from sim.experiment import log_of
-from sim.laws import thinned
-from sim.plant import tables as at
-from sim.plant.arm import build_arm
-from sim.plant.friction import AMBIENT, RISE
-from sim.plant.stepping import drive
-from sim.quasi_static import (
-    Plant,
-    background_of,
-    true_friction,
-    true_model,
-    true_torque,
-)
-from sim.records import (
+from sim.engine.laws import thinned
+from sim.engine.records import (
     Drives,
     Hidden,
     Noise,
@@ -42,7 +29,20 @@ from sim.records import (
     TrajectorySpec,
     stream,
 )
-from sim.sizes import usual_limits
+from sim.experiment import log_of
+from sim.plant import tables as at
+from sim.plant.arm import build_arm
+from sim.plant.background import Background, logged
+from sim.plant.friction import AMBIENT, RISE
+from sim.plant.sizes import usual_limits
+from sim.plant.stepping import drive
+from sim.quasi_static import (
+    Plant,
+    background_of,
+    true_friction,
+    true_model,
+    true_torque,
+)
 from sim.trajectories import make_reference
 
 Array = np.ndarray

@@ -18,7 +18,7 @@ from benchmarks.changes_parts.plant import as_effect, times
 from benchmarks.harness.cases import guarded
 from residual.errors import ModelgapError
 from residual.method.diagnose import diagnose
-from sim.catalogue import amount, main_parameter, stated
+from sim.plant.catalogue import amount, main_parameter, stated
 
 Place = tuple[str, tuple[int, ...]]
 

@@ -34,7 +34,7 @@ from benchmarks.changes_parts.case import (
 )
 from benchmarks.harness.cases import Kept, kept_file, seed_range
 from flows.workers.pool import Here
-from sim.records import stream
+from sim.engine.records import stream
 
 DECIDING = "90101:90108"
 LIST = Path(__file__).parent / "listed.json"

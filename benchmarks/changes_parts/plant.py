@@ -10,10 +10,10 @@ from benchmarks.changes_parts.arms import SECOND, Truly, record, robot_of, truly
 from benchmarks.changes_parts.case import Case, Planted
 from residual.errors import ModelgapError
 from residual.robot.robot import Robot
-from sim.catalogue import amount, multiplied
 from sim.draw import draw_hidden
-from sim.records import PlantEffect
-from sim.sizes import sizes
+from sim.engine.records import PlantEffect
+from sim.plant.catalogue import amount, multiplied
+from sim.plant.sizes import sizes
 
 Values = Mapping[str, float]
 Rng = np.random.Generator

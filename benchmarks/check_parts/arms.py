@@ -17,9 +17,9 @@ from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot, robot_from_texts
+from sim.engine.records import Noise, PlantSpec, Reference, TrajectorySpec, stream
+from sim.plant.sizes import usual_limits
 from sim.quasi_static import Plant, true_torque
-from sim.records import Noise, PlantSpec, Reference, TrajectorySpec, stream
-from sim.sizes import usual_limits
 from warehouse.logs import load_columns, read_log
 
 Array = np.ndarray

@@ -30,8 +30,8 @@ from flows.steps.diagnose import diagnose
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.catalogue import kinds
-from sim.records import stream
+from sim.engine.records import stream
+from sim.plant.catalogue import kinds
 
 FAULTS: Mapping[str, Fault] = {
     fault.__name__: fault

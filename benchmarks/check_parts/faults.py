@@ -18,8 +18,8 @@ from benchmarks.check_parts.arms import (
     tables_of,
 )
 from benchmarks.synthetic.motions import make_motion
-from sim.records import Reference
-from sim.sizes import usual_limits
+from sim.engine.records import Reference
+from sim.plant.sizes import usual_limits
 
 Array = np.ndarray
 Rng = np.random.Generator

@@ -28,7 +28,7 @@ from residual.check.motion import Motion, thin_rows
 from residual.recording import Recording
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.signals.low_pass import low_pass
-from sim.sizes import usual_limits
+from sim.plant.sizes import usual_limits
 
 Array = np.ndarray
 Rng = np.random.Generator

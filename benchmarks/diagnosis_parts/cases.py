@@ -24,10 +24,17 @@ from residual.diagnosis.result import Detectable, Verdict
 from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.catalogue import kinds, unnamed
+from sim.engine.records import (
+    Hidden,
+    Noise,
+    PlantEffect,
+    PlantSpec,
+    TrajectorySpec,
+    stream,
+)
+from sim.plant.catalogue import kinds, unnamed
+from sim.plant.sizes import sizes, usual_limits
 from sim.quasi_static import Plant, true_friction, true_torque
-from sim.records import Hidden, Noise, PlantEffect, PlantSpec, TrajectorySpec, stream
-from sim.sizes import sizes, usual_limits
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 

@@ -28,11 +28,11 @@ from benchmarks.harness.figures import Figures, figure, missing, partial
 from benchmarks.harness.rates import wall
 from benchmarks.store_parts.made import small, synthetic
 from warehouse import catalogue
+from warehouse.bucket import Bucket
 from warehouse.commit import Sealed, commit_run
 from warehouse.files import to_table, write_parquet
 from warehouse.layout import list_folders
-from warehouse.objects.bucket import Bucket
-from warehouse.objects.mirror import CACHE, bucket_of, forget, mirror_of
+from warehouse.mirror import CACHE, bucket_of, forget, mirror_of
 from warehouse.runs import read_run
 from warehouse.verify import verify_all
 

@@ -15,7 +15,7 @@ from benchmarks.hardening_parts.http import (
 )
 from benchmarks.store_parts.made import records, run
 from residual.robot.robot import load_robot
-from sim.records import TrajectorySpec
+from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse.bundle import write_bundle
 

@@ -31,10 +31,10 @@ from residual.robot.base_parameters import base_parameters
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
 from residual.signals.track import prepare
+from sim.engine.records import Noise, PlantSpec, Rates, stream
 from sim.experiment import run_experiment
 from sim.plant.arm import build_arm
-from sim.records import Noise, PlantSpec, Rates, stream
-from sim.sizes import usual_limits
+from sim.plant.sizes import usual_limits
 from warehouse.logs import read_log
 
 Array = np.ndarray

@@ -24,9 +24,9 @@ from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
 from residual.signals import pieces
 from sim.draw import draw
+from sim.engine.records import Reference, stream
+from sim.plant.sizes import usual_limits
 from sim.quasi_static import Plant, true_torque
-from sim.records import Reference, stream
-from sim.sizes import usual_limits
 from sim.trajectories.curves import move_time, quintic
 from warehouse.logs import read_log
 

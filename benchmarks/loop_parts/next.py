@@ -34,7 +34,7 @@ from residual.planning.question import Question
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.draw import draw_hidden, usual_effects
-from sim.records import PlantEffect, PlantSpec, TrajectorySpec, stream
+from sim.engine.records import PlantEffect, PlantSpec, TrajectorySpec, stream
 from sim.trajectories.fourier import draw, shrunk, written
 from sim.trajectories.limits import workspace
 

@@ -23,11 +23,8 @@ from residual.model.control import Use, computed_torque, feed_forward
 from residual.model.model import Model, Term
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot
-from sim.catalogue import acting, changed
 from sim.draw import draw_hidden
-from sim.experiment import run_experiment
-from sim.plant.arm import build_arm
-from sim.records import (
+from sim.engine.records import (
     PlantEffect,
     PlantRun,
     PlantSpec,
@@ -35,6 +32,9 @@ from sim.records import (
     TrajectorySpec,
     stream,
 )
+from sim.experiment import run_experiment
+from sim.plant.arm import build_arm
+from sim.plant.catalogue import acting, changed
 from sim.trajectories import make_reference
 from sim.twin import run_along
 

@@ -48,11 +48,11 @@ from residual.recording import Recording
 from residual.robot.dynamics import reach
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
-from sim.background import logged
+from sim.engine.records import Hidden, stream
+from sim.plant.background import logged
 from sim.plant.sensors import encoder, torque_noise
+from sim.plant.sizes import sizes, usual_limits
 from sim.quasi_static import Plant, background_of, true_friction, true_torque
-from sim.records import Hidden, stream
-from sim.sizes import sizes, usual_limits
 
 RATE = arms.RATE
 LOAD, GAIN, SMALL_GAIN, FRICTION = "load", "gain", "small_gain", "friction"

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.recording import Array
-from sim import laws
+from sim.engine import laws
 from sim.plant import tables as at
 from sim.plant.stepping import Trace
 

@@ -22,19 +22,26 @@ from benchmarks.harness.rates import cpu
 from benchmarks.plant_parts.energy import balance
 from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
-from sim.catalogue import kinds
 from sim.draw import draw_hidden, usual_effects
 from sim.effects.base import Moving
 from sim.engine.bullet import World
+from sim.engine.records import (
+    PlantEffect,
+    PlantSpec,
+    Rates,
+    Reference,
+    TrajectorySpec,
+    stream,
+)
 from sim.experiment import run_experiment
 from sim.plant import tables as at
 from sim.plant.arm import Phase, build_arm, channels_of, new_state, phases
+from sim.plant.catalogue import kinds
 from sim.plant.controller import KD, KP, computed_torque
 from sim.plant.sensors import read
+from sim.plant.sizes import usual_limits
 from sim.plant.step import advance
 from sim.plant.stepping import Trace, pushed, simulate
-from sim.records import PlantEffect, PlantSpec, Rates, Reference, TrajectorySpec, stream
-from sim.sizes import usual_limits
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import excitation
 from sim.trajectories.fourier import draw, sampled

@@ -51,9 +51,9 @@ from residual.tables.form import PAIR_FORM, EffectForm
 from residual.tables.lookup import Lookup
 from residual.tables.nominal_choice import SWEEP, choose_levels
 from residual.tables.nominal_pls import NominalForm, fill_unvisited, fit_nominal_pls
+from sim.engine.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
 from sim.experiment import run_experiment
 from sim.plant import tables as at
-from sim.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
 from sim.trajectories import make_reference
 from sim.twin import twin_of
 from warehouse.logs import read_log

@@ -20,9 +20,7 @@ from residual.monitoring.monitor import Alarm, calibrate
 from residual.recording import Recording
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
-from sim.experiment import log_of
-from sim.plant.stepping import drive
-from sim.records import (
+from sim.engine.records import (
     PlantEffect,
     PlantSpec,
     Rates,
@@ -30,7 +28,9 @@ from sim.records import (
     TrajectorySpec,
     stream,
 )
-from sim.sizes import sizes
+from sim.experiment import log_of
+from sim.plant.sizes import sizes
+from sim.plant.stepping import drive
 from sim.trajectories import KINDS, make_reference
 
 ROBOT = load_robot("irb140")

@@ -8,8 +8,8 @@ samples as well: they are imposed on bounds of the continuous curves.
 import numpy as np
 
 from residual.recording import Array
-from sim.records import Reference
-from sim.sizes import UsualLimits, draw_centre
+from sim.engine.records import Reference
+from sim.plant.sizes import UsualLimits, draw_centre
 from sim.trajectories.curves import (
     RAMP,
     Series,

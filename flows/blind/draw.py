@@ -15,8 +15,8 @@ from residual.effects import registry
 from residual.errors import InputError
 from residual.names import check_name
 from residual.robot.robot import Robot
-from sim.catalogue import kinds, unnamed
-from sim.records import BACKGROUNDS, CLEAN, BackgroundWord, stream
+from sim.engine.records import BACKGROUNDS, CLEAN, BackgroundWord, stream
+from sim.plant.catalogue import kinds, unnamed
 
 SHARED = 10  # cases per excitation
 # Of twenty cases; in an order of their own in every twenty.

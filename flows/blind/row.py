@@ -9,11 +9,11 @@ from flows.blind.score import SINGLE, Name, Score, members, score
 from residual.diagnosis.result import Detectable, Verdict
 from residual.effects import reported_joints
 from residual.robot.robot import Robot
-from sim.catalogue import amount, kinds, main_parameter, multiplied, stated
 from sim.draw import draw_hidden
+from sim.engine.records import PlantEffect, PlantSpec
 from sim.plant.arm import build_arm
+from sim.plant.catalogue import amount, kinds, main_parameter, multiplied, stated
 from sim.plant.controller import maker_of
-from sim.records import PlantEffect, PlantSpec
 
 # An arm that has ten times as much as any is no arm; where noise is that large, the
 # effect stays below the multiple that was asked for.

@@ -19,7 +19,7 @@ from flows.storage.diagnosis import read_verdict
 from flows.workers.pool import Here, Pool
 from residual.diagnosis.result import Detectable
 from residual.errors import InputError, ModelgapError
-from sim.records import CLEAN, BackgroundWord
+from sim.engine.records import CLEAN, BackgroundWord
 from warehouse.commit import commit_record
 from warehouse.layout import read_record
 

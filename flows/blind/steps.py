@@ -31,7 +31,7 @@ from residual.diagnosis.verdict import to_json
 from residual.effects import registry, reported_joints
 from residual.quantity import plain
 from residual.threads import one_blas_thread
-from sim.records import PlantEffect, stream
+from sim.engine.records import PlantEffect, stream
 from warehouse import runs as stored
 from warehouse.commit import commit_record
 from warehouse.layout import read_record

@@ -25,8 +25,8 @@ from flows.steps.diagnose import diagnose_runs, request_of
 from flows.storage.diagnosis import read_outcome
 from flows.workers.pool import Pool
 from residual.errors import InputError
-from sim.records import WORKSHOP, BackgroundWord
-from warehouse.objects.mirror import shown
+from sim.engine.records import WORKSHOP, BackgroundWord
+from warehouse.mirror import shown
 
 MOST_ARMS = 20
 # As it was once called; a demonstration is always plain now.

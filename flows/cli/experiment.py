@@ -35,11 +35,11 @@ from flows.steps.track import Track, track
 from flows.storage.diagnosis import read_verdict
 from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError
+from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
-from sim.records import TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import usage
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
 
 DryRun = Annotated[
     Flag,

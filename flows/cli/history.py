@@ -22,8 +22,8 @@ from flows.settings import store_folder
 from flows.steps import diff as steps
 from flows.steps import rerun as reruns
 from warehouse.bundle import read_bundle, write_bundle
-from warehouse.lineage import tree
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
+from warehouse.query.lineage import tree
 from warehouse.query.store import open_store
 
 Shown = Literal["table", "json"]

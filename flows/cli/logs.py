@@ -13,7 +13,7 @@ from flows.requests import Check, Flag, Import, Json, Log
 from flows.settings import store_folder
 from flows.steps import check as checking
 from flows.steps import imports
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
 
 
 def check(*logs: Log, asked: Check, json: Json = None) -> None:

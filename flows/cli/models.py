@@ -21,7 +21,7 @@ from flows.steps import adopt as steps
 from flows.steps import export as exporting
 from flows.steps import predict as predicting
 from residual.model.compare import WHOLE
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
 
 _PAGE = "view.html"
 _PLAIN, _ANY = steps.Adopt(), View()

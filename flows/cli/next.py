@@ -25,9 +25,9 @@ from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.planning.outlook import HOPELESS
 from residual.threads import one_blas_thread
-from sim.records import Reference, TrajectorySpec
+from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
 
 _PLAIN = Next()
 

@@ -26,7 +26,7 @@ from flows.service.status import status as state_of
 from flows.service.up import up as bring_up
 from flows.settings import PREFECT, store_folder
 from residual.errors import InputError
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
 
 
 def up(

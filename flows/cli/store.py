@@ -15,9 +15,9 @@ from flows.steps import diff as steps
 from residual.errors import InputError
 from warehouse.catalogue import rebuild
 from warehouse.layout import find, read_record
-from warehouse.lineage import move_away, old_runs
-from warehouse.objects.mirror import bucket_of
+from warehouse.mirror import bucket_of
 from warehouse.query import store as opening
+from warehouse.query.lineage import move_away, old_runs
 from warehouse.query.views import text as quoted
 from warehouse.runs import quarantine as set_aside
 from warehouse.runs import read_manifest, tombstone

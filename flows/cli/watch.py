@@ -46,7 +46,7 @@ from residual.errors import ModelgapError
 from residual.monitoring.rows import Samples
 from residual.monitoring.watch import Change
 from warehouse.logs import ColumnMap, load_columns
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
 
 _PLAIN, _HOURLY = Watch(), Monitor()
 

@@ -17,8 +17,8 @@ from flows.settings import PROJECT, ROOT, store_folder
 from residual.errors import InputError
 from residual.robot.robot import Robot, built_in_robots, with_serial
 from residual.robot.toml import SERIAL, SLUG
+from warehouse.bucket import is_address
 from warehouse.logs import ColumnMap, load_columns
-from warehouse.objects.bucket import is_address
 from warehouse.toml import faults, read_toml
 
 _TABLE = ConfigDict(extra="forbid")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from flows.report.document import Chart, Document, Section, Strong, Table, Tile
-from flows.report.page.base import render_document
+from flows.report.page import render_document
 from flows.report.words.calibration import plane_words, sentences
 from flows.report.words.phrases import sentence_case
 from flows.steps.calibrate import Calibrated

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flows.blind.score import Name, Said, matched, members
 from flows.report.document import Tile
-from flows.report.page.base import environment
+from flows.report.page import environment
 from flows.report.words.phrases import effect_named, listing, phrase
 from flows.report.words.staged import FORMS
 from flows.steps.closing.close import Closed

@@ -12,7 +12,7 @@ from flows.report import charts
 from flows.report.console import line, show
 from flows.report.document import Chart, Strong, Table, Tile
 from flows.report.made import Origin
-from flows.report.page.base import environment
+from flows.report.page import environment
 from flows.report.words import outlook
 from flows.report.words import rows as tables
 from flows.report.words import verdict as words

@@ -11,7 +11,7 @@ from flows.report.figures.paper import SOFT, blank, figure_style, rule
 from flows.steps.track import LOOP, MODEL, NOMINAL, Gain, Tracked
 from flows.steps.validate import Validation
 from residual.robot.robot import Robot
-from sim.records import Reference, TrajectorySpec
+from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories.excitation import Usage
 from sim.trajectories.limits import largest_torque
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from flows.report.document import Document, Section, Table, words_table
 from flows.report.made import Made
-from flows.report.page.base import render_document
+from flows.report.page import render_document
 from flows.report.words.verdict import sentences
 from flows.steps.adopt import Judged, Proposal
 from residual.diagnosis.result import ErrorTables

@@ -12,7 +12,7 @@ from residual.evidence.rules import RULES
 from residual.monitoring.watch import Change
 from residual.monitoring.wear import JointTrend, Rate
 from residual.recording import Recording
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
 
 _NOUN = {
     "load": "the load on the flange",

@@ -9,7 +9,7 @@ from flows.report import diagnosis
 from flows.report.document import Chart, Table, Tile
 from flows.report.figures import look
 from flows.report.made import Origin
-from flows.report.page.base import environment
+from flows.report.page import environment
 from flows.report.words.outlook import (
     case_words,
     from_one_another,
@@ -22,7 +22,7 @@ from flows.steps.planning.design import Design, apart_by_no_motion
 from residual.diagnosis.result import Diagnosis
 from residual.quantity import MISSING, number, probability
 from residual.robot.robot import Robot
-from sim.records import Reference, TrajectorySpec
+from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import usage
 from sim.trajectories.limits import plan_limits

@@ -6,8 +6,7 @@ import numpy as np
 
 from flows.report.document import Chart
 from flows.report.figures import look
-from flows.report.page import base
-from flows.report.page.base import environment
+from flows.report.page import environment, of_template, scene_library
 from flows.report.words.phrases import phrase
 from flows.report.words.verdict import sentences
 from flows.steps.predict import Viewed
@@ -82,7 +81,7 @@ def render(found: Viewed) -> str:
             "motion": _motion(found, after),
             "first": _most_changed(found),
         },
-        scripts=[base.scene_library(), base.of_template("view.js")],
+        scripts=[scene_library(), of_template("view.js")],
     )
 
 

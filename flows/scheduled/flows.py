@@ -10,7 +10,7 @@ from prefect.runtime import flow_run
 from flows.requests import Campaign
 from flows.scheduled import loop, tasks
 from flows.settings import store_folder
-from sim.records import WORKSHOP, BackgroundWord
+from sim.engine.records import WORKSHOP, BackgroundWord
 
 _LIMIT = 12 * tasks.HOUR
 _NIGHT = 24 * tasks.HOUR

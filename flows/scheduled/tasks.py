@@ -31,7 +31,7 @@ from flows.steps import monitor as monitoring
 from flows.steps import rerun as reruns
 from flows.steps import validate as validation
 from flows.workers.runner import ClusterLostError
-from sim.records import CLEAN, BackgroundWord
+from sim.engine.records import CLEAN, BackgroundWord
 
 HOUR = 3600.0  # s
 

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from residual.errors import InputError
-from sim.records import (
+from sim.engine.records import (
     CLEAN,
     BackgroundWord,
     Noise,

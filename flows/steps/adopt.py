@@ -17,6 +17,7 @@ from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.ids import record_folder
 from warehouse.layout import list_folders, read_record
+from warehouse.mirror import shown
 from warehouse.numbered import (
     ADOPTED,
     ADOPTIONS,
@@ -27,7 +28,6 @@ from warehouse.numbered import (
     commit_adoption,
     read_adoption,
 )
-from warehouse.objects.mirror import shown
 from warehouse.runs import read_run
 from warehouse.schema import KINDS
 

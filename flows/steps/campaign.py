@@ -24,7 +24,7 @@ from flows.workers.pool import Here, Pool
 from flows.workers.runner import Cluster, chosen_runner, workers_of
 from residual.errors import InputError, ModelgapError
 from warehouse.layout import find_run
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
 from warehouse.robots import robot_word
 from warehouse.runs import read_manifest
 

@@ -24,8 +24,7 @@ from residual.effects import reported_joints
 from residual.errors import InputError
 from residual.names import check_name
 from residual.quantity import plain
-from sim.catalogue import kinds
-from sim.records import (
+from sim.engine.records import (
     BACKGROUNDS,
     CLEAN,
     HIDDEN,
@@ -34,6 +33,7 @@ from sim.records import (
     TrajectorySpec,
     stream,
 )
+from sim.plant.catalogue import kinds
 from sim.trajectories import make_reference
 from sim.trajectories.fourier import draw_slow
 from sim.visible import Stage, draw_visible

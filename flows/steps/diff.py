@@ -12,7 +12,7 @@ from flows.steps.rerun_records import apart
 from residual.errors import InputError
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.layout import Found, find
-from warehouse.objects.mirror import bucket_of, shown
+from warehouse.mirror import bucket_of, shown
 from warehouse.runs import read_channels, read_manifest
 from warehouse.verify import open_to_others, read_row, verify_all
 

@@ -20,10 +20,10 @@ from residual.model.model import Model, Term
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
 from residual.threads import one_blas_thread
-from sim.catalogue import acting, changed, kinds
+from sim.engine.records import PlantEffect, PlantSpec, Rates, TrajectorySpec
 from sim.experiment import run_experiment
 from sim.plant.arm import build_arm
-from sim.records import PlantEffect, PlantSpec, Rates, TrajectorySpec
+from sim.plant.catalogue import acting, changed, kinds
 from warehouse.runs import read_manifest, read_run
 
 Drives = Mapping[tuple[str, int], float]  # true values by name and joint from 1

@@ -20,16 +20,23 @@ from residual.model.control import Use, computed_torque, feed_forward
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
-from sim.catalogue import check_effect
+from sim.engine.records import (
+    NAMES,
+    Noise,
+    PlantEffect,
+    PlantSpec,
+    Reference,
+    TrajectorySpec,
+)
 from sim.experiment import run_experiment
-from sim.records import NAMES, Noise, PlantEffect, PlantSpec, Reference, TrajectorySpec
+from sim.plant.catalogue import check_effect
 from sim.trajectories import make_reference
 from sim.twin import log_twin_errors
 from warehouse import ids
 from warehouse.commit import Sealed, commit_run, sealed_hash
 from warehouse.ids import plain, record_folder
 from warehouse.layout import find
-from warehouse.objects.mirror import is_there
+from warehouse.mirror import is_there
 from warehouse.provenance import plant_code_hash
 from warehouse.robots import keep_robot
 

@@ -21,7 +21,7 @@ from warehouse.commit import commit_run, imported_run_id
 from warehouse.ids import record_folder
 from warehouse.logs import ColumnMap, Understood, load_columns, read_any, unique_ids
 from warehouse.logs.file import iso, parse
-from warehouse.objects.mirror import is_there
+from warehouse.mirror import is_there
 from warehouse.robots import keep_robot
 from warehouse.runs import read_manifest
 

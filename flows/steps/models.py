@@ -30,8 +30,8 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
 from warehouse.layout import Found, find, list_folders, read_record
+from warehouse.mirror import shown
 from warehouse.numbered import Adoption, adopted
-from warehouse.objects.mirror import shown
 from warehouse.runs import read_manifest
 
 sql = Lazy("warehouse.query.store")  # a database, for one question of few

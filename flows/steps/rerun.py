@@ -20,8 +20,7 @@ from warehouse.commit import commit_record
 from warehouse.compare import Channel, compare, differing
 from warehouse.files import read_parquet, to_arrays
 from warehouse.ids import data_hash, plain
-from warehouse.layout import Found, find
-from warehouse.lineage import RERUN_OF
+from warehouse.layout import RERUN_OF, Found, find
 from warehouse.provenance import about_changes, provenance, read_packages
 from warehouse.robots import robot_word
 from warehouse.runs import open_seal, read_manifest

@@ -28,9 +28,8 @@ from warehouse.commit import commit_record
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.files import read_parquet, table_hash
 from warehouse.ids import ID_DIGITS
-from warehouse.layout import Found, find, list_folders, read_record
-from warehouse.lineage import RERUN_OF, needed
-from warehouse.objects.mirror import brought, is_there
+from warehouse.layout import RERUN_OF, Found, find, list_folders, needed, read_record
+from warehouse.mirror import brought, is_there
 from warehouse.robots import robot_word
 from warehouse.runs import read_manifest
 from warehouse.schema import SEALED

@@ -26,7 +26,7 @@ from residual.export.exported import Whole
 from residual.model.control import Use
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
-from sim.records import PlantSpec, Reference, TrajectorySpec
+from sim.engine.records import PlantSpec, Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from sim.twin import Driven, run_along
 from warehouse.commit import commit_record

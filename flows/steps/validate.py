@@ -25,9 +25,9 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
 from residual.threads import one_blas_thread
+from sim.engine.records import PlantSpec, Reference, TrajectorySpec
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive
-from sim.records import PlantSpec, Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from sim.twin import open_loop, track, twin_of
 from warehouse.commit import about_run, commit_record

@@ -1,7 +1,7 @@
 """What an arm may hide, one file per effect; the registry is the folder listing.
 
 A file has an ``EFFECT``, or ``EFFECTS`` where several are of one kin; one that begins
-with ``_`` has none. The registry is read by `sim.catalogue` alone.
+with ``_`` has none. The registry is read by `sim.plant.catalogue` alone.
 """
 
 from collections.abc import Iterable

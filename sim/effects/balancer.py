@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sim import laws
 from sim.effects.base import Effect, Here, Rng, balanced, sign, split
+from sim.engine import laws
 
 
 def _polar(p):

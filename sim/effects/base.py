@@ -10,7 +10,7 @@ from numba import njit
 
 from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.records import Sizes
+from sim.engine.records import Sizes
 
 Rng = np.random.Generator
 Values = Mapping[str, float]

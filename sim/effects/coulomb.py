@@ -1,7 +1,7 @@
 """Dry friction: a change of what the drive has."""
 
-from sim import laws
 from sim.effects.base import Effect, row
+from sim.engine import laws
 
 EFFECT = Effect(
     name="coulomb",

@@ -1,7 +1,7 @@
 """coefficient sqrt(load^2 + e^2) z with e a tenth of the Coulomb level."""
 
-from sim import laws
 from sim.effects.base import Effect, loaded
+from sim.engine import laws
 
 
 def _law(state, p):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sim import laws
 from sim.effects.base import Effect, row, sign
+from sim.engine import laws
 
 EFFECT = Effect(
     name="offset",

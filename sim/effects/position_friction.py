@@ -5,8 +5,8 @@ With the base friction: Fc (1 + (a / Fc) cos x + ...), an eccentric gear wheel.
 
 import numpy as np
 
-from sim import laws
 from sim.effects.base import Effect, split, turn
+from sim.engine import laws
 
 
 def _polar(p):

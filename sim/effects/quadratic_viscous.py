@@ -1,7 +1,7 @@
 """coefficient qd times the viscosity of churning oil."""
 
-from sim import laws
 from sim.effects.base import Effect, row
+from sim.engine import laws
 
 
 def _law(state, p):

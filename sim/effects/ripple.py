@@ -1,7 +1,7 @@
 """The cogging of a magnet at order q + phase."""
 
-from sim import laws
 from sim.effects.base import Effect, row, turn
+from sim.engine import laws
 
 
 def _law(state, p):

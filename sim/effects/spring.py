@@ -1,7 +1,7 @@
 """stiffness times q - rest: a hose that softens."""
 
-from sim import laws
 from sim.effects.base import Effect, row
+from sim.engine import laws
 
 EFFECT = Effect(
     name="spring",

@@ -1,7 +1,7 @@
 """level z / (1 + (qd / velocity)^2): a Lorentzian (Hess 1990), not an exponential."""
 
-from sim import laws
 from sim.effects.base import Effect, row
+from sim.engine import laws
 
 
 def stribeck(state, p):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sim import laws
 from sim.effects.base import Effect, Here, Rng, any_joint, row, sign, turn
+from sim.engine import laws
 
 
 def _size(rng: Rng, here: Here) -> float:

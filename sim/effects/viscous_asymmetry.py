@@ -1,7 +1,7 @@
 """+coefficient qd forwards and -coefficient qd backwards, blended by z."""
 
-from sim import laws
 from sim.effects.base import Effect, row, sign
+from sim.engine import laws
 
 EFFECT = Effect(
     name="viscous_asymmetry",

@@ -6,8 +6,8 @@ in the physics engine the friction itself heats.
 
 import numpy as np
 
-from sim import laws
 from sim.effects.base import Effect, row
+from sim.engine import laws
 
 
 def _law(state, p):

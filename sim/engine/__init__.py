@@ -1,1 +1,1 @@
-"""PyBullet and the geometry around it: integrator, camera, clearance, kinematics."""
+"""What the simulated world rests on: records, laws of friction, PyBullet, geometry."""

@@ -12,7 +12,7 @@ from residual.recording import Array
 from residual.robot.robot import Robot
 from sim.engine.bullet import Camera
 from sim.engine.geometry import body
-from sim.records import Reference
+from sim.engine.records import Reference
 
 _SIZE = (400, 320)  # pixels
 _COLOURS = 64

@@ -9,16 +9,17 @@ import pinocchio as pin
 from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.robot import Robot
-from sim import laws
-from sim.background import (
+from sim.engine import laws
+from sim.engine.records import Drives, PlantEffect, PlantSpec, stream
+from sim.plant import tables as at
+from sim.plant.background import (
     USUAL_SPEED,
     Background,
     draw_background,
     usual_power,
     warmth_after,
 )
-from sim.catalogue import Acting, acting, changed, check_effect
-from sim.plant import tables as at
+from sim.plant.catalogue import Acting, acting, changed, check_effect
 from sim.plant.controller import maker_of
 from sim.plant.friction import SLOW, series_spring, warmth_at
 from sim.plant.sensors import (
@@ -27,9 +28,8 @@ from sim.plant.sensors import (
     encoder_faults,
     torque_constants,
 )
+from sim.plant.sizes import scatter, usual_limits
 from sim.plant.tables import Constants, State
-from sim.records import Drives, PlantEffect, PlantSpec, stream
-from sim.sizes import scatter, usual_limits
 
 Effects = Sequence[PlantEffect]
 COGGING = "background"  # channel of what the background adds beside friction

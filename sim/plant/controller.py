@@ -13,9 +13,9 @@ import pinocchio as pin
 
 from residual.recording import Array
 from residual.robot.robot import Robot
+from sim.engine.records import Drives, Reference
+from sim.plant.sizes import sizes
 from sim.plant.tables import compiled
-from sim.records import Drives, Reference
-from sim.sizes import sizes
 
 # Critically damped at 30 rad/s: poles of eq. 10.
 KP, KD = 900.0, 60.0  # 1/s^2, 1/s

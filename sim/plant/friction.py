@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from sim import laws
+from sim.engine import laws
 from sim.plant.tables import compiled
 
 _direction = njit(laws.direction)

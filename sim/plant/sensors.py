@@ -11,8 +11,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from residual.recording import Array
-from sim.catalogue import Acting
 from sim.plant import tables as at
+from sim.plant.catalogue import Acting
 from sim.plant.tables import compiled
 
 ENCODER_STEP = 1e-4  # rad

@@ -12,7 +12,7 @@ What each joint then passes on to the rigid arm is sent to Bullet, and Bullet mo
 import numpy as np
 from numba import njit
 
-from sim import laws
+from sim.engine import laws
 from sim.plant import tables as at
 from sim.plant.friction import (
     AMBIENT,

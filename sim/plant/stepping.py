@@ -12,13 +12,13 @@ from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 from sim.effects.base import Moving
 from sim.engine.bullet import World
+from sim.engine.records import PlantSpec, Reference, motion_label
 from sim.plant import tables as at
 from sim.plant.arm import Arm, Phase, build_arm, new_state, phases, series_of
 from sim.plant.controller import Controller, Law, controller_of
 from sim.plant.sensors import read, true_angle
 from sim.plant.step import advance
 from sim.plant.tables import State, pack
-from sim.records import PlantSpec, Reference, motion_label
 
 
 class DivergedError(ModelgapError):

@@ -14,13 +14,13 @@ from residual.recording import Array
 # function calls in other files as that was. So the folder of compiled code is named
 # after all of them.
 _PLANT = Path(__file__).parent
-_SOURCES = (*sorted(_PLANT.glob("*.py")), _PLANT.parent / "laws.py")
+_SOURCES = (*sorted(_PLANT.glob("*.py")), _PLANT.parent / "engine" / "laws.py")
 _CODE = hashlib.sha256(b"".join(path.read_bytes() for path in _SOURCES)).hexdigest()
 _FOLDER = _PLANT / "__pycache__" / f"compiled-{_CODE[:12]}"
 
-# Columns of a row of friction: kind (`sim.laws`), on which contact, its memory, four
-# numbers. Contacts are the joints, then the shared gears of pairs. Columns of a row of
-# torque: kind, on which joint, into which channel, four numbers.
+# Columns of a row of friction: kind (`sim.engine.laws`), on which contact, its memory,
+# four numbers. Contacts are the joints, then the shared gears of pairs. Columns of a
+# row of torque: kind, on which joint, into which channel, four numbers.
 WIDTH = 7
 # Rows of the trace, before one row for each explicit channel.
 (

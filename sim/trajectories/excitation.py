@@ -23,7 +23,7 @@ from residual.robot.base_parameters import base_columns
 from residual.robot.dynamics import inertial_parameters, regressor
 from residual.robot.robot import Robot
 from sim.engine.geometry import MARGIN, clearances
-from sim.records import Drives, Reference
+from sim.engine.records import Drives, Reference
 from sim.trajectories.curves import Series
 from sim.trajectories.fourier import (
     FREE,

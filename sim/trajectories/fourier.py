@@ -20,7 +20,7 @@ from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.robot import Robot
 from sim.engine.geometry import MARGIN, clearances
-from sim.sizes import draw_centre, usual_limits
+from sim.plant.sizes import draw_centre, usual_limits
 from sim.trajectories.curves import Series, derivative, peaks
 from sim.trajectories.limits import Workspace, between, largest_torque, workspace
 

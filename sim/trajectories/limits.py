@@ -13,10 +13,10 @@ from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
-from sim.catalogue import of_drives
 from sim.engine.geometry import MARGIN, Body, body, clearances
-from sim.records import Drives
-from sim.sizes import declared, usual_limits
+from sim.engine.records import Drives
+from sim.plant.catalogue import of_drives
+from sim.plant.sizes import declared, usual_limits
 from sim.trajectories.curves import Curve
 
 SPEED, ACCELERATION, TORQUE = 0.8, 0.9, 0.8  # of the robot's own limits

@@ -11,7 +11,7 @@ from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.robot import Robot
 from sim.engine.geometry import MARGIN, clearances
-from sim.sizes import draw_centre, usual_limits
+from sim.plant.sizes import draw_centre, usual_limits
 from sim.trajectories.curves import dwell, move, move_time, repeated
 from sim.trajectories.limits import Plan, Workspace, largest, largest_torque, workspace
 

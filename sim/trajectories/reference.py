@@ -8,7 +8,7 @@ from residual.errors import InputError
 from residual.names import check_name
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
-from sim.records import Reference, TrajectorySpec, stream
+from sim.engine.records import Reference, TrajectorySpec, stream
 from sim.trajectories.curves import RAMP
 from sim.trajectories.excitation import optimise
 from sim.trajectories.fourier import draw, given, sampled

@@ -29,7 +29,7 @@ from sim.engine.geometry import (
     kinematics,
     pose,
 )
-from sim.sizes import usual_limits
+from sim.plant.sizes import usual_limits
 from sim.trajectories.curves import (
     RAMP,
     Path,

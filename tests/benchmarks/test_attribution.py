@@ -22,7 +22,7 @@ from residual.diagnosis.result import Detectable
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.signals.track import Filters
 from sim.draw import light_arm
-from sim.records import PlantEffect
+from sim.engine.records import PlantEffect
 
 ROW = {
     "arm": "six",

@@ -9,7 +9,7 @@ from benchmarks.check_parts.judge import trace
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair
-from sim.records import stream
+from sim.engine.records import stream
 
 
 @pytest.fixture(scope="module")

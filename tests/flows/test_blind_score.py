@@ -12,7 +12,7 @@ from residual.diagnosis.result import Detectable
 from residual.effects import registry
 from residual.errors import InputError
 from residual.robot.robot import load_robot
-from sim.records import PlantEffect, stream
+from sim.engine.records import PlantEffect, stream
 from tests.flows.blind_rows import entry, row, verdict
 
 STRIBECK, OFFSET = Name("stribeck", (2,)), Name("offset", (3,))

@@ -20,7 +20,7 @@ from flows.steps import demo as steps
 from flows.steps.demo import Demo
 from residual.diagnosis.result import Edit
 from sim.draw import draw_hidden
-from sim.records import HIDDEN, stream
+from sim.engine.records import HIDDEN, stream
 from sim.trajectories import make_reference
 from sim.visible import VISIBLE, Stage, share
 from tests.verdict_documents import typed

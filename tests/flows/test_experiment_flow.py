@@ -14,7 +14,7 @@ from flows.steps.diagnose import diagnose_runs
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import load_robot
-from sim.records import Hidden, PlantRun
+from sim.engine.records import Hidden, PlantRun
 from tests.residual.arms import short_case, urdf_text
 from tests.verdict_documents import typed
 from warehouse.layout import read_record

@@ -20,9 +20,9 @@ from residual.errors import InputError
 from tests import s3
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as made
+from warehouse import mirror
 from warehouse.layout import list_folders
-from warehouse.objects import mirror
-from warehouse.objects.mirror import shown
+from warehouse.mirror import shown
 from warehouse.runs import read_run
 
 ROOT = Path(__file__).parents[2]

@@ -8,8 +8,8 @@ import pytest
 from plotly import graph_objects
 
 from flows.report import charts
+from flows.report import page as base
 from flows.report.diagnosis import render
-from flows.report.page import base
 from flows.report.words.rows import means
 from residual.effects import registry as vocabulary
 from residual.model.compare import Cloud

@@ -11,9 +11,9 @@ import pytest
 from rich.console import Console
 
 from flows.report import charts
+from flows.report import page as base
 from flows.report.diagnosis import print_diagnosis, render
-from flows.report.page import base
-from flows.report.page.base import environment
+from flows.report.page import environment
 from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.verdict import from_json, to_json
 from residual.model.compare import Cloud, LogProof

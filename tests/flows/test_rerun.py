@@ -17,15 +17,14 @@ from flows.steps.diff import diff
 from flows.steps.rerun import cause_of
 from residual.errors import InputError
 from residual.recording import Recording
-from sim.records import PlantRun
+from sim.engine.records import PlantRun
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples
 from warehouse import provenance
 from warehouse.bundle import read_bundle, write_bundle
 from warehouse.commit import commit_run
 from warehouse.files import write_parquet, write_sums
-from warehouse.layout import find, list_folders, read_record
-from warehouse.lineage import RERUN_OF
+from warehouse.layout import RERUN_OF, find, list_folders, read_record
 from warehouse.query.store import open_store
 from warehouse.runs import open_seal, read_manifest
 

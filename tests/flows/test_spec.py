@@ -10,7 +10,7 @@ from flows.specs.campaign import load_campaign
 from flows.specs.experiment import derived_seed, experiment_of, load_spec
 from flows.steps.experiment import checked_robot, open_half, run_id_of, sealed_half
 from residual.errors import InputError
-from sim.records import Noise, PlantEffect, Rates, TrajectorySpec
+from sim.engine.records import Noise, PlantEffect, Rates, TrajectorySpec
 
 SPEC = """
 schema = 1

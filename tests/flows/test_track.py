@@ -19,8 +19,8 @@ from residual.model.model import Model, Term
 from residual.model.record import to_record
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
+from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
 from sim.plant.controller import maker_of
-from sim.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse.commit import commit_record
 from warehouse.layout import read_record

@@ -15,8 +15,8 @@ from flows.steps import experiment, validate
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import load_robot
+from sim.engine.records import Noise, PlantEffect, PlantSpec
 from sim.plant.stepping import DivergedError
-from sim.records import Noise, PlantEffect, PlantSpec
 from warehouse.commit import commit_run
 from warehouse.ids import canonical
 from warehouse.layout import read_record

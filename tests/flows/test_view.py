@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from flows.cli import main
-from flows.report.page import base
+from flows.report import page as base
 from flows.report.view import frames_of, render
 from flows.requests import View
 from flows.steps.predict import Viewed, view

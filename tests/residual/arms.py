@@ -20,8 +20,8 @@ from residual.robot.robot import Robot, load_robot
 from residual.signals.pieces import session_clock
 from residual.signals.track import Filters
 from sim.draw import draw
+from sim.engine.records import Hidden, stream
 from sim.quasi_static import Plant
-from sim.records import Hidden, stream
 
 Y, Z = "0 1 0", "0 0 1"
 TWO = (Y, Y)

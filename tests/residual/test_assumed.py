@@ -9,8 +9,8 @@ from benchmarks.synthetic.logs import Case
 from residual.diagnosis.changes import changes
 from residual.model.nominal import declared_names
 from residual.robot.robot import load_robot
+from sim.engine.records import PlantSpec, TrajectorySpec
 from sim.experiment import run_experiment
-from sim.records import PlantSpec, TrajectorySpec
 from sim.trajectories import make_reference
 from tests.residual.arms import doubts
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from sim.records import Hidden
-from sim.sizes import scatter
+from sim.engine.records import Hidden
+from sim.plant.sizes import scatter
 from tests.residual.arms import arm, diagnose_case, names, short_case
 
 ROUGH = 0.2

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from residual.diagnosis.result import Splits
 from residual.diagnosis.verdict import from_json, to_json
 from residual.model.chance import is_sure, rise, rises
-from sim.records import Hidden
+from sim.engine.records import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
 from tests.residual.linear import Problem
 

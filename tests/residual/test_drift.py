@@ -5,8 +5,8 @@ from functools import cache
 import pytest
 
 from residual.diagnosis.verdict import from_json, to_json
+from sim.engine.records import Hidden
 from sim.quasi_static import Plant, true_friction
-from sim.records import Hidden
 from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case
 
 FOUR = (Z, Y, Y, Z)

@@ -21,8 +21,8 @@ from residual.model.model import Term
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
+from sim.engine.records import Hidden
 from sim.quasi_static import Plant
-from sim.records import Hidden
 
 LOAD = {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
 

@@ -15,7 +15,7 @@ from residual.epochs.rows import Layout
 from residual.errors import InputError
 from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
-from sim.records import Hidden
+from sim.engine.records import Hidden
 from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case
 from warehouse.logs import read_log
 

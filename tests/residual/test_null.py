@@ -20,7 +20,7 @@ from residual.method.nulls import (
     redrawn,
     source,
 )
-from sim.records import Hidden
+from sim.engine.records import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
 from tests.residual.linear import DOF, Problem, build, every_group
 

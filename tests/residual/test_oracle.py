@@ -9,8 +9,8 @@ from residual.epochs.compare import Asked
 from residual.errors import UnknownNameError
 from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
+from sim.engine.records import Hidden
 from sim.quasi_static import Plant
-from sim.records import Hidden
 from tests.residual.arms import arm, diagnose_case, short_case
 
 PLAN = (

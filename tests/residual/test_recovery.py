@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import CHANGES
-from sim.records import Hidden
+from sim.engine.records import Hidden
 from tests.residual.arms import (
     Y,
     Z,

@@ -14,8 +14,8 @@ from residual.method.diagnose import diagnose
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
+from sim.engine.records import Hidden
 from sim.quasi_static import Plant
-from sim.records import Hidden
 from tests.residual.arms import arm, doubts, names, short_case
 
 PLAN = (

@@ -14,7 +14,7 @@ from residual.diagnosis.verdict import from_json, to_json
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
 from residual.method.diagnose import diagnose, with_check
-from sim.records import Hidden
+from sim.engine.records import Hidden
 from tests.residual.arms import (
     SEVEN,
     arm,

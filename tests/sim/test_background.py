@@ -9,10 +9,10 @@ from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.motions import make_motion
 from residual.errors import InputError
 from residual.robot.robot import load_robot
-from sim.background import Rubbing, added, cogging, draw_background, logged
+from sim.engine.records import Hidden, stream
+from sim.plant.background import Rubbing, added, cogging, draw_background, logged
+from sim.plant.sizes import sizes, usual_limits
 from sim.quasi_static import Plant, background_of, true_friction, true_torque
-from sim.records import Hidden, stream
-from sim.sizes import sizes, usual_limits
 
 ROBOT = load_robot("irb140")
 SEEDS = range(1, 13)

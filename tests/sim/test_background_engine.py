@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from sim.engine.records import PlantSpec, Rates
 from sim.experiment import run_experiment
-from sim.records import PlantSpec, Rates
 from tests.sim.plant_cases import ROBOT, motion
 
 MOTION = motion("fourier", 3.0)

@@ -11,13 +11,13 @@ from benchmarks.synthetic.motions import make_motion
 from residual.effects import registry as sought
 from residual.errors import InputError
 from sim import effects
-from sim.catalogue import check_effect, kinds, of_drives, vocabulary
 from sim.draw import draw, draw_hidden, usual_effects
 from sim.effects import registry
+from sim.engine.records import Hidden, Noise, PlantSpec, stream
 from sim.experiment import run_experiment
+from sim.plant.catalogue import check_effect, kinds, of_drives, vocabulary
+from sim.plant.sizes import usual_limits
 from sim.quasi_static import Plant, true_torque
-from sim.records import Hidden, Noise, PlantSpec, stream
-from sim.sizes import usual_limits
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent

@@ -4,7 +4,7 @@ import pytest
 
 from residual.robot.robot import load_robot
 from sim.engine.geometry import dexterity, follow, inverse, kinematics, pose
-from sim.records import TrajectorySpec
+from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.tools import cell, draw_piece
 from tests.sim.arms import SEVEN, arm

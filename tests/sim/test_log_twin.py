@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
+from sim.engine.records import Noise, PlantSpec, Rates
 from sim.experiment import run_experiment
-from sim.records import Noise, PlantSpec, Rates
 from sim.twin import log_twin_errors, logged_reference
 from tests.sim.plant_cases import ROBOT, effect, motion
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from sim.catalogue import acting
 from sim.plant import tables as at
+from sim.plant.catalogue import acting
 from sim.plant.controller import replay
 from sim.plant.friction import series_spring, slide
 from sim.plant.sensors import reported

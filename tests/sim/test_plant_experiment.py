@@ -11,12 +11,12 @@ import pytest
 from residual.errors import InputError, UnknownNameError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot
-from sim.catalogue import check_effect, kinds, vocabulary
 from sim.draw import draw_hidden, usual_effects
+from sim.engine.records import Noise, PlantEffect, PlantSpec, Rates, Reference, stream
 from sim.experiment import run_experiment
 from sim.plant import tables as at
+from sim.plant.catalogue import check_effect, kinds, vocabulary
 from sim.plant.stepping import DivergedError
-from sim.records import Noise, PlantEffect, PlantSpec, Rates, Reference, stream
 from sim.twin import open_loop, track
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 

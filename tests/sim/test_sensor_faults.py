@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from sim.catalogue import acting
+from sim.engine.records import PlantSpec, Rates
 from sim.experiment import run_experiment
 from sim.plant import tables as at
+from sim.plant.catalogue import acting
 from sim.plant.sensors import hold_frozen, reported
 from sim.plant.stepping import DivergedError
-from sim.records import PlantSpec, Rates
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

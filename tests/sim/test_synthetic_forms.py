@@ -7,9 +7,9 @@ import pytest
 
 from benchmarks.synthetic import other_forms as forms
 from residual.effects import registry
-from sim import catalogue
-from sim.catalogue import amount, main_parameter, multiplied, stated
 from sim.effects import effect_of
+from sim.plant import catalogue
+from sim.plant.catalogue import amount, main_parameter, multiplied, stated
 
 
 def _state(q, t):

@@ -10,10 +10,10 @@ from benchmarks.synthetic.examples import write_hidden
 from benchmarks.synthetic.logs import LogPlan, make, standard_case, standard_plan
 from residual.robot.robot import load_robot
 from sim.draw import draw
+from sim.engine.records import stream
 from sim.plant.sensors import encoder, torque_noise
+from sim.plant.sizes import sizes
 from sim.quasi_static import Plant, true_friction
-from sim.records import stream
-from sim.sizes import sizes
 
 ROBOT = load_robot("irb140")
 SHORT = tuple(

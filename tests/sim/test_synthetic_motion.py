@@ -5,8 +5,8 @@ import pytest
 
 from benchmarks.synthetic.motions import FAMILIES, make_motion
 from residual.robot.robot import load_robot
-from sim.records import stream
-from sim.sizes import usual_limits
+from sim.engine.records import stream
+from sim.plant.sizes import usual_limits
 
 ROBOT = load_robot("irb140")
 SPACE = usual_limits(ROBOT)

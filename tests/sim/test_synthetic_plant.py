@@ -6,12 +6,12 @@ from benchmarks.synthetic.motions import make_motion
 from residual.errors import InputError
 from residual.robot.dynamics import inertial_parameters, outward
 from residual.robot.robot import load_robot
-from sim.catalogue import acting, changed, unnamed
 from sim.draw import draw, usual_effects
 from sim.effects.base import deflection
+from sim.engine.records import Hidden, stream
+from sim.plant.catalogue import acting, changed, unnamed
+from sim.plant.sizes import scatter, usual_limits
 from sim.quasi_static import Plant, true_friction, true_model, true_torque
-from sim.records import Hidden, stream
-from sim.sizes import scatter, usual_limits
 
 ROBOT = load_robot("irb140")
 IN_ENGINE = ("x_dead_zone", "x_wall")

@@ -8,7 +8,7 @@ import pytest
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot
 from sim.engine.geometry import MARGIN, body, clearances
-from sim.records import TrajectorySpec
+from sim.engine.records import TrajectorySpec
 from sim.trajectories import KINDS, make_reference
 from sim.trajectories import excitation as search
 from sim.trajectories.curves import peaks

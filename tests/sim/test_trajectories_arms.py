@@ -6,7 +6,7 @@ import pytest
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from sim.engine.geometry import MARGIN, body, clearances
-from sim.records import TrajectorySpec
+from sim.engine.records import TrajectorySpec
 from sim.trajectories import KINDS, LimitError, make_reference
 from sim.trajectories import excitation as search
 from sim.trajectories.excitation import excitation, usage

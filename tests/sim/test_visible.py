@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sim.catalogue import amount, check_effect, vocabulary
 from sim.draw import draw_hidden, usual_effects
+from sim.engine.records import PlantEffect, TrajectorySpec, stream
 from sim.plant import tables as at
-from sim.records import PlantEffect, TrajectorySpec, stream
+from sim.plant.catalogue import amount, check_effect, vocabulary
 from sim.trajectories import make_reference
 from sim.trajectories.fourier import draw_slow
 from sim.visible import MOST, VISIBLE, Stage, draw_visible, share

@@ -9,8 +9,8 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.compare import compare, differing, values_apart
 from warehouse.files import read_parquet, write_parquet, write_sums
-from warehouse.layout import find
-from warehouse.lineage import needed, tree
+from warehouse.layout import find, needed
+from warehouse.query.lineage import tree
 from warehouse.query.store import open_store
 from warehouse.verify import faults
 

@@ -18,7 +18,7 @@ from fsspec.spec import AbstractBufferedFile
 
 from residual.errors import InputError
 from warehouse.files import BLOCK, block_sums, crc
-from warehouse.objects.mirror import bucket_of, is_there, object_key, sums_in
+from warehouse.mirror import bucket_of, is_there, object_key, sums_in
 from warehouse.schema import SAMPLES_FILE
 
 PROTOCOL = "modelgap"

@@ -13,10 +13,10 @@ import duckdb
 import pyarrow as pa
 
 from residual.errors import InputError
+from warehouse.bucket import is_address
 from warehouse.catalogue import read_catalogue
 from warehouse.files import BLOCK, check_blocks, check_file, read_parquet
-from warehouse.objects.bucket import is_address
-from warehouse.objects.mirror import bucket_of, damaged, mirror_of, shown
+from warehouse.mirror import bucket_of, damaged, mirror_of, shown
 from warehouse.query.guard import (
     check_reads_only,
     collected,

@@ -28,7 +28,7 @@ from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 from sim.draw import light_arm
-from sim.records import PlantEffect
+from sim.engine.records import PlantEffect
 from warehouse.runs import read_run
 
 # Motions of their own, so that no two logs of a case can be laid over each other.

@@ -24,12 +24,12 @@ from flows.report.night.look import (
     span_of,
     unknown,
 )
-from flows.report.page.base import environment
+from flows.report.page import environment
 from residual.errors import InputError
 from warehouse.files import check_file
 from warehouse.ids import ID_DIGITS, record_folder
 from warehouse.layout import find
-from warehouse.objects.mirror import bucket_of
+from warehouse.mirror import bucket_of
 from warehouse.provenance import version_text
 from warehouse.query.store import Store, open_store
 from warehouse.verify import other_files

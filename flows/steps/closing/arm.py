@@ -15,7 +15,7 @@ from flows.steps.experiment import plant_of, sealed_half
 from residual.effects import reported_joints
 from residual.robot.robot import Robot
 from sim.draw import draw_hidden
-from sim.records import HIDDEN, PlantEffect, stream
+from sim.engine.records import HIDDEN, PlantEffect, stream
 from warehouse import ids
 from warehouse import runs as stored
 from warehouse.commit import sealed_hash

@@ -41,7 +41,7 @@ from residual.errors import InputError
 from residual.names import joints_listed
 from residual.quantity import percent
 from residual.threads import one_blas_thread
-from sim.records import TrajectorySpec
+from sim.engine.records import TrajectorySpec
 from warehouse.numbered import Decision, commit_decision, read_decisions
 
 _AMPLE = 1.5  # times the expected length: how long a designed motion is run

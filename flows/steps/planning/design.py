@@ -21,7 +21,7 @@ from residual.diagnosis.result import Place
 from residual.planning.outlook import Pair, chance
 from residual.planning.promise import told_apart
 from residual.planning.question import Question
-from sim.records import TrajectorySpec, stream
+from sim.engine.records import TrajectorySpec, stream
 from sim.trajectories.curves import Series
 from sim.trajectories.fourier import (
     FREE,

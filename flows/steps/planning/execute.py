@@ -13,7 +13,7 @@ from flows.steps.diagnose import diagnose_runs
 from flows.steps.rerun import spec_of
 from residual.errors import InputError
 from residual.planning.question import PAUSE
-from sim.records import TrajectorySpec
+from sim.engine.records import TrajectorySpec
 from warehouse.layout import find_run
 from warehouse.robots import robot_word
 from warehouse.runs import has_seal, open_seal, read_manifest

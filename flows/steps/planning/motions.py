@@ -16,7 +16,7 @@ from residual.planning.outlook import (
 from residual.planning.promise import growing_grams, planned_gram
 from residual.planning.question import Question
 from residual.robot.robot import Robot
-from sim.records import TrajectorySpec, stream
+from sim.engine.records import TrajectorySpec, stream
 from sim.trajectories.curves import Series
 from sim.trajectories.fourier import draw, sampled, written
 from sim.trajectories.limits import Plan, Workspace, workspace

@@ -12,7 +12,7 @@ from flows.cli import main
 from flows.steps.closing import close
 from flows.steps.closing.arm import Close, loop_id, make_arm
 from residual.errors import InputError
-from sim.records import TrajectorySpec
+from sim.engine.records import TrajectorySpec
 from tests.flows.closing import scripted
 from warehouse.layout import Found, list_folders
 from warehouse.numbered import commit_decision, read_decisions

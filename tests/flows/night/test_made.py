@@ -3,7 +3,7 @@
 import pytest
 
 from flows.report.made import made_of
-from flows.report.page.base import environment
+from flows.report.page import environment
 from residual.errors import InputError
 from warehouse.commit import commit_record
 

@@ -23,7 +23,7 @@ from flows.steps.planning.motions import (
 from residual.planning.promise import promised
 from residual.robot.dynamics import inverse_dynamics
 from sim.engine.geometry import MARGIN, body, clearances
-from sim.records import TrajectorySpec
+from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.fourier import draw, given, written
 from sim.trajectories.limits import workspace

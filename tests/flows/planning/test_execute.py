@@ -15,7 +15,7 @@ from flows.steps.planning.ask import Next, ask
 from flows.steps.planning.execute import execute, next_spec
 from residual.errors import InputError
 from residual.recording import Recording
-from sim.records import TrajectorySpec
+from sim.engine.records import TrajectorySpec
 from sim.trajectories.fourier import draw, written
 from sim.trajectories.limits import workspace
 from warehouse.commit import commit_run

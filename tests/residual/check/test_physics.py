@@ -15,7 +15,7 @@ from residual.check.result import Repair
 from residual.robot.robot import load_robot
 from residual.signals.low_pass import low_pass
 from sim.draw import draw
-from sim.records import stream
+from sim.engine.records import stream
 from tests.residual.arms import arm, bare_irb140
 from tests.residual.check.damaged import (
     clean_logs,

@@ -12,10 +12,10 @@ from residual.check.result import Repair
 from residual.check.samples import standing
 from residual.errors import InputError
 from residual.recording import Recording
+from sim.engine.records import stream
 from sim.plant.sensors import torque_noise
+from sim.plant.sizes import sizes, usual_limits
 from sim.quasi_static import Plant, true_torque
-from sim.records import stream
-from sim.sizes import sizes, usual_limits
 from tests.residual.arms import arm, bare_irb140, plain_logs
 from tests.residual.check.damaged import (
     clean_logs,

@@ -7,8 +7,8 @@ from residual.method.diagnose import diagnose
 from residual.planning.question import open_question, parse_wish, wished_question
 from residual.robot.robot import load_robot
 from sim.draw import draw
+from sim.engine.records import stream
 from sim.quasi_static import Plant
-from sim.records import stream
 
 FAMILY, SECONDS = "slow_cyclic", 8.0
 

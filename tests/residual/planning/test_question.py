@@ -20,8 +20,8 @@ from residual.planning.question import (
     open_question,
     parse_wish,
 )
-from sim.records import stream
-from sim.sizes import usual_limits
+from sim.engine.records import stream
+from sim.plant.sizes import usual_limits
 from tests.residual.planning.asked import SECONDS, asked, logs
 
 RATE = 50.0  # Hz

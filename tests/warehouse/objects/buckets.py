@@ -2,9 +2,9 @@
 
 import itertools
 
-from warehouse.objects import mirror
-from warehouse.objects.bucket import Bucket
-from warehouse.objects.mirror import identity_of
+from warehouse import mirror
+from warehouse.bucket import Bucket
+from warehouse.mirror import identity_of
 
 
 class KilledError(BaseException):

@@ -4,9 +4,8 @@ import pytest
 from obstore.store import MemoryStore
 
 from tests.warehouse.objects.buckets import mirror_for
-from warehouse import catalogue
-from warehouse.objects import mirror
-from warehouse.objects.bucket import Bucket
+from warehouse import catalogue, mirror
+from warehouse.bucket import Bucket
 
 
 @pytest.fixture(autouse=True)

@@ -5,8 +5,8 @@ import pytest
 import warehouse
 from flows.settings import store_folder
 from residual.errors import InputError
-from warehouse.objects import bucket
-from warehouse.objects.bucket import Address, is_address, parse
+from warehouse import bucket
+from warehouse.bucket import Address, is_address, parse
 
 
 @pytest.fixture(autouse=True)

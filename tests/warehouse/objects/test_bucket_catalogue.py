@@ -7,12 +7,11 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import mirror_for
-from warehouse import catalogue
+from warehouse import catalogue, listing, mirror
 from warehouse.catalogue import Catalogue
 from warehouse.layout import list_folders
-from warehouse.objects import listing, mirror
-from warehouse.objects.listing import HEADS, read_head
-from warehouse.objects.mirror import TAIL, note_key
+from warehouse.listing import HEADS, read_head
+from warehouse.mirror import TAIL, note_key
 
 
 def fill(store, count, start=0):

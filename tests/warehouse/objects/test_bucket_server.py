@@ -7,8 +7,8 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse.objects import mirror
-from warehouse.objects.bucket import BucketError, open_bucket, parse
+from warehouse import mirror
+from warehouse.bucket import BucketError, open_bucket, parse
 from warehouse.verify import verify_all
 
 
@@ -46,7 +46,7 @@ def test_a_bucket_that_is_not_there_and_a_server_that_is_gone_are_told(
 ):
     with pytest.raises(InputError, match="There is no bucket for s3://not-there/a"):
         mirror.mirror_of("s3://not-there/a")
-    monkeypatch.setattr("warehouse.objects.bucket._RETRIES", {"max_retries": 0})
+    monkeypatch.setattr("warehouse.bucket._RETRIES", {"max_retries": 0})
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
     with pytest.raises(InputError, match=r"AWS_ENDPOINT_URL"):
         mirror.mirror_of(bucket_store)

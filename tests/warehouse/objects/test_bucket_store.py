@@ -13,13 +13,12 @@ from residual.errors import InputError
 from tests.flows.night.stores import STORED, fill
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, mirror_for
-from warehouse import catalogue
+from warehouse import catalogue, mirror
 from warehouse.bundle import read_bundle, write_bundle
 from warehouse.commit import commit_record, commit_run
 from warehouse.layout import find, list_folders, read_record
+from warehouse.mirror import IDENTITY
 from warehouse.numbered import ADOPTED, Adoption, MeanwhileError, commit_adoption
-from warehouse.objects import mirror
-from warehouse.objects.mirror import IDENTITY
 from warehouse.runs import (
     has_seal,
     open_seal,

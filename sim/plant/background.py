@@ -1,6 +1,7 @@
 """What every joint of a used arm has beside its model: undeclared, small, of own form.
 
-Drawn from the seed of the arm, the same in all its runs; the laws stand in `sim.laws`.
+Drawn from the seed of the arm, the same in all its runs; the laws stand in
+`sim.engine.laws`.
 """
 
 from collections.abc import Mapping
@@ -14,9 +15,9 @@ from scipy.signal import lfilter
 from residual.names import check_name
 from residual.recording import Array
 from residual.robot.robot import Robot
-from sim import laws
-from sim.records import CLEAN, BackgroundWord, stream
-from sim.sizes import sizes
+from sim.engine import laws
+from sim.engine.records import CLEAN, BackgroundWord, stream
+from sim.plant.sizes import sizes
 
 # How much of everything there is.
 _SCALE: Mapping[BackgroundWord, float] = {CLEAN: 0.0, "workshop": 1.0, "worn": 2.0}

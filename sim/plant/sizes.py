@@ -8,9 +8,9 @@ import pinocchio as pin
 from residual.recording import Array
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.robot.robot import Robot
-from sim.catalogue import of_drives
 from sim.effects.base import Effect
-from sim.records import Sizes, stream
+from sim.engine.records import Sizes, stream
+from sim.plant.catalogue import of_drives
 
 _MARGIN = 0.05  # rad kept free at each end of the range
 _WIDEST = 1.3  # rad; larger sweeps add nothing and would hit a real cell

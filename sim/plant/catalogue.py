@@ -12,7 +12,7 @@ from residual.names import check_keys, check_name
 from residual.robot.robot import Robot
 from sim.effects import effect_of, registry
 from sim.effects.base import Effect, Joints, OfDrive
-from sim.records import Hidden, PlantEffect
+from sim.engine.records import Hidden, PlantEffect
 
 
 class Acting(NamedTuple):

@@ -32,7 +32,7 @@ from pathlib import Path, PurePosixPath
 from time import monotonic
 
 from residual.errors import InputError
-from warehouse.objects.bucket import Bucket, endpoint_url, open_bucket, parse
+from warehouse.bucket import Bucket, endpoint_url, open_bucket, parse
 from warehouse.schema import (
     FOLDERS,
     INDEX,

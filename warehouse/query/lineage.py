@@ -13,15 +13,12 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from residual.errors import InputError
-from warehouse.files import read_parquet, staged
-from warehouse.ids import ID_DIGITS, check_id, seal_folder
-from warehouse.layout import Found, find, find_run, read_record
-from warehouse.objects.mirror import bucket_of, shown
+from warehouse.files import staged
+from warehouse.ids import check_id, seal_folder
+from warehouse.layout import find, find_run
+from warehouse.mirror import bucket_of, shown
 from warehouse.query.store import Store, open_store
 from warehouse.schema import KINDS
-
-RERUN_OF = "rerun of"
-
 
 LOOKED_AT = ("batch", "watched")
 _QUERY = """
@@ -71,52 +68,6 @@ def tree(store: Store, id: str, down: bool = False) -> Relative:
         todo = {row[far] for row in rows} - set(links)
     kinds = _kinds(store, set(links))
     return _grown(found.id, "", links, kinds, set())
-
-
-def needed(store: Path, id: str) -> list[Found]:
-    """Return a record after all that it was made from: parents stand first."""
-    order: dict[str, Found] = {}
-    path: set[str] = set()
-
-    def visit(found: Found) -> None:
-        if found.id in order or found.id in path:
-            return
-        path.add(found.id)
-        for parent in parents_of(store, found):
-            visit(_parent(store, found, parent))
-        order[found.id] = found
-
-    visit(find(store, id))
-    return list(order.values())
-
-
-def parents_of(store: Path, found: Found) -> list[str]:
-    """Return ids of what a record was made from: its lineage, and what it asked for."""
-    rows = read_parquet(found.row, ["lineage"]).column("lineage")[0].as_py() or []
-    ids = [row["parent"] for row in rows]
-    if found.kind != "runs":
-        ids += _ids_in((read_record(store, found.id) or {}).get("request"))
-    return list(dict.fromkeys(check_id(id) for id in ids))
-
-
-def _parent(store: Path, child: Found, id: str) -> Found:
-    try:
-        return find(store, id)
-    except InputError as error:
-        raise InputError(
-            f"{child.id} ({child.kind}) was made from {id}, which is not in "
-            f"{shown(store)}."
-        ) from error
-
-
-def _ids_in(value: object) -> list[str]:
-    """Return all whole ids in a request."""
-    if isinstance(value, Mapping):
-        return [id for item in value.values() for id in _ids_in(item)]
-    if isinstance(value, list):
-        return [id for item in value for id in _ids_in(item)]
-    whole = isinstance(value, str) and len(value) == ID_DIGITS
-    return [value] if whole and not set(value) - set("0123456789abcdef") else []
 
 
 def _kinds(store: Store, ids: set[str]) -> dict[str, str]:

@@ -27,9 +27,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from residual.errors import InputError
+from warehouse.bucket import Bucket
 from warehouse.ids import check_id, check_slug
-from warehouse.objects.bucket import Bucket
-from warehouse.objects.mirror import (
+from warehouse.mirror import (
     NOBODY,
     SUMS,
     TAIL,

@@ -1,1 +1,0 @@
-"""Results as HTML pages that need nothing else."""
