@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d
 
 from residual.errors import InputError
 from residual.recording import Array, Recording
@@ -24,6 +25,7 @@ from sim.plant.stepping import Trace, drive, simulate
 
 _NOMINAL = PlantSpec(scatter=0.0)
 _NOTHING = 1e-6  # N m, N m s/rad, kg m^2: the plant needs some inertia of a rotor
+_AROUND = 0.02  # s: how far from a reversal friction is still turning
 LOGGED = "logged"  # the family of a reference that nobody here has planned
 
 
@@ -109,12 +111,15 @@ class Driven:
         rms, peak: Of read minus wanted position [rad].
         chatter: Root mean square of the second difference of torque per step [N m].
         energy: Integral of the size of torque times speed [J].
+        step: Largest change of torque in a step of the controller, where the reference
+            turns round, stops or starts [N m]; 0 where it never does.
     """
 
     rms: Array
     peak: Array
     chatter: Array
     energy: Array
+    step: Array
 
 
 def run_along(
@@ -137,7 +142,15 @@ def run_along(
         peak=np.abs(miss).max(axis=0),
         chatter=np.sqrt(np.mean(np.diff(torque, 2, axis=0) ** 2, axis=0)),
         energy=np.abs(torque * speed).sum(axis=0) * dt,
+        step=_reversal_step(torque, reference.qd[: len(torque)], round(_AROUND / dt)),
     )
+
+
+def _reversal_step(torque: Array, wanted: Array, around: int) -> Array:
+    """Largest change of torque within so many steps of a reversal [N m]. (dof,)."""
+    turns = np.diff(np.sign(wanted), axis=0) != 0
+    near = maximum_filter1d(turns.astype(np.uint8), 2 * around + 1, axis=0)
+    return (np.abs(np.diff(torque, axis=0)) * near).max(axis=0)
 
 
 def logged_reference(log: Recording) -> Reference:

@@ -192,7 +192,7 @@ def _states(reference: Reference, names: tuple[str, ...]) -> np.ndarray:
 
 def _models(case: Case) -> Mapping:
     found = case.found
-    nominal, augmented = found.models["nominal"], found.known.model
+    nominal, augmented = found.models["nominal"], found.known
     return {"nominal": nominal, "augmented": augmented, "true": true_model(case)}
 
 
@@ -261,7 +261,7 @@ def _time(case: Case, row: Mapping) -> Figures:
     reference = row["references"][0]
     parts = reference.q, reference.qd, reference.qdd
     begun = perf_counter()
-    law = computed_torque(case.found.known.model, reference.t, parts, Use())
+    law = computed_torque(case.found.known, reference.t, parts, Use())
     for k in range(len(reference.t)):
         law(k, *(part[k] for part in parts))
     step = (perf_counter() - begun) / len(reference.t)
@@ -272,7 +272,7 @@ def wrong_figures(cases: Sequence[tuple[Case, Sequence[Reference]]]) -> Figures:
     """Count wrong corrections that pass the gate, or track as well as right ones."""
     passed, as_good, tried, right = 0, 0, 0, 0
     for case, references in cases:
-        nominal, model = case.found.models["nominal"], case.found.known.model
+        nominal, model = case.found.models["nominal"], case.found.known
         if not case.found.effects:
             continue
         right += not worth(model, nominal, case.held_out).passed

@@ -35,6 +35,7 @@ from flows.steps.track import Track, track
 from flows.storage.diagnosis import read_verdict
 from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError
+from residual.model.control import AS_MEASURED
 from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
 from sim.trajectories import make_reference
@@ -207,6 +208,8 @@ def validate(
     asked: Validate = _PLAIN,
     model: str | None = None,
     seeds: int = 0,
+    encoder_step: float = AS_MEASURED.encoder_step,
+    rise: float = AS_MEASURED.rise,
 ) -> None:
     """Try a model on runs of the store, without fitting anything.
 
@@ -231,9 +234,15 @@ def validate(
             with; "nominal" for none. Without it the one that the robot has
             (modelgap models).
         seeds: With a model: how many further motions of each family to drive.
+        encoder_step: With a model: step of the encoders at the joints in rad; with the
+            rate of the controller it says over which speed dry friction turns.
+        rise: With a model: seconds in which a drive goes from nothing to its torque
+            limit; friction turns at that torque rate at most. 0 for none.
     """
     place, console = store_folder(asked.store), Console()
     check_between("--seeds", seeds, 0, 1000)
+    check_between("--encoder-step", encoder_step, 1e-9, 0.1)
+    check_between("--rise", rise, 0, 10)
     if not runs:
         raise InputError("No run to validate on. Name it: modelgap validate RUN")
     choice = chosen_to_drive(place, runs[0], model)
@@ -245,7 +254,9 @@ def validate(
         show(console, experiments.validation(made), told, *made.notes, stored)
     if choice.diagnosis:
         with progress_bar() as bar:
-            id, done = track(Track(runs, choice.diagnosis, seeds, place), bar)
+            turning = encoder_step, rise
+            drive = Track(runs, choice.diagnosis, seeds, place, *turning)
+            id, done = track(drive, bar)
         stored = f"stored in {shown(place)}: modelgap show {id}"
         show(console, *experiments.tracking(done), stored)
 

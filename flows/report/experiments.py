@@ -23,7 +23,12 @@ _CELLS = {
     "+ both": "",
     "computed torque": LOOP,
 }
-_UNITS = {"rms": (1e3, "mrad"), "peak": (1e3, "mrad"), "chatter": (1, "N m")}
+_UNITS = {
+    "rms": (1e3, "mrad"),
+    "peak": (1e3, "mrad"),
+    "chatter": (1, "N m"),
+    "step": (1, "N m"),
+}
 
 
 def validation(made: Validation) -> Table:
@@ -74,12 +79,25 @@ def tracking(made: Tracked) -> list[str | Table]:
         for less in (", no effects", ", no acceleration")
     ]
     gains = [_gain(made.gain(*pair)) for pair in pairs]
-    return [_cells(made), _joints(made), *gains]
+    return [_cells(made), _joints(made), _turned(made), *gains]
+
+
+def _turned(made: Tracked) -> str:
+    """How dry friction turned at reversals, and what the drives saw of it."""
+    before, after = (made.values(name, "step").max() for name in (NOMINAL, MODEL))
+    held = np.isfinite(made.torque_rate)
+    rates = " ".join(f"{rate:.4g}" for rate in made.torque_rate[held])
+    limit = f", at {rates} N m/s at most" if held.any() else ""
+    width = " ".join(f"{w:.3g}" for w in np.unique(made.width))
+    return (
+        f"dry friction turns over {width} rad/s of the reference{limit}; largest step "
+        f"of torque at a reversal {before:.2g} → {after:.2g} N m"
+    )
 
 
 def _cells(made: Tracked) -> Table:
     """What each cell leaves, all joints and motions together."""
-    measures = (("rms", 2), ("peak", 1), ("chatter", 3), ("energy", 0))
+    measures = (("rms", 2), ("peak", 1), ("chatter", 3), ("step", 2), ("energy", 0))
     rows = []
     for words, cell in _CELLS.items():
         row = [words]
@@ -88,7 +106,7 @@ def _cells(made: Tracked) -> Table:
             both = (_mean(made, name + cell, what) for name in (NOMINAL, MODEL))
             row.append(" → ".join(f"{scale * value:.{digits}f}" for value in both))
         rows.append(row)
-    titles = ("rms [mrad]", "peak [mrad]", "chatter [N m]", "energy [J]")
+    titles = ("rms [mrad]", "peak [mrad]", "chatter [N m]", "step [N m]", "energy [J]")
     heads = [f"nominal → model\n{title}" for title in titles]
     return Table(("torque by the model's", *heads), rows)
 
@@ -126,7 +144,7 @@ def _mean(made: Tracked, cell: str, what: str) -> float:
     values = made.values(cell, what)
     if what == "energy":
         return float(values.sum(axis=1).mean())
-    if what == "peak":
+    if what in ("peak", "step"):
         return float(values.max())
     return float((values**2).sum(axis=1).mean() ** 0.5)
 

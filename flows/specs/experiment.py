@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from residual.errors import InputError
+from residual.model.control import AS_MEASURED
 from sim.engine.records import (
     CLEAN,
     BackgroundWord,
@@ -115,10 +116,13 @@ class ControllerTable(Table):
 
     `model` is nominal, adopted, or the id of a diagnosis, a model or a calibration of
     the store; `kind` says whether it closes the loop or is added to plain feedback.
+    `encoder_step` [rad] and `rise` [s] say how its dry friction turns at reversals.
     """
 
     kind: Literal["computed_torque", "feed_forward"] = "computed_torque"
     model: Annotated[str, Field(pattern="^(nominal|adopted|[0-9a-f]{1,20})$")] = NOMINAL
+    encoder_step: Annotated[float, Field(gt=0, le=0.1)] = AS_MEASURED.encoder_step
+    rise: Annotated[float, Field(ge=0, le=10)] = AS_MEASURED.rise
 
     @model_validator(mode="after")
     def _with_a_model(self) -> "ControllerTable":

@@ -16,7 +16,7 @@ from flows.steps.models import choose, model_to_drive
 from residual.calibration.rows import Run
 from residual.errors import InputError
 from residual.export.exported import Whole
-from residual.model.control import Use, computed_torque, feed_forward
+from residual.model.control import Turning, Use, computed_torque, feed_forward
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
@@ -177,7 +177,7 @@ def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
     """Return what everybody may know of an experiment, as its record has it."""
     reference, driven = spec.reference(), spec.controller.model != NOMINAL
     return {
-        **({"controller": spec.controller.model_dump()} if driven else {}),
+        **({"controller": _driven_by(spec.controller)} if driven else {}),
         "schema": spec.schema_,
         "robot": {"name": robot.name, "content_hash": robot.content_hash},
         "declared": sorted(robot.declared),
@@ -186,6 +186,14 @@ def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
         "start": spec.start,
         "rates": asdict(spec.log_rates()),
     }
+
+
+def _driven_by(table: ControllerTable) -> dict:
+    """Return a controller as its record has it: how friction turns only where said."""
+    usual = ControllerTable()
+    late = ("encoder_step", "rise")
+    same = {name for name in late if getattr(table, name) == getattr(usual, name)}
+    return table.model_dump(exclude=same)
 
 
 def _motion(reference: TrajectorySpec) -> dict:
@@ -388,4 +396,5 @@ def given_by(
     if store is None:
         raise InputError(f"Model {table.model} of the controller needs a store.")
     model = model_to_drive(store, table.model, robot)
-    return torque_of(model, reference, table.kind, Use())
+    turning = Turning(table.encoder_step, rise=table.rise)
+    return torque_of(model, reference, table.kind, Use(turning=turning))

@@ -23,7 +23,7 @@ from flows.steps.models import model_to_drive, nominal_of
 from flows.steps.validate import hidden_plant, robot_of
 from residual.errors import InputError
 from residual.export.exported import Whole
-from residual.model.control import Use
+from residual.model.control import AS_MEASURED, Turning, Use
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 from sim.engine.records import PlantSpec, Reference, TrajectorySpec
@@ -50,6 +50,7 @@ METRICS = {
     "peak": "peak_tracking_q",
     "chatter": "chatter_tau",
     "energy": "energy",
+    "step": "reversal_step_tau",
 }
 
 
@@ -61,12 +62,16 @@ class Track(Request):
         runs: Ids of simulated runs of one arm, whose references are driven.
         model: Id of a diagnosis, a model or a calibration of the store.
         seeds: How many further motions of each family, with seeds of their own.
+        encoder_step, rise: How dry friction turns at reversals
+            (`residual.model.control.Turning`).
     """
 
     runs: tuple[str, ...]
     model: str
     seeds: int = 0
     store: Store = None
+    encoder_step: float = AS_MEASURED.encoder_step
+    rise: float = AS_MEASURED.rise
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -108,10 +113,16 @@ class Tracked:
     Attributes:
         motions: What was driven.
         cells: Drives of each cell, motion by motion; "nominal", "model, no effects"...
+        turning: How dry friction turned at reversals.
+        width, torque_rate: What came of it: speed over which friction turned [rad/s],
+            and torque per second that it was held to [N m/s]. Shapes (dof,).
     """
 
     motions: tuple[Motion, ...]
     cells: Mapping[str, tuple[Driven, ...]]
+    turning: Turning
+    width: Array
+    torque_rate: Array
 
     def values(self, cell: str, what: str) -> Array:
         """One figure of a cell. Shape (motions, dof)."""
@@ -165,7 +176,13 @@ def track(request: Track, progress: Progress | None = None) -> tuple[str, Tracke
     motions = _motions(store, robot, manifests, (request.runs, request.seeds))
     whole = model_to_drive(store, request.model, robot)
     models = {NOMINAL: nominal_of(robot, logs[:1]), MODEL: whole}
-    made = tracked(robot, models, motions, progress)
+    made = tracked(
+        robot,
+        models,
+        motions,
+        Turning(request.encoder_step, rise=request.rise),
+        progress,
+    )
     asked = replace(request, runs=tuple(log.id for log in logs)).to_record()
     asked["model"] = find(store, request.model).id
     asked |= {"robot": manifests[0]["robot"], "robot_hash": robot.content_hash}
@@ -176,12 +193,14 @@ def tracked(
     robot: Robot,
     models: Mapping[str, Whole],
     motions: Sequence[Motion],
+    turning: Turning = AS_MEASURED,
     progress: Progress | None = None,
 ) -> Tracked:
     """Drive every motion in every cell.
 
     Args:
         models: "nominal" and "model".
+        turning: How dry friction turns at reversals.
         progress: Told the share done.
     """
     tell = progress or (lambda stage, share: None)
@@ -190,18 +209,22 @@ def tracked(
         for name, model in models.items():
             ways = [(cell, use, "feed_forward") for cell, use in CELLS.items()]
             for cell, use, kind in (*ways, (LOOP, Use(), "computed_torque")):
+                use = replace(use, turning=turning)
                 given = torque_of(model, motion.reference, kind, use)
                 done = run_along(robot, motion.reference, motion.plant, given)
                 cells.setdefault(name + cell, []).append(done)
         tell("drive", (i + 1) / len(motions))
-    return Tracked(tuple(motions), {k: tuple(v) for k, v in cells.items()})
+    step = motions[0].reference.t[1] - motions[0].reference.t[0]
+    came = turning.width(1 / step, robot.dof), turning.torque_rate(robot)
+    done = {cell: tuple(drives) for cell, drives in cells.items()}
+    return Tracked(tuple(motions), done, turning, *came)
 
 
 def _whole(values: Array, what: str) -> Array:
     """All joints of each motion as one number. Shape (motions,)."""
     if what == "energy":
         return values.sum(axis=1)
-    if what == "peak":
+    if what in ("peak", "step"):
         return values.max(axis=1)
     return np.sqrt((values**2).sum(axis=1))
 
@@ -245,12 +268,17 @@ def _put(store: Path, robot: Robot, asked: Mapping, made: Tracked) -> str:
         for what, metric in METRICS.items()
         for joint, value in enumerate(getattr(one, what), 1)
     ]
+    rates = made.torque_rate
     record = {
         "robot": robot.name,
         "kind": KIND,
         "model_id": asked["model"],
         "request": asked,
         "gains": [_plain(gain) for gain in made.gains],
+        "turning": {
+            "width": made.width.tolist(),
+            "torque_rate": [float(x) if np.isfinite(x) else None for x in rates],
+        },
     }
     table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
     parents = {"run": list(asked["runs"]), "model": [asked["model"]]}

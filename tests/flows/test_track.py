@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import maximum_filter1d
 
 from flows.cli import main
 from flows.report import experiments
@@ -14,7 +17,13 @@ from flows.steps.experiment import settled, torque_of
 from flows.steps.track import LOOP, MODEL, NOMINAL, Motion, Track, track, tracked
 from residual.effects import registry
 from residual.errors import InputError
-from residual.model.control import WIDTH, Use, computed_torque, feed_forward
+from residual.model.control import (
+    AS_MEASURED,
+    Turning,
+    Use,
+    computed_torque,
+    feed_forward,
+)
 from residual.model.model import Model, Term
 from residual.model.record import to_record
 from residual.robot.dynamics import inertial_parameters
@@ -130,16 +139,76 @@ def test_computed_torque_on_the_reference_is_the_feed_forward(motions):
         np.testing.assert_allclose(bare(k, q, qd, qdd), still[k], atol=1e-9)
 
 
-def test_friction_turns_over_a_width_that_does_not_chatter(motions):
-    t, (q, _, _) = parts(motions[0])
-    slow = np.linspace(-3 * WIDTH, 3 * WIDTH, len(t))[:, None] * np.ones(6)
-    still = np.broadcast_to(q[:1], q.shape), slow, np.zeros_like(q)
+def friction_along(qd, turning, t):
+    """Torque of Coulomb friction alone, where nothing else moves the arm [N m]."""
+    still = np.zeros_like(qd), qd, np.zeros_like(qd)
     body = replace(nominal(), terms=())
-    friction = feed_forward(nominal(), t, still, Use())
-    friction = friction - feed_forward(body, t, still, Use())
-    level, viscous, _ = maker_of(ROBOT)
-    wanted = level * np.tanh(slow / WIDTH) + viscous * slow
-    np.testing.assert_allclose(friction, wanted, atol=1e-9)
+    dry = tuple(t for t in nominal().terms if t.effect.name == "coulomb")
+    models = replace(body, terms=dry), body
+    with_it, without = (feed_forward(m, t, still, Use(turning=turning)) for m in models)
+    return with_it - without
+
+
+def test_friction_turns_as_fast_as_rate_and_encoder_tell_a_moving_joint():
+    steps = (1e-4, 1e-4, 1e-4, 2e-5, 2e-5, 2e-5)  # rad
+    for rate in (500.0, 1000.0):
+        t = np.arange(800) / rate
+        width = np.array(steps) * rate / AS_MEASURED.samples
+        slow = np.linspace(-3, 3, len(t))[:, None] * width
+        got = friction_along(slow, Turning(steps, rise=0.0), t)
+        wanted = maker_of(ROBOT)[0] * np.tanh(slow / width)
+        np.testing.assert_allclose(got, wanted, atol=1e-9)
+    assert AS_MEASURED.width(1000.0, 6) == pytest.approx(0.002)
+
+
+@given(rise=st.floats(0.01, 0.5), speed=st.floats(0.1, 5.0), turns=st.floats(0.5, 3))
+@settings(max_examples=20, deadline=None)
+def test_friction_never_turns_faster_than_the_stated_torque_rate(rise, speed, turns):
+    t = np.arange(2000) / 1000.0
+    qd = speed * np.sin(2 * np.pi * turns * t)[:, None] * np.ones(6)
+    turning = Turning(rise=rise)
+    held, free = (friction_along(qd, x, t) for x in (turning, Turning(rise=0.0)))
+    most = turning.torque_rate(ROBOT) / 1000.0
+    assert (np.abs(np.diff(held, axis=0)) <= most * (1 + 1e-9)).all()
+    # Away from reversals, by half the time that a whole turn takes, it is what it was.
+    level = maker_of(ROBOT)[0]
+    half = np.ceil(2 * level / most).astype(int) // 2 + 1
+    for j in range(6):
+        near = np.abs(qd[:, j]) < 0.02
+        near = maximum_filter1d(near.astype(int), 2 * half[j] + 1) > 0
+        np.testing.assert_allclose(held[~near, j], free[~near, j], atol=1e-6)
+
+
+def test_the_narrow_turn_tracks_better_and_the_stated_rate_makes_small_steps(motions):
+    wide, free, held = (
+        tracked(ROBOT, {MODEL: corrected()}, motions[:1], turning)
+        for turning in (Turning(1e-3), Turning(rise=0.0), AS_MEASURED)
+    )
+    left = [np.linalg.norm(x.values(MODEL, "rms")) for x in (wide, free, held)]
+    assert left[2] < 0.7 * left[0]
+    assert left[2] < 1.1 * left[1]
+    steps = [x.values(MODEL, "step").max() for x in (free, held)]
+    assert steps[1] < 0.5 * steps[0]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"encoder_step": 0.0}, "encoder_step 0.0: expected positive"),
+        ({"encoder_step": float("nan")}, "expected positive"),
+        ({"samples": -1.0}, "samples -1.0"),
+        ({"rise": -0.1}, "rise -0.1 s: expected 0 or"),
+        ({"rise": float("inf")}, "expected 0 or"),
+    ],
+)
+def test_a_turn_that_cannot_be_is_refused(wrong, message):
+    with pytest.raises(InputError, match=message):
+        Turning(**wrong)
+
+
+def test_as_many_encoder_steps_as_joints_are_wanted():
+    with pytest.raises(InputError, match="2 encoder steps: expected 1 or 6"):
+        Turning((1e-4, 1e-4)).width(1000.0, 6)
 
 
 def kept(store, model):
@@ -218,6 +287,7 @@ def test_the_command_drives_keeps_and_tells(runs, capsys):
             "chatter_tau",
             "energy",
             "peak_tracking_q",
+            "reversal_step_tau",
             "rms_tracking_q",
         ]
     assert track(Track((run,), model, 0, store))[0] == id
