@@ -204,7 +204,7 @@ class Identify(Request):
             free.
         essential: Drop parameters that the logs do not need.
         consistent: Also find parameters that bodies can have: positive masses and
-            pseudo-inertias, nearest to the nominal. Needs the extra [sdp].
+            pseudo-inertias, nearest to the nominal.
         model: Model to start from: the id of a diagnosis or an adoption, or nominal.
             Without it, on runs of the store, the one that the robot has (modelgap
             models), its named effects among what is fitted.

@@ -40,7 +40,7 @@ ONLY = {
     "prefect": ("flows/",),
     "pybullet": ("sim/engine/bullet.py",),
     "pybullet_data": ("sim/engine/bullet.py",),
-    "cvxpy": ("residual/identification/consistency.py",),
+    "cvxpy": (),
     "duckdb": ("warehouse/", "flows/"),
     "pyarrow": ("warehouse/", "flows/"),
     "pandas": (),
@@ -55,7 +55,6 @@ NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
 # What may be imported inside a function: optional extras, doors, and what must not be
 # loaded before its settings are known; thirty in all.
 LATE = {
-    "residual/identification/consistency.py": {"clarabel", "cvxpy"},
     "warehouse/logs/ros.py": {"mcap", "mcap_ros2", "rosbags"},
     "flows/workers/runner.py": {"distributed"},
     "warehouse/bucket.py": {"botocore", "obstore"},

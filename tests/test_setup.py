@@ -36,7 +36,7 @@ def _wanted(*extras: str) -> list[Requirement]:
         ("requirements.lock", ()),
         (
             "requirements-dev.lock",
-            ("sdp", "bags", "export", "scale", "docs", "view", "dev"),
+            ("bags", "export", "scale", "docs", "view", "dev"),
         ),
     ],
 )
@@ -64,7 +64,7 @@ def test_every_pin_has_hashes_and_no_package_depends_on_an_address(lock):
 
 def test_pyproject_names_each_extra_once_and_the_prefect_pins_hold():
     extras = set(PROJECT["project"]["optional-dependencies"])
-    assert extras == {"sdp", "bags", "scale", "export", "docs", "view", "all", "dev"}
+    assert extras == {"bags", "scale", "export", "docs", "view", "all", "dev"}
     (everything,) = PROJECT["project"]["optional-dependencies"]["all"]
     assert Requirement(everything).extras == extras - {"all", "dev"}
     told = re.findall(r"^\| `(\w+)` \|", _text("docs/guide/first_hour.md"), re.M)

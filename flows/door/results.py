@@ -169,8 +169,7 @@ def identify(
         declared: Effects that the model has; None for the robot's own list.
         options: Weights, prior, and whether to drop what is not needed; None for
             weighted least squares without a prior.
-        consistent: Whether to find inertias too that bodies can have (needs the extra
-            ``sdp``).
+        consistent: Whether to find inertias too that bodies can have.
         trust_log: Whether to go on where a fault of the logs is certain (``check``).
 
     Raises:

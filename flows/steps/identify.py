@@ -11,7 +11,6 @@ from flows.settings import store_folder
 from flows.steps.check import checked
 from flows.storage.diagnosis import read_known
 from flows.storage.identification import store_identification
-from residual.identification.consistency import solver
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified, identify_and_prove
 from residual.model.model import Model
@@ -25,8 +24,6 @@ def read_logs(request: Identify) -> LogSets:
         InputError: If the request or a log is not usable.
     """
     robot = load_of(request.robot, (*request.logs, *request.held_out), request.store)
-    if request.consistent:
-        solver()  # missing, it should be missed before the work
     check_declared(request.declared)
     _options(request)
     need_logs(request.logs, "to identify from", "identify")

@@ -18,6 +18,7 @@ from residual.diagnosis.search import Task, refined, search
 from residual.diagnosis.sets import best_set
 from residual.effects import registry
 from residual.evidence.design import Design, Group
+from residual.evidence.embodied import Embodied, embodied
 from residual.evidence.fit import Fit, Prior, as_model, fit, physical
 from residual.evidence.priors import Space, first_design
 from residual.evidence.rules import RULES, Rules
@@ -179,8 +180,8 @@ class Examined:
         """Squared error of a fit on moving rows by second [N^2 m^2]. (seconds, dof)."""
         return moving_error(as_model(self.nominal, fitted), held_out)
 
-    def model(self, fitted: Fit, like: Model | None = None) -> Model:
-        """A fit as a model, with the standstill that suits the fit logs.
+    def model(self, fitted: Fit, like: Model | None = None) -> Embodied:
+        """A fit as a model of possible bodies, with the standstill of the fit logs.
 
         Args:
             like: A model whose standstill to take over, so that two models differ by
@@ -334,7 +335,7 @@ def _resembles(tested: Tested, enough: Adequacy) -> bool:
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 
-def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Model:
+def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Embodied:
     """Coefficients that go with a model's standstill and its own torque.
 
     A wide standstill changes friction on slow moving rows too, and features such as
@@ -345,7 +346,8 @@ def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Model:
     design = Design(tracks, base, seen_with=rough)
     members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
     final = fit(design, examined.task.prior, members, fitted.counted, fitted.variance)
-    return as_model(replace(nominal, model=base), final)
+    model = as_model(replace(nominal, model=base), final)
+    return embodied(design, final, model)
 
 
 def without_refuted(examined: Examined, fitted: Fit) -> Examined:

@@ -11,6 +11,7 @@ from residual.diagnosis.result import Splits
 from residual.diagnosis.search import Task, admissible, best, least, torque_share
 from residual.errors import InputError
 from residual.evidence.design import Design, Group
+from residual.evidence.embodied import Embodied
 from residual.evidence.fit import Fit, gain
 from residual.evidence.priors import given_slots, held_at
 from residual.evidence.rules import RULES
@@ -115,14 +116,19 @@ def judgement(gain: float) -> str:
     return "confirmed" if gain >= RULES.confirmed else "neutral"
 
 
-def three_models(examined: Examined, judged: Verdicts) -> dict[str, Model]:
-    """The three models; identified and augmented differ by nothing but the effects."""
-    augmented = examined.model(judged.fit if judged.kept else examined.plain)
-    identified = augmented
+def three_models(
+    examined: Examined, judged: Verdicts
+) -> tuple[dict[str, Model], Embodied]:
+    """The three models, and the bodies of the last.
+
+    Identified and augmented differ by nothing but the effects.
+    """
+    bodies = examined.model(judged.fit if judged.kept else examined.plain)
+    identified = augmented = bodies.model
     if judged.kept:
-        identified = examined.model(examined.plain, like=augmented)
-    nominal = examined.nominal.model
-    return {"nominal": nominal, "identified": identified, "augmented": augmented}
+        identified = examined.model(examined.plain, like=augmented).model
+    models = {"nominal": examined.nominal.model, "identified": identified}
+    return models | {"augmented": augmented}, bodies
 
 
 def unproven(examined: Examined, augmented: Errors) -> list[str]:

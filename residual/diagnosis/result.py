@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from residual.check.result import LogCheck
+from residual.model.bodies import Moved
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
 from residual.model.model import Model
@@ -337,6 +338,8 @@ class Verdict:
         changes: Every value that the model was given beside what the logs make of it.
         alternatives: Sets of effects that these logs cannot tell from ``effects``.
         edit: What is left of each effect, taken out again; None without a baseline.
+        bodies: What of the free fit no body can be, and what the nearest possible one
+            costs; None where every body can exist.
     """
 
     robot: str
@@ -356,6 +359,7 @@ class Verdict:
     changes: tuple[Change, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     edit: tuple[Edit, ...] | None = None
+    bodies: Moved | None = None
 
     @property
     def trusted(self) -> bool:

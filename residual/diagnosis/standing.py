@@ -30,8 +30,11 @@ from residual.diagnosis.held_out import (
 from residual.diagnosis.result import Splits
 from residual.diagnosis.search import least
 from residual.evidence.design import Group
+from residual.evidence.embodied import embodied
+from residual.evidence.fit import as_model
 from residual.evidence.rules import RULES
 from residual.model.compare import HeldOutLog
+from residual.names import listed
 from residual.recording import Recording
 
 # Names that came up in the place of others that fell.
@@ -203,6 +206,7 @@ def _doubted(
         named = findings(examined, judged.fit, tested, checks)
         company = _company(examined, judged)
         fallen = [(t, NOISE) for t in noise] or _weak(named, company)
+        fallen = fallen or _bodiless(examined, judged)
         harm = [] if fallen else harmful(examined, judged, proof, company)
         fallen = fallen or harm
         late = [t for t in tested if _place(t) not in history.first]
@@ -241,6 +245,20 @@ def _weak(
                 why = "withdrawn: its size may as well be nothing"
                 out.append((tested, why))
     return out
+
+
+def _bodiless(examined: Examined, judged: Verdicts) -> list[tuple[Tested, str]]:
+    """Names of bodies, where the logs contradict every possible body beyond chance."""
+    named = [t for t, _ in judged.kept if t.group.effect.needs_known_body]
+    if not named:
+        return []
+    model = as_model(examined.nominal, judged.fit)
+    made = embodied(examined.task.design, judged.fit, model)
+    if made.moved is None or not made.contradicted:
+        return []
+    bodies = listed(made.moved.bodies)
+    why = f"withdrawn: no body can be what the logs make of {bodies}"
+    return [(t, why) for t in named]
 
 
 def _place(tested: Tested) -> tuple:

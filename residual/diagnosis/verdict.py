@@ -26,6 +26,7 @@ from residual.diagnosis.result import (
     Verdict,
 )
 from residual.errors import InputError
+from residual.model.bodies import Moved
 from residual.names import shown
 from residual.quantity import plain
 
@@ -56,6 +57,7 @@ def to_json(verdict: Verdict) -> dict:
             "changes": [asdict(c) for c in verdict.changes],
             "alternatives": [asdict(a) for a in verdict.alternatives],
             "edit": None if verdict.edit is None else [asdict(e) for e in verdict.edit],
+            "bodies": verdict.bodies and asdict(verdict.bodies),
         }
     )
 
@@ -99,6 +101,7 @@ def from_json(document: Mapping) -> Verdict:
             changes=tuple(map(_read_change, document.get("changes", ()))),
             alternatives=tuple(map(_read_set, document.get("alternatives", ()))),
             edit=_read_edit(document.get("edit")),
+            bodies=_read_bodies(document.get("bodies")),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {shown(error)}.") from error
@@ -127,6 +130,12 @@ def _read_edit(entries: list | None) -> tuple[Edit, ...] | None:
     if entries is None:
         return None
     return tuple(Edit(**{**e, "joints": tuple(e["joints"])}) for e in entries)
+
+
+def _read_bodies(entry: Mapping | None) -> Moved | None:
+    if entry is None:
+        return None
+    return Moved(tuple(entry["bodies"]), tuple(entry["price"]), entry["chance"])
 
 
 def _effect(finding: Finding) -> dict:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.changes import baseline_edits, dense_fit
-from residual.diagnosis.result import Diagnosis
+from residual.diagnosis.result import Diagnosis, Verdict
 from residual.epochs.conclude import Judged, clouds, conclude
 from residual.epochs.models import Epoch, augmented, fit_epoch
 from residual.epochs.rows import both_epochs
@@ -18,6 +18,7 @@ from residual.epochs.rules import Rules
 from residual.epochs.search import Change, Found, find
 from residual.epochs.unnamed import unnamed
 from residual.evidence.design import Design
+from residual.evidence.embodied import Embodied
 from residual.model.chance import is_sure, rise
 from residual.model.compare import (
     HeldOutLog,
@@ -82,7 +83,7 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
     )
     models = {"nominal": before.model, "identified": after.model}
     # Where nothing changed the contract of the verdict has both alike.
-    models["augmented"] = now if found.changes else after.model
+    models["augmented"] = now.model if found.changes else after.model
     errors, proofs = compare(models, proof, logs.filters)
     verdict = conclude(
         found,
@@ -105,16 +106,23 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
     )
     tell("proof", 1.0)
     return Diagnosis(
-        verdict=replace(verdict, edit=edit),
+        verdict=_with_bodies(replace(verdict, edit=edit), now),
         models=models,
         proofs=proofs,
         clouds=clouds(found, rest),
-        notes=_notes(found),
+        notes=(*_notes(found), *now.notes),
         sentences=tuple(
             c.contrast.candidate.group.effect.sentence for c in found.changes
         ),
-        known=now,
+        known=now.model,
     )
+
+
+def _with_bodies(verdict: Verdict, made: Embodied) -> Verdict:
+    """The verdict with what of the model no body can be; then it is never "none"."""
+    out = replace(verdict, bodies=made.moved, contradictions=made.doubts)
+    unsure = made.doubts and verdict.verdict == "none"
+    return replace(out, verdict="unknown") if unsure else out
 
 
 def prepared(asked: Asked, rules: Rules) -> tuple[Logs, int, bool]:
@@ -155,8 +163,8 @@ def epoch_of(
 
 
 def _judged(
-    found: Found, proof: Sequence[HeldOutLog], model_of: Callable[[Found], Model]
-) -> tuple[Found, Mapping[int, Judged], Model]:
+    found: Found, proof: Sequence[HeldOutLog], model_of: Callable[[Found], Embodied]
+) -> tuple[Found, Mapping[int, Judged], Embodied]:
     """Let the held-out logs judge each name; what they refute falls.
 
     Each name against the best that can be said without it.
@@ -166,22 +174,33 @@ def _judged(
     """
     refuted: list[Change] = []
     while True:
-        model = model_of(found)
-        whole = moving_error(model, proof)
+        made = model_of(found)
+        whole = moving_error(made.model, proof)
         judged = {}
         for change in found.changes:
             less = replace(
                 found, changes=tuple(c for c in found.changes if c is not change)
             )
             judged[id(change)] = _judgement(
-                change, whole, moving_error(model_of(less), proof)
+                change, whole, moving_error(model_of(less).model, proof)
             )
         worst = [c for c in found.changes if judged[id(c)].word == "refuted"]
+        if made.contradicted and not worst:
+            # Not of a body what no body can be.
+            of_bodies = [c for c in found.changes if _is_body(c)]
+            left = tuple(c for c in found.changes if c not in of_bodies)
+            found = replace(found, changes=left, bodiless=tuple(of_bodies))
+            if of_bodies:
+                continue
         if not worst:
-            return replace(found, refuted=tuple(refuted)), judged, model
+            return replace(found, refuted=tuple(refuted)), judged, made
         gone = min(worst, key=lambda c: judged[id(c)].gain)
         refuted.append(gone)
         found = replace(found, changes=tuple(c for c in found.changes if c is not gone))
+
+
+def _is_body(change: Change) -> bool:
+    return change.contrast.candidate.group.effect.needs_known_body
 
 
 def _judgement(change: Change, with_it: Array, without: Array) -> Judged:

@@ -280,6 +280,11 @@ def _warnings(found: Found, same_run: bool) -> tuple[str, ...]:
             f"{group.effect.name}{where} is refuted by the held-out logs, where the "
             "error is higher with it"
         )
+    out += [
+        f"{change.contrast.candidate.group.effect.name} is not named: no body can be "
+        "what the logs make of it"
+        for change in found.bodiless
+    ]
     dead = [j for j in range(found.both.design.dof) if j not in found.both.live]
     out += [
         f"joint {j + 1} hardly moves in one of the epochs: nothing can be said of it"

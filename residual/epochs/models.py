@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.result import Change
-from residual.epochs.rows import JointFit, joint_fit, without
+from residual.epochs.rows import Both, JointFit, joint_fit, without
+from residual.epochs.search import Change as FoundChange
 from residual.epochs.search import Found
+from residual.evidence.embodied import Beside, Embodied, embodied
 from residual.evidence.fit import Fit, as_model
 from residual.evidence.priors import SCALES
 from residual.model.model import Model, Term, with_slots
@@ -50,6 +52,7 @@ def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:
     nominal = replace(nominal, model=start)
     joint = joint_fit(logs, nominal, SCALES)
     rough = as_model(nominal, joint.fitted)
+    rough = embodied(joint.design, joint.fitted, rough).model
     if like is None:
         # What brakes decides how a joint stands; the rest only takes time.
         kept = [t for t in rough.terms if t.effect.brakes or t.effect.carries]
@@ -68,7 +71,7 @@ def _together(terms: Sequence[Term]) -> tuple[Term, ...]:
     return tuple(out.values())
 
 
-def augmented(found: Found, nominal: Nominal, like: Model) -> Model:
+def augmented(found: Found, nominal: Nominal, like: Model) -> Embodied:
     """The arm of both epochs, with what changed: warmth of all joints included.
 
     What did not change is fitted to both epochs, the second less what did: either
@@ -79,15 +82,31 @@ def augmented(found: Found, nominal: Nominal, like: Model) -> Model:
     """
     both, changed = found.both, changed_terms(found)
     groups = [(c.contrast.candidate.group, c.contrast.theta) for c in found.changes]
-    fitted, there = without(both, groups)
+    left, fitted, there = without(both, groups)
     rough = as_model(nominal, fitted)
+    whole = replace(rough, terms=(*rough.terms, *changed))
+    made = embodied(left, fitted, whole, [_beside(both, c) for c in found.changes])
+    terms, count = made.model.terms, len(rough.terms)
+    rough, changed = replace(made.model, terms=terms[:count]), terms[count:]
     model = replace(_with_tables(rough, nominal), standstill=like.standstill)
     if found.warmth.told:
         factor = 1.0 + _warmed(found, fitted, there)
         model = replace(
             model, terms=_warm(model.terms, factor), tables=_warm(model.tables, factor)
         )
-    return replace(model, terms=(*model.terms, *changed))
+    return replace(made, model=replace(model, terms=(*model.terms, *changed)))
+
+
+def _beside(both: Both, change: FoundChange) -> Beside:
+    """A change as what it adds to the rows of the second epoch."""
+    group, design = change.contrast.candidate.group, both.design
+    columns = []
+    for j, layout in enumerate(both.layout):
+        place, have = design.present(j, group.ids)
+        own = np.zeros((len(layout.second), len(group.ids)))
+        own[:, have] = layout.second[:, None] * design.columns(j, place)
+        columns.append(own)
+    return Beside(change.contrast.covariance, tuple(columns))
 
 
 def _warm(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:

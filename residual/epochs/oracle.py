@@ -49,7 +49,7 @@ def oracle(asked: Asked, effects: Sequence[Told]) -> Errors:
         found, _ = _told(both, seen, groups, prices, keys)
     first = epoch_of(asked, asked.first, nominal).model
     proof = prepare_held_out(asked.held_out, first)
-    told = {"told": augmented(found, nominal, first)}
+    told = {"told": augmented(found, nominal, first).model}
     errors, _ = compare(told, proof, logs.filters)
     return errors["told"]
 

@@ -189,7 +189,7 @@ def beside(both: Both, changed: Sequence[tuple[Group, Array]], press: bool) -> B
     if press:
         both = _pressed(both, changed)
     design = both.design
-    fitted, _ = without(both, changed)
+    _, fitted, _ = without(both, changed)
     wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
     every = [own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)]
     return replace(
@@ -199,18 +199,20 @@ def beside(both: Both, changed: Sequence[tuple[Group, Array]], press: bool) -> B
 
 def without(
     both: Both, changed: Sequence[tuple[Group, Array]]
-) -> tuple[Fit, tuple[Array, ...]]:
+) -> tuple[Design, Fit, tuple[Array, ...]]:
     """The joint fit of one arm, the second epoch without what changed.
 
     Returns:
-        The fit, and the torque of the changes on the rows of each joint, (rows,).
+        The rows that are left, the fit, and the torque of the changes on the rows of
+        each joint, (rows,).
     """
     design = both.design
     there = tuple(
         own.second * _torque(design, j, changed) for j, own in enumerate(both.layout)
     )
     target = [y - x for y, x in zip(design.target, there, strict=True)]
-    return _fit(design.with_target(target), both.prior, both.known), there
+    left = design.with_target(target)
+    return left, _fit(left, both.prior, both.known), there
 
 
 def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> Array:

@@ -52,6 +52,7 @@ class Found:
         changes: What is named, most torque first.
         warmth: Friction of all joints together.
         refuted: What held-out logs speak against.
+        bodiless: Bodies that fell, since no body can be what the logs make of them.
     """
 
     both: Both
@@ -60,6 +61,7 @@ class Found:
     changes: tuple[Change, ...]
     warmth: Warmth
     refuted: tuple[Change, ...] = ()
+    bodiless: tuple[Change, ...] = ()
 
     @property
     def named(self) -> list[Candidate]:

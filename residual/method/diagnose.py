@@ -32,6 +32,7 @@ from residual.diagnosis.whole import (
 )
 from residual.epochs.compare import Asked, compared
 from residual.errors import InputError
+from residual.evidence.embodied import Embodied
 from residual.evidence.fit import Fit
 from residual.evidence.rules import RULES, Rules
 from residual.method.null_record import Null, choose_null, key_of, null_sentences
@@ -186,7 +187,7 @@ def _concluded(
 ) -> Diagnosis:
     """Say what stands, with the error of every model on the held-out logs."""
     judged = standing.judged
-    models, left = _models(examined, judged)
+    models, bodies, left = _models(examined, judged)
     listed, usual = folded(standing.named, examined.logs.robot.dof)
     if asked.inside:
         asked.inside(examined, judged.fit, listed)
@@ -204,15 +205,20 @@ def _concluded(
         same_run=asked.same_run,
         left=left.joints,
         warnings=_warned(standing, asked, errors["augmented"], left),
-        contradictions=contradictions(examined, judged.fit, errors),
+        contradictions=(
+            *contradictions(examined, judged.fit, errors),
+            *bodies.doubts,
+        ),
         p_value=asked.null.p_value if asked.null else None,
     )
     return Diagnosis(
-        verdict=replace(conclude(case), next_experiment=_hint(case)),
+        verdict=replace(
+            conclude(case), next_experiment=_hint(case), bodies=bodies.moved
+        ),
         models=models,
         proofs=proofs,
         clouds=clouds(examined, judged.fit, listed),
-        notes=_noted(standing, asked, models["augmented"]),
+        notes=(*_noted(standing, asked, models["augmented"]), *bodies.notes),
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in listed),
         known=models["augmented"],
@@ -249,13 +255,13 @@ def _noted(standing: Standing, asked: _Wanted, augmented: Model) -> tuple[str, .
     )
 
 
-def _models(examined: Examined, judged: Verdicts) -> tuple[dict, Remains]:
-    """The models to compare, tables for the rest among them; and what is left."""
-    models = three_models(examined, judged)
+def _models(examined: Examined, judged: Verdicts) -> tuple[dict, Embodied, Remains]:
+    """The models to compare, tables for the rest among them; bodies, what is left."""
+    models, bodies = three_models(examined, judged)
     left = examine_leftover(examined, judged.fit, models["augmented"])
     if left.correction is not None:
         models["plsr"] = left.correction
-    return models, left
+    return models, bodies, left
 
 
 def _check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:

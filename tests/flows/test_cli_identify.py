@@ -72,7 +72,6 @@ def test_json_alone_on_standard_output(place, capsys):
 
 
 def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
-    pytest.importorskip("cvxpy")
     words = "identify A.csv --robot arm.urdf --holdout C.csv --consistent --json o.json"
     assert run(f"{words} --prior 0.5") == 0
     made = json.loads(Path("o.json").read_text())

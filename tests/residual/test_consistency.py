@@ -1,6 +1,5 @@
 """Consistent bodies, and the way from a model to a URDF and back."""
 
-import builtins
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +9,10 @@ import pytest
 from residual.errors import InputError
 from residual.identification.consistency import (
     consistent,
-    least_eigenvalues,
     least_mass_matrix,
-    pseudo_inertias,
 )
 from residual.identification.identify import identify
+from residual.model.bodies import least_eigenvalues, pseudo_inertias
 from residual.model.export import robot_files
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot import dynamics
@@ -33,7 +31,6 @@ def found():
 
 @pytest.fixture(scope="module")
 def bodies(found):
-    pytest.importorskip("cvxpy")
     return consistent(found)
 
 
@@ -68,29 +65,14 @@ def test_friction_does_not_push(bodies):
 
 def test_consistent_logs_need_no_price():
     """Without noise the truth is consistent, so the two fits agree."""
-    pytest.importorskip("cvxpy")
     clean = identify(truth().robot, logs())
     made = consistent(clean)
     np.testing.assert_allclose(made.misfit[1], made.misfit[0], rtol=0.05, atol=1e-3)
 
 
 def test_a_scale_that_is_no_number_is_refused(found):
-    pytest.importorskip("cvxpy")
     with pytest.raises(InputError, match="expected a positive number"):
         consistent(found, 0.0)
-
-
-def test_without_the_solver_the_extra_is_named(found, monkeypatch):
-    real = builtins.__import__
-
-    def fake(name, *rest):
-        if name == "cvxpy":
-            raise ImportError("gone", name="cvxpy")
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", fake)
-    with pytest.raises(InputError, match=r"need cvxpy.*'\.\[sdp\]' in the checkout"):
-        consistent(found)
 
 
 def test_pseudo_inertia_of_points_is_the_sum_over_them(rng):

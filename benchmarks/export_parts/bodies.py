@@ -1,0 +1,98 @@
+"""Arms of six and seven joints with a load or a wrong link, diagnosed; and their models.
+
+Every model that could be adopted has to be one that MuJoCo and Pinocchio take.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+from benchmarks.attribution_parts.arms import SEVEN, SIX, Arm, make
+from benchmarks.harness.figures import Figures, figure, partial
+from flows.steps.export import export_model
+from residual.diagnosis.result import Diagnosis
+from residual.errors import InputError
+from residual.method.diagnose import diagnose
+from residual.model.bodies import bodies_of
+from residual.model.model import Model
+from sim.draw import draw_hidden
+from sim.records import PlantEffect, stream
+
+ARMS, FEW = 50, 3
+HIDDEN = (("payload",), ("link_inertia",), ("payload", "link_inertia"))
+OFF = (0.0, 0.01, 0.03, 0.1)  # what is given, off the truth: a relative deviation
+PRICE = 0.05  # per cent of a joint's torque: what possible bodies may cost
+SEED = 32_000
+CLOSE = {"mjcf": 1e-8, "urdf": 1e-8}  # N m: MuJoCo's and Pinocchio's torque and ours
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One arm, and what it hides.
+
+    Attributes:
+        arm: The arm and its noise.
+        names: Effects of the plant.
+    """
+
+    arm: Arm
+    names: tuple[str, ...]
+
+    @property
+    def hidden(self) -> list[PlantEffect]:
+        """What it hides, drawn of usual sizes."""
+        rng = stream(self.arm.seed, "bodies")
+        return [draw_hidden(self.arm.robot, rng, name) for name in self.names]
+
+
+def cases(count: int, first: int = SEED) -> Iterator[Case]:
+    """Return so many arms; every kind, deviation and set of effects in turn."""
+    for i in range(count):
+        off = OFF[i // 2 % len(OFF)]
+        arm = Arm((SIX, SEVEN)[i % 2], off, first + i, first + i + 500, quick=True)
+        yield Case(arm, HIDDEN[i % len(HIDDEN)])
+
+
+@cache
+def diagnosed(case: Case) -> Diagnosis:
+    """Diagnose the logs of an arm."""
+    made = make(case.arm, case.hidden)
+    return diagnose(made.robot, made.fit, (), made.held_out)
+
+
+def refusals(model: Model) -> list[str]:
+    """Return what does not take a model, and why; empty where all do."""
+    bad = bodies_of(model).impossible(model.coefficients())
+    out = [f"{name} cannot exist" for name in bad]
+    for target, most in CLOSE.items():
+        try:
+            gap = export_model(model, target).proof.difference
+            if gap > most:
+                out.append(f"{target}: {gap:.2g} N m apart")
+        except (InputError, ValueError) as error:
+            out.append(f"{target}: {error}")
+    return out
+
+
+def body_figures(quick: bool) -> Figures:
+    """Diagnose the arms; count models that are refused, and the price of bodies."""
+    refused, prices, named, before = [], [0.0], 0, 0
+    every = list(cases(FEW if quick else ARMS))
+    for case in every:
+        found = diagnosed(case)
+        told = found.verdict.bodies
+        named += any(e.name in ("payload", "link_inertia") for e in found.effects)
+        if told is not None:
+            before += 1
+            prices.append(100 * max(told.price))
+        for name in ("identified", "augmented"):
+            for why in refusals(found.models[name]):
+                refused.append(f"{case}: {name}: {why}")
+                print(refused[-1], flush=True)
+    what = f"{named} name a body; of {before} a free fit was no body"
+    out = {
+        "bodies_refused": figure(len(refused), 0, 2 * len(every), what=what),
+        "bodies_price_percent": figure(max(prices), PRICE, before),
+    }
+    why = "three arms" if quick else ""
+    return {k: partial(f, why) if why else f for k, f in out.items()}

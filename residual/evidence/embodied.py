@@ -1,0 +1,127 @@
+"""A fit with bodies that can exist, and what that costs: alone, as two verbs need it.
+
+What logs do not tell of a body is moved first, at no price in torque (``nearest``).
+Where the logs themselves contradict every possible body beyond chance, the fit says of
+bodies what is not of bodies: then none is named (``Embodied.contradicted``).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.special import chdtrc
+
+from residual.evidence.design import Design
+from residual.evidence.fit import BODY, Fit, scaled_inverse
+from residual.evidence.rules import RULES
+from residual.model.bodies import Moved, bodies_of, nearest
+from residual.model.model import Model
+from residual.names import listed
+from residual.recording import Array
+
+LITTLE = 0.01  # per cent of torque: less is not told
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Embodied:
+    """A model whose links and load can exist.
+
+    Attributes:
+        model: The model.
+        moved: What could not exist as fitted freely; None where every body can.
+        contradicted: Whether the logs contradict every possible body: beyond chance,
+            and on some joint by as much as a name must explain.
+    """
+
+    model: Model
+    moved: Moved | None
+    contradicted: bool = False
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was moved, and its price; nothing where every body can exist."""
+        if self.moved is None:
+            return ()
+        cost = 100 * max(*self.moved.price, 0.0)
+        more = f"{cost:.2g} %" if cost >= LITTLE else f"under {LITTLE:g} %"
+        return (
+            f"no body can be what a free fit makes of {listed(self.moved.bodies)}: the "
+            "model has the nearest that can be (positive definite pseudo-inertia), "
+            f"which leaves {more} more of a joint's torque at most",
+        )
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What no arm can be, in a sentence; nothing where that may be chance."""
+        if self.moved is None or not self.contradicted:
+            return ()
+        return (
+            f"no body can be what the logs make of {listed(self.moved.bodies)}: are "
+            "gravity, signs, units and the order of the joints right, and does something "
+            "else push or hold the arm?",
+        )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Beside:
+    """A term that was fitted apart from the rest.
+
+    Attributes:
+        covariance: Of its coefficients. Shape (k, k).
+        columns: Its torque on the rows of each joint. Shapes (rows, k).
+    """
+
+    covariance: Array
+    columns: tuple[Array, ...]
+
+
+def embodied(
+    design: Design, fitted: Fit, model: Model, beside: Sequence[Beside] = ()
+) -> Embodied:
+    """Move a fitted model to the nearest one whose bodies can exist.
+
+    Args:
+        fitted: The fit that the model is of.
+        model: It, as a model; behind the fit's coefficients those of ``beside``.
+    """
+    best = model.coefficients()
+    bodies = bodies_of(model)
+    moved = bodies.impossible(best)
+    if not moved:
+        return Embodied(model, None)
+    apart = [np.linalg.cholesky(scaled_inverse(b.covariance)).T for b in beside]
+    found = nearest(bodies, best, block_diag(fitted.cholesky.T, *apart))
+    before, after = (
+        _mean_squares(design, fitted, beside, gap)
+        for gap in (np.zeros(len(best)), found - best)
+    )
+    price = (np.sqrt(after) - np.sqrt(before)) / design.rms
+    # Twice the fall of log likelihood is chi-square of what the bodies can be moved by.
+    fall = float(fitted.weight(design.rows) @ (design.rows * (after - before)))
+    chance = float(chdtrc(BODY * len(moved), max(fall, 0.0)))
+    told = Moved(moved, tuple(float(p) for p in price), chance)
+    # No arm has quite the form of its model: what is less than a name does not count.
+    large = RULES.lower(price, 1 - np.sqrt(before / np.maximum(after, 1e-300))).any()
+    # Of so many bodies one is always the worst, as of links.
+    sure = chance < RULES.of_a_link
+    return Embodied(model.with_coefficients(found), told, bool(large and sure))
+
+
+def _mean_squares(
+    design: Design, fitted: Fit, beside: Sequence[Beside], gap: Array
+) -> Array:
+    """What is left of each joint with coefficients moved [N^2 m^2]. Shape (dof,)."""
+    own, *others = np.split(gap, _ends(len(fitted.ids), beside))
+    out = np.zeros(design.dof)
+    for j in range(design.dof):
+        left = design.residual(j, fitted.ids, fitted.theta + own)
+        for term, change in zip(beside, others, strict=True):
+            left = left - term.columns[j] @ change
+        out[j] = np.mean(left**2) if len(left) else 0.0
+    return out
+
+
+def _ends(start: int, beside: Sequence[Beside]) -> Array:
+    """Where the coefficients of each part begin, but for the first."""
+    return start + np.cumsum([0, *(len(b.covariance) for b in beside)])[: len(beside)]

@@ -1,0 +1,283 @@
+"""Bodies that can exist: the parameters nearest to a fit that links and loads can have.
+
+A body's ten parameters belong to some distribution of positive mass if and only if its
+pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018, eq. 13):
+
+J = [[tr(I) / 2 - I, h], [h', m]] > 0,    h = m c, I about the link frame
+
+min  |U (x - x_0)|^2   over x with every J(x) in the cone
+
+with U'U the information of the fit about its best x_0, prior included: what the logs do
+not tell moves first, what they tell only as far as it must. A convex problem, solved by
+Newton's method on the logarithmic barrier (Boyd and Vandenberghe 2004, section 11.3).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from residual.errors import InputError
+from residual.model.model import Model, with_slots
+from residual.recording import Array
+from residual.robot.dynamics import PER_LINK
+from residual.robot.robot import Robot
+
+LEAST = 1e-4  # of the body's own scale: how far inside the cone to stay
+FLOOR_SIZE = 0.05  # m: what a smaller link may have become with a tool on it
+FLOOR_MASS = 0.005  # of the arm's mass, likewise
+GAP = 1e-7  # of squared deviations: how near to the least distance is near enough
+GROWTH = 20.0  # of the weight of the distance, from one centre to the next
+STEPS = 60  # of Newton's method per centre; ten are usual
+NEAR = 1e-6  # of the decrement squared: where a centre is reached
+CALM = 0.06  # of the same: from there full steps converge quadratically
+ORDER = 4  # of a pseudo-inertia
+# (row, column) of the tensor of each of the last six parameters.
+_TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Bodies:
+    """The bodies of a model as sums of its coefficients.
+
+    Attributes:
+        names: In words, "link 3" or "the load".
+        sums: Ten parameters of each from ``Model.coefficients()``. (bodies, 10, s).
+        scale: Root of the size of each pseudo-inertia: sqrt(m) (r, r, r, 1).
+            Shape (bodies, 4).
+        start: Coefficients with which every body can exist. Shape (s,).
+        not_negative: Which coefficients cannot be negative. Shape (k,).
+    """
+
+    names: tuple[str, ...]
+    sums: Array
+    scale: Array
+    start: Array
+    not_negative: Array
+
+    def pseudo(self, coefficients: Array) -> Array:
+        """Pseudo-inertias in units of their scale. Shape (bodies, 4, 4)."""
+        return pseudo_inertias(self.sums @ coefficients) / _squares(self.scale)
+
+    def least(self, coefficients: Array) -> Array:
+        """Least eigenvalue of each in units of its scale. Shape (bodies,)."""
+        return np.linalg.eigvalsh(self.pseudo(coefficients))[:, 0]
+
+    def impossible(self, coefficients: Array) -> tuple[str, ...]:
+        """The bodies that cannot exist with these coefficients."""
+        bad = self.least(coefficients) < 0.5 * LEAST
+        return tuple(n for n, b in zip(self.names, bad, strict=True) if b)
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """What of a free fit could not exist, and what the nearest that can exist costs.
+
+    Attributes:
+        bodies: In words, "link 5" or "the load".
+        price: By how much the error of each joint rose on the fit logs, as a share of
+            torque rms; below zero where it fell at the cost of another.
+        chance: Chance that logs of possible bodies are fitted so much worse by them.
+    """
+
+    bodies: tuple[str, ...]
+    price: tuple[float, ...]
+    chance: float
+
+
+def bodies_of(model: Model, friction: bool = False) -> Bodies:
+    """Return the bodies of a model: its links with all that terms add, and its load.
+
+    A load of negative mass is no body of its own but says that the last link is
+    lighter: then what they are together has to be one.
+
+    Args:
+        friction: Whether coefficients that cannot be negative are to be held to that.
+    """
+    dof, c = model.robot.dof, model.coefficients()
+    links = np.zeros((PER_LINK * dof, len(c)))
+    size = len(model.inertial)
+    links[:, :size] = np.eye(size)
+    load, positive, placed = np.zeros((PER_LINK, len(c))), [], []
+    for term, own in with_slots(model.terms, size):
+        if term.effect.carries == "body":
+            load[:, own] += np.eye(PER_LINK)
+            placed.append(own)
+        elif add := term.effect.portable.bodies:
+            ways = np.eye(len(term.theta))
+            links[:, own] += np.transpose(
+                [add(one, term.joints, model.robot) for one in ways]
+            )
+        if friction and term.effect.not_negative:
+            positive += range(own.start, own.stop)
+    return _bodies(model.robot, (links, load, placed), c, np.array(positive, int))
+
+
+def _bodies(
+    robot: Robot, parts: tuple[Array, Array, list[slice]], c: Array, positive: Array
+) -> Bodies:
+    links, load, placed = parts
+    scale, start = link_scales(robot), np.zeros(len(c))
+    names = [f"link {i + 1}" for i in range(robot.dof)]
+    sums = links.reshape(robot.dof, PER_LINK, -1)
+    nominal = [body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]
+    for i, body in enumerate(nominal):
+        least = np.linalg.eigvalsh(pseudo_inertias(body)[0] / _squares(scale[i]))[0]
+        own = slice(PER_LINK * i, PER_LINK * (i + 1))
+        start[own] = body if least > 2 * LEAST else _ball(scale[i])
+    if placed and load[0] @ c > 0:
+        mass = FLOOR_MASS * sum(body[0] for body in nominal)
+        own = np.sqrt(mass) * np.array([FLOOR_SIZE] * 3 + [1.0])
+        names.append("the load")
+        sums, scale = np.concatenate([sums, load[None]]), np.vstack([scale, own])
+        start[placed[0]] = _ball(own)
+    elif placed:
+        sums[-1] += load
+    start[positive] = 1.0
+    return Bodies(tuple(names), sums, scale, start, positive)
+
+
+def _ball(scale: Array) -> Array:
+    """A body with that pseudo-inertia on its diagonal. Shape (10,)."""
+    mass, turn = scale[3] ** 2, 2 * scale[0] ** 2
+    return np.array([mass, 0, 0, 0, turn, 0, turn, 0, 0, turn])
+
+
+def link_scales(robot: Robot) -> Array:
+    """Return the root of the size of each pseudo-inertia: sqrt(m) (r, 1). (dof, 4)."""
+    out, bodies = [], list(robot.model.inertias)[1:]
+    least = FLOOR_MASS * sum(body.mass for body in bodies)
+    for body in bodies:
+        values = np.array(body.toDynamicParameters())
+        spread = values[[4, 6, 9]].sum() / 2 / max(body.mass, 1e-9)
+        radius = max(np.sqrt(max(spread, 0.0)), FLOOR_SIZE)
+        out.append(np.sqrt(max(body.mass, least)) * np.array([radius] * 3 + [1.0]))
+    return np.array(out)
+
+
+def pseudo_inertias(parameters: Array) -> Array:
+    """Return J of every body. Shape (bodies, 4, 4) from (10 bodies,) or (bodies, 10).
+
+    Linear in the parameters: m, h, and xx, xy, yy, xz, yz, zz.
+    """
+    each = np.reshape(parameters, (-1, PER_LINK))
+    out = np.zeros((len(each), ORDER, ORDER))
+    half = each[:, [4, 6, 9]].sum(axis=1) / 2
+    for k, (row, column) in enumerate(_TENSOR, start=4):
+        out[:, row, column] = out[:, column, row] = -each[:, k]
+    out[:, range(3), range(3)] += half[:, None]
+    out[:, :3, 3] = out[:, 3, :3] = each[:, 1:4]
+    out[:, 3, 3] = each[:, 0]
+    return out
+
+
+def _squares(scale: Array) -> Array:
+    return scale[..., :, None] * scale[..., None, :]
+
+
+def nearest(bodies: Bodies, best: Array, root: Array) -> Array:
+    """Return the coefficients nearest to the best with which every body can exist.
+
+    Args:
+        best: x_0, which stays as it is where its bodies can exist. Shape (s,).
+        root: U, upper triangular: |U (x - x_0)|^2 is a distance in squared standard
+            deviations. Shape (s, s).
+
+    Raises:
+        InputError: If the method does not get there.
+    """
+    across = solve_triangular(root, np.eye(len(best)))
+    cones = _Cones.of(bodies, best, across)
+    if cones.inside(np.zeros(len(best))):
+        return best
+    e = root @ (bodies.start - best)
+    weight, count = cones.count / (1 + e @ e), cones.count
+    while True:
+        e = cones.centre(e, weight)
+        if count / weight < GAP * (1 + e @ e):
+            break
+        weight *= GROWTH
+    out = best + across @ e
+    if bad := bodies.impossible(out):
+        raise InputError(
+            f"No possible bodies were found near the fit: {', '.join(bad)} stayed "
+            "impossible. Check units and signs of the logs, and the robot's masses."
+        )
+    return out
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Cones:
+    """What must be positive, affine in the deviations e: matrices and numbers.
+
+    Attributes:
+        ways, at: Of the matrices, flat, less ``LEAST`` of the unit matrix.
+            Shapes (bodies, 16, s), (bodies, 16).
+        rows, values: Of the numbers. Shapes (k, s), (k,).
+    """
+
+    ways: Array
+    at: Array
+    rows: Array
+    values: Array
+
+    @classmethod
+    def of(cls, bodies: Bodies, best: Array, across: Array) -> "_Cones":
+        flat = (len(bodies.names), ORDER**2)
+        units = pseudo_inertias(np.eye(PER_LINK)).reshape(PER_LINK, -1).T
+        sums = units @ bodies.sums / _squares(bodies.scale).reshape(*flat, 1)
+        at = (bodies.pseudo(best) - LEAST * np.eye(ORDER)).reshape(flat)
+        k = bodies.not_negative
+        return cls(sums @ across, at, across[k], best[k])
+
+    @property
+    def count(self) -> float:
+        """Parameter of the barrier: the orders of all cones."""
+        return float(ORDER * len(self.at) + len(self.values))
+
+    def both(self, e: Array) -> tuple[Array, Array]:
+        """Matrices and numbers at e. Shapes (bodies, 4, 4), (k,)."""
+        matrices = (self.at + self.ways @ e).reshape(-1, ORDER, ORDER)
+        return matrices, self.values + self.rows @ e
+
+    def inside(self, e: Array) -> bool:
+        """Whether all are positive at e."""
+        matrices, numbers = self.both(e)
+        return bool(np.linalg.eigvalsh(matrices).min() > 0 and np.all(numbers > 0))
+
+    def centre(self, e: Array, weight: float) -> Array:
+        """Minimise weight |e|^2 - sum log det - sum log, from e inside. Shape (s,).
+
+        Newton's step solves a least squares problem, so that nothing is squared:
+        with J^-1 = W W' the barrier's Hessian is S'S, S = (W (x) W)' J', and its
+        gradient -S' vec(1).
+        """
+        unit, flat = np.sqrt(2 * weight) * np.eye(len(e)), np.eye(ORDER).ravel()
+        wish = np.concatenate([np.tile(flat, len(self.at)), np.ones(len(self.values))])
+        for _ in range(STEPS):
+            matrices, numbers = self.both(e)
+            half = np.linalg.inv(np.linalg.cholesky(matrices))
+            lift = np.einsum("bij,bkl->bikjl", half, half)
+            lift = lift.reshape(len(half), ORDER**2, ORDER**2)
+            slope = np.concatenate([*(lift @ self.ways), self.rows / numbers[:, None]])
+            q, upper = np.linalg.qr(np.concatenate([unit, slope]))
+            right = q.T @ np.concatenate([-np.sqrt(2 * weight) * e, wish])
+            step = solve_triangular(upper, right)
+            decrement = float(np.sum((upper @ step) ** 2))
+            if decrement < NEAR:
+                return e
+            # Damped as a self-concordant function asks for; rounding may ask for more.
+            length = 1.0 if decrement < CALM else 1 / (1 + np.sqrt(decrement))
+            while not self.inside(e + length * step):
+                length /= 2
+                if length < LEAST:
+                    return e
+            e = e + length * step
+        return e
+
+
+def least_eigenvalues(model: Model) -> Array:
+    """Return the least eigenvalue of each scaled pseudo-inertia of links. (dof,)."""
+    scale = link_scales(model.robot)
+    pseudo = pseudo_inertias(model.inertial)
+    return np.linalg.eigvalsh(pseudo / _squares(scale))[:, 0]

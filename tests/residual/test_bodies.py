@@ -1,0 +1,178 @@
+"""Bodies that can exist: the nearest ones to a fit, and that every model has them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.export_parts.bodies import cases, diagnosed, refusals
+from residual.diagnosis.result import Diagnosis
+from residual.diagnosis.verdict import from_json, to_json
+from residual.effects import registry
+from residual.evidence.embodied import Embodied
+from residual.method.diagnose import diagnose
+from residual.model.bodies import LEAST, Moved, bodies_of, nearest
+from residual.model.model import Model, Term
+from residual.robot.base_parameters import base_parameters
+from residual.robot.dynamics import inertial_parameters, with_inertial_parameters
+from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, plain_logs
+
+FEW = list(cases(6))[3:]  # a load, a link and both on arms that are 1 and 3 % off
+
+
+def bare(robot, *terms):
+    return Model(robot, inertial_parameters(robot.model), terms)
+
+
+def load(robot, mass, inertia=(0.0,) * 6):
+    effect = registry()["payload"]
+    values = np.array([mass, 0.02, -0.01, 0.08, *inertia])
+    theta, _ = effect.from_values(values, robot)
+    return Term(effect, (robot.dof - 1,), (), np.asarray(theta))
+
+
+def rooted(rng, size):
+    """A well-conditioned information of unequal knowledge, as an upper triangle."""
+    return np.linalg.qr(rng.normal(size=(2 * size, size)) * rng.uniform(1, 30, size))[1]
+
+
+def test_bodies_that_can_exist_stay_bit_for_bit(rng):
+    model = bare(bare_irb140(), load(bare_irb140(), 2.0, (0.01, 0, 0, 0.01, 0, 0.01)))
+    bodies, best = bodies_of(model), model.coefficients()
+    assert bodies.names[-1] == "the load"
+    assert bodies.impossible(best) == ()
+    assert nearest(bodies, best, rooted(rng, len(best))) is best
+
+
+@pytest.mark.parametrize("axes", [TWO, SEVEN])
+def test_the_nearest_is_on_the_edge_and_no_step_inside_is_nearer(rng, axes):
+    """First-order optimality of a convex problem: every feasible way leads away."""
+    model = bare(arm(axes))
+    bodies, start = bodies_of(model), model.coefficients()
+    root = rooted(rng, len(start))
+    best = start + 0.3 * rng.normal(size=len(start))
+    assert bodies.impossible(best)
+    found = nearest(bodies, best, root)
+    assert bodies.least(found).min() == pytest.approx(LEAST, rel=0.01)
+    slope = root.T @ root @ (found - best)
+    for _ in range(200):
+        spread = rng.uniform(0.1, 3) * rng.normal(size=len(start))
+        other = bodies.start + spread * np.abs(bodies.start)
+        if not bodies.impossible(other):
+            length = np.linalg.norm(root @ (other - best))
+            assert slope @ (other - found) > -1e-6 * length
+
+
+def test_it_is_what_a_solver_of_cones_finds(rng):
+    """Clarabel, by way of cvxpy, on the same problem."""
+    cp = pytest.importorskip("cvxpy")
+    model = bare(arm(SEVEN))
+    bodies, start = bodies_of(model), model.coefficients()
+    root, best = rooted(rng, len(start)), start + 0.2 * rng.normal(size=len(start))
+    x = cp.Variable(len(start))
+    held = []
+    for sums, scale in zip(bodies.sums, bodies.scale, strict=True):
+        m, hx, hy, hz, xx, xy, yy, xz, yz, zz = (row @ x for row in sums)
+        half = (xx + yy + zz) / 2
+        pseudo = cp.bmat(
+            [
+                [half - xx, -xy, -xz, hx],
+                [-xy, half - yy, -yz, hy],
+                [-xz, -yz, half - zz, hz],
+                [hx, hy, hz, m],
+            ]
+        )
+        unit = np.diag(1 / scale)
+        held.append(unit @ pseudo @ unit >> LEAST * np.eye(4))
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ (x - best))), held)
+    problem.solve(solver=cp.CLARABEL)
+    found = nearest(bodies, best, root)
+    own = float(np.sum((root @ (found - best)) ** 2))
+    assert own == pytest.approx(problem.value, rel=1e-5)
+
+
+def test_what_moves_no_torque_moves_first(rng):
+    """Impossible only in the null space of the base parameters: at no torque at all."""
+    model = bare(arm(SEVEN))
+    base, true = base_parameters(model.robot.model), model.coefficients()
+    _, _, ways = np.linalg.svd(base.mapping)
+    silent = ways[len(base) :]
+    best = true + 0.5 * silent.T @ rng.normal(size=len(silent))
+    assert bodies_of(model).impossible(best)
+    told = 1e4 * base.mapping
+    information = told.T @ told + np.eye(len(true))
+    root = np.linalg.cholesky(information).T
+    found = nearest(bodies_of(model), best, root)
+    size = np.abs(base.mapping @ true).max()
+    assert np.abs(base.mapping @ (found - true)).max() < 1e-5 * size
+
+
+def test_a_negative_load_says_that_the_last_link_is_lighter():
+    robot = bare_irb140()
+    model = bare(robot, load(robot, -0.02))
+    bodies = bodies_of(model)
+    assert "the load" not in bodies.names
+    own = bodies.sums[-1] @ model.coefficients()
+    assert own[0] == pytest.approx(model.inertial[-10] - 0.02)
+
+
+def test_a_scaled_link_is_the_body_with_its_scale():
+    robot = bare_irb140()
+    term = Term(registry()["link_inertia"], (1,), (), np.array([-1.2]))
+    model = bare(robot, term)
+    assert bodies_of(model).impossible(model.coefficients()) == ("link 2",)
+
+
+@pytest.mark.parametrize(
+    "case", [FEW[0], *(pytest.param(c, marks=pytest.mark.long) for c in FEW[1:])]
+)
+def test_every_model_of_a_drawn_arm_loads_elsewhere(case):
+    """MuJoCo and Pinocchio take it, and it moves there with the same torque."""
+    pytest.importorskip("mujoco")
+    found = diagnosed(case)
+    for name in ("identified", "augmented"):
+        assert refusals(found.models[name]) == []
+
+
+@pytest.mark.long
+def test_what_was_moved_and_its_price_are_said():
+    told = [f.verdict.bodies for f in map(diagnosed, FEW)]
+    assert any(told)
+    assert any(f.effects for f in map(diagnosed, FEW))
+    for found, moved in zip(map(diagnosed, FEW), told, strict=True):
+        assert any("no body can be" in note for note in found.notes) == bool(moved)
+        assert from_json(to_json(found.verdict)).bodies == moved
+        if moved:
+            assert max(moved.price) < 5e-4
+            assert not found.verdict.contradictions
+
+
+@pytest.mark.long
+def test_a_load_that_no_body_is_gets_no_name():
+    """Torque as of two kilograms whose inertia is negative: said, and not named."""
+    found = impossible_load()
+    assert found.verdict.verdict == "unknown"
+    assert any("no body can be" in told for told in found.verdict.contradictions)
+    assert found.verdict.bodies.chance < 1e-6
+    assert refusals(found.models["augmented"]) == []
+
+
+def impossible_load() -> Diagnosis:
+    """Without the fit of a load, its torque is nothing that has a name."""
+    robot = arm(SEVEN)
+    wrong = bare(robot, load(robot, 2.0, (-0.1, 0, 0, -0.1, 0, -0.1))).loaded()
+    other = replace(robot, model=with_inertial_parameters(robot.model, wrong))
+    logs = plain_logs(other, range(7), np.zeros(7))
+    logs = [replace(log, q=log.q - 0.1) for log in logs]
+    return diagnose(robot, logs[:3], (), logs[3:])
+
+
+def test_the_sentence_has_the_bodies_and_the_price():
+    model = bare(arm(TWO))
+    made = Embodied(model, Moved(("link 1", "the load"), (0.002, -0.1), 0.5))
+    (note,) = made.notes
+    assert "link 1, the load" in note
+    assert "0.2 %" in note
+    assert made.doubts == ()
+    sure = replace(made, contradicted=True)
+    assert "no body can be" in sure.doubts[0]
