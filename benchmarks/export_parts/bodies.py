@@ -1,4 +1,4 @@
-"""Arms of six and seven joints with a load or a wrong link, diagnosed; and their models.
+"""Arms of six and seven joints with a load or a wrong link: what takes their models?
 
 Every model that could be adopted has to be one that MuJoCo and Pinocchio take.
 """
@@ -16,7 +16,7 @@ from residual.method.diagnose import diagnose
 from residual.model.bodies import bodies_of
 from residual.model.model import Model
 from sim.draw import draw_hidden
-from sim.records import PlantEffect, stream
+from sim.engine.records import PlantEffect, stream
 
 ARMS, FEW = 50, 3
 HIDDEN = (("payload",), ("link_inertia",), ("payload", "link_inertia"))

@@ -58,7 +58,7 @@ class Embodied:
             return ()
         return (
             f"no body can be what the logs make of {listed(self.moved.bodies)}: are "
-            "gravity, signs, units and the order of the joints right, and does something "
+            "gravity, signs, units and the order of the joints right, and does nothing "
             "else push or hold the arm?",
         )
 
