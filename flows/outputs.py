@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from residual.errors import InputError
 from residual.lazy import Lazy
+from residual.names import plain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -171,7 +172,7 @@ def _umask() -> int:
 def say(console: "Console", *lines: str) -> None:
     """Print lines that may hold brackets, paths and numbers."""
     for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        console.print(plain(line), markup=False, highlight=False, soft_wrap=True)
 
 
 # Told the stage and the share done.

@@ -1,5 +1,6 @@
 """Names that users type, checked with a hint, and joints as they are listed."""
 
+import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import TypeVar
@@ -11,6 +12,10 @@ Content = TypeVar("Content")
 # Levels of tables and lists in a file; none of ours has a third of it, and what walks
 # through them by calling itself ends at some hundreds.
 DEEPEST = 64
+# What steers a terminal, turns the order of what is read, or is half a character.
+CONTROL = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 LINE = 120  # characters of a value in a message
 
 
@@ -41,6 +46,14 @@ def shortened(value: object) -> str:
     """Return a value as a message has it: a line of it says enough."""
     text = str(value)
     return text if len(text) <= LINE else f"{text[: LINE - 3]}..."
+
+
+def plain(text: str) -> str:
+    """Return a stranger's text so that it does nothing to a terminal or an encoder.
+
+    What steers a terminal stands as its escape; lines and tabs stay.
+    """
+    return CONTROL.sub(lambda found: repr(found[0])[1:-1], text)
 
 
 def shown(value: object) -> str:

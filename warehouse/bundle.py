@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from residual.errors import InputError, ModelgapError
+from residual.names import CONTROL
 from warehouse.commit import SPEC, TRUTH
 from warehouse.files import SUMS, publish, replace_file, staged
 from warehouse.ids import ID_DIGITS, seal_folder
@@ -49,6 +50,7 @@ _OTHER = (
 )
 
 
+_DOCUMENTS = ("manifest", "record", "provenance")  # columns that hold JSON
 _READERS = (ValueError, KeyError, TypeError, OSError, RecursionError)
 # Of the disk and not of the bundle.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -364,13 +366,32 @@ def _check(folder: Path, path: str, kind: str, file: Path) -> None:
         elif kind == "seal":
             open_seal(folder, name)
         else:
-            wrong = faults(Found(kind, name, place))
+            found = Found(kind, name, place)
+            wrong = faults(found) or _strange(read_row(found))
     # What the readers of JSON, Parquet and URDF say to a file made to break them.
     except (*_READERS, ModelgapError, pa.ArrowException) as error:
         wrong = (str(error),)
     if wrong:
         what = wrong[0].replace(f"{folder}/", "")
         raise InputError(f"{file}: {path}: {what}. Nothing was added.")
+
+
+def _strange(row: Mapping) -> tuple[str, ...]:
+    """Return what of a record would do something to the terminal that prints it."""
+    level: list = [
+        json.loads(value) if name in _DOCUMENTS and value else value
+        for name, value in row.items()
+    ]
+    while level:
+        value = level.pop()
+        if isinstance(value, Mapping):
+            level += [*value, *value.values()]
+        elif isinstance(value, list):
+            level += value
+        elif isinstance(value, str) and (found := CONTROL.search(value)):
+            text = _shown(value[max(found.start() - 20, 0) : found.end() + 20])
+            return (f"{text} has a control character, expected text",)
+    return ()
 
 
 def _check_unfolded(path: Path) -> None:

@@ -345,6 +345,7 @@ class Kind:
         key: Column with its id.
         row: File with its one catalogue row.
         lists: Views whose rows lie nested in that row.
+        needed: Columns of it that have a value in every record.
         fields: The catalogue row: columns of the view, then the nested ones.
     """
 
@@ -353,6 +354,7 @@ class Kind:
     key: str
     row: str
     lists: tuple[str, ...] = ("errors", "lineage")
+    needed: tuple[str, ...] = ("created",)
     fields: pa.Schema = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -366,7 +368,13 @@ class Kind:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("runs", "samples", "run_id", "_run.parquet"),
+        Kind(
+            "runs",
+            "samples",
+            "run_id",
+            "_run.parquet",
+            needed=("created", "robot", "source", "kind", "duration_s", "rows", "dof"),
+        ),
         Kind(
             "models",
             "models",

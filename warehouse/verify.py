@@ -113,6 +113,9 @@ def _check_form(found: Found) -> None:
     for field in KINDS[found.kind].fields:
         if field.name in table.column_names:
             table.column(field.name).cast(field.type)
+    for name in KINDS[found.kind].needed:
+        if table.column(name).null_count:
+            raise ValueError(f"its {name} has no value")
     for parent in table.column("lineage")[0].as_py() or []:
         ids.check_id(parent["parent"])
 

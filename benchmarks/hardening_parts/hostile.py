@@ -1,11 +1,11 @@
 """The table of hostile inputs: valid files, and what is done to them."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.hardening_parts import strangers
 from benchmarks.hardening_parts.http import (
     bad_logs,
     bad_maps,
@@ -13,6 +13,7 @@ from benchmarks.hardening_parts.http import (
     bad_specs,
     requests,
 )
+from benchmarks.hardening_parts.strangers import Input
 from benchmarks.store_parts.made import records, run
 from residual.robot.robot import load_robot
 from sim.engine.records import TrajectorySpec
@@ -20,32 +21,6 @@ from sim.trajectories import make_reference
 from warehouse.bundle import write_bundle
 
 SEEDS = 12  # random edits of each file
-
-
-@dataclass(frozen=True, slots=True)
-class Input:
-    """One hostile input.
-
-    Attributes:
-        kind: What it claims to be.
-        name: What is wrong with it.
-        words: The command that reads it.
-        file: Name of its file in the working folder.
-        content: Content of the file; None for no file.
-        judge: How an answer is judged: "refuse" for none is right, "answer" for only
-            one is, "samples", "bundle", or None where nobody can say.
-        answer: What a right answer has in it.
-        request: What is asked of the guard of a server, in place of a command.
-    """
-
-    kind: str
-    name: str
-    words: tuple[str, ...]
-    file: str = ""
-    content: bytes | None = None
-    judge: str | None = None
-    answer: str | None = None
-    request: dict | None = None
 
 
 def prepare(place: Path) -> dict[str, Path]:
@@ -177,7 +152,7 @@ def _of_bundle(base: Mapping[str, Path]) -> list[Input]:
 def _of_http(base: Mapping[str, Path]) -> list[Input]:
     return [
         Input("http", name, (), judge="answer" if own else "refuse", request=asked)
-        for name, asked, own in requests()
+        for name, asked, own in (*requests(), *strangers.requests())
     ]
 
 
@@ -280,5 +255,9 @@ TABLE = {
     "spec": _of_text("spec", "spec.toml", ("experiment", "spec.toml", "--dry-run")),
     "sql": _of_sql,
     "bundle": _of_bundle,
+    "record": strangers.of_records,
+    "name": strangers.of_names,
+    "inbox": strangers.of_inboxes,
+    "table": strangers.of_tables,
     "http": _of_http,
 }

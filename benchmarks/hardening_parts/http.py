@@ -51,48 +51,52 @@ def requests() -> Iterator[tuple[str, dict, bool]]:
     """Give name, request as ASGI has it, and whether it is to be let through."""
     own, json = ("origin", _OWN), ("content-type", "application/json")
     body, key = ("content-length", "12"), _signed(KEY)
-    yield "own page", _scope("POST", own, json, body), True
-    yield "own program", _scope("POST", key, json, body), True
-    yield "own reading", _scope("GET"), True
+    yield "own page", scope_of("POST", own, json, body), True
+    yield "own program", scope_of("POST", key, json, body), True
+    yield "own reading", scope_of("GET"), True
     for host in _HOSTS:
-        yield f"Host {host!r}", _scope("GET", host=host), False
-        yield f"Host {host!r}, key", _scope("POST", key, json, body, host=host), False
+        yield f"Host {host!r}", scope_of("GET", host=host), False
+        yield f"Host {host!r}, key", scope_of("POST", key, json, body, host=host), False
         yield (
             f"Host {host!r}, events",
-            _scope("GET", host=host, kind="websocket"),
+            scope_of("GET", host=host, kind="websocket"),
             False,
         )
     for origin in _ORIGINS:
         given = ("origin", origin)
         for method in ("GET", "POST", "DELETE", "OPTIONS"):
             told = f"{method} from {origin!r}"
-            yield told, _scope(method, given, json, body, key), False
-        yield f"events for {origin!r}", _scope("GET", given, kind="websocket"), False
-        two = _scope("POST", own, given, json, body)
+            yield told, scope_of(method, given, json, body, key), False
+        yield f"events for {origin!r}", scope_of("GET", given, kind="websocket"), False
+        two = scope_of("POST", own, given, json, body)
         yield f"two pages, {origin!r}", two, False
     for kind in _KINDS:
         given = () if kind is None else (("content-type", kind),)
-        yield f"body of {kind}", _scope("POST", own, *given, body), False
-        yield f"body of {kind}, key", _scope("POST", key, *given, body), False
-        twice = _scope("PUT", own, json, *(given or (json,)), body)
+        yield f"body of {kind}", scope_of("POST", own, *given, body), False
+        yield f"body of {kind}, key", scope_of("POST", key, *given, body), False
+        twice = scope_of("PUT", own, json, *(given or (json,)), body)
         yield f"JSON and {kind}", twice, False
     for word in _KEYS:
         given = () if word is None else (_signed(word),)
         for method in ("POST", "PUT", "PATCH", "DELETE"):
             told = f"{method} with key {word!r}"
-            yield told, _scope(method, *given, json, body), False
+            yield told, scope_of(method, *given, json, body), False
 
 
 def let_through(asked: dict) -> bool:
     """Return whether a request reaches what is behind the guard."""
     reached = False
+    # Of a WebSocket that is open what counts is whether its first message comes in.
+    with_messages = "sent" in asked
+    sent = iter(asked.get("sent", ()))
 
     async def behind(scope, receive, send) -> None:
         nonlocal reached
-        reached = True
+        first = await receive() if with_messages else {}
+        reached = first.get("type") != "websocket.disconnect"
 
     async def receive() -> dict:
-        return {"type": "websocket.connect"}
+        return next(sent, {"type": "websocket.connect"})
 
     async def send(message: dict) -> None:
         pass
@@ -105,7 +109,8 @@ def _signed(key: str) -> tuple[str, str]:
     return "authorization", f"Basic {b64encode(key.encode()).decode()}"
 
 
-def _scope(method: str, *given, host: str = _HOST, kind: str = "http") -> dict:
+def scope_of(method: str, *given, host: str = _HOST, kind: str = "http") -> dict:
+    """Return a request or an opening WebSocket as ASGI has it."""
     headers = [("host", host), *given]
     return {
         "type": kind,

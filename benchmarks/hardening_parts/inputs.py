@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.hardening_parts.hostile import TABLE, Input, prepare
+from benchmarks.hardening_parts.hostile import TABLE, prepare
 from benchmarks.hardening_parts.http import let_through
+from benchmarks.hardening_parts.strangers import Input
 from benchmarks.harness.figures import Figures, all_partial, figure
 from benchmarks.store_parts.made import damaged, folder
 from flows.cli import main
@@ -32,8 +33,13 @@ def outcome_of(place: Path, given: Input, out: Connection) -> None:
     if given.request is not None:
         out.send((0 if let_through(given.request) else 2, "", ""))
         return
-    if given.content is not None:
-        Path(given.file).write_bytes(given.content)
+    own = {} if given.content is None else {given.file: given.content}
+    for name, content in {**(given.beside or {}), **own}.items():
+        Path(name).parent.mkdir(exist_ok=True)
+        if content is None:
+            Path(name).symlink_to(name)
+        else:
+            Path(name).write_bytes(content)
     # What a library prints by itself is a part of the answer too.
     sys.stdin = io.StringIO()
     printed, told = io.StringIO(), io.StringIO()
@@ -46,6 +52,8 @@ def judged(place: Path, given: Input, out: str, base: Mapping[str, Path]) -> boo
     """Return whether an answer may be right; True where nobody can say."""
     if given.judge == "refuse":
         return False
+    if given.judge == "inbox":
+        return any(each.is_file() for each in (place / "in").glob("done*/z.csv"))
     if given.judge == "samples":
         return _same_samples(place, given.content, _LEFT_OUT in out)
     if given.judge == "bundle":
@@ -92,7 +100,8 @@ def _same_samples(place: Path, content: bytes, fewer: bool) -> bool:
 
 LONGEST = 30.0  # seconds
 _COMMANDS = tuple(
-    f"flows.cli.{name}" for name in ("imports", "check", "experiment", "sql", "bundle")
+    f"flows.cli.{name}"
+    for name in ("logs", "experiment", "sql", "history", "project", "diagnose", "store")
 )
 
 
@@ -117,7 +126,9 @@ def input_figures(quick: bool) -> Figures:
     count, checked = len(chosen), sum(given.judge is not None for given in chosen)
     refused = sum(n for (_, outcome), n in seen.items() if outcome == "refused")
     kinds = Counter(given.kind for given in chosen)
+    stops = [each for names in told.values() for each in names if "inbox" in each[:5]]
     figures = {
+        "inbox_stops": figure(len(stops), 0, kinds["inbox"], told=stops[:9]),
         "inputs_traceback": figure(
             len(told["traceback"]), 0, count, told=told["traceback"][:9], kinds=kinds
         ),

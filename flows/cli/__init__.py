@@ -6,6 +6,7 @@ interrupted.
 
 import errno
 import os
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -15,10 +16,14 @@ from cyclopts import CycloptsError
 from flows.cli.app import run
 from flows.errors import RunError
 from residual.errors import ModelgapError
+from residual.names import LINE, plain, shortened
 
 # Also a file that may not grow, by a quota or by ulimit -f.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NO_SPACE = "No space left"  # where a library gives no number
+_NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # no file can be called so
+_LOOP = "Symlink loop"  # what pathlib says, up to Python 3.12, without a number
+_WORD = re.compile(rf"\S{{{2 * LINE},}}")
 TRACEBACK = "MODELGAP_TRACEBACK"
 
 
@@ -55,6 +60,14 @@ def _explain(error: Exception) -> int:
         return _say(str(error), 1)
     if isinstance(error, CycloptsError):
         return _say(f"{' '.join(str(error).split())} See modelgap --help.", 2)
+    if (isinstance(error, OSError) and error.errno in _NO_NAME) or _LOOP in str(error):
+        named = getattr(error, "filename", None) or str(error).partition("'")[2]
+        why = getattr(error, "strerror", None) or "a link to itself"
+        return _say(
+            f"'{shortened(str(named).strip(chr(39)))}' is the name of no file: {why}. "
+            "Expected the path of a file or a folder.",
+            2,
+        )
     what = " ".join(f"{type(error).__name__}: {error}".split())
     if (isinstance(error, OSError) and error.errno in _FULL) or _NO_SPACE in what:
         return _say(
@@ -73,6 +86,6 @@ def _explain(error: Exception) -> int:
 
 def _say(text: str, code: int) -> int:
     # What came out of a stranger's file must do nothing to the terminal.
-    plain = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
-    print(f"modelgap: {plain}", file=sys.stderr)
+    short = _WORD.sub(lambda word: shortened(word[0]), text)
+    print(f"modelgap: {plain(short)}", file=sys.stderr)
     return code

@@ -16,6 +16,7 @@ from flows.requests import Flag
 from flows.settings import PROJECT
 from flows.steps.monitor import watch_new
 from residual.errors import InputError
+from residual.names import plain
 
 _PAUSE = 5.0  # s between two looks
 
@@ -100,7 +101,7 @@ def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counte
             sums[taken.what] += 1
             _say(f"{number}/{len(resting)} {_words(taken)}")
             if taken.what == REFUSED:
-                title = f"{inbox.table.robot}: {taken.path.name} was refused"
+                title = f"{inbox.table.robot}: {taken.name} was refused"
                 notice = Notice("refused", inbox.table.robot, title, taken.why)
                 _tell(project, notice)
     if not import_only and sums:
@@ -111,7 +112,7 @@ def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counte
 
 
 def _words(taken: Taken) -> str:
-    name = taken.path.name
+    name = taken.name
     if taken.what == STORED:
         return f"{name}: stored as run {taken.run}"
     if taken.what == KNOWN:
@@ -159,4 +160,4 @@ def _tell(project: Project, notice: Notice) -> None:
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)
+    print(plain(text), flush=True)

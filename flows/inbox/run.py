@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from flows.project.read import InboxTable, Project
 from flows.requests import Import
 from flows.settings import cores
 from flows.workers.pool import Done, Here, Pool
+from residual.names import plain
 
 _CHUNK = 32  # logs between two moves: so many are read again after a kill
 _FEW = 4  # as many are read sooner than processes are started
@@ -112,8 +113,7 @@ def take_all(inbox: Inbox, resting: Mapping[str, State], told: Told) -> Iterator
             if runs:
                 told(runs)
             for taken in chunk:
-                archive(taken)
-                yield taken
+                yield _archived(taken)
 
 
 def _taken(jobs: Sequence[Job]) -> Iterator[list[Taken]]:
@@ -127,7 +127,19 @@ def _taken(jobs: Sequence[Job]) -> Iterator[list[Taken]]:
             yield few
 
 
+def _archived(taken: Taken) -> Taken:
+    """Move a log out of the way; one that cannot be moved waits, and stops no other."""
+    try:
+        archive(taken)
+    except OSError as error:
+        why = (
+            f"{taken.why or taken.what}; it cannot be moved: {error.strerror or error}"
+        )
+        return replace(taken, what=WAITING, why=why)
+    return taken
+
+
 def _outcome(jobs: Sequence[Job], done: Done) -> Taken:
     if done.error is None:
         return done.value
-    return Taken(jobs[done.index].path, REFUSED, why=str(done.error))
+    return Taken(jobs[done.index].path, REFUSED, why=plain(str(done.error)))

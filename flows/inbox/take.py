@@ -7,6 +7,7 @@ id is that of its samples and its robot.
 
 import fcntl
 import filecmp
+import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -16,12 +17,14 @@ from pathlib import Path
 from flows.requests import Import
 from flows.steps import imports
 from residual.errors import InputError
+from residual.names import plain, shortened
 
 STORED, KNOWN, REFUSED, WAITING = "stored", "known", "refused", "waiting"
 DONE, REJECTED = "done", "rejected"
 _LOCK = ".modelgap.lock"
 # Names that programs give to what they have not yet written to its end.
 _UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", "~")
+_LONGEST = 200  # bytes of the name of a file that was moved
 _BAG = "metadata.yaml"  # what a ROS 2 bag, a folder, has in it
 
 # Size, time of the last change [ns] and number of a file; of a folder, all of those.
@@ -40,7 +43,7 @@ def look(folder: Path) -> dict[str, State]:
             name = entry.name
             if name.startswith(".") or name.lower().endswith(_UNFINISHED):
                 continue
-            if name in (DONE, REJECTED) or entry.is_symlink():
+            if entry.is_symlink() or (name in (DONE, REJECTED) and entry.is_dir()):
                 continue
             state = state_of(Path(entry.path))
             if state:
@@ -144,6 +147,11 @@ class Taken:
     run: str | None = None
     why: str = ""
 
+    @property
+    def name(self) -> str:
+        """What its file is called, as it is printed and kept."""
+        return shortened(plain(self.path.name))
+
 
 def take(job: Job) -> Taken:
     """Check a log and put it into the store; the file stays where it is.
@@ -163,12 +171,12 @@ def take(job: Job) -> Taken:
     except InputError as error:
         if state_of(job.path) != job.state:
             return Taken(job.path, WAITING, why="it changed while it was read")
-        return Taken(job.path, REFUSED, why=str(error))
+        return Taken(job.path, REFUSED, why=plain(str(error)))
     except (OSError, MemoryError) as error:
-        return Taken(job.path, WAITING, why=" ".join(str(error).split()))
+        return Taken(job.path, WAITING, why=plain(" ".join(str(error).split())))
     except Exception as error:  # what a damaged file makes a parser raise
         what = " ".join(f"{type(error).__name__}: {error}".split())
-        return Taken(job.path, REFUSED, why=f"unexpected failure: {what}")
+        return Taken(job.path, REFUSED, why=plain(f"unexpected failure: {what}"))
     return Taken(job.path, KNOWN if log.stored else STORED, run)
 
 
@@ -177,11 +185,13 @@ def archive(taken: Taken) -> Path | None:
 
     Returns:
         Where it is now; None where it waits.
+
+    Raises:
+        OSError: If it cannot be moved.
     """
     if taken.what == WAITING:
         return None
-    folder = taken.path.parent / (REJECTED if taken.what == REFUSED else DONE)
-    folder.mkdir(exist_ok=True)
+    folder = _folder(taken.path.parent, REJECTED if taken.what == REFUSED else DONE)
     target = _free(folder, taken.path)
     if taken.what == REFUSED:
         # The reason first: a file that was refused has one, at any kill.
@@ -193,13 +203,37 @@ def archive(taken: Taken) -> Path | None:
     return target
 
 
+def _folder(inbox: Path, name: str) -> Path:
+    """Return the folder for what is moved; a log of its name may be in the way."""
+    place, number = inbox / name, 1
+    while os.path.lexists(place) and not place.is_dir():
+        number += 1
+        place = inbox / f"{name}-{number}"
+    place.mkdir(exist_ok=True)
+    return place
+
+
+def _fitting(name: str) -> str:
+    """Return a name to which a number and the ends of a note can be added.
+
+    A file system takes 255 bytes; one that is cut has a hash of the whole for its end.
+    """
+    raw = os.fsencode(name)
+    if len(raw) <= _LONGEST:
+        return name
+    stem = raw[: _LONGEST - 40].decode("utf-8", errors="ignore")
+    end = Path(name).suffix if len(os.fsencode(Path(name).suffix)) < 20 else ""
+    return f"{stem}-{hashlib.sha256(raw).hexdigest()[:8]}{end}"
+
+
 def _free(folder: Path, path: Path) -> Path:
     """Return a place of this name, or, where another log has it, of one beside it."""
-    target, number = folder / path.name, 1
+    named = Path(_fitting(path.name))
+    target, number = folder / named, 1
     while target.exists():
         files = path.is_file() and target.is_file()
         if files and filecmp.cmp(path, target, shallow=False):
             return target  # the same bytes: nothing is lost
         number += 1
-        target = folder / f"{path.stem}-{number}{path.suffix}"
+        target = folder / f"{named.stem}-{number}{named.suffix}"
     return target

@@ -142,6 +142,7 @@ class GrowingFile:
     header: str | None = None
     known: tuple[str, int] = ("", 0)
     _reader: Reader | None = field(default=None, repr=False)
+    _skips: bool = field(default=False, repr=False)  # in a line that is left out
 
     @classmethod
     def at(
@@ -185,13 +186,18 @@ class GrowingFile:
         except OSError as error:
             raise InputError(f"Cannot read {self.path}: {error.strerror}.") from error
         lines, used = whole_lines(text)
-        if not used and len(text) == _AT_ONCE:
-            raise InputError(f"{self.name}: a line of more than {_AT_ONCE} bytes.")
+        more = len(text) == _AT_ONCE
+        if self._skips and used:  # the end of a line of which the begin is left out
+            lines, used, more = [], text.index(b"\n") + 1, True
+            self._skips = False
+        elif not used and more:
+            note = (*note, *_left_out(self.name, self.header, self._skips))
+            used, self._skips = len(text), True
         self.offset += used
         lines = self._without_names(lines)
         if not lines or self._reader is None:
-            return Batch(notes=note)
-        return Batch(self._reader.samples(lines), note, len(text) == _AT_ONCE)
+            return Batch(notes=note, more=more)
+        return Batch(self._reader.samples(lines), note, more)
 
     def unfinished(self) -> bool:
         """Whether a last line has no end yet."""
@@ -222,6 +228,7 @@ class GrowingFile:
             return ()
         how = "shorter than what was read of it" if size < self.offset else "another"
         self.offset, self.header, self._reader, self.known = 0, None, None, ("", 0)
+        self._skips = False
         return (f"{self.name} is {how}: it was replaced, and is read from its begin",)
 
     def _remember(self, file) -> None:
@@ -254,6 +261,7 @@ class StandardInput:
     buffer: bytes = b""
     name: str = "standard input"
     _reader: Reader | None = field(default=None, repr=False)
+    _skips: bool = field(default=False, repr=False)
 
     def position(self) -> dict:
         """Return nothing: what was sent is not sent again."""
@@ -269,21 +277,40 @@ class StandardInput:
             self.ended = True
             lost = f"{self.name} ended in the middle of a line, which is left out"
             return Batch(notes=(lost,) if self.buffer else ())
-        text = self.buffer + new
+        text, notes = self.buffer + new, ()
+        if self._skips:
+            text = text.partition(b"\n")[2]
+            self._skips = b"\n" not in new
         lines, used = whole_lines(text)
         self.buffer = text[used:]
         if len(self.buffer) > _AT_ONCE:
-            raise InputError(f"{self.name}: a line of more than {_AT_ONCE} bytes.")
+            notes = _left_out(self.name, self._reader, skips=False)
+            self.buffer, self._skips = b"", True
         if lines and self._reader is None:
             self._reader = reader_of(lines[0], self.robot, self.columns, self.name)
             lines = lines if lines[0].lstrip().startswith("{") else lines[1:]
         if not lines or self._reader is None:
-            return Batch(more=True)
-        return Batch(self._reader.samples(lines), more=True)
+            return Batch(notes=notes, more=True)
+        return Batch(self._reader.samples(lines), notes, more=True)
 
     def wait(self) -> None:
         """Wait until something comes, for a moment at most."""
         selecting.select([sys.stdin.fileno()], [], [], POLL)
+
+
+def _left_out(name: str, names: object, skips: bool) -> tuple[str, ...]:
+    """Return what to say of a line that is too long; nothing in the midst of it.
+
+    Raises:
+        InputError: If it is the line of names.
+    """
+    if names is None:
+        raise InputError(
+            f"{name}: its line of names has more than {_AT_ONCE} bytes. Expected names "
+            "such as t,q1,tau1."
+        )
+    words = f"a line of more than {_AT_ONCE} bytes was left out: no row has so many"
+    return () if skips else (f"{name}: {words}",)
 
 
 def whole_lines(text: bytes) -> tuple[list[str], int]:
@@ -297,7 +324,7 @@ def _flat(line: str) -> Mapping | None:
     """A JSON object with its lists as q1, q2, ...; None where it is none."""
     try:
         given = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not isinstance(given, dict):
         return None
@@ -313,5 +340,5 @@ def _flat(line: str) -> Mapping | None:
 def _number(value: object) -> float:
     try:
         return float(value)  # pyright: ignore[reportArgumentType]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return float("nan")

@@ -7,6 +7,7 @@ from rich.text import Text
 
 from flows.outputs import say
 from flows.report.document import Strong, Table
+from residual.names import plain
 
 # What a terminal without Unicode shows instead.
 _PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3", "·": ","})
@@ -31,7 +32,7 @@ def show(console: Console, *parts: str | Table, wrapped: bool = False) -> None:
 
 def line(console: Console, text: str, style: str = "") -> None:
     """Print a sentence, broken where the terminal ends."""
-    console.print(_readable(console, Text(text, style=style)))
+    console.print(_readable(console, Text(plain(text), style=style)))
 
 
 def wide(console: Console, width: int = _WIDE) -> Console:
@@ -64,7 +65,7 @@ def _print_table(console: Console, table: Table) -> None:
 
 def _cell(text: str) -> Text:
     # As text, so that nothing in a name is taken for markup.
-    cell = Text(text)
+    cell = Text(plain(text))
     if isinstance(text, Strong):
         cell.stylize("bold", 0, len(text.split("\n")[0]))
     return cell

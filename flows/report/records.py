@@ -9,6 +9,7 @@ from rich.tree import Tree
 
 from flows.report.document import Table, words_table
 from flows.steps.imports import Log
+from residual.names import plain
 from residual.robot.robot import Robot
 from warehouse.logs.columns import shorten
 
@@ -102,9 +103,9 @@ def record_lines(value: Mapping | list, indent: str = "") -> list[str]:
     lines = []
     for key, item in _items(value):
         if _short(item):
-            lines.append(f"{indent}{key}: {_value(item)}")
+            lines.append(plain(f"{indent}{key}: {_value(item)}"))
         else:
-            lines += [f"{indent}{key}:", *record_lines(item, indent + "  ")]
+            lines += [plain(f"{indent}{key}:"), *record_lines(item, indent + "  ")]
     return lines
 
 

@@ -39,12 +39,12 @@ def take(folder: str) -> dict:
         for taken in take_all(of[place], resting, artifacts.runs_committed):
             sums[taken.what] += 1
             told = taken.run or taken.why
-            log.info(f"{taken.path.name}: {taken.what}: {told}")
-            rows.append({"log": taken.path.name, "what": taken.what, "run": told})
+            log.info(f"{taken.name}: {taken.what}: {told}")
+            rows.append({"log": taken.name, "what": taken.what, "run": told})
             if taken.run:
                 fed.add(robot)
             if taken.what == REFUSED:
-                title = f"{robot}: {taken.path.name} was refused"
+                title = f"{robot}: {taken.name} was refused"
                 _tell(project, Notice("refused", robot, title, taken.why))
     for robot in fed:
         artifacts.logs_stored(robot)

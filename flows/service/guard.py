@@ -13,7 +13,7 @@ import ipaddress
 import json
 import socket
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -27,6 +27,9 @@ _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _EVERYWHERE = ("0.0.0.0", "::")
 
 
+# Bytes of a body or message of who has not shown the key: a ticket, or the key itself,
+# has a hundred. Prefect's pages send more only with the key.
+LARGEST = 1 << 16
 _POLICY_VIOLATION = 1008  # close code of a WebSocket, RFC 6455 section 7.4.1
 # A page talks to its own server only. Prefect's pages set styles from scripts, and what
 # draws their graphs compiles code of its own: allowed, since it too comes from here.
@@ -97,13 +100,15 @@ class Rules:
 
     def is_key(self, text: str | bytes) -> bool:
         """Return whether a message on a WebSocket is the one that shows the key."""
+        if len(text) > LARGEST:
+            return False
         try:
             told = json.loads(text)
             given = told["token"] if told["type"] == "auth" else ""
-        except (ValueError, KeyError, TypeError, RecursionError):
+            shown = given.encode()  # of half a character there are no bytes
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return False
-        known = self.key.encode()
-        return isinstance(given, str) and hmac.compare_digest(given.encode(), known)
+        return hmac.compare_digest(shown, self.key.encode())
 
 
 def rules_for(host: str, port: int, key: str) -> Rules:
@@ -135,6 +140,9 @@ class Refusal:
 
     status: int
     words: str
+
+
+_TOO_LARGE = Refusal(413, f"Expected at most {LARGEST} bytes without the key.")
 
 
 def refusal(scope: Scope, rules: Rules) -> Refusal | None:
@@ -194,6 +202,10 @@ class Guard:
 
     async def _request(self, scope: Scope, receive: Receive, send: Send) -> None:
         why = refusal(scope, self.rules)
+        if not (why or self.rules.has_key(Headers(scope=scope))):
+            body = await _small(receive)
+            why = _TOO_LARGE if body is None else None
+            receive = _again(body or [], receive)
         if why:
             answer = JSONResponse({"detail": why.words}, why.status)
             await answer(scope, receive, _with_headers(send, _NOTHING))
@@ -210,6 +222,29 @@ class Guard:
             await self.app(scope, receive, send)
         else:
             await self.app(scope, _key_first(receive, send, self.rules), send)
+
+
+async def _small(receive: Receive) -> list[Message] | None:
+    """Return the messages of a whole body; None for one that is too large."""
+    told, size, more = [], 0, True
+    while more:
+        message = await receive()
+        told.append(message)
+        size += len(message.get("body", b""))
+        if size > LARGEST:
+            return None
+        more = message.get("more_body", False)
+    return told
+
+
+def _again(told: Sequence[Message], receive: Receive) -> Receive:
+    """Give messages that were read once more, then what comes after them."""
+    left = list(told)
+
+    async def given() -> Message:
+        return left.pop(0) if left else await receive()
+
+    return given
 
 
 def _key_first(receive: Receive, send: Send, rules: Rules) -> Receive:

@@ -41,6 +41,9 @@ from residual.errors import InputError
 
 GONE = "Its process is gone; closed when modelgap up found it."
 Say = Callable[[str], None]
+# Bytes of a message on a WebSocket, held before anybody has shown a key; an event of
+# Prefect has 1.5 MB at most.
+_MESSAGE = 4 << 20
 _EVERY = "every"  # slug of the schedule of --every
 _PATIENCE = 600.0  # s; the first start makes the database, on a busy machine slowly
 _WATCH = "close flow runs without a sign of life"
@@ -175,6 +178,7 @@ def server_command(running: Running) -> list[str]:
     """Return the command line of the server; it has no key and no password."""
     command = [sys.executable, "-P", "-m", "uvicorn", "--factory", "--log-level"]
     command += ["warning", "--no-proxy-headers", "flows.service.serve:app"]
+    command += ["--ws-max-size", str(_MESSAGE)]
     return [*command, "--host", running.host, "--port", str(running.port)]
 
 

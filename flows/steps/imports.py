@@ -15,9 +15,11 @@ from flows.settings import store_folder
 from flows.steps.check import checked
 from residual.check.result import LogCheck
 from residual.errors import InputError
+from residual.names import plain
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_serial
 from warehouse.commit import commit_run, imported_run_id
+from warehouse.ids import plain as plain_json
 from warehouse.ids import record_folder
 from warehouse.logs import ColumnMap, Understood, load_columns, read_any, unique_ids
 from warehouse.logs.file import iso, parse
@@ -145,7 +147,7 @@ def _read_one(spec: str, label: str, request: Import, of_all: tuple) -> Log:
             "serial": robot.serial,
             "recorded_at": iso(_moment(request, known)),
             "tags": check_tags(request.tags),
-            "log": _about(known, columns),
+            "log": _printable(plain_json(_about(known, columns))),
         },
     )
 
@@ -178,6 +180,15 @@ def check_tags(tags: Sequence[str]) -> list[str]:
                 f"tags '{values[key]}' and '{tag}' say two things of one key. Keep one."
             )
     return sorted(values.values())
+
+
+def _printable(value: object) -> object:
+    """Return what is kept of a stranger's file so that no terminal obeys it."""
+    if isinstance(value, dict):
+        return {key: _printable(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_printable(item) for item in value]
+    return plain(value) if isinstance(value, str) else value
 
 
 def _about(known: Understood, columns: ColumnMap | None) -> dict:

@@ -7,6 +7,7 @@ import numpy as np
 
 from residual.check.kinematics import (
     degrees,
+    no_clock,
     out_of_range,
     time_unit,
     uneven,
@@ -70,6 +71,8 @@ def _faults(
     if clock is not None:
         faults.append(clock)
         logs = [with_scale(r, "t", clock.repairs[0].scale) for r in logs]
+    if unusable := no_clock(logs):
+        return faults + unusable
     wrapped = [fault for log in logs for fault in wraps(log, robot)]
     if wrapped:
         return faults + wrapped

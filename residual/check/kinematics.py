@@ -64,6 +64,22 @@ def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
     return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
 
 
+def no_clock(recordings: Sequence[Recording]) -> list[Fault]:
+    """Find times that lie closer together than any logger's, in whatever unit.
+
+    Nothing is computed of such logs: a filter of a tenth of a second would have more
+    values than any memory.
+    """
+    rates = [1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1]
+    if not rates or max(rates) <= CHECK.any_rate:
+        return []
+    words = (
+        f"{max(rates):.3g} samples per second, expected at most "
+        f"{CHECK.any_rate:.3g} in any unit of time. Export the log again, with time."
+    )
+    return [Fault("time_unit", (), True, words)]
+
+
 def uneven(recording: Recording) -> list[Fault]:
     """Find gaps in time and steps of unequal length."""
     steps = np.diff(recording.t)

@@ -48,6 +48,7 @@ class Rules:
     # Time, as loggers of arms keep it.
     slowest_rate: float = 4.0  # samples per second
     fastest_rate: float = 20_000.0
+    any_rate: float = 1e6  # no torque is logged faster, and no clock is off by less
     usual_rate: float = 300.0
     gap: float = 5.0  # steps
     uneven: float = 0.3  # of a step

@@ -2,10 +2,14 @@
 
 import errno
 import json
+import math
 import os
 import time
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from flows.cli import main
@@ -15,6 +19,7 @@ from residual.names import DEEPEST, check_nesting
 from residual.robot.toml import parse_toml
 from tests.warehouse import store_samples as made
 from warehouse.bundle import write_bundle
+from warehouse.files import SUMS, read_parquet, write_parquet
 from warehouse.layout import find_run, list_folders
 from warehouse.query.guard import LONGEST
 from warehouse.toml import LARGEST, read_toml
@@ -235,3 +240,83 @@ def test_a_strangers_text_does_nothing_to_the_terminal(run, tmp_path):
     assert code == 2
     assert "\x1b" not in err
     assert "\x07" not in err
+
+
+TOO_LONG = "x" * 5000
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("check", "{}", "--robot", "irb140"),
+        ("check", "A.csv", "--robot", "{}"),
+        ("check", "A.csv", "--robot", "irb140", "--map", "{}"),
+        ("import", "{}", "--robot", "irb140"),
+        ("experiment", "{}"),
+        ("unbundle", "{}"),
+        ("runs", "--store", "{}"),
+        ("sql", "SELECT 1", "--out", "{}"),
+        ("view", "{}", "--robot", "irb140"),
+        ("explain", "{}"),
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize("name", ["loop.csv", TOO_LONG], ids=["loop", "long"])
+def test_a_name_that_no_file_can_have_is_bad_input(run, tmp_path, words, name):
+    (tmp_path / "A.csv").write_text("t,q1\n0,1\n")
+    (tmp_path / "loop.csv").symlink_to("loop.csv")
+    code, _, err = run(*(word.format(name) for word in words))
+    assert code == 2, err
+    assert "unexpected" not in err
+    assert len(err) < 1000
+
+
+@pytest.mark.parametrize("step", [1e-12, 1e-17, 1e-300])
+def test_a_time_in_steps_of_no_clock_is_bad_input(run, tmp_path, step):
+    names = ["t", *(f"{c}{j}" for c in ("q", "tau") for j in range(1, 7))]
+    angles = [[0.3 * math.sin(0.01 * i + j) for j in range(12)] for i in range(900)]
+    rows = [[i * step, *values] for i, values in enumerate(angles)]
+    lines = [",".join(names), *(",".join(map(repr, row)) for row in rows)]
+    (tmp_path / "A.csv").write_text("\n".join(lines))
+    for words in (("diagnose",), ("diagnose", "--trust-log"), ("import",)):
+        code, _, err = run(*words, "A.csv", "--robot", "irb140")
+        assert code == 2, err
+        assert "is the unit of time right" in err
+    code, out, _ = run("check", "A.csv", "--robot", "irb140")
+    assert code == 0  # whatever it finds (docs/check.md)
+    assert "samples per second, expected at most" in out
+
+
+def test_a_parquet_file_of_more_rows_than_bytes_is_refused_at_once(run, tmp_path):
+    names = ["t", *(f"{c}{j}" for c in ("q", "tau") for j in range(1, 7))]
+    part = pa.table({name: np.zeros(2_000_000) for name in names})
+    with pq.ParquetWriter(tmp_path / "A.parquet", part.schema) as file:
+        for _ in range(10):
+            file.write_table(part)
+    begun = time.monotonic()
+    code, _, err = run("check", "A.parquet", "--robot", "irb140")
+    assert (code, "20000000 rows, expected measured samples" in err) == (2, True)
+    assert time.monotonic() - begun < 5
+
+
+def test_an_escape_in_a_record_of_an_earlier_version_is_not_printed(run, store):
+    id = made.commit(store[0], 7, trajectory="\x1b[31mred")
+    code, out, _ = run("runs")
+    assert (code, id in out, "\x1b" in out) == (0, True, False)
+    code, out, _ = run("show", id)
+    assert (code, "\x1b" in out) == (0, False)
+
+
+def test_pages_are_made_of_a_store_with_a_record_without_a_time(run, store, tmp_path):
+    folder, (id, other) = store
+    path = find_run(folder, id).row
+    table = read_parquet(path)
+    at = table.column_names.index("created")
+    field = table.schema.field(at)
+    write_parquet(path, table.set_column(at, field, pa.array([None], field.type)))
+    (path.parent / SUMS).unlink()
+    code, _, err = run("pages", "--out", "site")
+    assert code == 0, err
+    pages = " ".join(page.read_text() for page in Path("site").rglob("*.html"))
+    assert other in pages
+    assert run("runs")[0] == 0

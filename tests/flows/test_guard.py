@@ -8,7 +8,7 @@ from threading import Thread
 import pytest
 
 from flows.service import pages
-from flows.service.guard import Guard, refusal, rules_for
+from flows.service.guard import LARGEST, Guard, refusal, rules_for
 from flows.service.pages import LIFE, Tickets, with_entry
 from flows.service.state import KEY, store_key
 from flows.settings import prefect_home
@@ -186,6 +186,8 @@ SHOWN = {"type": "auth", "token": SECRET}
         [],
         "no JSON",
         "[" * 100_000,
+        {"type": "auth", "token": "\ud800"},
+        {"type": "auth", "token": SECRET, "more": "x" * LARGEST},
     ],
 )
 def test_a_websocket_without_the_key_first_is_closed(first):
@@ -295,3 +297,38 @@ def test_a_key_that_others_can_read_or_that_is_none_is_refused(tmp_path):
 def test_the_folder_of_an_earlier_version_is_closed_to_others(tmp_path):
     (tmp_path / "_prefect").mkdir(mode=0o755)
     assert stat.S_IMODE(prefect_home(tmp_path).stat().st_mode) == 0o700
+
+
+def bodies(size: int):
+    """Give a body in parts of a megabyte, and count those that were taken."""
+    taken = []
+
+    def given():
+        for part in range(size):
+            taken.append(part)
+            more = part + 1 < size
+            yield {"type": "http.request", "body": b" " * (1 << 20), "more_body": more}
+
+    return given(), taken
+
+
+@pytest.mark.parametrize("place", ["/open", "/open/ticket", "/api/flows/"])
+def test_a_large_body_without_the_key_is_not_read_to_its_end(place):
+    asked = scope("POST", place, given=[origin(OWN), JSON])
+    sent, taken = bodies(400)
+    app = Guard(with_entry(prefect, OURS, Tickets()), OURS)
+    assert answer(app, asked, sent)[0]["status"] == 413
+    assert len(taken) == 1
+
+
+def test_a_large_body_with_the_key_is_read():
+    read = []
+
+    async def behind(_, receive, send):
+        while (told := await receive()).get("more_body"):
+            read.append(len(told["body"]))
+        await prefect(asked, receive, send)
+
+    asked = scope("POST", given=[signed(), JSON])
+    assert answer(Guard(behind, OURS), asked, bodies(3)[0])[0]["status"] == 200
+    assert sum(read) == 2 << 20

@@ -94,3 +94,48 @@ def test_a_line_of_numbers_is_no_line_of_names(tmp_path):
     path.write_text(f"{row(1)}\n{row(2)}\n")
     with pytest.raises(InputError, match="column names"):
         GrowingFile.at(path, *ARM, None).read()
+
+
+LONG = b"9" * (5 << 19)  # two and a half megabytes without an end of line
+
+
+def test_a_line_without_end_is_left_out_of_a_file(tmp_path):
+    path = tmp_path / "live.csv"
+    path.write_bytes(f"{HEADER}\n{row(1)}\n".encode() + LONG)
+    source = GrowingFile.at(path, *ARM, None)
+    batches = [source.read() for _ in range(5)]
+    assert [n for b in batches for n in b.notes] == [
+        "live.csv: a line of more than 1048576 bytes was left out: no row has so many"
+    ]
+    with path.open("a") as file:
+        file.write(f"\n{row(2)}\n{row(3)}\n")
+    assert everything(source) == [2.0, 3.0]
+    path.write_bytes(LONG)
+    with pytest.raises(InputError, match="its line of names"):
+        GrowingFile.at(path, *ARM, None).read()
+
+
+def test_a_line_without_end_is_left_out_of_a_pipe(monkeypatch):
+    read, write = os.pipe()
+    with os.fdopen(read) as stdin, os.fdopen(write, "wb", buffering=0) as sender:
+        monkeypatch.setattr("sys.stdin", stdin)
+        source, notes, times = StandardInput(*ARM), [], []
+        sent = f"{HEADER}\n{row(1)}\n".encode() + LONG + f"\n{row(2)}\n".encode()
+        for start in range(0, len(sent), 1 << 15):
+            sender.write(sent[start : start + (1 << 15)])
+            batch = source.read()
+            notes += batch.notes
+            times += [] if batch.samples is None else batch.samples.t.tolist()
+        assert times == [1.0, 2.0]
+        assert len(notes) == 1
+
+
+@pytest.mark.parametrize(
+    "line", ["x" * 500_000, "[" * 100_000, '{"t": ' + "9" * 400 + "}", "\0\0,\0"]
+)
+def test_a_line_made_to_break_its_reader_is_a_row_without_numbers(tmp_path, line):
+    for header in (HEADER, json.dumps({"t": 0.5, "q": [0.1] * 6, "tau": [2.0] * 6})):
+        path = tmp_path / "live.csv"
+        path.write_text(f"{header}\n{line}\n")
+        samples = GrowingFile.at(path, *ARM, None).read().samples
+        assert np.isnan(samples.t[-1]) or not np.isfinite(samples.q[-1]).all()

@@ -299,6 +299,17 @@ CHANNELS = ["t", "q", "tau) FROM x --"]
         ),
         ("_diagnosis.parquet", other("record", "payload", "nothing"), "its id is"),
         ("_run.parquet", mistyped, "another form"),
+        ("_run.parquet", row("created", None), "its created has no value"),
+        ("_run.parquet", row("kind", None), "its kind has no value"),
+        ("_run.parquet", row("trajectory", "\x1b[31mred"), "control character"),
+        ("_run.parquet", row("tags", ["a", "\u202ega"]), "control character"),
+        ("_diagnosis.parquet", row("created", None), "its created has no value"),
+        ("_diagnosis.parquet", row("serial", "\x9b31m"), "control character"),
+        (
+            "_diagnosis.parquet",
+            other("provenance", '": "', '": "\\u001b'),
+            "control character",
+        ),
         ("truth.parquet", lambda table: table.slice(1), "not the seal"),
     ],
 )

@@ -58,6 +58,9 @@ _BRACKET = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 # So many lines may stand above the samples.
 _ABOVE = 60
 BATCH = 1 << 16  # rows
+# Measured torques have more noise than a byte a row can hold, however compressed: of a
+# file with more rows than bytes the rows are made up. Up to a million are read at once.
+_MOST_ROWS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +142,7 @@ class CsvLog(LogFile):
 
     def _table(self, places: list[str], wanted: list[str], threads: bool) -> pa.Table:
         return arrow_csv.read_csv(
-            self._path,
+            openable(self._path),
             read_options=arrow_csv.ReadOptions(
                 skip_rows=self._skip,
                 column_names=places,
@@ -214,8 +217,11 @@ def sniff(header: str) -> str:
 
 
 def split(line: str, separator: str) -> list[str]:
-    """Return the fields of a line."""
-    return next(csv.reader([line], delimiter=separator), [])
+    """Return the fields of a line; of one with a field beyond all limits itself."""
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        return [line]
 
 
 def is_number(text: str) -> bool:
@@ -291,9 +297,15 @@ class ParquetLog(LogFile):
         self.name = path.name
         try:
             # Read ahead, the file itself would stand in memory too.
-            self._file = pq.ParquetFile(path, pre_buffer=False)
+            self._file = pq.ParquetFile(openable(path), pre_buffer=False)
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(path.name)) from error
+        rows, size = self._file.metadata.num_rows, path.stat().st_size
+        if rows > max(_MOST_ROWS, size):
+            raise InputError(
+                f"{path.name} has {size} bytes and says {rows} rows, expected measured "
+                "samples, of which each has several bytes. Export the log again."
+            )
         self._schema = self._file.schema_arrow
         self.columns = tuple(self._schema.names)
         told = (self._schema.metadata or {}).get(FIELD.encode(), b"")
@@ -318,6 +330,15 @@ class ParquetLog(LogFile):
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(self.name)) from error
         return {c: x[:done] for c, x in values.items()}
+
+
+def openable(path: Path) -> Path | pa.BufferReader:
+    """Return what Arrow opens: of a name that is no UTF-8 the bytes of the file."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return pa.BufferReader(path.read_bytes())
+    return path
 
 
 def _floats(column: pa.Array) -> Array:

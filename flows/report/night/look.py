@@ -99,11 +99,17 @@ class Look:
 
 def look(opened: Store) -> Look:
     """Read what a store holds; what is damaged is left out."""
+    names = ("proposals", "watched", "adoptions", "studies", "models", "runs")
+    # A record without a time, of a bundle that an earlier version took, is no news.
     rows = {
-        name: ask(opened, getattr(questions, name.upper()))
-        for name in ("proposals", "watched", "adoptions", "studies", "models", "runs")
+        name: [
+            row
+            for row in ask(opened, getattr(questions, name.upper()))
+            if row["created"]
+        ]
+        for name in names
     }
-    found = ask(opened, questions.DIAGNOSES)
+    found = [row for row in ask(opened, questions.DIAGNOSES) if row["created"]]
     return Look(opened, tuple(map(_diagnosed, found)), **rows)
 
 

@@ -86,7 +86,7 @@ def _look(session: Session, shell: Shell) -> tuple[Session, bool, bool]:
     for note in batch.notes:
         shell.tell(note)
     if batch.samples is None:
-        new = bool(batch.notes)
+        new = bool(batch.notes) or batch.more
         session = replace(session, position=shell.source.position())
         return session, new, batch.more
     before = session.state.tail.heard

@@ -11,6 +11,7 @@ import pytest
 
 import warehouse
 from flows.cli import main
+from flows.inbox import run
 from flows.inbox.new import new_runs, spread
 from flows.inbox.run import inboxes, take_all
 from flows.inbox.take import (
@@ -28,6 +29,7 @@ from flows.project.read import read_project
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from warehouse.commit import commit_record
+from warehouse.runs import read_manifest
 
 NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 TEXT = """schema = 1
@@ -210,3 +212,55 @@ def test_of_many_logs_some_are_taken_from_first_to_last():
     assert spread(["a", "b"], 3) == ["a", "b"]
     names = [str(k) for k in range(100)]
     assert spread(names, 3) == ["0", "50", "99"]
+
+
+LONG_NAME = "a" * 251 + ".csv"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [LONG_NAME.encode(), b"\xff\xfe.csv", b"\x1b[31mred.csv", b"done", b"rejected"],
+    ids=["long", "no UTF-8", "escapes", "done", "rejected"],
+)
+@pytest.mark.parametrize("good", [True, False])
+def test_no_name_of_a_log_ends_a_run_of_the_inbox(place, csv, capsys, name, good):
+    # The other log is read after it, and goes into a folder of that very name.
+    (place / "in/z.csv").write_text(csv[1] if good else "t,q1\n0,1\n")
+    strange = os.fsencode(place / "in") + b"/" + name
+    Path(os.fsdecode(strange)).write_text(csv[0] if good else "t,q1\n0,2\n")
+    assert main(["inbox", "--once", "--import-only"]) == 0
+    told = capsys.readouterr().out
+    words = "2 stored, 0 known, 0 refused" if good else "0 stored, 0 known, 2 refused"
+    assert f"{words}, 0 waiting" in told
+    assert "\x1b" not in told
+    assert look(place / "in") == {}
+    notes = [p for p in Path("in").rglob("*.txt")]
+    assert len(notes) == (0 if good else 2)
+    assert all("missing column" in note.read_text() for note in notes)
+    if good:
+        files = [row["manifest"]["log"]["file"] for row in manifests()]
+        assert all(file.isprintable() for file in files)
+
+
+def manifests():
+    ids = [row["run_id"] for row in ask("SELECT run_id FROM runs")]
+    return [{"manifest": read_manifest(Path("store"), id)} for id in ids]
+
+
+def test_a_log_that_cannot_be_moved_waits_and_stops_no_other(place, csv, monkeypatch):
+    for name, text in zip("ab", csv, strict=True):
+        (place / f"in/{name}.csv").write_text(text)
+    put = run.archive
+
+    def archive(taken):
+        if taken.path.name == "a.csv":
+            raise PermissionError(1, "not yours")
+        return put(taken)
+
+    monkeypatch.setattr(run, "archive", archive)
+    (inbox,) = inboxes(read_project(place))
+    found = list(take_all(inbox, look(place / "in"), lambda runs: None))
+    assert [(t.what, t.why) for t in found] == [
+        (WAITING, "stored; it cannot be moved: not yours"),
+        (STORED, ""),
+    ]
