@@ -4,13 +4,15 @@
     python benchmarks/attribution.py --seeds 1:2 --arms seven --off 10     to look at
     python benchmarks/attribution.py --full-json benchmarks/results/attribution.json
 
-Two kinds of arms, of six and of seven joints, whose given inertias, friction and rotors
-are exact or 1, 3 or 10 % off; none to four changes, each of three times the size that
-the diagnosis says these logs would show of the same arm, or more. What the nominal is
-off by is no change: to name it counts as false. Seeds 9501:9513 decide and are used for
-nothing else; 1 to 99 are for development. Finished cases are kept in store/benchmarks,
-by a hash of the code: an interrupted run goes on where it was. The last line is one
-JSON object; exit code 1 for a missed bar.
+A load, links 8 to 25 % off and friction on an arm of seven joints whose given values
+are exact, sized by what they do to its torque (`sets`). And two kinds of arms, of six
+and of seven joints, whose given inertias, friction and rotors are exact or 1, 3 or 10 %
+off; none to four changes, each of three times the size that the diagnosis says these
+logs would show of the same arm, or more. What the nominal is off by is no change: to
+name it counts as false. Seeds 9501:9513 decide and are used for nothing else; 1 to 99
+are for development. Finished cases are kept in store/benchmarks, by a hash of the code:
+an interrupted run goes on where it was. The last line is one JSON object; exit code 1
+for a missed bar.
 """
 
 import argparse
@@ -77,6 +79,8 @@ def _run(args: argparse.Namespace, known: Kept, pool: Pool) -> Mapping[str, Sequ
     still = known.run(pool, cases.run, {t.name: (t, ()) for t in first})
     sizes = {name: row["minimum"] for name, row in still.items() if "minimum" in row}
     jobs = {t.name: (t, sizes[t.bench]) for t in changed if t.bench in sizes}
+    # Sized by what they do to the torque, not by what the diagnosis would see.
+    jobs |= {t.name: (t, ()) for t in wanted.get(cases.SETS, [])}
     rows = known.run(pool, cases.run, jobs)
     lost = {"error": "no sizes known: its unchanged arm crashed"}
     out = {}
@@ -84,6 +88,8 @@ def _run(args: argparse.Namespace, known: Kept, pool: Pool) -> Mapping[str, Sequ
         out[cases.UNCHANGED] = [still[t.name] for t in wanted[cases.UNCHANGED]]
     if cases.CHANGED in wanted:
         out[cases.CHANGED] = [rows.get(t.name, lost) for t in changed]
+    if cases.SETS in wanted:
+        out[cases.SETS] = [rows[t.name] for t in wanted[cases.SETS]]
     return out
 
 

@@ -170,6 +170,10 @@ _DRIVE_SCALE = {
 }
 _LEFT = 0.8  # of a drive's value may go, no more
 _PAYLOAD_LARGEST = 0.08  # of the arm's mass
+# Sets on an arm whose given values are exact: how often a load, of which share of the
+# arm's mass, links by which share off, and what each does at least.
+_SET_LOADS, _SET_LOAD, _SET_LINK, _SET_SHARE = 0.7, (0.01, 0.06), (0.08, 0.25), 0.02
+_FRICTION = ("coulomb", "viscous")
 _TRIES, _ROUNDING = 30, 1e-6
 
 
@@ -195,6 +199,44 @@ def draw_changes(
         if one is not None and not any(_same(one, other) for other in made):
             made.append(one)
     return made
+
+
+def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
+    """Draw a load, links of another mass and friction, sized by what they do.
+
+    The unit is physical, not the diagnosis's: each moves some joint's torque by 2 % of
+    its rms on the first motion. What does less is left out, and a set may be empty.
+    """
+    made: list[PlantEffect] = []
+    joints = np.arange(1, arm.robot.dof + 1)
+    if rng.uniform() < _SET_LOADS:
+        usual = draw_hidden(arm.robot, rng, PAYLOAD)
+        values = dict(usual.parameters)
+        weight = sum(body.mass for body in list(arm.robot.model.inertias)[1:])
+        mass = weight * rng.uniform(*_SET_LOAD)
+        sized = multiplied(PAYLOAD, values, mass / values["mass"])
+        made.append(PlantEffect(PAYLOAD, usual.joints, tuple(sorted(sized.items()))))
+    links = rng.choice(joints[1:-1], size=int(rng.integers(0, 3)), replace=False)
+    for link in links:
+        scale = float(rng.uniform(*_SET_LINK) * rng.choice([-1, 1]))
+        made.append(PlantEffect(LINK, (int(link),), (("scale", scale),)))
+    given = moved_values(arm, ())
+    for joint in rng.choice(joints, size=int(rng.integers(0, 3)), replace=False):
+        kind = str(rng.choice(_FRICTION))
+        size = float(rng.uniform(*_DRIVE_SCALE[kind]) * given[kind, int(joint)][0])
+        made.append(PlantEffect(kind, (int(joint),), ((DRIVES[kind], size),)))
+    first = motion(arm, f"fit_0_{FIT[0]}", FIT[0], 20.0)
+    return [effect for effect in made if _share_of(arm, first, effect) >= _SET_SHARE]
+
+
+def _share_of(arm: Arm, moved: Reference, effect: PlantEffect) -> float:
+    """Rms torque of an effect as a share of its joint's, where it is largest."""
+    there, bare = (
+        true_torque(arm.plant(effects), moved, "share").tau
+        for effects in ((effect,), ())
+    )
+    rms = [np.sqrt(np.mean(x**2, axis=0)) for x in (there - bare, bare)]
+    return float(np.max(rms[0] / rms[1]))
 
 
 def _kind(effect: PlantEffect) -> str:

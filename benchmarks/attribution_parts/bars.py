@@ -21,6 +21,7 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     makers: Mapping[str, Callable[[Rows], Figures]] = {
         "unchanged": _unchanged,
         "changed": _changed,
+        "sets": _sets,
     }
     figures = group_figures(rows, makers)
     every = [r for group in rows.values() for r in group if "outcome" in r]
@@ -62,6 +63,19 @@ def _changed(rows: Rows) -> Figures:
         "changes_named": share(true, sum(len(r["planted"]) for r in rows))
         | {"why": NO_BAR},
         "fewer_than_asked": figure(short, None, len(rows), why=NO_BAR),
+    }
+
+
+def _sets(rows: Rows) -> Figures:
+    names = sum(len(r["said"]) for r in rows)
+    true = sum(r["true"] for r in rows)
+    false = counted(f for r in rows for f in _false(r))
+    due = sum(len(r["planted"]) for r in rows)
+    return {
+        "exact_values_set_exact": at_least(rate(rows, lambda r: r["exact"]), 0.95),
+        "exact_values_names_true": at_least(share(true, names), 0.99)
+        | {"false": false},
+        "exact_values_changes_named": share(true, due) | {"why": NO_BAR},
     }
 
 

@@ -16,6 +16,7 @@ from benchmarks.attribution_parts.arms import (
     Arm,
     Made,
     draw_changes,
+    draw_set,
     make,
     make_edited,
     moved_values,
@@ -196,8 +197,8 @@ def true_arm(arm: Arm, effects: Sequence[PlantEffect], like: Model) -> Model:
     return with_truth(like, body, drives, effects)
 
 
-UNCHANGED, CHANGED = "unchanged", "changed"
-GROUPS = (UNCHANGED, CHANGED)
+UNCHANGED, CHANGED, SETS = "unchanged", "changed", "sets"
+GROUPS = (UNCHANGED, CHANGED, SETS)
 MOST = 4  # changes at once
 
 
@@ -250,6 +251,8 @@ def tasks(group: str, seeds: Sequence[int], quick: bool) -> list[Task]:
     Args:
         quick: Two arms only, in few and short logs.
     """
+    if group == SETS:  # of the arm of seven joints, whose given values are exact
+        return [Task(group, SEVEN, 0, 0, s, quick) for s in seeds]
     counts = (0,) if group == UNCHANGED else tuple(range(1, MOST + 1))
     if quick:
         return [Task(group, SEVEN, 3, counts[-1] // 2, s, True) for s in seeds[:1]]
@@ -319,6 +322,8 @@ def changes_of(task: Task, minimum: Sequence[Mapping]) -> list[PlantEffect]:
     if task.group == UNCHANGED:
         return []
     rng = stream(derived_seed(task.seed, f"changes/{task.name}"), "changes")
+    if task.group == SETS:
+        return draw_set(task.made_of, rng)
     least = [Detectable(**entry) for entry in minimum]
     return draw_changes(task.made_of, rng, task.count, least)
 

@@ -16,9 +16,9 @@ from residual.model.nominal import ASSUMED, GIVEN, Logs, Nominal
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-SCALES = (0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
+SCALES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
 # How good values of one kind are, given or assumed: the logs of all joints tell.
-WIDTHS = (0.01, 0.03, GIVEN, 0.3, ASSUMED)
+WIDTHS = (0.001, 0.003, 0.01, 0.03, GIVEN, 0.3, ASSUMED)
 TINY = 1e-9
 HELD = 1e6  # times a prior's precision: a thousandth of its deviation
 
