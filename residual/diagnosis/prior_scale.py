@@ -12,6 +12,7 @@ import numpy as np
 
 from residual.diagnosis.candidates import Candidates
 from residual.diagnosis.search import Task, search
+from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.priors import WIDTHS, Space
 from residual.evidence.rules import RULES, Rules
@@ -188,4 +189,9 @@ def _worth(run: Selection, counted: Array) -> float:
     """Evidence of a run with rows counted alike for all, less the price of names."""
     task, members = run.task, run.fit.members
     common = fit(task.design, task.prior, members, counted, rounds=4)
-    return common.score - sum(task.candidates.cost(g) + RULES.per_name for g in members)
+    return common.score - sum(task.candidates.cost(g) + _price(g) for g in members)
+
+
+def _price(group: Group) -> float:
+    """What a name costs beside its choice: a link's, all that a name must win."""
+    return RULES.per_link if group.effect.of_link else RULES.per_name
