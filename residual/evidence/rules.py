@@ -57,7 +57,8 @@ class Rules:
     alike_scales: float = 6.0  # nats within which two scales cannot be told apart
     least_wide: float = 0.1  # scale that deviations are told under at least
     per_name: float = 2.0  # nats a name costs when scales are compared
-    per_link: float = float(__import__("os").environ.get("PL", "2"))
+    # the same of a link: where bodies are rough, some link always stands out
+    per_link: float = 10.0
     width_rounds: int = 3  # looks at the widths of single kinds
     hill: float = 50.0  # nats that given values may yet make up for
     hopeless: float = 60.0  # nats that a prior may be behind and still be turned to
