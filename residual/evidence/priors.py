@@ -16,7 +16,7 @@ from residual.model.nominal import ASSUMED, GIVEN, Logs, Nominal
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-# From values that are exact, as a simulated rival's are: with 1 % as the finest step one
+# From values that are exact, as those of a simulation: with 1 % as the finest step one
 # link that is a tenth off makes all the others look rough, and none can be blamed.
 SCALES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
 # How good values of one kind are, given or assumed: the logs of all joints tell.
