@@ -164,6 +164,21 @@ class Check(Request):
 
 
 @dataclass(frozen=True, slots=True)
+class Map(Request):
+    """Which log a map of columns is drafted for.
+
+    Attributes:
+        format: The log's format, where it is not found out: ur-rtde, franka, kuka-fri,
+            robotstudio or ros.
+    """
+
+    log: GivenWord = ""
+    _: KW_ONLY
+    robot: RobotWord
+    format: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnose(Request):
     """Which logs are diagnosed, and against which.
 

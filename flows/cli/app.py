@@ -43,6 +43,7 @@ _COMMANDS = {
     },
     "Your logs": {
         "check": ("logs:check", _LOGS),
+        "map": ("logs:map_", "LOG --robot ROBOT [--out COLUMNS.toml]"),
         "import": ("logs:import_", _LOGS),
         "identify": ("fit:identify", _LOGS),
         "calibrate": ("fit:calibrate", _LOGS),

@@ -1,4 +1,4 @@
-"""modelgap check and import: whether logs are what they say, and into the store."""
+"""modelgap check, map and import: what logs say, how they are read, into the store."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from flows.outputs import read_files, say
 from flows.report.console import show
 from flows.report.records import channels, log_lines
 from flows.report.words.verdict import check_lines
-from flows.requests import Check, Flag, Import, Json, Log
+from flows.requests import Check, Flag, Import, Json, Log, Map
 from flows.settings import store_folder
 from flows.steps import check as checking
 from flows.steps import imports
@@ -40,6 +40,37 @@ def check(*logs: Log, asked: Check, json: Json = None) -> None:
     out.write(document=report.to_json)
     out.say(*check_lines(report))
     out.finish()
+
+
+def map_(log: Log, *, asked: Map, out: str | None = None) -> None:
+    """Draft the map of a log: which column is what, in which unit.
+
+    From the names, the units that the file states, the joints of the URDF and the
+    numbers. Nothing is applied: read the draft, then give it with --map, or put its
+    lines under [columns] in robot.toml. What is not certain is a comment with "?".
+
+    ```
+    modelgap map log.csv --robot arm.urdf --out COLUMNS.toml
+    modelgap diagnose log.csv --robot arm.urdf --map COLUMNS.toml
+    ```
+
+    Known by their names: Universal Robots (RTDE), Franka (libfranka), KUKA (FRI), ROS
+    joint states; the rest by the words in them.
+
+    Args:
+        log: Log: CSV, Parquet, ROS bag or MCAP.
+        out: File for the map; without it the map is printed.
+    """
+    files = read_files((log, asked.robot))
+    outputs = Outputs({"--out": out}, files)
+    text = checking.draft_map(replace(asked, log=log))
+    if out is None:
+        print(text, end="")
+        return
+    unsure = [line[4:] for line in text.splitlines() if line.startswith("# ?")]
+    outputs.say(*(f"not certain: {line}" for line in unsure))
+    outputs.write({"--out": lambda: text})
+    outputs.finish()
 
 
 def import_(*logs: Log, asked: Import, dry_run: Flag = False) -> None:

@@ -45,7 +45,7 @@ from flows.storage.diagnosis import read_verdict
 from residual.errors import ModelgapError
 from residual.monitoring.rows import Samples
 from residual.monitoring.watch import Change
-from warehouse.logs import ColumnMap, load_columns
+from warehouse.logs import ColumnMap, columns_of
 from warehouse.mirror import shown
 
 _PLAIN, _HOURLY = Watch(), Monitor()
@@ -86,7 +86,7 @@ def watch(
     console = Console()
     tell = partial(say, console)
     begun = start(replace(asked, robot=robot))
-    arm = begun.robot, load_columns(columns) if columns else ColumnMap()
+    arm = begun.robot, columns_of(begun.robot, columns) or ColumnMap()
     source = (
         StandardInput(*arm)
         if file == STDOUT

@@ -19,7 +19,7 @@ from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from warehouse.logs import ColumnMap, load_columns
+from warehouse.logs import ColumnMap, columns_of
 
 
 def read_logs(
@@ -129,7 +129,7 @@ def check(
         doubts, read = files.doubts, [*read, *files.fit]
     else:
         doubts = ()
-    known = load_columns(columns) if columns else ColumnMap()
+    known = columns_of(robot, columns) or ColumnMap()
     return check_sets(
         LogSets(robot, tuple(read), columns=known, doubts=doubts), declared
     )

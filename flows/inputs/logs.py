@@ -1,6 +1,8 @@
 """The logs that a command is given: files, or ids of runs of the store."""
 
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,8 +14,9 @@ from residual.robot.robot import Robot
 from warehouse.logs import (
     ColumnMap,
     Doubt,
+    MissingColumnsError,
     check_distinct,
-    load_columns,
+    columns_of,
     read_any,
     read_log,
     unique_ids,
@@ -57,6 +60,7 @@ def read_sets(
     columns: str | None,
     store: str | Path | None,
     to_check: bool = False,
+    called: str = "R",
 ) -> LogSets:
     """Read every log once and make sure that no sample counts twice.
 
@@ -67,12 +71,13 @@ def read_sets(
         store: Where the runs are, None for the usual place.
         to_check: Whether a check follows, which tells why samples can be none of this
             arm; without it they are an error.
+        called: What the user calls the robot, for a line that is offered.
 
     Raises:
         InputError: If a log is not usable or shares samples with another.
     """
     place = store_folder(store)
-    known = load_columns(columns) if columns else ColumnMap()
+    known = columns_of(robot, columns) or ColumnMap()
     read = read_any if to_check else read_log
     words = [word for part in sets for word in part]
     labels = iter(unique_ids([word for word in words if not is_run(word)]))
@@ -83,7 +88,8 @@ def read_sets(
             log, id, line = _read_run(word, robot, place)
             runs[log.id] = id
         else:
-            log, told = read(word, robot, known, next(labels))
+            with offer_map(word, called):
+                log, told = read(word, robot, known, next(labels))
             line = told.text
             warnings += told.warnings
             doubts += [(log.id, doubt) for doubt in told.doubts]
@@ -95,6 +101,23 @@ def read_sets(
     about = (_use(*parts), *lines)
     told = (about, tuple(warnings), runs)
     return LogSets(robot, *parts, *told, known, tuple(doubts))
+
+
+@contextmanager
+def offer_map(log: str, robot: str) -> Iterator[None]:
+    """Say of a log with other columns how a map of them is drafted.
+
+    Args:
+        log: The log as the user wrote it.
+        robot: What the user calls the robot.
+    """
+    try:
+        yield
+    except MissingColumnsError as error:
+        words = ["modelgap", "map", log, "--robot", robot, "--out", "COLUMNS.toml"]
+        raise MissingColumnsError(
+            f"{error} A draft of it: {shlex.join(words)}"
+        ) from error
 
 
 def need_logs(words: Sequence[str], purpose: str, command: str) -> None:

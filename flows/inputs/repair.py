@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -21,8 +22,16 @@ from warehouse.logs.columns import (
     ColumnMap,
     SignalMap,
     default_signal,
+    shorten,
 )
+from warehouse.logs.draft import Draft
+from warehouse.logs.presets import PRESETS
 
+_MISSING = {
+    "time": '{column = "...", unit = "s"}',
+    "signal": '{columns = ["...", "..."], unit = "..."}  # joint 1 first',
+}
+_LONGEST = 4000  # letters of a comment
 _EARTH = 9.81  # m/s^2
 _SAME = 1e-6  # relative: a factor so near to a unit is that unit
 
@@ -65,7 +74,7 @@ def _line(
     name: str, repairs: Sequence[Repair], robot: Robot, columns: ColumnMap
 ) -> str | None:
     if name == "t":
-        return _time_line(math.prod(float(r.scale or 1.0) for r in repairs), columns)
+        return time_line(math.prod(float(r.scale or 1.0) for r in repairs), columns)
     if name == "robot":
         return None  # masses and lengths stand in the URDF
     signal = columns.signals.get(name) or default_signal(name, robot.dof)
@@ -73,10 +82,15 @@ def _line(
         signal = _mended(name, signal, repair, robot)
         if signal is None:
             return None
-    return _signal_line(name, signal)
+    return signal_line(name, signal)
 
 
-def _time_line(scale: float, columns: ColumnMap) -> str:
+def time_line(scale: float, columns: ColumnMap) -> str:
+    """Return the line of a map that says what time is.
+
+    Args:
+        scale: What the time of that map is to be multiplied with.
+    """
     whole = scale * TIME_UNITS[columns.time_unit] * columns.time_scale
     words = [f"column = {_quoted(columns.time)}"]
     unit = next((u for u, f in TIME_UNITS.items() if _near(whole, f)), None)
@@ -165,7 +179,8 @@ def _unit(name: str, unit: str, scale: np.ndarray) -> tuple[str, tuple[float, ..
     return unit, tuple(scale.tolist())
 
 
-def _signal_line(name: str, signal: SignalMap) -> str:
+def signal_line(name: str, signal: SignalMap) -> str:
+    """Return the line of a map that says what a signal is."""
     words = [f"columns = [{', '.join(map(_quoted, signal.columns))}]"]
     if signal.unit != next(iter(UNITS[name])):
         words.append(f"unit = {_quoted(signal.unit)}")
@@ -178,6 +193,50 @@ def _signal_line(name: str, signal: SignalMap) -> str:
     return f"{name} = {{{', '.join(words)}}}"
 
 
+def drafted(draft: Draft, log: str, robot: Robot) -> str:
+    """Return the text of a drafted map, what is not certain as comments.
+
+    Args:
+        log: The log that it was drafted from, as the user wrote it.
+    """
+    columns, format = draft.columns, draft.format
+    about = f" Format: {PRESETS[format].about}." if format else ""
+    where = printable(Path(log).name)
+    lines = [
+        f"# Drafted by modelgap map from {where} for {robot.name}.{about}",
+        "# Nothing was applied. What follows a question mark is not certain.",
+    ]
+
+    def line(name: str, text: str) -> None:
+        told = draft.doubts.get(name, ())
+        lines.extend(f"# ? {name}: {printable(words)}" for words in told)
+        lines.append(text)
+
+    if columns.csv.decimal != ".":
+        line("csv", f"csv = {{decimal = {_quoted(columns.csv.decimal)}}}")
+    if format == "ros" and not columns.signals:
+        line("bag", _bag_line(columns))
+        return "\n".join([*lines, ""])
+    line("time", time_line(1.0, columns))
+    for name, signal in columns.signals.items():
+        line(name, signal_line(name, signal))
+    for name in draft.missing:
+        line(name, f"# {name} = {_MISSING['time' if name == 'time' else 'signal']}")
+    for name, signal in draft.optional.items():
+        line(name, f"# {signal_line(name, signal)}  # not needed")
+    rest = printable(shorten(draft.rest))[:_LONGEST]
+    lines += [f"# not read: {rest}"] if draft.rest else []
+    return "\n".join([*lines, ""])
+
+
+def _bag_line(columns: ColumnMap) -> str:
+    bag = columns.bag
+    words = [f"topic = {_quoted(bag.topic)}"] if bag.topic else []
+    if bag.joints:
+        words.append(f"joints = [{', '.join(map(_quoted, bag.joints))}]")
+    return f"bag = {{{', '.join(words)}}}" if words else "# This bag needs no map."
+
+
 def _near(a: float, b: float) -> bool:
     return math.isclose(a, b, rel_tol=_SAME)
 
@@ -188,4 +247,16 @@ def _number(value: float) -> str:
 
 
 def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return printable(json.dumps(text, ensure_ascii=False))
+
+
+def printable(text: str) -> str:
+    """Return a text in one line, what cannot be printed escaped as TOML does it."""
+    return "".join(
+        c
+        if c.isprintable()
+        else f"\\U{ord(c):08x}"
+        if c > "\uffff"
+        else f"\\u{ord(c):04x}"
+        for c in text
+    )

@@ -54,7 +54,9 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
     check_declared(request.declared)
     need_logs(request.logs, "to calibrate on", "calibrate")
     sets = (request.logs, (), ())
-    logs = read_sets(sets, robot, request.columns, request.store, to_check=True)
+    logs = read_sets(
+        sets, robot, request.columns, request.store, True, called=request.robot
+    )
     store, runs, lines = store_folder(request.store), [], [logs.lines[0]]
     for log, line in zip(logs.fit, logs.lines[1:], strict=True):
         id = logs.runs.get(log.id)

@@ -4,14 +4,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.repair import gravity_line, place_of, repair_lines
-from flows.inputs.robots import check_declared, load_of
-from flows.requests import Check
+from flows.inputs.repair import drafted, gravity_line, place_of, repair_lines
+from flows.inputs.robots import check_declared, load, load_of
+from flows.requests import Check, Map
 from residual.check.check import check_logs
 from residual.check.result import Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.threads import one_blas_thread
+from warehouse.logs.draft import draft
+from warehouse.logs.window import split_spec
 
 
 def read_logs(request: Check) -> LogSets:
@@ -24,7 +26,19 @@ def read_logs(request: Check) -> LogSets:
     check_declared(request.declared)
     need_logs(request.logs, "to check", "check")
     sets = (request.logs, (), ())
-    return read_sets(sets, robot, request.columns, request.store, to_check=True)
+    return read_sets(
+        sets, robot, request.columns, request.store, True, called=request.robot
+    )
+
+
+def draft_map(request: Map) -> str:
+    """Return the text of a map for a log, drafted from what the log says of itself.
+
+    Raises:
+        InputError: If the log or the robot is not usable, or there is no such format.
+    """
+    robot, (path, _) = load(request.robot), split_spec(request.log)
+    return drafted(draft(path, robot, request.format), request.log, robot)
 
 
 @one_blas_thread

@@ -35,7 +35,9 @@ def read_logs(request: Diagnose) -> LogSets:
     check_declared(request.declared)
     need_logs(request.logs, "to diagnose", "diagnose")
     sets = (request.logs, request.baseline, request.held_out)
-    read = read_sets(sets, robot, request.columns, request.store, to_check=True)
+    read = read_sets(
+        sets, robot, request.columns, request.store, True, called=request.robot
+    )
     return replace(read, warnings=(*read.warnings, *_of_others(request, robot)))
 
 

@@ -28,7 +28,9 @@ def read_logs(request: Identify) -> LogSets:
     _options(request)
     need_logs(request.logs, "to identify from", "identify")
     sets = (request.logs, (), request.held_out)
-    return read_sets(sets, robot, request.columns, request.store, to_check=True)
+    return read_sets(
+        sets, robot, request.columns, request.store, True, called=request.robot
+    )
 
 
 def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:

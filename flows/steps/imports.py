@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-from flows.inputs.logs import LogSets, need_logs
+from flows.inputs.logs import LogSets, need_logs, offer_map
 from flows.inputs.robots import load
 from flows.requests import Import
 from flows.settings import store_folder
@@ -21,7 +21,7 @@ from residual.robot.robot import Robot, with_serial
 from warehouse.commit import commit_run, imported_run_id
 from warehouse.ids import plain as plain_json
 from warehouse.ids import record_folder
-from warehouse.logs import ColumnMap, Understood, load_columns, read_any, unique_ids
+from warehouse.logs import ColumnMap, Understood, columns_of, read_any, unique_ids
 from warehouse.logs.file import iso, parse
 from warehouse.mirror import is_there
 from warehouse.robots import keep_robot
@@ -71,7 +71,7 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
             f"--recorded-at is the time of one log, {len(request.logs)} are given. "
             "Import them one by one."
         )
-    columns = load_columns(request.columns) if request.columns else None
+    columns = columns_of(robot, request.columns)
     labels = unique_ids(request.logs)
     logs = [
         _read_one(spec, label, request, (robot, columns))
@@ -99,7 +99,7 @@ def check_logs(
     Raises:
         InputError: If a fault is certain and the logs are not to be trusted.
     """
-    columns = load_columns(request.columns) if request.columns else ColumnMap()
+    columns = columns_of(robot, request.columns) or ColumnMap()
     sets = LogSets(
         robot,
         tuple(log.recording for log in read),
@@ -132,7 +132,8 @@ def store_log(log: Log, request: Import, robot: Robot) -> str:
 def _read_one(spec: str, label: str, request: Import, of_all: tuple) -> Log:
     robot, columns = of_all
     store = store_folder(request.store)
-    recording, known = read_any(spec, robot, columns, label)
+    with offer_map(spec, request.robot):
+        recording, known = read_any(spec, robot, columns, label)
     run_id = imported_run_id(recording, robot.content_hash)
     return Log(
         recording=recording,

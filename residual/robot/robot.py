@@ -5,7 +5,7 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -58,6 +58,8 @@ class Robot:
         declared: Effects that the nominal model has, by name; empty for a bare URDF.
         prior_scale: Relative scale of the rigid prior, None to estimate it.
         serial: Serial number, None where its robot.toml gives none.
+        columns: What its robot.toml says of the columns of its logs, unchecked: a fact
+            of the logger, so no part of the robot's hash.
     """
 
     name: str
@@ -76,6 +78,7 @@ class Robot:
     declared: Mapping[str, Declared]
     prior_scale: float | None
     serial: str | None = None
+    columns: Mapping = field(default_factory=dict)
 
     def __repr__(self) -> str:
         declared = ", ".join(self.declared) or "rigid body alone"
@@ -121,10 +124,14 @@ def load_robot(spec: str | Path, effects: Effects | None = None) -> Robot:
     urdf_file, toml_file = _locate(spec)
     chain = read_chain(_read(urdf_file), urdf_file.name)
     content = parse_toml(_read(toml_file) if toml_file else "", "robot.toml")
+    columns = content.pop("columns", {})
+    if not isinstance(columns, dict):
+        raise RobotError("robot.toml: 'columns' must be a table: [columns].")
     extra = read_robot_toml(content, len(chain.lower), "robot.toml", effects)
     name = extra.name or _slug(chain.name) or _slug(Path(urdf_file.name).stem)
     canonical = json.dumps(content, sort_keys=True)
-    return _assemble(name or "robot", chain, extra, (urdf_file.name, canonical))
+    made = _assemble(name or "robot", chain, extra, (urdf_file.name, canonical))
+    return replace(made, columns=columns)
 
 
 @lru_cache(maxsize=16)
@@ -160,7 +167,9 @@ def with_serial(robot: Robot, serial: str | None) -> Robot:
         )
     content = json.loads(robot.toml)
     content.setdefault("robot", {})["serial"] = serial
-    return robot_from_texts(robot.name, robot.urdf, json.dumps(content, sort_keys=True))
+    text = json.dumps(content, sort_keys=True)
+    made = robot_from_texts(robot.name, robot.urdf, text)
+    return replace(made, columns=robot.columns)
 
 
 def _assemble(

@@ -1,15 +1,22 @@
 """Readers of measured logs, and the checks that every log passes."""
 
 from warehouse.logs.check import Doubt
-from warehouse.logs.columns import ColumnMap, load_columns
+from warehouse.logs.columns import (
+    ColumnMap,
+    MissingColumnsError,
+    columns_of,
+    load_columns,
+)
 from warehouse.logs.read import Understood, read_any, read_log
 from warehouse.logs.window import check_distinct, unique_ids
 
 __all__ = [
     "ColumnMap",
     "Doubt",
+    "MissingColumnsError",
     "Understood",
     "check_distinct",
+    "columns_of",
     "load_columns",
     "read_any",
     "read_log",

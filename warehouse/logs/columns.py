@@ -40,6 +40,7 @@ _Numbers = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...]
 _TABLE = ConfigDict(extra="forbid")
 
 
+MOST_FOUND = 8000  # letters: every column of an arm, not a million of a broken file
 _NEEDED = ("q", "tau")
 _JOINT_COLUMN = re.compile(r"(q|tau|qd|qdd|q_ref)(\d+)")
 Array = np.ndarray
@@ -171,10 +172,33 @@ class _File:
     bag: BagFormat = BagFormat()
 
 
+class MissingColumnsError(InputError):
+    """A log has no columns of the names that it is read by; a map would say which."""
+
+
+def columns_of(robot: Robot, path: str | Path | None = None) -> ColumnMap | None:
+    """Return how the logs of a robot are read.
+
+    Args:
+        path: COLUMNS.toml; None for what the robot.toml says under [columns].
+
+    Returns:
+        The map, None where nothing says one.
+    """
+    if path:
+        return load_columns(path)
+    return (
+        _column_map(robot.columns, "robot.toml, [columns]") if robot.columns else None
+    )
+
+
 def load_columns(path: str | Path) -> ColumnMap:
     """Read a COLUMNS.toml."""
-    name = Path(path).name
-    file = checked(_File, read_toml(path), name)
+    return _column_map(read_toml(path), Path(path).name)
+
+
+def _column_map(content: Mapping, name: str) -> ColumnMap:
+    file = checked(_File, dict(content), name)
     given = {key: getattr(file, key) for key in JOINT_SIGNALS}
     return ColumnMap(
         time=file.time.column,
@@ -296,8 +320,9 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
         near = get_close_matches(missing[0], columns, n=1, cutoff=0.5)
         hint = f" (near: '{near[0]}')" if near else ""
         found = shorten(columns)
-        found = found if len(found) < 80 else f"{found[:77]}..."
-        raise InputError(
+        if len(found) > MOST_FOUND:
+            found = f"{found[:MOST_FOUND]}... ({len(columns)} columns in all)"
+        raise MissingColumnsError(
             f"{where}: missing column {shorten(missing)}{hint}; found {found}.\n"
             "Rename the columns, or say which is which with --map COLUMNS.toml."
         )

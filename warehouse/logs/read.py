@@ -19,6 +19,7 @@ from warehouse.logs.columns import (
     Selection,
     channels_of,
     check_units,
+    columns_of,
     describe,
     select,
     shorten,
@@ -201,7 +202,8 @@ def read_log(
 
     Args:
         spec: "FILE" or "FILE@start:end".
-        columns: Which column is what; None for t, q1.., tau1.. in SI units.
+        columns: Which column is what; None for what the robot.toml says, else
+            t, q1.., tau1.. in SI units.
         label: Id of the recording; None for the file's stem and window.
 
     Returns:
@@ -228,7 +230,7 @@ def read_any(
         InputError: If the file, its columns or the window are not usable, or hardly a
             sample is a number.
     """
-    columns = columns or ColumnMap()
+    columns = columns or columns_of(robot) or ColumnMap()
     path, window = split_spec(spec)
     tail = "" if window is None else f"@{window.text}"
     label = label or f"{path.stem}{tail}"

@@ -143,6 +143,47 @@ def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateL
         return JointStateLog(path.name, topic, messages, joints, form)
 
 
+def topics(path: Path) -> dict[str, tuple[str, ...]]:
+    """Return the names of the joints in each topic of a bag; empty for another file.
+
+    Raises:
+        InputError: If it is a bag that cannot be read, or has no joint states.
+    """
+    if not (path.is_dir() or path.suffix in (".bag", ".db3", ".mcap")):
+        return {}
+    found: dict[str, tuple[str, ...]] = {}
+    with _readable(path, "ROS bag or MCAP file"):
+        for topic, message in _first_messages(path):
+            found.setdefault(topic, message.names)
+    if not found:
+        _choose_topic([], BagFormat(), path.name)
+    return found
+
+
+def _first_messages(path: Path) -> Iterator[tuple[str, Message]]:
+    """Yield a message of joint states of each topic of a bag."""
+    if path.suffix == ".mcap":
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            for topic in dict.fromkeys(_topics(reader, path.name)):
+                for message in _messages(reader, topic, DecoderFactory()):
+                    yield topic, message
+                    break
+        return
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+        for each in (c for c in bag.connections if c.msgtype in TYPES):
+            for told, recorded, data in bag.messages(connections=[each]):
+                fields = _fields(bag.deserialize(data, told.msgtype))
+                yield each.topic, _message(fields, recorded)
+                break
+
+
 @contextmanager
 def _readable(path: Path, what: str, hint: str = "") -> Iterator[None]:
     try:

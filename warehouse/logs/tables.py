@@ -54,6 +54,7 @@ UNITS = {
     "a": "A",
     "%": "%",
 }
+_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 _BRACKET = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 # So many lines may stand above the samples.
 _ABOVE = 60
@@ -173,7 +174,7 @@ class CsvLog(LogFile):
             place, value = int(found[1]), found[2][:30]
             at = f"{line}: " if row else ""
             what = f"{self.name}: {at}column '{self.columns[place]}' has '{value}'"
-            if re.fullmatch(r"\s*[-+]?\d+,\d+(e[-+]?\d+)?\s*", value, re.IGNORECASE):
+            if _COMMA.fullmatch(value.strip()):
                 return (
                     f"{what}.\nDecimal comma? Say so in --map: csv = {{decimal = ','}}."
                 )
@@ -186,6 +187,25 @@ class CsvLog(LogFile):
         if "too short" in error or "Empty CSV" in error:
             return f"{self.name} has names but no samples."
         return f"{self.name} is not a readable CSV file: {error.splitlines()[0][:120]}"
+
+
+def guess_form(path: Path) -> CsvFormat:
+    """Return how a text file is written: whether its numbers have a decimal comma.
+
+    Separators and lines above the names are found wherever a file is read.
+    """
+    with path.open("rb") as file:
+        _, text = _decode(file.read(HEAD))
+    lines = re.split(r"\r\n|\n|\r", text)
+    found = find_layout(lines, CsvFormat())
+    if found is None or found.separator == ",":
+        return CsvFormat()
+    fields = [
+        f for line in lines[found.samples : -1] for f in split(line, found.separator)
+    ]
+    comma = sum(bool(_COMMA.fullmatch(field.strip())) for field in fields)
+    point = sum("." in field and is_number(field) for field in fields)
+    return CsvFormat(decimal="," if comma > point else ".")
 
 
 def _notes(found: Layout, unzoned: str | None) -> tuple[str, ...]:

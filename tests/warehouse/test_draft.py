@@ -1,0 +1,198 @@
+"""A drafted map: what is found by names, units, joints and numbers, and what is not."""
+
+import tomllib
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from flows.inputs.repair import drafted
+from residual.errors import InputError
+from residual.robot.robot import load_robot
+from tests.residual.arms import SEVEN, arm, urdf_text
+from tests.warehouse.foreign_logs import FOLDER, FORMATS
+from tests.warehouse.log_files import messages, write_bag
+from warehouse.logs import read_log
+from warehouse.logs.columns import load_columns
+from warehouse.logs.draft import draft
+
+
+def arm_of(form):
+    return arm(SEVEN[: form.dof])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_format_of_a_maker_is_known_by_its_names(name):
+    form = FORMATS[name]
+    found = draft(FOLDER / form.file, arm_of(form))
+    joints = range(form.dof)
+    assert found.format == name
+    assert found.columns.time == form.time[0]
+    assert found.columns.time_unit_seconds == 1 / form.time[1]
+    assert found.columns.signals["q"].columns == tuple(map(form.q, joints))
+    assert found.columns.signals["tau"].columns == tuple(map(form.tau, joints))
+    unit = "rad" if form.angle == 1 else "deg"
+    assert found.columns.signals["q"].unit == unit
+    assert found.missing == ()
+    # What was asked of the arm, or guessed about forces from outside, is none of it.
+    used = {c for s in found.columns.signals.values() for c in s.columns}
+    assert not [c for c in used if "target" in c or "cmd" in c or "ext" in c]
+
+
+def test_currents_are_taken_where_no_torque_is_logged(tmp_path):
+    form = FORMATS["ur-rtde"]
+    text = (FOLDER / form.file).read_text().replace("_as_torque", "_as_something")
+    (tmp_path / "log.csv").write_text(text)
+    found = draft(tmp_path / "log.csv", arm_of(form))
+    assert found.columns.signals["tau"].columns[0] == "actual_current_0"
+    assert found.columns.signals["tau"].unit == "A"
+    assert "torque_per_unit" in found.doubts["tau"][0]
+
+
+PAN = ("shoulder_pan_joint", "elbow_joint")
+URDF_NAMES = {
+    "Timestamp [ms];shoulder_pan_pos [deg];elbow_pos [deg];"
+    "shoulder_pan_eff [Nm];elbow_eff [Nm]": ("ms", "deg"),
+    "time_ms;pos_deg_shoulder_pan;pos_deg_elbow;torque_shoulder_pan;torque_elbow": (
+        "ms",
+        "deg",
+    ),
+    "t;Shoulder_Pan_Joint.position;Elbow_Joint.position;"
+    "Shoulder_Pan_Joint.effort;Elbow_Joint.effort": ("ms", "deg"),
+    "Zeit;Achse 1 Ist;Achse 2 Ist;Achse 1 Drehmoment;Achse 2 Drehmoment": ("ms", "deg"),
+}
+
+
+def two(tmp_path):
+    """An arm of two joints with names as those of public URDFs."""
+    text = urdf_text().replace('"j1"', f'"{PAN[0]}"').replace('"j2"', f'"{PAN[1]}"')
+    (tmp_path / "two.urdf").write_text(text)
+    return load_robot(tmp_path / "two.urdf")
+
+
+@pytest.fixture
+def table():
+    """Time [ms], two angles [deg], two torques [N m] at 100 Hz."""
+    t = np.arange(300) * 10.0
+    q = np.column_stack([90 * np.sin(t / 800), 70 * np.cos(t / 500)])
+    return np.column_stack([t, q, 3 * q[:, ::-1] + 1])
+
+
+def write(path, header, table, decimal=".", separator=";"):
+    lines = [header]
+    for row in table:
+        lines.append(separator.join(f"{x:.5f}".replace(".", decimal) for x in row))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("header", URDF_NAMES)
+def test_names_of_joints_units_and_a_decimal_comma_are_understood(
+    tmp_path, table, header, decimal
+):
+    robot = two(tmp_path)
+    path = write(tmp_path / "log.csv", header, table, decimal)
+    text = drafted(draft(path, robot), str(path), robot)
+    (tmp_path / "C.toml").write_text(text, encoding="utf-8")
+    log, _ = read_log(str(path), robot, load_columns(tmp_path / "C.toml"))
+    np.testing.assert_allclose(log.t, table[:, 0] / 1000, atol=1e-9)
+    np.testing.assert_allclose(log.q, np.deg2rad(table[:, 1:3]), atol=1e-6)
+    np.testing.assert_allclose(log.tau, table[:, 3:], atol=1e-4)
+
+
+def test_what_the_file_states_is_certain_and_what_the_numbers_say_is_not(
+    tmp_path, table
+):
+    robot = two(tmp_path)
+    stated, *_, bare = URDF_NAMES
+    found = draft(write(tmp_path / "a.csv", stated, table), robot)
+    assert "q" not in found.doubts
+    assert "time" not in found.doubts
+    found = draft(write(tmp_path / "b.csv", bare, table), robot)
+    assert "beyond the joints' limits in rad" in " ".join(found.doubts["q"])
+    assert "10 ms apart" in found.doubts["time"][0]
+
+
+@pytest.mark.parametrize(
+    ("step", "unit"), [(0.002, "s"), (4.0, "ms"), (2000.0, "us"), (4e6, "ns")]
+)
+def test_the_unit_of_time_is_that_in_which_an_arm_is_logged(tmp_path, step, unit):
+    n = np.arange(50)
+    table = np.column_stack([step * n, *(np.sin(n / k) for k in range(5, 9))])
+    path = write(tmp_path / "a.csv", "time;q1;q2;tau1;tau2", table)
+    columns = draft(path, two(tmp_path)).columns
+    seconds = {"s": 1, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
+    assert columns.time_unit_seconds == pytest.approx(seconds)
+
+
+def test_velocities_are_offered_in_the_unit_in_which_they_are_the_angles(
+    tmp_path, table
+):
+    own = np.gradient(table[:, 1:3], table[:, 0] / 1000, axis=0)
+    header = "t;q1;q2;tau1;tau2;speed1;speed2"
+    path = write(tmp_path / "a.csv", header, np.column_stack([table, own]))
+    assert draft(path, two(tmp_path)).optional["qd"].unit == "deg/s"
+    path = write(tmp_path / "a.csv", header, np.column_stack([table, own[:, ::-1]]))
+    found = draft(path, two(tmp_path))
+    assert "qd" not in found.optional
+    assert "in no unit" in found.doubts["qd"][0]
+
+
+def test_what_is_not_found_is_a_comment_with_all_that_is_there(tmp_path, table):
+    robot = two(tmp_path)
+    path = write(tmp_path / "a.csv", "t;q1;q2;left;right", table)
+    found = draft(path, robot)
+    assert found.missing == ("tau",)
+    text = drafted(found, "a.csv", robot)
+    assert '# tau = {columns = ["...", "..."], unit = "..."}' in text
+    assert "# not read: left right" in text
+    assert set(tomllib.loads(text)) == {"time", "q"}
+
+
+def test_two_that_may_be_the_torque_are_both_named(tmp_path, table):
+    header = "t;q1;q2;TorqueSm1;TorqueSm2;TorqueFb1;TorqueFb2"
+    path = write(tmp_path / "a.csv", header, np.column_stack([table, table[:, 3:]]))
+    found = draft(path, two(tmp_path))
+    assert found.columns.signals["tau"].columns == ("TorqueFb1", "TorqueFb2")
+    assert "or else: TorqueSm1..2" in found.doubts["tau"][0]
+
+
+def test_names_that_would_break_out_of_a_comment_stay_in_it(tmp_path, table):
+    names = [
+        "t",
+        "q1",
+        "q2",
+        "tau1",
+        "tau2",
+        "x\nq = {columns = ['evil']}\x1b[2J\u202e",
+    ]
+    columns = dict(zip(names, [*table.T, table[:, 0]], strict=True))
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
+    robot = two(tmp_path)
+    text = drafted(draft(tmp_path / "a.parquet", robot), "a.parquet", robot)
+    assert tomllib.loads(text)["q"]["columns"] == ["q1", "q2"]
+    assert all(c.isprintable() or c == "\n" for c in text)
+
+
+def test_a_bag_with_other_names_gets_its_joints_and_its_topic(tmp_path, table):
+    robot = two(tmp_path)
+    samples = table * [1e-3, *2 * [np.pi / 180], 1, 1]
+    topics = {
+        "/gripper": messages(samples[:, [0, 1, 3]], ("finger",)),
+        "/arm": messages(samples, ("arm_shoulder_pan", "arm_elbow")),
+    }
+    path = write_bag(tmp_path / "log.bag", topics, version=1)
+    text = drafted(draft(tmp_path / "log.bag", robot), path, robot)
+    line = 'bag = {topic = "/arm", joints = ["arm_shoulder_pan", "arm_elbow"]}'
+    assert line in text
+    (tmp_path / "C.toml").write_text(text)
+    log, _ = read_log(path, robot, load_columns(tmp_path / "C.toml"))
+    np.testing.assert_allclose(log.q, samples[:, 1:3])
+
+
+def test_a_format_that_is_not_known_is_said(tmp_path, table):
+    path = write(tmp_path / "a.csv", "t;q1;q2;tau1;tau2", table)
+    with pytest.raises(InputError, match="ur-rtde"):
+        draft(path, two(tmp_path), "ur-rtd")

@@ -1,0 +1,417 @@
+"""A draft of the map of a log: from its names, its units, the robot and the numbers.
+
+Nothing is applied. What is likely and not certain is said beside the line it concerns;
+`modelgap check` then judges the map by the physics of the arm.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.names import check_name
+from residual.robot.robot import Robot
+from warehouse.logs.check import LIMIT_SLACK, MIN_RATE, SPEED_SLACK
+from warehouse.logs.columns import (
+    TIME_UNITS,
+    UNITS,
+    BagFormat,
+    ColumnMap,
+    SignalMap,
+    shorten,
+)
+from warehouse.logs.file import LogFile
+from warehouse.logs.presets import (
+    CURRENTS,
+    LETTERS,
+    MEASURED,
+    MOTOR,
+    PRESETS,
+    TIMES,
+    WANTED,
+    WORDS,
+    Column,
+    Family,
+    Preset,
+    families,
+    stem_of,
+    unit_word,
+    words_of,
+)
+from warehouse.logs.read import open_log
+from warehouse.logs.ros import topics
+from warehouse.logs.tables import guess_form
+
+Array = np.ndarray
+
+FASTEST = 1e4  # Hz: no controller logs faster, so a unit that says so is another one
+MOSTLY = 0.95  # of the steps of a clock go on
+NEEDED = ("time", "q", "tau")
+_SECONDS = {**TIME_UNITS, "ns": 1e-9}
+TURNS = 20 * np.pi  # rad: a joint without limits does not turn ten times in a log
+_BEST = 0.3  # relative: velocities that are the angles' own, whatever made them smooth
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """A map as it may be.
+
+    Attributes:
+        columns: The map, with what was found.
+        format: Name of the preset that the log has, None for none.
+        doubts: What is not certain, by the line that it concerns: "time", "csv", "bag"
+            or a signal.
+        optional: Signals that were found and are not needed.
+        missing: Of time, q and tau those that were not found.
+        rest: Columns that no line has.
+    """
+
+    columns: ColumnMap
+    format: str | None
+    doubts: Mapping[str, tuple[str, ...]]
+    optional: Mapping[str, SignalMap]
+    missing: tuple[str, ...]
+    rest: tuple[str, ...]
+
+
+def draft(path: Path, robot: Robot, format: str | None = None) -> Draft:
+    """Draft the map of a log.
+
+    Args:
+        format: Name of the preset; None to find out.
+
+    Raises:
+        InputError: If the file is no log, or has no such preset.
+    """
+    if format is not None:
+        check_name(format, PRESETS, "format of a log")
+    joints = tuple(robot.model.names)[1:]
+    if bag := topics(path):
+        return _of_bag(path, bag, joints)
+    form = guess_form(path)
+    log = open_log(path, ColumnMap(csv=form), joints)
+    made = _Drafter(log, robot, joints, format)
+    return made.draft(ColumnMap(csv=form))
+
+
+def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> Draft:
+    """Draft the map of a bag: which topic, and which name is which joint."""
+    whole = {name: names for name, names in bag.items() if len(names) >= len(joints)}
+    found = {t: _in_order(names, joints) for t, names in whole.items()}
+    certain = [topic for topic, named in found.items() if named]
+    doubts: list[str] = []
+    topic = next(iter([*certain, *whole, *bag]))
+    if len(certain or whole) > 1:
+        doubts.append(
+            f"joint states are also on {', '.join(t for t in bag if t != topic)}"
+        )
+    named = found.get(topic) or ()
+    if not named and topic in whole:
+        named = whole[topic][: len(joints)]
+        doubts.append(
+            "no name is one of the URDF's joints; these are in the order of the "
+            f"messages, which have {', '.join(bag[topic])}"
+        )
+    own = () if tuple(named) == tuple(joints) else tuple(named)
+    form = BagFormat(topic=topic if len(bag) > 1 else None, joints=own)
+    missing = () if named else ("q", "tau")
+    told = {"bag": tuple(doubts)} if doubts else {}
+    try:
+        open_log(path, ColumnMap(bag=form), joints)
+    except InputError as error:
+        told["bag"] = (*doubts, str(error))
+    return Draft(ColumnMap(bag=form), "ros", told, {}, missing, ())
+
+
+def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
+    """Return those of some names that are the URDF's joints; () unless all are."""
+    plain = {name.casefold(): name for name in names}
+    own = [plain.get(j.casefold()) or _only(plain, stem_of(j)) for j in joints]
+    return tuple(own) if all(own) and len({*own}) == len(own) else ()
+
+
+def _only(plain: Mapping[str, str], stem: str) -> str | None:
+    found = [name for low, name in plain.items() if stem and stem in low]
+    return found[0] if len(found) == 1 else None
+
+
+class _Drafter:
+    """What is found in one log, line by line of its map."""
+
+    def __init__(
+        self, log: LogFile, robot: Robot, joints: Sequence[str], format: str | None
+    ) -> None:
+        self.log, self.robot = log, robot
+        self.doubts: dict[str, list[str]] = {}
+        self.families = families(log.columns, joints)
+        self.format = format or self._known_format()
+        self.preset = PRESETS.get(self.format or "", Preset(""))
+        self.values: dict[tuple[str, ...], Array | None] = {}
+
+    def draft(self, columns: ColumnMap) -> Draft:
+        """Return the map and what is not certain about it."""
+        if columns.csv.decimal == ",":
+            self._doubt("csv", "numbers have a comma before the decimals")
+        time, unit = self._time()
+        t = self._seconds(time, unit)
+        signals = {"q": self._signal("q")}
+        q = self._radians(signals["q"])
+        if signals["q"] and t is not None:
+            self._check_speed(q, t)
+        signals["tau"] = self._signal("tau")
+        optional = {name: self._signal(name) for name in ("qd", "q_ref")}
+        if optional["qd"] and t is not None:
+            optional["qd"] = self._velocity(optional["qd"], q, t)
+        given = {name: signal for name, signal in signals.items() if signal}
+        more = {name: signal for name, signal in optional.items() if signal}
+        missing = [name for name, signal in signals.items() if signal is None]
+        used = {c for s in (*given.values(), *more.values()) for c in s.columns}
+        ns = unit == "ns"
+        return Draft(
+            columns=replace(
+                columns,
+                time=time or "t",
+                time_unit="us" if ns else unit,
+                time_scale=1e-3 if ns else 1.0,
+                signals=given,
+            ),
+            format=self.format,
+            doubts={name: tuple(words) for name, words in self.doubts.items()},
+            optional=more,
+            missing=(*(() if time else ("time",)), *missing),
+            rest=tuple(c for c in self.log.columns if c not in used | {time} and c),
+        )
+
+    def _doubt(self, line: str, words: str) -> None:
+        self.doubts.setdefault(line, []).append(words)
+
+    def _known_format(self) -> str | None:
+        """Return the preset whose angles and time are in the log."""
+        for name, preset in PRESETS.items():
+            times = {column.name for column in preset.time}
+            if times & {*self.log.columns} and self._of_preset(preset, "q"):
+                return name
+        return None
+
+    def _of_preset(self, preset: Preset, signal: str) -> tuple[Column, Family] | None:
+        for column in preset.signals.get(signal, ()):
+            for family in self.families:
+                if family.name == column.name:
+                    return column, family
+        return None
+
+    # Time
+
+    def _time(self) -> tuple[str | None, str]:
+        """Return the column of time and its unit."""
+        told = {c.name: c.unit for c in self.preset.time if c.name in self.log.columns}
+        named = [c for c in self.log.columns if TIMES & {*words_of(c)}]
+        found = [c for c in (*told, *named) if self._increases(c)]
+        if not found:
+            self._doubt("time", "no column of numbers that increase is called a time")
+            return None, "s"
+        column = found[0]
+        others = [c for c in dict.fromkeys(found) if c != column]
+        if others and column not in told:
+            self._doubt("time", f"{' and '.join(others)} increase too")
+        if column in told:
+            return column, told[column]
+        return column, self._time_unit(column)
+
+    def _increases(self, column: str) -> bool:
+        x = self._read((column,))
+        # A few samples that repeat or are gone are for the reader to say.
+        return x is not None and float((np.diff(x[:, 0]) > 0).mean()) > MOSTLY
+
+    def _time_unit(self, column: str) -> str:
+        said = self.log.units.get(column) or unit_word(column)
+        if said in _SECONDS:
+            return said
+        step = float(np.nanmedian(np.diff(self._read((column,))[:, 0])))
+        likely = [
+            u for u, f in _SECONDS.items() if MIN_RATE <= 1 / (step * f) <= FASTEST
+        ]
+        unit = (likely or ["s"])[0]
+        also = f", or {likely[1]}" if len(likely) > 1 else ""
+        words = (
+            f"no unit is stated; in {unit} samples are {step:.6g} {unit} apart{also}"
+        )
+        if unit != "s" or also or not likely:
+            self._doubt("time", words)
+        return unit
+
+    def _seconds(self, column: str | None, unit: str) -> Array | None:
+        if column is None:
+            return None
+        return self._read((column,))[:, 0] * _SECONDS[unit]
+
+    # Signals
+
+    def _signal(self, name: str) -> SignalMap | None:
+        """Return the columns of a signal with their unit, None where there are none."""
+        told = self._of_preset(self.preset, name)
+        if told:
+            column, family = told
+            if column.note:
+                self._doubt(name, column.note)
+            return SignalMap(columns=family.columns, unit=column.unit)
+        ranked = self._ranked(name)
+        if not ranked:
+            if name in NEEDED:
+                self._doubt(name, "no columns, one for each joint, are called so")
+            return None
+        self._doubt_choice(name, ranked)
+        return SignalMap(columns=ranked[0].columns, unit=self._unit(name, ranked[0]))
+
+    def _doubt_choice(self, name: str, ranked: Sequence[Family]) -> None:
+        """Say what else the columns of a signal may be."""
+        family = ranked[0]
+        if len(ranked) > 1:
+            others = "; ".join(shorten(f.columns) for f in ranked[1:])
+            self._doubt(name, f"or else: {others}")
+        if not family.words or family.words[0] in LETTERS:
+            self._doubt(name, f"one letter says little: are {family.name} this?")
+        if family.more:
+            self._doubt(name, f"there are more: {shorten(family.more)}")
+        if MOTOR & {*family.words}:
+            self._doubt(name, 'of the motor? Then side = "motor"; modelgap check says')
+
+    def _ranked(self, name: str) -> list[Family]:
+        """Return the families that may be a signal, the likeliest first."""
+        reference = name == "q_ref"
+        meant = "q" if reference else name
+        found = []
+        for family in self.families:
+            words = {*family.words}
+            wanted = bool(WANTED & words)
+            if wanted is not reference or self._meaning(family) != meant:
+                continue
+            letter = len(family.words) == 1 and family.words[0] in LETTERS
+            # A torque rather than a current, as measured rather than by any other name.
+            rank = (bool(CURRENTS & words), letter, not MEASURED & words, len(words))
+            found.append((rank, len(found), family))
+        return [family for _, _, family in sorted(found, key=lambda each: each[:2])]
+
+    def _meaning(self, family: Family) -> str | None:
+        unit = self._stated(family)
+        of_unit = next((n for n in ("q", "qd", "qdd", "tau") if unit in UNITS[n]), None)
+        if of_unit:
+            bad = any(s is None and w & {*family.words} for s, w in WORDS)
+            return None if bad else of_unit
+        if len(family.words) == 1 and family.words[0] in LETTERS:
+            return LETTERS[family.words[0]]
+        if not family.words and family.named:
+            return "q"
+        for signal, words in WORDS:
+            if words & {*family.words}:
+                return signal
+        return None
+
+    def _stated(self, family: Family) -> str | None:
+        """Unit that the file or the name states, as a map calls it."""
+        return self.log.units.get(family.columns[0]) or unit_word(family.name)
+
+    def _unit(self, name: str, family: Family) -> str:
+        stated = self._stated(family)
+        if stated in UNITS[name]:
+            return stated
+        if stated == "deg" and name == "qd":
+            return "deg/s"
+        if name in ("q", "q_ref"):
+            return self._angle(name, family)
+        if (
+            name == "tau"
+            and CURRENTS & {*family.words}
+            and "torque" not in family.words
+        ):
+            self._doubt(
+                "tau", "a current by its name: robot.toml needs torque_per_unit"
+            )
+            return "A"
+        if name == "tau":
+            self._doubt("tau", "no unit is stated; taken for N m at the link")
+        return next(iter(UNITS[name]))
+
+    def _angle(self, name: str, family: Family) -> str:
+        """Return the unit of angles by what the joints of the robot can reach."""
+        q = self._read(family.columns)
+        if q is None:
+            self._doubt(name, "no unit is stated, and its numbers cannot be read")
+            return self.preset.angle or "rad"
+        if self._reach(q) <= LIMIT_SLACK:
+            if self.preset.angle:
+                self._doubt(name, f"{self.preset.angle} by the format; radians fit too")
+            elif name == "q" and self._span(q) < LIMIT_SLACK:
+                self._doubt(name, "radians? It hardly moves, and degrees would fit too")
+            return self.preset.angle or "rad"
+        if name == "q":
+            far = f"up to {np.nanmax(np.abs(q)):.4g}"
+            sure = self._reach(np.deg2rad(q)) <= LIMIT_SLACK
+            why = "inside" if sure else "still beyond"
+            self._doubt(
+                name,
+                f"no unit is stated; {far} is beyond the joints' limits in rad, {why} "
+                "them in degrees",
+            )
+        return "deg"
+
+    def _reach(self, q: Array) -> float:
+        """How far angles lie beyond the limits of the joints, at the most [rad]."""
+        low, high = (
+            self.robot.lower - np.nanmin(q, axis=0),
+            np.nanmax(q, axis=0) - self.robot.upper,
+        )
+        turns = np.where(
+            np.isfinite(self.robot.upper), 0, np.nanmax(np.abs(q), axis=0) - TURNS
+        )
+        return float(max(low.max(), high.max(), turns.max()))
+
+    def _span(self, q: Array) -> float:
+        return float(np.max(np.nanmax(q, axis=0) - np.nanmin(q, axis=0)))
+
+    def _radians(self, signal: SignalMap | None) -> Array | None:
+        q = self._read(signal.columns) if signal else None
+        return None if q is None else q * UNITS["q"][signal.unit]
+
+    def _check_speed(self, q: Array | None, t: Array) -> None:
+        if q is None:
+            return
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speed = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])
+        usual = np.nanquantile(speed, 0.95, axis=0)
+        if (usual > SPEED_SLACK * self.robot.velocity_limit).any():
+            self._doubt("time", "the joints would be much faster than their limits")
+
+    def _velocity(
+        self, signal: SignalMap, q: Array | None, t: Array
+    ) -> SignalMap | None:
+        """Return velocities in the unit in which they are those of the angles."""
+        qd = self._read(signal.columns)
+        if q is None or qd is None:
+            return None
+        with np.errstate(divide="ignore", invalid="ignore"):
+            own = np.gradient(q, t, axis=0)
+        own[~np.isfinite(own)] = np.nan
+        size = np.nansum(own**2)
+        for unit in (signal.unit, *UNITS["qd"]):
+            if np.nansum((qd * UNITS["qd"][unit] - own) ** 2) <= _BEST**2 * size:
+                return replace(signal, unit=unit)
+        self._doubt("qd", "they are not the angles' own velocities, in no unit")
+        return None
+
+    def _read(self, columns: tuple[str, ...]) -> Array | None:
+        """Values of some columns; None where they are no numbers. Shape (n, k)."""
+        if columns not in self.values:
+            self.values[columns] = self._numbers(columns)
+        return self.values[columns]
+
+    def _numbers(self, columns: tuple[str, ...]) -> Array | None:
+        try:
+            read = self.log.read(columns)
+        except InputError:
+            return None
+        x = np.column_stack([read[c] for c in columns]).astype(float)
+        x[~np.isfinite(x)] = np.nan
+        return x if np.isfinite(x).all(axis=1).sum() > 1 else None

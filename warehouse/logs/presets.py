@@ -1,0 +1,226 @@
+"""What logs call their columns: public formats, words, and names that belong together.
+
+A format of another maker is an entry of `PRESETS`, a word of another language one of
+`WORDS`. A name has "#" where the number of
+the joint stands, counted from 0 or from 1.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+_AFFIX = re.compile(r"^joint[_-]?(?=\D)|(?<=.)[_-]?joint$")
+_BRACKET = re.compile(r"[\[(]([^\[\]()#]*)[\])]\s*$")
+
+
+def _split(words: str) -> list[str]:
+    return words.split()
+
+
+# Signal, or None for what is no signal of a joint, by the words of a name. Of several
+# words the first line that has one of them decides, so "axis_1_torque" is a torque.
+WORDS: tuple[tuple[str | None, frozenset[str]], ...] = tuple(
+    (signal, frozenset(words.split()))
+    for signal, words in (
+        (None, "ext external hat temp temps temperature temperatures voltage tcp pose"),
+        (None, "cart cartesian tool power error err wrench stiffness damping status"),
+        (None, "force forces limit mode flag counter o_t_ee ee friction gravity"),
+        ("tau", "tau torque torques trq moment effort drehmoment tq mom current"),
+        ("tau", "currents cur curr strom amps"),
+        ("qdd", "qdd ddq acc accel acceleration accelerations"),
+        ("qd", "qd dq vel velocity velocities speed speeds omega qdot geschwindigkeit"),
+        ("q", "q pos position positions angle angles theta winkel joint joints jpos"),
+        ("q", "axis achse axes"),
+    )
+)
+# Letters that are a whole name, as in "J1" and "M1": likely, and no more.
+LETTERS = {"j": "q", "a": "q", "m": "tau", "t": "tau", "i": "tau", "v": "qd"}
+CURRENTS = frozenset(_split("current currents cur curr strom amps i"))
+WANTED = frozenset(  # what was asked of the arm, not what it did
+    _split("ref reference target cmd command commanded des desired set setpoint soll")
+    + _split("goal d planned nominal udes kdes")
+)
+MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb"))
+MOTOR = frozenset(_split("motor mot drive rotor"))
+TIMES = frozenset(_split("t time times timestamp stamp zeit clock elapsed krctime"))
+UNIT_WORDS = {
+    "deg": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "rad": "rad",
+    "nm": "N m",
+    "ms": "ms",
+    "msec": "ms",
+    "us": "us",
+    "ns": "ns",
+    "sec": "s",
+    "amp": "A",
+    "amps": "A",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """What a format calls a signal.
+
+    Attributes:
+        name: Column, with "#" for the number of the joint.
+        unit: Unit that the format gives it.
+        note: What a user should know of it; empty for nothing.
+    """
+
+    name: str
+    unit: str
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A log format of a maker.
+
+    Attributes:
+        about: Whose it is.
+        time: Its columns of time, the best first.
+        signals: Its columns by signal, the best first; empty where the maker publishes
+            no names, and only what follows is known.
+        angle: Unit of angles whose names and file say none.
+    """
+
+    about: str
+    time: tuple[Column, ...] = ()
+    signals: Mapping[str, tuple[Column, ...]] = field(default_factory=dict)
+    angle: str | None = None
+
+
+_CURRENT = "a motor current: robot.toml needs torque_per_unit, N m at the link per A"
+
+PRESETS: Mapping[str, Preset] = {
+    "ur-rtde": Preset(
+        "Universal Robots, RTDE (rtde/csv_writer.py of its client)",
+        (Column("timestamp", "s"),),
+        {
+            "q": (Column("actual_q_#", "rad"),),
+            "tau": (
+                Column("actual_current_as_torque_#", "N m"),
+                Column("actual_current_#", "A", _CURRENT),
+            ),
+            "qd": (Column("actual_qd_#", "rad/s"),),
+            "q_ref": (Column("target_q_#", "rad"),),
+        },
+    ),
+    "franka": Preset(
+        "Franka, libfranka's logToCSV (src/log.cpp)",
+        (Column("time", "ms"),),
+        {
+            "q": (Column("state.q[#]", "rad"),),
+            "tau": (Column("state.tau_J[#]", "N m"),),
+            "qd": (Column("state.dq[#]", "rad/s"),),
+            "q_ref": (Column("state.q_d[#]", "rad"),),
+        },
+    ),
+    "kuka-fri": Preset(
+        "KUKA LWR, Fast Research Interface Library (src/DataLogging.cpp)",
+        (Column("KRCTime", "s"), Column("LocalTime", "s")),
+        {
+            "q": (Column("ActPJ#", "deg"), Column("ActJ#", "deg")),
+            "tau": (Column("ActFJ#", "N m"),),
+            "q_ref": (Column("UDesPJ#", "deg"), Column("UDesJ#", "deg")),
+        },
+    ),
+    "robotstudio": Preset(
+        "ABB RobotStudio, which publishes no names: degrees where nothing says more",
+        angle="deg",
+    ),
+    "ros": Preset(
+        "ROS joint states: a bag, or text by rostopic echo -p",
+        (Column("%time", "ns"), Column("field.header.stamp", "ns")),
+        {
+            "q": (Column("field.position#", "rad"),),
+            "tau": (Column("field.effort#", "N m"),),
+            "qd": (Column("field.velocity#", "rad/s"),),
+        },
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Columns that differ in the number, or in the name, of a joint.
+
+    Attributes:
+        name: Their name, with "#" for what differs.
+        columns: One for each joint, joint 1 first.
+        more: Columns of the same name beyond the joints of the robot.
+        named: Whether they have the names of the URDF's joints.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    more: tuple[str, ...] = ()
+    named: bool = False
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The words that the name is made of, without the joint and the unit."""
+        return words_of(_BRACKET.sub("", self.name.replace("[#]", "#")))
+
+
+def stem_of(joint: str) -> str:
+    """Name of a joint without the word "joint", where something is left."""
+    return _AFFIX.sub("", joint.casefold()) or joint.casefold()
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Return the words of a name in small letters: "TorqueSm#" is torque, sm."""
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+    return tuple(w.casefold() for w in re.findall(r"[^\W\d_]+", parted))
+
+
+def unit_word(name: str) -> str | None:
+    """Unit that a name ends with, as "pos_deg_#" does; None for none."""
+    return next(
+        (UNIT_WORDS[w] for w in words_of(name)[::-1][:2] if w in UNIT_WORDS), None
+    )
+
+
+def families(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:
+    """Return the families of columns with one for each joint, in the file's order."""
+    groups: dict[str, dict[int, str]] = {}
+    for column in dict.fromkeys(columns):
+        for name, number in _numbered(column):
+            groups.setdefault(name, {}).setdefault(number, column)
+    dof, found = len(joints), []
+    for name, group in groups.items():
+        first = 0 if 0 in group else 1
+        own = [group.get(first + j) for j in range(dof)]
+        if all(own):
+            more = tuple(c for n, c in sorted(group.items()) if n >= first + dof)
+            found.append(Family(name, tuple(own), more))
+    return [*_named(columns, joints), *found]
+
+
+def _numbered(column: str) -> Iterable[tuple[str, int]]:
+    """Yield the name with "#" in place of each of its numbers, and that number."""
+    for match in re.finditer(r"\d{1,3}", column):
+        yield f"{column[: match.start()]}#{column[match.end() :]}", int(match[0])
+
+
+def _named(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:
+    """Return the families whose columns have the names of the URDF's joints."""
+    stems = sorted(
+        ((stem_of(j), n) for n, j in enumerate(joints)), key=lambda s: -len(s[0])
+    )
+    groups: dict[str, dict[int, str]] = {}
+    for column in columns:
+        low = column.casefold()
+        hit = next(((s, n) for s, n in stems if len(s) > 2 and s in low), None)
+        if hit:
+            at = low.index(hit[0])
+            tail = re.sub(r"^[_-]?joint", "", low[at + len(hit[0]) :])
+            head = re.sub(r"joint[_-]?$", "", low[:at])
+            groups.setdefault(f"{head}#{tail}", {}).setdefault(hit[1], column)
+    return [
+        Family(name, tuple(group[n] for n in range(len(joints))), named=True)
+        for name, group in groups.items()
+        if len(group) == len(joints)
+    ]
