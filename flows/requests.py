@@ -324,16 +324,22 @@ class Import(Request):
 
 @dataclass(frozen=True, slots=True)
 class Validate(Request):
-    """Which run the nominal model is tried on.
+    """Which run a model is tried on.
 
     Attributes:
         run: Id of the run, or its beginning.
         window: Length of the windows in seconds; errors grow quickly with it.
+        model: Id of a diagnosis, a model or a calibration to try beside the nominal
+            model; None for none.
+        adopted: Id of the diagnosis whose model the robot has, "nominal" for none; None
+            for what the store says now.
     """
 
     run: GivenWord = ""
     window: float = 0.25
     store: Store = None
+    model: Annotated[str | None, Parameter(parse=False)] = None
+    adopted: Annotated[str | None, Parameter(parse=False)] = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -222,7 +222,9 @@ def validate(
     Open loop: under the logged torque alone, window by window, how far does the nominal
     model stray from what was measured? Feed-forward, on simulated runs: driven by the
     model's torque, how well does the arm track its reference, and how well when driven
-    by its own? Root mean square per joint; the store keeps it.
+    by its own? Root mean square per joint; the store keeps it. And both ways, of every
+    model that is known (nominal, identified, augmented, adopted, true): torque from
+    motion, acceleration from torque, and a mass matrix that is positive everywhere.
 
     With a model that was adopted, or with --model, the arm of the runs is then driven
     by that model and by the nominal one: friction and effects compensated or not, with
@@ -248,10 +250,12 @@ def validate(
     choice = chosen_to_drive(place, runs[0], model)
     say(console, *choice.lines)
     for run in runs:
-        id, made = trial.validate(replace(asked, run=run, store=place))
+        each = replace(asked, run=run, store=place, model=choice.diagnosis)
+        id, made = trial.validate(each)
         stored = f"stored in {shown(place)}: modelgap show {id}"
         told = experiments.meaning(made)
-        show(console, experiments.validation(made), told, *made.notes, stored)
+        tables = experiments.validation(made), experiments.both_ways(made)
+        show(console, *tables, told, *made.notes, stored)
     if choice.diagnosis:
         with progress_bar() as bar:
             turning = encoder_step, rise

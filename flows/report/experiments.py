@@ -46,6 +46,29 @@ def validation(made: Validation) -> Table:
     return Table(("joint", *columns), rows, left=())
 
 
+def both_ways(made: Validation) -> Table:
+    """Return both directions of each model, a joint a row, and its mass matrix."""
+    rows, dof = [], len(made.open_loop)
+    for joint in range(dof):
+        row = [str(joint + 1)]
+        for each in made.models.values():
+            ways = (each.torque, each.acceleration)
+            row += ["–" if w is None else _percent(w[joint]) for w in ways]
+        rows.append(row)
+    least = [
+        word
+        for each in made.models.values()
+        for word in ("M(q) >", f"{each.least_mass:.2g} kg m²")
+    ]
+    heads = [f"{name}\n{way} [%]" for name in made.models for way in ("τ", "q̈")]
+    about = "torque from motion (τ) and acceleration from torque (q̈), error"
+    return Table(("joint", *heads), [*rows, ["", *least]], about, left=())
+
+
+def _percent(share: float) -> str:
+    return "stands" if np.isnan(share) else f"{share:.2f}"
+
+
 def meaning(made: Validation) -> str:
     """Return what a validation shows, in one sentence."""
     worst = int(made.open_loop.argmax())

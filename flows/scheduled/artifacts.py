@@ -127,7 +127,16 @@ def validations(made: Mapping[str, tuple[str, Validation]]) -> None:
             for name, errors in figures.items()
             if errors is not None
         ]
-    about = "Error of the nominal model by joint, in mrad."
+        rows += [
+            _row({"run": run[:8], "what": f"{name}: {way} [%]"}, errors)
+            for name, each in found.models.items()
+            for way, errors in (("torque", each.torque), ("qdd", each.acceleration))
+            if errors is not None
+        ]
+    about = (
+        "Error of the nominal model by joint, in mrad; torque from motion and "
+        "acceleration from torque of every model, in per cent where the joint moves."
+    )
     record("validate", [id for id, _ in made.values()], about, rows)
 
 

@@ -56,7 +56,7 @@ def sealed_edits(
     for effect, place in wanted:
         others = tuple(e for e in plant.effects if e is not effect)
         arm = replace(plant, effects=others)
-        models["oracle"] = _truth(manifest, arm, models["augmented"])
+        models["oracle"] = truth_of(manifest, arm, models["augmented"])
         out.append(sealed_edit(place, models, [_simulated(manifest, arm)]))
     return tuple(out)
 
@@ -113,7 +113,8 @@ def _term(effect: PlantEffect, like: Model) -> Term:
     return Term(known, joints, tuple(shape), np.asarray(theta, dtype=float))
 
 
-def _truth(manifest: Mapping, plant: PlantSpec, like: Model) -> Model:
+def truth_of(manifest: Mapping, plant: PlantSpec, like: Model) -> Model:
+    """Return the true model of a simulated arm; arguments as of `with_truth`."""
     arm = build_arm(load(manifest["robot"]), plant)
     body = changed(arm.model, acting(plant.effects))
     base = {

@@ -1,14 +1,18 @@
-"""How far the nominal model gets by itself on a run of the store.
+"""How far models get by themselves on a run of the store (G2017 section 1.3).
 
-Two validations of the paper (G2017 section 1.3), as root mean square per joint:
+Of the nominal model, as root mean square per joint:
 
 - open loop: the model alone under the logged torque, minus what was measured;
 - feed-forward: how the arm tracks its reference when the model's torque drives it.
   It needs the arm, so only a simulated run whose sealed half is there has it.
+
+Of every model that is known (nominal, identified, augmented, adopted, and true where
+the sealed half is there) both ways: torque from motion, acceleration from torque, and
+whether its mass matrix is positive definite on the workspace.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,19 +22,26 @@ from scipy.interpolate import CubicSpline
 from flows.inputs.robots import load
 from flows.requests import Validate as Request
 from flows.settings import store_folder
+from flows.steps.edit import truth_of
 from flows.steps.experiment import plant_of
-from flows.steps.models import as_described
+from flows.steps.models import NOMINAL, as_described, model_to_drive, nominal_of
+from flows.storage.diagnosis import read_models
 from residual.errors import InputError
+from residual.export.exported import Whole, body_of
+from residual.identification.prove import torque_errors
+from residual.model.forward import POSES, acceleration_error, least_mass_matrix
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
 from residual.threads import one_blas_thread
-from sim.engine.records import PlantSpec, Reference, TrajectorySpec
+from sim.engine.records import CLEAN, PlantSpec, Reference, TrajectorySpec
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive
 from sim.trajectories import make_reference
 from sim.twin import open_loop, track, twin_of
 from warehouse.commit import about_run, commit_record
+from warehouse.layout import find
+from warehouse.numbered import adopted
 from warehouse.provenance import plant_code_hash
 from warehouse.runs import has_seal, open_seal, read_manifest, read_run
 from warehouse.schema import VIEWS, arrow_schema
@@ -38,8 +49,25 @@ from warehouse.schema import VIEWS, arrow_schema
 Array = np.ndarray
 
 OPEN_LOOP, FEED_FORWARD = "rms_open_loop_q", "rms_feed_forward_q"
+TORQUE, ACCELERATION = "percent_moving_tau", "percent_moving_qdd"
 _RATE = 1000.0  # Hz, about: the step of the engine, whatever the rate of the log
 _SHORTEST = 0.01  # s: a window must have time to stray in
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class BothWays:
+    """What one model makes of a run, on samples where the joint moves.
+
+    Attributes:
+        torque: 100 ||tau - tau_hat|| / ||tau||, from motion [%]. Shape (dof,).
+        acceleration: The same of qdd, from torque [%]; None where there is none.
+            Shape (dof,).
+        least_mass: Smallest eigenvalue of M(q) over random poses [kg m^2].
+    """
+
+    torque: Array
+    acceleration: Array | None
+    least_mass: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -52,6 +80,7 @@ class Validation:
         nominal: Tracking error with the nominal torque [rad]. (dof,) or None.
         arm: Tracking error with the arm's own torque [rad]. (dof,) or None.
         notes: What to know about it, a line each.
+        models: What each model makes of the run, by its name.
     """
 
     window: float
@@ -59,6 +88,7 @@ class Validation:
     nominal: Array | None = None
     arm: Array | None = None
     notes: tuple[str, ...] = ()
+    models: Mapping[str, BothWays] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:
@@ -68,7 +98,7 @@ class Validation:
 
 @one_blas_thread
 def validate(request: Request) -> tuple[str, Validation]:
-    """Validate the nominal model on a run, and store what was found.
+    """Validate models on a run, and store what was found.
 
     Returns:
         The id of the validation, the same for the same run and window; and the errors.
@@ -88,13 +118,77 @@ def validate(request: Request) -> tuple[str, Validation]:
     notes = _notes(manifest, plant is not None)
     if used < window:
         notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")
-    made = Validation(used, strayed, **tracked, notes=tuple(notes))
+    given = _given(store, request, robot)
+    models = _models(store, given, (robot, log), (manifest, plant))
+    both = {name: both_ways(model, log) for name, model in models.items()}
+    notes += _warnings(both, plant)
+    made = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
     asked = request.to_record() | {
         "run": log.id,
+        "model": given[0],
+        "adopted": given[1] or NOMINAL,
         "robot": manifest.get("robot", log.robot),
         "robot_hash": robot.content_hash,
     }
-    return _put(store, log, (manifest, asked), made), made
+    return _put(store, log, (manifest, asked, given), made), made
+
+
+def both_ways(model: Whole, log: Recording) -> BothWays:
+    """Return what a model makes of a log: torque of motion, motion of torque."""
+    torque = torque_errors({NOMINAL: model}, [log])[NOMINAL].per_joint("moving")
+    try:
+        acceleration = acceleration_error(model, [log]).per_joint
+    except InputError:
+        acceleration = None
+    return BothWays(torque, acceleration, least_mass_matrix(body_of(model)))
+
+
+def _given(store: Path, request: Request, robot: Robot) -> tuple[str | None, ...]:
+    """Whole ids of the model that is asked for, and of the one that the robot has."""
+    word, now = request.model, request.adopted
+    if now is None:
+        last = adopted(store, robot.name, robot.serial)
+        now = (last and last[1].diagnosis_id) or NOMINAL
+    whole = None if word is None else find(store, word).id
+    return whole, None if now == NOMINAL else find(store, now).id
+
+
+def _models(
+    store: Path,
+    given: tuple[str | None, ...],
+    of: tuple[Robot, Recording],
+    sealed: tuple,
+) -> dict[str, Whole]:
+    """All models that are known of the arm of a run, the nominal one first."""
+    (robot, log), (manifest, plant), (word, now) = of, sealed, given
+    nominal = nominal_of(robot, [log])
+    out: dict[str, Whole] = {NOMINAL: nominal}
+    if word is not None:
+        if find(store, word).kind == "diagnoses":
+            known = read_models(store, word)
+            out |= {name: model for name, model in known.items() if name != NOMINAL}
+        else:
+            out["model"] = model_to_drive(store, word, robot)
+    if now is not None:
+        out["adopted"] = model_to_drive(store, now, robot)
+    if plant:
+        out["true"] = truth_of(manifest, plant, nominal)
+    return out
+
+
+def _warnings(both: Mapping[str, BothWays], plant: PlantSpec | None) -> list[str]:
+    """What is to be said of the models that were tried."""
+    out = [
+        f"M(q) of the {name} model is not positive definite: {each.least_mass:.3g} "
+        f"kg m^2 at some pose of {POSES}. It predicts torque, but cannot be simulated."
+        for name, each in both.items()
+        if each.least_mass <= 0
+    ]
+    if plant is not None and plant.background != CLEAN:
+        out.append(
+            "The true model is without what every arm in use has beside its effects."
+        )
+    return out
 
 
 def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array, float]:
@@ -227,8 +321,10 @@ def _put(store: Path, log: Recording, about: tuple, made: Validation) -> str:
         ("nominal", FEED_FORWARD, made.nominal),
         ("arm", FEED_FORWARD, made.arm),
     )
-    manifest, request = about
+    manifest, request, given = about
     same = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
+    for name, each in made.models.items():
+        figures += (name, TORQUE, each.torque), (name, ACCELERATION, each.acceleration)
     rows = [
         {**same, "stage": stage, "metric": metric, "joint": joint, "value": float(rms)}
         for stage, metric, errors in figures
@@ -242,7 +338,9 @@ def _put(store: Path, log: Recording, about: tuple, made: Validation) -> str:
         "request": request,
         "unit": "rad",
         "notes": made.notes,
+        "least_mass_matrix": {k: each.least_mass for k, each in made.models.items()},
     }
     table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
-    parents = {"run": [log.id]}
+    of_models = list(dict.fromkeys(id for id in given if id is not None))
+    parents = {"run": [log.id], **({"model": of_models} if of_models else {})}
     return commit_record(store, "validations", record, {"errors": table}, parents)

@@ -15,12 +15,11 @@ from residual.errors import InputError
 from residual.identification.estimate import squares
 from residual.identification.identify import Identification
 from residual.model.bodies import bodies_of, least_eigenvalues, nearest
+from residual.model.forward import POSES, least_mass_matrix
 from residual.model.model import Model
 from residual.recording import Array
-from residual.robot import dynamics
 
 LOOSE = 1.0  # relative doubt of nominal values that logs may override
-POSES = 10_000
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -85,25 +84,6 @@ def _unconstrained(found: Identification, scale: float) -> tuple[Array, Array]:
     q, upper = np.linalg.qr(both)
     target = q.T @ np.concatenate([right, np.zeros(len(root))])
     return start + unit * np.linalg.solve(upper, target), upper / unit
-
-
-def least_mass_matrix(model: Model, poses: int = POSES, seed: int = 0) -> float:
-    """Return the least eigenvalue of M(q) [kg m^2], rotors included, over random poses.
-
-    M is positive definite for every pose where it is for every one that was tried
-    only in all likelihood; for consistent links it is proved.
-    """
-    robot, rng = model.robot, np.random.default_rng(seed)
-    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
-    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
-    q = rng.uniform(low, high, (poses, robot.dof))
-    body = dynamics.with_inertial_parameters(robot.model, model.inertial)
-    matrices = dynamics.mass_matrix(body, q)
-    for term in model.terms:
-        if term.effect.carries == "acceleration":
-            (joint,) = term.joints
-            matrices[:, joint, joint] += term.theta[0]
-    return float(np.linalg.eigvalsh(matrices)[:, 0].min())
 
 
 def _misfit(found: Identification, model: Model) -> Array:

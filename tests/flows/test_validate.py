@@ -111,7 +111,7 @@ def test_the_record_has_every_figure_in_rad_and_is_kept_once(made, loaded):
     record = read_record(store, id)
     assert (record["robot"], record["kind"]) == ("irb140", found.kind)
     assert (record["unit"], record["window_s"]) == ("rad", 0.25)
-    told = rows(store, id)
+    told = [r for r in rows(store, id) if r["metric"].startswith("rms")]
     assert {(row["run_id"], row["trajectory"]) for row in told} == {(run_id, "cyclic")}
     assert [(r["metric"], r["stage"], r["joint"]) for r in told] == [
         (metric, stage, joint)
@@ -129,13 +129,45 @@ def test_the_record_has_every_figure_in_rad_and_is_kept_once(made, loaded):
     assert parents.to_pylist() == [{"parent": run_id, "role": "run"}]
 
 
+def test_both_ways_the_true_model_is_near_and_the_nominal_one_is_not(made, loaded):
+    store = made[0]
+    id, found = loaded
+    assert list(found.models) == ["nominal", "true"]
+    nominal, true = found.models.values()
+    # What noise and filters leave, and what the load makes of the joints that bear it.
+    assert np.nanmax(true.torque) < 6.0
+    assert np.nanmax(true.acceleration) < 25.0
+    for way in ("torque", "acceleration"):
+        assert (getattr(nominal, way)[1:5] > 2 * getattr(true, way)[1:5]).all()
+    assert true.least_mass > 0
+    assert nominal.least_mass > 0
+    record = read_record(store, id)
+    told = {k: m.least_mass for k, m in found.models.items()}
+    assert record["least_mass_matrix"] == told
+    kept = {(r["metric"], r["stage"], r["joint"]): r["value"] for r in rows(store, id)}
+    for name, each in found.models.items():
+        for j in range(6):
+            assert kept["percent_moving_tau", name, j + 1] == each.torque[j]
+            assert kept["percent_moving_qdd", name, j + 1] == each.acceleration[j]
+
+
+def test_a_model_that_no_body_has_is_said_not_to_be_simulated(made):
+    log = read_run(*made[:2])
+    whole = validate.nominal_of(ROBOT, [log])
+    both = validate.both_ways(replace(whole, inertial=whole.inertial * 0 - 1e-3), log)
+    assert both.acceleration is None
+    assert both.least_mass < 0
+    (told,) = validate._warnings({"identified": both}, None)
+    assert "M(q) of the identified model is not positive definite" in told
+
+
 def test_without_its_sealed_half_a_run_has_the_open_loop(made, loaded, tmp_path):
     store = without_hidden_half(made, tmp_path)
     id, found = validate.validate(Validate(made[1], 0.25, store))
     assert found.kind == "open_loop"
     np.testing.assert_array_equal(found.open_loop, loaded[1].open_loop)
     assert "none is sealed" in found.notes[0]
-    assert len(rows(store, id)) == 6
+    assert len(rows(store, id)) == 6 + 12  # open loop, and nominal both ways
 
 
 def test_a_broken_seal_is_not_passed_over(made, tmp_path):

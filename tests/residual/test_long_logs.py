@@ -11,9 +11,9 @@ from residual.errors import RecordingError
 from residual.evidence.columns import ColumnCache, fold_labels
 from residual.evidence.design import Design
 from residual.identification.identify import identify
-from residual.identification.prove import acceleration_error
 from residual.method.diagnose import diagnose
 from residual.model.compare import compare, prepare_held_out
+from residual.model.forward import acceleration_error
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring import scores as monitoring
 from residual.monitoring.usual import block_maxima, peaks_of

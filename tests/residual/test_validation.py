@@ -7,7 +7,8 @@ import pytest
 
 from residual.errors import InputError
 from residual.identification.identify import identify
-from residual.identification.prove import acceleration_error, torque_errors
+from residual.identification.prove import torque_errors
+from residual.model.forward import acceleration_error
 from tests.residual.identified import logs, truth
 
 

@@ -1,0 +1,232 @@
+"""Torque in, motion out: acceleration by a model, its mass matrix, and its free motion.
+
+The second of the two directions in which G2017 section 1.3 holds a model against the
+arm: tau from q, qd and qdd is `compare`; qdd from q, qd and tau is here, with a check
+that M(q) is positive definite on the workspace, without which there is none.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.model.corrected import Corrected
+from residual.model.model import Model
+from residual.recording import Array, Recording
+from residual.robot import dynamics
+from residual.signals.pieces import are_long, in_pieces
+from residual.signals.track import Track, prepare
+
+POSES = 10_000
+CLOSE = 1e-9  # rad/s^2, or of the largest one: when the acceleration is found
+MOST = 60  # rounds until then; each leaves a third or less, where there is an answer
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class AccelerationError:
+    """Error of the acceleration that a model makes of measured torque.
+
+    Attributes:
+        per_joint: 100 ||qdd - qdd_hat|| / ||qdd|| on moving samples [%], NaN where a
+            joint never moves. Shape (dof,).
+        overall: The same over all joints, Frobenius norm [%].
+    """
+
+    per_joint: Array
+    overall: float
+
+
+def acceleration_error(
+    model: Model | Corrected, recordings: Sequence[Recording]
+) -> AccelerationError:
+    """Return the error of acceleration from torque (forward dynamics).
+
+    Measured and computed acceleration pass the identification filter; samples count
+    where the joint moves.
+
+    Raises:
+        InputError: If the model has no acceleration.
+    """
+    own: Model = getattr(model, "model", model)
+    dof = own.robot.dof
+    miss, power = np.zeros(dof), np.zeros(dof)
+    full, pieces = not are_long(recordings), in_pieces(recordings, own.filters.torque)
+    tracks, _ = prepare(pieces, own.filters, own.speed_floor, full_rate=full)
+    for recording, track in zip(pieces, tracks, strict=True):
+        measured = [np.interp(track.t, recording.t, c) for c in recording.tau.T]
+        made = acceleration(model, track, np.column_stack(measured))
+        both = track.filter(np.stack([track.qdd, made], axis=2))
+        both = both * track.moving[:, :, None]
+        miss += ((both[:, :, 0] - both[:, :, 1]) ** 2).sum(axis=0)
+        power += (both[:, :, 0] ** 2).sum(axis=0)
+    some = power > 0
+    share = 100 * np.sqrt(miss / np.where(some, power, np.nan))
+    whole = float(power.sum())
+    overall = float(100 * np.sqrt(miss.sum() / whole)) if whole else float("nan")
+    return AccelerationError(share, overall)
+
+
+def acceleration(model: Model | Corrected, track: Track, tau: Array) -> Array:
+    """Return the acceleration that a torque [N m] gives the model [rad/s^2]. (n, dof).
+
+    What remembers, distorts a report, or is a table, is taken along the measured
+    motion; of everything else the acceleration is found by which its torque is tau.
+
+    Raises:
+        InputError: If M(q) is not positive definite, or there is no such acceleration.
+    """
+    own: Model = getattr(model, "model", model)
+    now = replace(own, terms=tuple(t for t in own.terms if _of_now(t)))
+    beside = model.torque_on(track) - now.torque_on(track)
+    own_mass = _bodies(now, track.q)
+    least = float(np.linalg.eigvalsh(own_mass)[:, 0].min())
+    if least <= 0:
+        raise InputError(
+            f"M(q) of the model has an eigenvalue of {least:.3g} kg m^2, expected more "
+            "than 0: it has no acceleration. Use consistent parameters (--consistent)."
+        )
+    return _solved(
+        lambda qdd: now.torque_on(replace(track, qdd=qdd)),
+        own_mass,
+        tau - beside,
+        track.qdd,
+    )
+
+
+def _of_now(term) -> bool:
+    return not (term.effect.remembers or term.effect.of_report)
+
+
+def _solved(
+    torque: Callable[[Array], Array], mass: Array, wanted: Array, start: Array
+) -> Array:
+    """Return accelerations by which a torque is as wanted, by the bodies' own M.
+
+    What else depends on acceleration (a load that rubs, a gain) is small beside M, so
+    that each round leaves a small share.
+
+    Args:
+        torque: From acceleration to torque [N m]. Shapes (n, dof).
+        mass: M of bodies and rotors [kg m^2]. Shape (n, dof, dof).
+    """
+    qdd = start.copy()
+    for _ in range(MOST):
+        step = np.linalg.solve(mass, (wanted - torque(qdd))[:, :, None])[:, :, 0]
+        qdd = qdd + step
+        if not np.isfinite(step).all():
+            break
+        if np.abs(step).max(initial=0) <= CLOSE * max(1.0, np.abs(qdd).max(initial=0)):
+            return qdd
+    raise InputError(
+        "No acceleration gives the model this torque: an effect of it turns torque "
+        "with acceleration more than its bodies do. Look at its parameters."
+    )
+
+
+def _bodies(model: Model, q: Array) -> Array:
+    """M(q) of bodies, loads and rotors [kg m^2]. Shape (n, dof, dof)."""
+    body = dynamics.with_inertial_parameters(model.robot.model, model.loaded())
+    out = dynamics.mass_matrix(body, q)
+    np.einsum("nii->ni", out)[:] += model.drive()[1]
+    return out
+
+
+def mass_matrices(model: Model, q: Array) -> Array:
+    """Return M(q) of a model at standstill, with what effects add to it [kg m^2].
+
+    Its symmetric part; what remembers or distorts a report has none.
+
+    Args:
+        q: Positions [rad]. Shape (n, dof).
+
+    Returns:
+        Shape (n, dof, dof).
+    """
+    out = _bodies(model, q)
+    terms = [t for t in model.terms if _of_now(t) and not t.effect.carries]
+    few = q[:: max(1, len(q) // 3)]
+    heavy = tuple(t for t in terms if _added(model, (t,), few).any())
+    if heavy:
+        more = _added(model, heavy, q)
+        out += (more + more.transpose(0, 2, 1)) / 2
+    return out
+
+
+def _added(model: Model, terms: tuple, q: Array) -> Array:
+    """Torque of some terms at unit accelerations, at standstill. (n, dof, dof)."""
+    still, out = np.zeros_like(q), np.zeros((*q.shape, q.shape[1]))
+    t = np.zeros(len(q))
+
+    def torque(qdd: Array) -> Array:
+        state = model.state(1.0, t, (q, still, qdd))
+        return np.sum([term.torque(state) for term in terms], axis=0)
+
+    rest = torque(still)
+    for j in range(q.shape[1]):
+        pushed = still.copy()
+        pushed[:, j] = 1.0
+        out[:, :, j] = torque(pushed) - rest
+    return out
+
+
+def least_mass_matrix(model: Model, poses: int = POSES, seed: int = 0) -> float:
+    """Return the least eigenvalue of M(q) [kg m^2], rotors included, over random poses.
+
+    M is positive definite for every pose where it is for every one that was tried
+    only in all likelihood; for consistent links it is proved.
+    """
+    robot, rng = model.robot, np.random.default_rng(seed)
+    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
+    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
+    q = rng.uniform(low, high, (poses, robot.dof))
+    return float(np.linalg.eigvalsh(mass_matrices(model, q))[:, 0].min())
+
+
+Drive = Callable[[float, Array, Array], Array]  # of t, q and qd: torque [N m]. (dof,)
+
+
+def free_motion(model: Model, t: Array, start: Sequence[Array], drive: Drive) -> Array:
+    """Return the positions of a model under given torque [rad]. Shape (n, dof).
+
+    By classical Runge-Kutta, a step per time given: dry friction turns over a small
+    speed, and a step must not outrun it (level / (width M) per second).
+
+    Args:
+        t: Times, evenly spaced [s]. Shape (n,).
+        start: Position and speed at the first time. Shapes (dof,).
+
+    Raises:
+        InputError: If an effect remembers, or M(q) is not positive definite.
+    """
+    late = [term.effect.name for term in model.terms if not _of_now(term)]
+    if late:
+        raise InputError(f"{late[0]} depends on more than the state: leave it out.")
+    body = dynamics.with_inertial_parameters(model.robot.model, model.loaded())
+    rotors, size = np.diag(model.drive()[1]), float(t[1] - t[0])
+    out, guess = np.empty((len(t), model.robot.dof)), np.zeros((1, model.robot.dof))
+
+    def rate(now: float, q: Array, qd: Array) -> Array:
+        nonlocal guess
+        still = np.array([now]), (q[None], qd[None])
+
+        def torque(qdd: Array) -> Array:
+            return model.torque_of_state(model.state(1.0, still[0], (*still[1], qdd)))
+
+        mass = dynamics.mass_matrix(body, q[None]) + rotors
+        guess = _solved(torque, mass, drive(now, q, qd)[None], guess)
+        return guess[0]
+
+    q, qd = (np.array(x, dtype=float) for x in start)
+    for k, now in enumerate(t):
+        out[k] = q
+        one = rate(now, q, qd)
+        two = rate(now + size / 2, q + size / 2 * qd, qd + size / 2 * one)
+        middle = qd + size / 2 * one
+        three = rate(now + size / 2, q + size / 2 * middle, qd + size / 2 * two)
+        half = qd + size / 2 * two
+        four = rate(now + size, q + size * half, qd + size * three)
+        last = qd + size * three
+        q = q + size / 6 * (qd + 2 * middle + 2 * half + last)
+        qd = qd + size / 6 * (one + 2 * two + 2 * three + four)
+    return out
