@@ -1,10 +1,15 @@
 """A Prefect server; and a diagnosis whose core and report are replaced by fakes."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
+from residual.calibration import calibrate as core
 from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis
+from residual.tables.form import EffectForm
+from residual.tables.nominal_pls import NominalForm
 from tests.flows.prefect_server import asked, started
 from tests.verdict_documents import typed
 
@@ -28,6 +33,14 @@ def server(servers, tmp_path_factory):
         servers.append(started(tmp_path_factory.mktemp("prefect")))
     with asked(servers[-1]):
         yield servers[-1]
+
+
+@pytest.fixture
+def few_tables(monkeypatch):
+    """A calibration of fewer levels and components: same words, quick numbers."""
+    lean = partial(core.Settings, form=NominalForm(6, 4), levels=(2, 5), pairs=False)
+    monkeypatch.setattr("flows.steps.calibrate.Settings", lean)
+    monkeypatch.setattr(core, "EffectForm", partial(EffectForm, pyramid=(5, 10)))
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +13,8 @@ from flows.cli import main
 from flows.report.words import calibration as calibration_words
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
-from residual.calibration import calibrate as core
 from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
 from residual.calibration.scores import RANDOM, RUN, Score
-from residual.tables.form import EffectForm
-from residual.tables.nominal_pls import NominalForm
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from warehouse.query.store import open_store
@@ -31,16 +27,22 @@ KEYS = (
 )
 
 
+pytestmark = pytest.mark.usefixtures("few_tables")
+
+
 def run(words):
     return main(words.split())
 
 
-@pytest.fixture(autouse=True)
-def quick(monkeypatch):
-    """Fewer levels and components: the words are the same and the numbers quick."""
-    lean = partial(core.Settings, form=NominalForm(6, 4), levels=(2, 5), pairs=False)
-    monkeypatch.setattr("flows.steps.calibrate.Settings", lean)
-    monkeypatch.setattr(core, "EffectForm", partial(EffectForm, pyramid=(5, 10)))
+def write_logs(names, seconds, reference=False):
+    """Write logs of the arm; with a reference it is where it was asked to be."""
+    head = (*NAMES, *(f"q_ref{j}" for j in (1, 2, 3) if reference))
+    made = logs(len(names), noise=0.5, duration=seconds)
+    for name, log in zip(names, made, strict=True):
+        columns = (log.t, log.q, log.tau, *((log.q,) if reference else ()))
+        table = np.column_stack(columns)
+        words = {"delimiter": ",", "header": ",".join(head), "comments": ""}
+        np.savetxt(f"{name}.csv", table, **words)
 
 
 @pytest.fixture
@@ -48,11 +50,7 @@ def place(tmp_path, monkeypatch):
     """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
-    for name, log in zip("ABC", logs(3, noise=0.5, duration=6.0), strict=True):
-        table = np.column_stack([log.t, log.q, log.tau])
-        np.savetxt(
-            f"{name}.csv", table, delimiter=",", header=",".join(NAMES), comments=""
-        )
+    write_logs("ABC", 4.0)
     return tmp_path
 
 
@@ -201,17 +199,7 @@ def test_levels_components_and_joints_are_options(place, capsys):
 
 
 def test_a_measured_log_with_a_reference_is_calibrated_as_in_the_paper(place):
-    for name in "AB":
-        table = np.genfromtxt(f"{name}.csv", delimiter=",", names=True)
-        columns = [table[column] for column in (*NAMES, "q1", "q2", "q3")]
-        header = ",".join((*NAMES, "q_ref1", "q_ref2", "q_ref3"))
-        np.savetxt(
-            f"{name}.csv",
-            np.stack(columns, 1),
-            delimiter=",",
-            header=header,
-            comments="",
-        )
+    write_logs("AB", 6.0, reference=True)
     words = "calibrate A.csv B.csv --robot arm.urdf --paper --levels 3 --components 2"
     assert run(f"{words} --json o.json") == 0
     made = json.loads(Path("o.json").read_text())

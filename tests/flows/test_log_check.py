@@ -40,7 +40,7 @@ def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("MODELGAP_STORE", raising=False)
     (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
-    for name, log in zip("ABC", logs(3, noise=0.5, duration=8.0), strict=True):
+    for name, log in zip("ABC", logs(3, noise=0.5, duration=4.0), strict=True):
         table = np.column_stack([log.t, log.q, log.tau])
         np.savetxt(
             f"{name}.csv", table, delimiter=",", header=",".join(NAMES), comments=""
@@ -135,7 +135,8 @@ def test_a_fault_of_the_healthy_runs_stops_it_too(place, found, named, monkeypat
     assert run(words) == 2
 
 
-@pytest.mark.parametrize("verb", ["identify", "calibrate"])
+@pytest.mark.usefixtures("few_tables")
+@pytest.mark.parametrize("verb", ["identify", "calibrate --levels 3 --components 2"])
 def test_trusted_the_other_commands_go_on_with_a_warning(place, found, verb):
     found["faults"] = [SIGN]
     words = f"{verb} A.csv B.csv --robot arm.urdf --trust-log --json o.json"

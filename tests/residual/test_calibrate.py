@@ -229,6 +229,22 @@ def test_figures_have_what_they_need():
     assert np.shape(views.oddities.by_class) == (4, 3)
 
 
+def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
+    unseen, rows = made().unseen, made().rows
+    number = rows.labels.index(unseen.label)
+    out = rows.run == number
+    step = round(unseen.t[1] * rows.rates[number])
+    np.testing.assert_array_equal(unseen.left, rows.Y[out][::step])
+    rest = unseen.left - unseen.corrections["default"]
+    assert np.linalg.norm(rest) < 0.5 * np.linalg.norm(unseen.left)
+    # Least squares by hand on the other runs.
+    one = np.c_[np.ones(len(rows.X)), rows.X]
+    theta = np.linalg.lstsq(one[~out], rows.Y[~out], rcond=None)[0]
+    by_hand = (one[out] @ theta)[::step]
+    np.testing.assert_allclose(unseen.corrections["ls"], by_hand, atol=1e-6)
+    assert unseen.t[-1] == pytest.approx(10, abs=0.2)
+
+
 def training(runs=3, rows=400, seed=0):
     rng = np.random.default_rng(seed)
     run = np.repeat(np.arange(runs), rows)
@@ -401,10 +417,10 @@ def test_of_logs_that_are_too_long_the_middles_are_taken_in_step_with_their_twin
 
 
 def test_long_logs_identify_the_model_whole_and_tables_take_fewer_rows(monkeypatch):
-    runs = [Run(log) for log in logs(3, noise=0.5, duration=8.0)]
-    settings = replace(QUICK, views=False)
+    runs = [Run(log) for log in logs(3, noise=0.5, duration=4.0)]
+    settings = replace(QUICK, views=False, schemes=(RANDOM,))
     whole = calibrate(truth().robot, runs, settings)
-    monkeypatch.setattr(cut, "MOST", 9.0)
+    monkeypatch.setattr(cut, "MOST", 4.5)
     thin = calibrate(truth().robot, runs, settings)
     assert any("one row in 3" in note for note in thin.notes)
     assert len(thin.rows.X) == pytest.approx(len(whole.rows.X) / 3, abs=3)

@@ -1,4 +1,4 @@
-"""Corrections of an unseen run over time; scores and loadings of PLSR."""
+"""Scores and loadings of PLSR."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ import pytest
 from flows.report.words.calibration import plane_words
 from residual.calibration.methods import Training
 from residual.calibration.views import plane_of
-from tests.residual.test_calibrate import lean, made  # noqa: F401  a fixture
 
 NAMES = ("q1", "q2", "qd1", "qd2", "qdd1", "qdd2")
 
@@ -40,19 +39,3 @@ def test_noise_is_not_explained():
     plane = plane_of(Training(X, Y, run, Y, run), NAMES, (1, 2))
     assert all("wrong or missing" not in line for line in plane_words(plane))
     assert plane.explained.max() < 5
-
-
-def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
-    unseen, rows = made().unseen, made().rows
-    number = rows.labels.index(unseen.label)
-    out = rows.run == number
-    step = round(unseen.t[1] * rows.rates[number])
-    np.testing.assert_array_equal(unseen.left, rows.Y[out][::step])
-    rest = unseen.left - unseen.corrections["default"]
-    assert np.linalg.norm(rest) < 0.5 * np.linalg.norm(unseen.left)
-    # Least squares by hand on the other runs.
-    one = np.c_[np.ones(len(rows.X)), rows.X]
-    theta = np.linalg.lstsq(one[~out], rows.Y[~out], rcond=None)[0]
-    by_hand = (one[out] @ theta)[::step]
-    np.testing.assert_allclose(unseen.corrections["ls"], by_hand, atol=1e-6)
-    assert unseen.t[-1] == pytest.approx(10, abs=0.2)
