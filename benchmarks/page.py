@@ -11,6 +11,7 @@ import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -99,6 +100,7 @@ class Figure:
                 yield words.format(_plain(entry[key]))
 
 
+@cache
 def results() -> dict[str, dict]:
     """Return the results files by name, in the order of the page."""
     files = {p.stem: json.loads(p.read_text("utf-8")) for p in RESULTS.glob("*.json")}

@@ -3,6 +3,7 @@
 import fcntl
 import os
 import tempfile
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,7 @@ set_hypothesis_home_dir(Path(tempfile.gettempdir()) / "modelgap-hypothesis")
 settings.register_profile("modelgap", deadline=None, derandomize=True, database=None)
 settings.load_profile("modelgap")
 
+ROOT = Path(__file__).parents[1]
 _BEFORE = pytest.StashKey()
 
 
@@ -39,6 +41,24 @@ def pytest_sessionfinish(session):
         reporter.line("\nChanged in the checkout while the tests ran:", red=True)
         reporter.line("\n".join(touched))
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+@cache
+def _asks_a_server(file):
+    return "mark.prefect" in (ROOT / file).read_text(encoding="utf-8")
+
+
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_make_scheduler(config, log):
+    """Files in their order; those that ask a Prefect server in one process."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class OneServer(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            file = super()._split_scope(nodeid)
+            return "a server" if _asks_a_server(file) else file
+
+    return OneServer(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 @pytest.fixture(scope="session")

@@ -28,7 +28,7 @@ sys.exit(failed)
 
 
 def test_a_diagnosis_with_a_report_enters_no_more_files_than_it_did(tmp_path):
-    logs = [f"examples/hidden/{n}.csv" for n in ("fit_1", "fit_2")]
+    logs = [f"examples/hidden/{n}.csv@:10" for n in ("fit_1", "fit_2")]
     words = ["diagnose", *logs, "--holdout", "examples/hidden/held_out.csv"]
     words += ["--robot", "irb140", "--report", str(tmp_path / "report.html")]
     asked = [sys.executable, "-c", ENTERED, str(ROOT), *words]

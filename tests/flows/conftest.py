@@ -1,6 +1,11 @@
-"""A Prefect server; and a diagnosis whose core and report are replaced by fakes."""
+"""A Prefect server, nights of an arm, a diagnosis whose core and report are fakes."""
 
+import fcntl
+import os
+import pickle
+from dataclasses import replace
 from functools import partial
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -10,6 +15,7 @@ from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis
 from residual.tables.form import EffectForm
 from residual.tables.nominal_pls import NominalForm
+from tests.flows.adopted_arm import make_nights
 from tests.flows.prefect_server import asked, started
 from tests.verdict_documents import typed
 
@@ -33,6 +39,27 @@ def server(servers, tmp_path_factory):
         servers.append(started(tmp_path_factory.mktemp("prefect")))
     with asked(servers[-1]):
         yield servers[-1]
+
+
+@pytest.fixture(scope="session")
+def nights_made(tmp_path_factory, compiled_plant):
+    """Nights of an arm with a spring, made once for all test processes."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    kept = shared / "nights.pickle"
+    with (shared / "nights.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not kept.exists():
+            kept.write_bytes(pickle.dumps(make_nights(shared / "nights_made")))
+    return pickle.loads(kept.read_bytes())
+
+
+@pytest.fixture(scope="module")
+def arm_nights(nights_made, tmp_path_factory):
+    """A copy of them, for the tests of one file."""
+    store = tmp_path_factory.mktemp("nights") / "store"
+    copytree(nights_made.store, store)
+    return replace(nights_made, store=store)
 
 
 @pytest.fixture

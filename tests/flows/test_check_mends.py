@@ -43,10 +43,7 @@ def of_all(signal, factor):
 
 FAULTS = {
     "torque negated": (times("tau3", -1), ("torque_sign", [3])),
-    "all torques negated": (of_all("tau", -1), ("torque_sign", None)),
-    "angle negated": (times("q2", -1), ("angle_sign", [2])),
     "torques exchanged": (swap("tau2", "tau3"), ("joint_order", [2, 3])),
-    "N mm": (of_all("tau", 1e3), ("torque_unit", None)),
     "degrees": (of_all("q", 180 / np.pi), ("angle_unit", None)),
     "milliseconds": (times("t", 1e3), ("time_unit", None)),
 }

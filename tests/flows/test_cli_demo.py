@@ -33,7 +33,7 @@ from flows.cli import main
 from flows.steps import demo
 
 demo.FIT, demo.HELD_OUT = ("cyclic", "move_stop_move"), ("cyclic",)
-demo.DURATION = 8.0
+demo.DURATION = 6.0
 raise SystemExit(main())
 """
 
@@ -110,18 +110,17 @@ def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
     assert drawn.plant_spec().seed == nothing.plant_spec().seed
 
 
-@pytest.mark.parametrize(("seed", "joint"), [(61, 1), (62, 4)])
-def test_stribeck_friction_is_hidden_so_that_the_motions_show_it(seed, joint):
+def test_stribeck_friction_is_hidden_so_that_the_motions_show_it():
     """A usual size named nothing: it was there near standstill and nowhere else."""
-    made = [spec for _, spec in steps.specs(Demo(seed, "stribeck"))]
+    made = [spec for _, spec in steps.specs(Demo(61, "stribeck"))]
     (hidden,) = made[0].plant_spec().effects
     robot = load("irb140")
     stages = [
         Stage.of(robot, make_reference(robot, spec.reference(), 100.0, False))
         for spec in made[: len(steps.FIT)]
     ]
-    usual = draw_hidden(robot, stream(seed, HIDDEN), "stribeck")
-    assert usual.joints == hidden.joints == (joint,)
+    usual = draw_hidden(robot, stream(61, HIDDEN), "stribeck")
+    assert usual.joints == hidden.joints == (1,)
     assert share(robot, usual, stages) < VISIBLE <= share(robot, hidden, stages)
 
 

@@ -34,6 +34,7 @@ SAID = {
     "fmu": 1e-9,
     "rrd": 1e-12,
 }
+OTHERS = sorted(set(ARMS) - {"seven"})
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 REASON = {"c99": needs_compiler, "fmu": needs_compiler}
 
@@ -49,7 +50,9 @@ def _every(robot):
     return Corrected(whole, own)
 
 
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize(
+    "arm", ["seven", *(pytest.param(a, marks=pytest.mark.long) for a in OTHERS)]
+)
 @pytest.mark.parametrize(
     "target", [pytest.param(t, marks=REASON.get(t, ())) for t in SAID]
 )

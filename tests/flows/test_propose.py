@@ -16,17 +16,15 @@ from flows.steps.adopt import (
     roll_back,
 )
 from flows.steps.models import in_force
-from tests.flows.adopted_arm import ROBOT, diagnosed, night
+from tests.flows.adopted_arm import ROBOT
 from warehouse.numbered import adopted
 
 pytestmark = [pytest.mark.prefect, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory, compiled_plant):
-    store = tmp_path_factory.mktemp("store")
-    first = night(store, 1)
-    return store, first, diagnosed(store, first)
+def made(arm_nights):
+    return arm_nights.store, arm_nights.first, arm_nights.id
 
 
 @pytest.fixture
@@ -59,18 +57,16 @@ def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
     assert told == [id]
 
 
-def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights):
+def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nights):
     tasks, (store, _, id), told = nights
     number = in_a_flow(tasks.adopt_or_propose, id, str(store), True)
     assert adopted(store, ROBOT)[0] == number
-    second = night(store, 2)
-    model = in_a_flow(tasks.model_in_force, {"fit": list(second[0])}, str(store))
+    fit = {"fit": list(arm_nights.second[0])}
+    model = in_a_flow(tasks.model_in_force, fit, str(store))
     assert model == id
-    again = diagnosed(store, second, model)
-    assert judge(store, again).doubts == (
-        "it names nothing that the model lacks",
-        *judge(store, again).doubts[1:],
-    )
+    again = arm_nights.again
+    doubts = judge(store, again).doubts
+    assert doubts[0] == "it names nothing that the model lacks"
     before = len(list_adoptions(store))
     assert in_a_flow(tasks.adopt_or_propose, again, str(store), True) is None
     assert (len(list_adoptions(store)), told) == (before, [])

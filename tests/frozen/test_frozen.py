@@ -40,7 +40,10 @@ def assert_same(now, then, where=""):
         assert now == then, where
 
 
-@pytest.mark.parametrize("name", ["effects", "none", "unknown", "identification"])
+ALSO = pytest.param("none", marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize("name", ["effects", "unknown", "identification", ALSO])
 def test_it_says_what_it_said(name, tmp_path):
     assert_same(document(name, tmp_path), frozen(name))
 

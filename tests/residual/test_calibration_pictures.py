@@ -1,7 +1,6 @@
 """Scores and loadings of PLSR."""
 
 import numpy as np
-import pytest
 
 from flows.report.words.calibration import plane_words
 from residual.calibration.methods import Training

@@ -60,6 +60,7 @@ def test_ur10_without_coulomb_friction_in_its_model_is_told_of_it():
     assert (diagnosis.fit.sse < 0.25 * diagnosis.plain.sse).all()
 
 
+@pytest.mark.long
 def test_kr300_without_any_friction_in_its_model_is_told_of_it_as_a_group():
     verdict = kr300(()).verdict
     groups = [js for name, js in names(verdict) if name in FRICTION]
@@ -175,6 +176,7 @@ def test_what_was_reached_on_a_kr300_is_reached():
     assert (error < SPARE * np.array(KR300_REACHED)).all()
 
 
+@pytest.mark.long
 def test_no_joint_of_an_lwr4_is_worse_than_by_plain_least_squares():
     """Its sensors have constants that nothing names on joints that keep more."""
     fit = [log("lwr4", f"run_{k}.csv") for k in (1, 2)]

@@ -62,7 +62,6 @@ def test_an_effect_that_has_no_name_cannot_be_told(logs):
     ("name", "values"),
     [
         ("payload", {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05}),
-        ("coulomb", {"level": 3.0}),
     ],
 )
 def test_who_is_told_what_changed_predicts_as_well_as_who_finds_it(name, values):

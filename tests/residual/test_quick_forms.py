@@ -149,7 +149,7 @@ def test_a_set_with_one_more_is_gathered_or_grown_alike(seed):
 def test_a_ripple_told_on_six_joints_stays_small():
     """A case of a study took 17 GB: every shape on every joint, for each prior."""
     robot = load_robot("irb140")
-    plan = [LogPlan(f"{i}", "fit", "fourier", 8.0, 125.0) for i in range(2)]
+    plan = [LogPlan(f"{i}", "fit", "fourier", 3.0, 125.0) for i in range(2)]
     logs = make(Plant(robot, (), 4), tuple(plan), 4)
     ready = prepare_logs(robot, logs, None, Filters())
     nominal = start_nominal(ready, ("viscous", "coulomb", "rotor_inertia"))

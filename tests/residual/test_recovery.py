@@ -84,9 +84,8 @@ def test_what_every_drive_has_is_named_where_there_is_more_than_before(effect):
         assert 0 <= told.std < abs(truth)
 
 
-@pytest.mark.parametrize("seed", [36, 41])
-def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing(seed):
-    diagnosis, found = doubts(short_case(bare_irb140(), seed=seed, duration=8.0))
+def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing():
+    diagnosis, found = doubts(short_case(bare_irb140(), seed=36, duration=8.0))
     assert found == []
     assert diagnosis.adequacy.doubted == ()
     assert diagnosis.task.prior.scale <= 0.1

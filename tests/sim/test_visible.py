@@ -13,7 +13,7 @@ from sim.visible import MOST, VISIBLE, Stage, draw_visible, share
 from tests.sim.plant_cases import NOMINAL_ARM, ROBOT, drive, effect
 
 SPEED = 0.2  # rad/s
-SEEDS = range(3)
+SEEDS = range(2)
 
 
 def slow(seed: int = 1, duration: float = 10.0, rate: float = 100.0):

@@ -13,7 +13,7 @@ from tests.warehouse.store_campaign import RUNS, campaign
 from warehouse.layout import list_folders
 from warehouse.runs import open_seal, read_run
 
-KILLS = 20
+KILLS = 10
 
 
 @pytest.fixture(scope="module")

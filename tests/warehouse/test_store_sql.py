@@ -82,9 +82,11 @@ def test_every_view_has_the_columns_and_types_of_the_schema(tmp_path, store, ful
 HELD = {"runs", "samples", "channels", "errors"}
 
 
-@pytest.mark.parametrize("name", NAMED)
-def test_every_named_query_runs_in_an_empty_store(tmp_path, name):
-    assert ask(tmp_path, NAMED[name][1], dict.fromkeys(TAKES.get(name, {}), "a")) == []
+def test_every_named_query_runs_in_an_empty_store(tmp_path):
+    with warehouse.open(tmp_path) as opened:
+        for name, (_, query) in NAMED.items():
+            given = dict.fromkeys(TAKES.get(name, {}), "a")
+            assert opened.sql(query, given).num_rows == 0, name
 
 
 def test_runs_are_listed_with_their_columns(store):
@@ -359,9 +361,9 @@ def damage(path, how):
         made.flip(path, int(how * len(data)))
 
 
-@pytest.mark.parametrize("which", [0, 2])
 @pytest.mark.parametrize(
-    "how", ["torn", "empty", "gone", "bits", 0.001, 0.3, 0.5, 0.6, 0.999]
+    ("how", "which"),
+    [("torn", 2), *((how, 0) for how in ("empty", "gone", "bits", 0.001, 0.5, 0.999))],
 )
 def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path, how, which):
     for seed in range(3):

@@ -37,7 +37,7 @@ def test_a_joint_that_stands_is_told_from_one_that_moves():
 # -- a whole export, of motions that need no search -----------------------------------
 
 SHORT = Excitation(0, ("cyclic",), ("cyclic",), 0.005, 1e-4)
-ASKED = Asked(2, 3, duration=5.0)
+ASKED = Asked(2, 3, duration=3.0)
 DRAFTS = [
     Draft(0, "single", (Wish("torque_gain", 10.0),), SHORT),
     Draft(1, "unknown", (Wish("x_square_wave", None),), SHORT),

@@ -25,7 +25,7 @@ MIXED = ("fourier", "slow_cyclic", "move_stop_move")
 
 @cache
 def clean_logs(name: str, seed: int = 3, hidden=(), families=MIXED) -> tuple:
-    """A robot and logs of 15 s each: a small arm of three joints, or the IRB 140."""
+    """A robot and logs of 20 s each: a small arm of three joints, or the IRB 140."""
     robot = arm(AXES) if name == "small" else bare_irb140()
     plan = tuple(LogPlan(f"fit_{f}", "fit", f, 20.0, 125.0) for f in families)
     return robot, make(Plant(robot, hidden, seed), plan, seed)

@@ -24,16 +24,20 @@ def logs(effect, seed):
 
 
 @cache
+def seen(effect, seed):
+    """What the diagnosis of such a log knows: the search, its fit, what is named."""
+    robot, (fit, proof) = logs(effect, seed)
+    known = []
+    diagnose(robot, [fit], held_out=[proof], inside=lambda *all: known.append(all))
+    return known[0]
+
+
+@cache
 def asked(effect, seed, want=None):
     """What the diagnosis of such a log leaves open, or what a wish asks of it."""
-    robot, (fit, proof) = logs(effect, seed)
-    heard = []
-
-    def inside(examined, fitted, named):
-        if want:
-            heard.append(wished_question(examined, fitted, parse_wish(want)))
-        else:
-            heard.append(open_question(examined, fitted, named))
-
-    diagnose(robot, [fit], held_out=[proof], inside=inside)
-    return robot, heard[0]
+    examined, fitted, named = seen(effect, seed)
+    if want:
+        question = wished_question(examined, fitted, parse_wish(want))
+    else:
+        question = open_question(examined, fitted, named)
+    return logs(effect, seed)[0], question

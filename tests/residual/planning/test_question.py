@@ -9,7 +9,6 @@ from benchmarks.synthetic.motions import make_motion
 from residual.diagnosis.result import Place
 from residual.diagnosis.sets import Rival
 from residual.errors import InputError, UnknownNameError
-from residual.method.diagnose import diagnose
 from residual.planning import question as gather
 from residual.planning.outlook import outlook, structural_twins
 from residual.planning.promise import growing_grams, logged_products, planned_gram
@@ -22,7 +21,7 @@ from residual.planning.question import (
 )
 from sim.engine.records import stream
 from sim.plant.sizes import usual_limits
-from tests.residual.planning.asked import SECONDS, asked, logs
+from tests.residual.planning.asked import SECONDS, asked, logs, seen
 
 RATE = 50.0  # Hz
 
@@ -140,44 +139,27 @@ def test_a_wish_that_cannot_be_says_why():
 
 def test_a_candidate_without_evidence_is_no_rival_of_nothing(monkeypatch):
     """A joint is doubted, and nothing speaks for any candidate there."""
-    robot, (fit, proof) = logs("spring", 2)
-    heard = []
-
-    def inside(examined, fitted, named):
-        doubted = replace(examined, adequacy=replace(examined.adequacy, doubted=(2,)))
-        plain = examined.plain
-        heard.append(open_question(doubted, plain, []))
-        monkeypatch.setattr(gather, "screen", lambda *words: np.zeros(len(words[2])))
-        heard.append(open_question(doubted, plain, []))
-
-    diagnose(robot, [fit], held_out=[proof], inside=inside)
-    found, none = heard
-    (contest,) = found.contests
+    examined, *_ = seen("spring", 2)
+    doubted = replace(examined, adequacy=replace(examined.adequacy, doubted=(2,)))
+    (contest,) = open_question(doubted, examined.plain, []).contests
     assert contest.rivals[-1].place == NOTHING
     assert {"spring", "balancer"} & {r.place.name for r in contest.rivals}
     assert len(contest.rivals) <= 1 + gather.CANDIDATES
-    assert none.contests == ()
+    monkeypatch.setattr(gather, "screen", lambda *words: np.zeros(len(words[2])))
+    assert open_question(doubted, examined.plain, []).contests == ()
 
 
 def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch):
-    robot, (fit, proof) = logs("spring", 2)
-    seen = []
-
-    def inside(examined, fitted, named):
-        members = fitted.members
-        others = [
-            g
-            for g in examined.task.candidates.groups
-            if g.effect.name in ("offset", "coulomb_asymmetry") and g.joints == (5,)
-        ][:2]
-        sets = [Rival((*members[1:], *others), -1.0), Rival(tuple(members[1:]), -2.0)]
-        monkeypatch.setattr("residual.planning.question.near_sets", lambda *_: sets)
-        question = open_question(examined, fitted, named)
-        seen.append((question, members[0], others))
-
-    diagnose(robot, [fit], held_out=[proof], inside=inside)
-    ((question, gone, others),) = seen
-    contest = question.contests[-1]
+    examined, fitted, named = seen("spring", 2)
+    gone, *rest = fitted.members
+    others = [
+        g
+        for g in examined.task.candidates.groups
+        if g.effect.name in ("offset", "coulomb_asymmetry") and g.joints == (5,)
+    ][:2]
+    sets = [Rival((*rest, *others), -1.0), Rival(tuple(rest), -2.0)]
+    monkeypatch.setattr("residual.planning.question.near_sets", lambda *_: sets)
+    contest = open_question(examined, fitted, named).contests[-1]
     names = TOGETHER.join(g.effect.name for g in others)
     places = [r.place for r in contest.rivals]
     assert [p.name for p in places] == [gone.effect.name, names, NOTHING.name]
