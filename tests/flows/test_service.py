@@ -31,7 +31,6 @@ from flows.service.state import (
     one_at_a_time,
     read_running,
     start,
-    started_at,
     stop,
     store_key,
     write_running,
@@ -66,10 +65,6 @@ def test_a_number_that_was_given_to_another_process_is_never_ended():
     finally:
         other.kill()
         other.wait()
-
-
-def test_nobody_is_there_under_a_number_that_nobody_has():
-    assert started_at(2**22 + 1) is None
 
 
 def test_processes_of_flow_runs_are_found_by_the_id_that_they_carry(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from residual.diagnosis import examine, gate
 from residual.diagnosis.examine import adequacy, repeat
-from residual.diagnosis.whole import delayed_at_source, filtered_at_source
+from residual.diagnosis.whole import delayed_at_source
 from residual.evidence.fit import fit
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs
@@ -186,20 +186,6 @@ def arm_logs(robot, late=0.0, noise=0.3, cut=None, moving=None, seed=0):
         tau = tau if cut is None else low_pass(tau, cut, 250)
         made.append(recording(t, q, tau, f"log{k}"))
     return made
-
-
-def test_torque_with_noise_up_to_the_nyquist_frequency_was_not_filtered():
-    assert filtered_at_source(arm_logs(arm())) is None
-
-
-def test_torque_that_was_filtered_before_it_was_logged_is_noticed():
-    said = filtered_at_source(arm_logs(arm(), cut=30))
-    assert "filtered at the source on joints 1, 2" in said
-
-
-def test_dead_torque_channels_were_not_filtered():
-    logs = [replace(r, tau=0 * r.tau) for r in arm_logs(arm())]
-    assert filtered_at_source(logs) is None
 
 
 def delay_said(robot, recordings):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from residual.diagnosis.examine import examine
-from residual.diagnosis.unexplained import corrected, leftovers, shared_source
+from residual.diagnosis.unexplained import corrected, leftovers
 from residual.evidence.rules import Rules
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
@@ -70,24 +70,3 @@ def test_what_time_makes_is_left_alone(made):
 def test_without_a_leftover_there_is_no_correction(made):
     diagnosis, _, tables, _ = made[WALL]
     assert corrected(tables.model, diagnosis.logs.tracks, ()) is None
-
-
-def test_joints_that_keep_the_same_are_told_of_one_source(rng):
-    diagnosis = _two_doubted(rng, alike=True)
-    said = shared_source(diagnosis, diagnosis.fit)
-    assert said.startswith("what joints 1, 2 keep moves together")
-    apart = _two_doubted(rng, alike=False)
-    assert shared_source(apart, apart.fit) is None
-
-
-def _two_doubted(rng, alike):
-    logs = []
-    for log in plain_logs(arm(), [0, 1], [0.0, 0.0]):
-        wave = [np.sin(5 * log.t), np.sin(5 * log.t if alike else 7.3 * log.t)]
-        tau = log.tau + 2 * np.column_stack(wave)
-        logs.append(type(log)(log.id, log.robot, log.t, log.q, tau))
-    ready_logs = prepare_logs(arm(), logs, session_clock(logs), Filters())
-    nominal = start_nominal(ready_logs, DEFAULT_DECLARED)
-    diagnosis = examine(ready_logs, nominal, Rules(most=0), quiet)
-    assert diagnosis.adequacy.doubted == (0, 1)
-    return diagnosis

@@ -40,12 +40,6 @@ def test_repeats_of_a_block_are_left_out_together():
     assert not set(folds.of_row[:40]) & set(folds.of_row[40:])
 
 
-def test_a_run_is_left_out_whole():
-    folds = leave_one_out(np.array(["b", "a", "b", "c"]))
-    assert folds.names == ("a", "b", "c")
-    assert folds.of_row.tolist() == [1, 0, 1, 2]
-
-
 def test_errors_are_relative_to_torque_pooled():
     torque = np.array([[3.0], [3], [3], [6], [6], [6]])
     power = fold_power(torque, systematic(6, 2))

@@ -237,16 +237,6 @@ def test_the_equation_is_what_the_columns_compute_from_values_that_come_back(nam
     np.testing.assert_allclose(effect.values(theta, shape, robot), numbers)
 
 
-def test_presliding_is_dahls_state_in_place_of_the_sign():
-    seen = state(arm())
-    values = {"level": 2.5, "displacement": 0.8}
-    torque = from_parameters("presliding", (1,), values).torque(seen)[:, 1]
-    z = [0.0]
-    for step in np.diff(seen.q[:, 1]):
-        z.append(np.sign(step) + (z[-1] - np.sign(step)) * np.exp(-abs(step) / 0.8))
-    np.testing.assert_allclose(torque, 2.5 * (np.array(z) - seen.sign[:, 1]), atol=1e-9)
-
-
 def test_every_effect_has_an_equation_that_uses_its_parameters():
     for name, effect in registry().items():
         bodies = {"ixx", "ixy", "ixz", "iyy", "iyz", "izz", "com_x", "com_y", "com_z"}

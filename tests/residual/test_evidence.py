@@ -302,14 +302,6 @@ def test_rows_of_an_autoregression_count_as_theory_says(rng, a):
     np.testing.assert_allclose(counted, expected, rtol=0.25)
 
 
-def test_rows_are_counted_anew_only_for_the_joints_asked(rng):
-    problem = Problem.draw(rng, rows=1000, logs=2, colour=0.8)
-    fitted = every_row_counts(problem, [])
-    counted = effective_rows(problem.design, fitted, [1])
-    assert counted[0] == fitted.counted[0]
-    assert counted[1] < 0.5 * fitted.counted[1]
-
-
 @given(st.floats(0, 0.99), st.integers(0, 100))
 @settings(max_examples=10)
 def test_rows_count_for_at_least_five_and_at_most_themselves(a, seed):

@@ -14,7 +14,6 @@ from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import Scores, channels, fast_scores
 from residual.monitoring.usual import (
     BLOCK,
-    block_maxima,
     limits_of,
     next_run_limit,
     tail_limit,
@@ -263,10 +262,3 @@ def test_runs_that_differ_make_wider_limits_and_few_runs_too():
 
 def test_a_tail_that_ends_is_not_made_longer_than_its_margin():
     assert tail_limit(np.full(20, 2.0), 1e-6) == pytest.approx(3.0)
-
-
-def test_blocks_are_of_equal_time():
-    scores = noise(1, 10.0)
-    np.testing.assert_array_equal(
-        block_maxima(scores), scores.values.reshape(5, 50, 2).max(axis=1)
-    )

@@ -58,18 +58,6 @@ def test_coefficients_equal_ikpls_for_every_number_of_components(rng, scale_y):
         assert np.abs(m.coefficients() - B).max() < 1e-9 * np.abs(B).max()
 
 
-def test_merging_equal_rows_changes_nothing_and_order_does_not_matter(rng):
-    X = rng.normal(size=(150, 4))
-    Y = rng.normal(size=(300, 2))
-    twice = np.concatenate([X, X])
-    first = fit_nominal_pls(twice, Y, NominalForm(4, 5))
-    mean = fit_nominal_pls(X, (Y[:150] + Y[150:]) / 2, NominalForm(4, 5))
-    np.testing.assert_allclose(first.coefficients(), mean.coefficients(), **CLOSE)
-    order = rng.permutation(300)
-    other = fit_nominal_pls(twice[order], Y[order], NominalForm(4, 5))
-    np.testing.assert_allclose(first.coefficients(), other.coefficients(), **CLOSE)
-
-
 def test_it_holds_an_interaction_that_no_variable_shows_alone(rng):
     X = rng.uniform(-1, 1, (2000, 3))
     Y = np.sign(X[:, [0]] * X[:, [1]])

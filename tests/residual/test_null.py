@@ -8,7 +8,6 @@ import pytest
 from scipy.stats import binom
 
 from residual.errors import InputError
-from residual.method import nulls
 from residual.method.null_record import Key, Null, choose_null, from_record, to_record
 from residual.method.nulls import (
     LONGEST,
@@ -250,18 +249,6 @@ def test_a_block_is_the_same_for_the_same_seed_and_names_nothing():
     assert not any(d.named for d in first)
     assert all(d.net < d.nats for d in first)
     assert max(d.net for d in first) < 10
-
-
-def test_a_draw_with_the_same_noise_and_nominal_is_the_same_draw(monkeypatch):
-    """What a further draw is held against is the torque of the first, and no less."""
-    after, _ = made_after()
-    logs, hiss = nulls._noisy(after, np.random.default_rng(5))
-    monkeypatch.setattr(nulls, "_noisy", lambda *_: (logs, hiss))
-    monkeypatch.setattr(nulls, "redrawn", lambda *_: after.nominal)
-    monkeypatch.setattr(nulls, "_blocks", lambda *_: hiss)
-    first, second = block(after, 4, 0, 2)
-    assert second.nats == pytest.approx(first.nats, rel=1e-6)
-    assert second.named == first.named
 
 
 def test_a_diagnosis_with_a_null_has_a_p_value_and_says_which():

@@ -25,7 +25,6 @@ from residual.diagnosis.search import (
     torque_share,
 )
 from residual.diagnosis.uncertainty import standard_deviations
-from residual.effects import registry
 from residual.effects.base import Effect, Refinement, Span, local
 from residual.evidence.design import Design
 from residual.evidence.fit import fit
@@ -417,18 +416,6 @@ def test_a_name_pays_for_the_keys_and_the_shapes_it_was_chosen_from(rng):
     assert chosen.cost(part) == pytest.approx(np.log(keys) / 2)
     left = chosen.without(["line"])
     assert {g.effect.name for g in left.groups} == {"wave", "load"}
-
-
-def test_viscous_coulomb_and_rotor_are_also_tried_together(rng):
-    """A model that lacks all three cannot show any of them alone."""
-    design = Problem.draw(rng).design
-    names = ("viscous", "coulomb", "rotor_inertia", "offset")
-    span = Span(np.ones(2), np.ones(2), 0.0, 8.0)
-    chosen = collect(design, [registry()[n] for n in names], span, DOF)
-    labels = {g.label: len(g.parts) for g in chosen.groups if g.label}
-    assert set(labels.values()) == {4, 6}
-    assert max(labels, key=labels.get).count("+") == 2
-    assert not any("offset" in label for label in labels)
 
 
 # -- what a name is worth ----------------------------------------------------------

@@ -152,13 +152,6 @@ def test_a_record_of_before_the_check_is_read_and_nothing_is_known_of_its_logs()
     assert all(f.evidence.splits is None for f in bare.effects)
 
 
-def test_a_record_of_before_the_check_keeps_the_rest():
-    record = document("effects")
-    del record["log_check"]
-    assert from_json(record) == outcome_of("effects").verdict
-    assert from_json(record).log_check is None
-
-
 @pytest.mark.parametrize("key", sorted(FORM[""] - LATER))
 def test_a_verdict_that_lacks_a_key_is_refused(key):
     record = document("effects")
@@ -242,14 +235,6 @@ def test_the_edit_test_needs_a_baseline_and_is_passed_by_a_right_name():
         from_json(json.loads(json.dumps(verdict))).edit
         == outcome_of("baseline").verdict.edit
     )
-
-
-def test_the_effect_taken_out_of_the_model_is_missed():
-    found = outcome_of("payload")
-    log = short_case(arm(toml=SURE), LOAD, seed=55).held_out[0]
-    model = found.models["augmented"]
-    whole, bare = model.predict(log), model.without("payload").predict(log)
-    assert np.abs(whole - log.tau).mean() < 0.7 * np.abs(bare - log.tau).mean()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -353,11 +338,6 @@ def test_curves_and_sentences_stand_beside_the_verdict(kind):
 
 
 # -- what the kinds say ------------------------------------------------------------
-
-
-def test_what_was_hidden_is_what_is_named():
-    found = dict(names(outcome_of("effects").verdict))
-    assert found == {"offset": (1,), "quadratic_viscous": (2,)}
 
 
 def test_offset_and_asymmetry_are_never_told_apart():

@@ -12,7 +12,6 @@ import pytest
 
 from residual.effects import registry
 from residual.effects._sensitivity import sensitivity
-from residual.effects.backlash import _flight
 from residual.effects.base import State
 from residual.model.model import Model, Term
 from residual.robot import dynamics
@@ -134,18 +133,6 @@ def test_play_is_an_offset_of_the_encoder_while_the_load_keeps_its_side():
     assert settled.sum() > 100
     assert {-1.0, 1.0} == set(side)
     assert_near(ours[settled], (-side[:, None] * offset)[settled], 0.05)
-
-
-def test_a_link_flies_across_its_play_and_is_late():
-    """Under a load that grows as r t the flight 2 g = r t^3 / (6 M) takes its time."""
-    pace, gap, rate = 40.0, 1e-3, 1000.0  # rad/s^3: load over inertia, per time
-    t = np.arange(-0.5, 0.5, 1 / rate)
-    place = _flight(-pace * t, gap, 1 / rate)
-    assert place[0] == gap
-    assert place[-1] == -gap
-    landed = t[np.argmax(place == -gap)]
-    assert landed == pytest.approx((12 * gap / pace) ** (1 / 3), abs=2 / rate)
-    assert np.all(place[t < 0] == gap)
 
 
 def test_a_gear_or_a_play_that_goes_the_wrong_way_is_no_such_thing():

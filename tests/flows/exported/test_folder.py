@@ -4,13 +4,12 @@ import filecmp
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from flows.blind import draw as blind_draw
 from flows.blind.draw import Asked, Draft, Excitation, Wish
 from flows.blind.export import write
-from flows.blind.export.write import classes, moves, words
+from flows.blind.export.write import classes, words
 from flows.cli.demo import blind
 from flows.errors import RunError
 from flows.workers.pool import Here
@@ -25,13 +24,6 @@ def test_every_effect_has_a_class_and_the_bodies_are_two():
         "payload",
     ]
     assert {name: own["class"] for name, own in words().items()} == known
-
-
-def test_a_joint_that_stands_is_told_from_one_that_moves():
-    t = 0.004 * np.arange(100)
-    q = np.column_stack([np.zeros(100), 0.1 * t, 0.001 * t])
-    assert moves(t, q).all(axis=0).tolist() == [False, True, False]
-    assert not moves(t, q)[:, [0, 2]].any()
 
 
 # -- a whole export, of motions that need no search -----------------------------------

@@ -11,14 +11,14 @@ import pytest
 from benchmarks.synthetic.logs import LogPlan, make
 from flows.inputs.logs import LogSets
 from flows.steps.check import check
-from residual.check.check import body_faults, check_logs, enough
+from residual.check.check import check_logs, enough
 from residual.check.kinematics import out_of_range
 from residual.check.result import Repair
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.robot.robot import load_robot
 from residual.signals.low_pass import low_pass
 from sim.quasi_static import Plant
-from tests.residual.arms import SEVEN, arm, plain_logs
+from tests.residual.arms import arm, plain_logs
 from tests.residual.check.damaged import clean_logs, edited, kinds, swapped, times
 from warehouse.logs import read_log
 
@@ -192,11 +192,6 @@ def test_a_robot_that_cannot_be_is_certain_and_reported_alone(change):
     robot, logs = clean_logs("irb140")
     (fault,) = check_logs(changed(robot, change), logs).faults
     assert (fault.kind, fault.certain) == ("robot_file", True)
-
-
-@pytest.mark.parametrize("robot", [arm(), arm(SEVEN), load_robot("irb140")])
-def test_a_plain_robot_file_is_none(robot):
-    assert body_faults(robot) == []
 
 
 def test_a_short_log_a_one_way_joint_and_joints_in_step_are_said():
