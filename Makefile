@@ -30,14 +30,14 @@ docs: .venv/dev.stamp
 	@echo "open site/index.html, or: $(BIN)/python -m http.server -b 127.0.0.1 -d site 8000"
 
 # Files in their order: by number of tests, those that wait for a server came last, alone.
-# Three processes for two cores, since one of them mostly waits for a server.
+# Two processes for two cores: a third would load every module once more.
 # One BLAS thread each: two workers with two threads each fight over two cores. Bytecode
 # is kept even where the machine says otherwise: the tests start some forty programs, and
 # without it each of them that loads Prefect compiles that anew, for five seconds.
 test: CHOICE := -m "not long"
 test test-all: .venv/dev.stamp
 	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-		$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder \
+		$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder \
 		$(CHOICE) $(ARGS)
 
 # By the low road: it runs for as long as it is told to, beside other work.

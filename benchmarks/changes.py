@@ -4,7 +4,6 @@
     python benchmarks/changes.py --seeds 1:1 --groups change measured_change
     python benchmarks/changes.py --list             the list of the seeds that decide
     python benchmarks/changes.py --full-json benchmarks/results/changes.json
-    python benchmarks/changes.py --full-json FILE --figure power.png       no run
 
 A change's size is the RMS of its torque over that of the joint, never a multiple of
 what the program says; only `edge` asks the program. Silence is a miss. Seeds
@@ -17,14 +16,13 @@ for a missed bar.
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.changes_parts import bars, cases, power, real
+from benchmarks.changes_parts import bars, cases, real
 from benchmarks.changes_parts.ask import (
     BENCH,
     METHODS,
@@ -55,10 +53,6 @@ _BOTH = "both"
 def main() -> int:
     """Run the groups and return the exit code."""
     args = _arguments()
-    if args.figure:
-        rows = json.loads(args.full_json.read_text(encoding="utf-8"))["cases"]
-        power.draw(rows, args.figure)
-        return 0
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
     with Pool(args.workers) as pool:
@@ -82,15 +76,10 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=2, help="processes")
     text = "only write the list of the seeds that decide"
     parser.add_argument("--list", action="store_true", help=text)
-    text = "only draw found against size, from --full-json"
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help=text)
     args = read_options(parser, _QUICK_SEEDS)
-    if args.figure and not args.full_json:
-        parser.error("--figure needs the results of a run: --full-json FILE")
     if args.quick and args.groups == list(GROUPS):
         args.groups = list(_QUICK_GROUPS)
-    runs = not (args.list or args.figure)
-    if runs and args.seeds == cases.DECIDING and not cases.LIST.exists():
+    if not args.list and args.seeds == cases.DECIDING and not cases.LIST.exists():
         parser.error("the cases that decide are not listed: --list, then commit it")
     return args
 

@@ -8,28 +8,23 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.changes_parts import arms, ask, bars, cases, peer, plant, power, real
+from benchmarks.changes_parts import arms, ask, bars, cases, peer, plant, real
 from benchmarks.changes_parts.added import rigid_body, shares, size_of, solved
 from benchmarks.changes_parts.ask import Answer, Said, judged, make
 from benchmarks.changes_parts.case import (
     CHANGE,
-    GROUPS,
     LOAD,
     REAL_CHANGE,
-    SIZES,
     Planted,
     Truth,
     as_json,
     from_json,
 )
 from benchmarks.harness.figures import ROOT
-from benchmarks.measured_parts.arms import data_folder
-from benchmarks.page import _WORDS
 from residual.recording import Recording
 from residual.robot.robot import load_robot
 
 SKETCH = ROOT.parent / "shared" / "prototypes" / "two_epochs.py"
-SEEDS = range(1, 9)  # as many as decide
 
 
 @pytest.fixture(autouse=True)
@@ -46,34 +41,6 @@ def _case(effect, size, seed=3):
     tries = (plant.drawn(plain, effect, rng, slot.target) for _ in range(20))
     planted = next(one for one in tries if one is not None)
     return replace(plain, planted=(planted,), target=size)
-
-
-def test_every_group_is_as_large_as_the_issue_asks():
-    assert len(cases.slots("unchanged", SEEDS)) == 200
-    assert len(cases.slots("unnamed", SEEDS)) >= 45
-    for group, sizes in ((CHANGE, SIZES), (REAL_CHANGE, (0.10, 0.05))):
-        every = cases.slots(group, SEEDS)
-        for size in sizes:
-            of_size = [s for s in every if s.target == size]
-            assert len(of_size) >= 60
-            if group == REAL_CHANGE:
-                assert sum(s.kind == real.UR10E for s in of_size) >= 50
-    names = [
-        slot.name
-        for group in GROUPS
-        if group in cases._MANY
-        for slot in cases.slots(group, SEEDS)
-    ]
-    assert len(set(names)) == len(names)
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_effects_are_dealt_out_alike_often(size):
-    every = [s for s in cases.slots(CHANGE, SEEDS) if s.target == size]
-    dealt = [cases._names(slot, 0)[0] for slot in every]
-    counts = {name: dealt.count(name) for name in plant.EFFECTS}
-    assert max(counts.values()) - min(counts.values()) <= 1
-    assert min(counts.values()) >= 2
 
 
 def test_a_list_is_the_same_whenever_it_is_made():
@@ -237,33 +204,6 @@ def test_a_load_that_is_not_named_is_missed():
     told = bars.all_figures(rows, deciding=True)
     assert told["load_feb19"]["ok"] is True
     assert told["load_feb12_feb19"]["ok"] is False
-
-
-@pytest.mark.skipif(data_folder() is None, reason="no measured logs: no ../shared/data")
-def test_every_figure_has_words():
-    groups = [_row(RIGHT, group=group) for group in GROUPS if group != LOAD]
-    groups += [_row(RIGHT, i, group=LOAD) for i in (0, 1)]
-    rows = [
-        r | {"arm": arm, "target": size, "method": method}
-        for r in groups
-        for arm in ("ur10e", "seven", "irb140")
-        for size in SIZES
-        for method in ask.METHODS
-    ]
-    told = bars.all_figures(rows, deciding=True)
-    assert set(told) <= set(_WORDS["changes"]["figures"])
-    assert len(told) > 50
-
-
-def test_found_against_size_is_drawn(tmp_path):
-    rows = [
-        _row(RIGHT if size > 0.04 else SILENT, i) | {"target": size, "method": method}
-        for method in ask.METHODS
-        for size in SIZES
-        for i in range(3)
-    ]
-    power.draw(rows, tmp_path / "power.png")
-    assert (tmp_path / "power.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def _small(robot, seed, shift):

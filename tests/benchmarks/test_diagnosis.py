@@ -1,6 +1,6 @@
 """Bars of the diagnosis benchmark, and results that outlive a kill."""
 
-from benchmarks.diagnosis_parts import bars, cases, measured
+from benchmarks.diagnosis_parts import bars, measured
 from benchmarks.harness.cases import Kept
 from flows.blind.score import Name, Said
 from flows.workers.pool import Here
@@ -60,21 +60,6 @@ def test_detection_must_lie_between_and_a_crash_is_a_miss():
     told = bars.case_figures({"detection": rows}, deciding=True)
     assert told["detection_at_1x_static"]["ok"] is True
     assert told["crashes"]["ok"] is False
-
-
-def test_tasks_reach_what_the_issue_asks_for_and_have_names_of_their_own():
-    seeds = range(1, 11)
-    many = {g: cases.tasks(g, seeds, False) for g in ("nulls", "pairs", "unknown")}
-    assert len(many["nulls"]) >= 200
-    assert len(many["pairs"]) >= 60
-    assert len(many["unknown"]) >= 60
-    singles = cases.tasks("singles", seeds, False)
-    assert (
-        min(sum(t.what == w for t in singles) for w in {t.what for t in singles}) == 10
-    )
-    assert {t.data for t in singles} == {"synthetic", "pybullet"}
-    names = [t.name for tasks in (*many.values(), singles) for t in tasks]
-    assert len(set(names)) == len(names)
 
 
 def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, capsys):

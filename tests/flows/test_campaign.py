@@ -73,8 +73,16 @@ def test_the_same_experiment_twice_is_planned_once(tmp_path):
     assert len(plan(specs(2) + specs(2), tmp_path)) == 2
 
 
+# Of a family that needs no search.
+MOTIONS = """
+trajectory.kind = "move_stop_move"
+[grid]
+trajectory.duration = [5.0, 6.0]
+"""
+
+
 def test_a_dry_run_says_what_would_run_and_stores_nothing(tmp_path, capsys):
-    (tmp_path / "C.toml").write_text("[grid]\ntrajectory.duration = [5.0, 6.0]\n")
+    (tmp_path / "C.toml").write_text(MOTIONS)
     store = tmp_path / "store"
     words = ["campaign", str(tmp_path / "C.toml"), "--store", str(store), "--dry-run"]
     assert main(words) == 0

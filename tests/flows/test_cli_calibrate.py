@@ -198,6 +198,7 @@ def test_levels_components_and_joints_are_options(place, capsys):
     assert "--levels 4,x: expected whole numbers" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_measured_log_with_a_reference_is_calibrated_as_in_the_paper(place):
     write_logs("AB", 6.0, reference=True)
     words = "calibrate A.csv B.csv --robot arm.urdf --paper --levels 3 --components 2"

@@ -99,7 +99,7 @@ def cluster(tmp_path_factory):
         process.wait()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cluster_answers_like_a_pool_and_a_lost_worker_costs_no_job(
     cluster, monkeypatch
 ):

@@ -58,6 +58,7 @@ def test_an_effect_that_has_no_name_cannot_be_told(logs):
         oracle(load_robot("irb140"), *logs, [("x_wall", (2,))])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "values"),
     [

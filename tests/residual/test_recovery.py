@@ -130,6 +130,7 @@ def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
     np.testing.assert_allclose(levels, [12, 14, 9, 4, 3.5, 2.5], rtol=0.35)
 
 
+@pytest.mark.long
 def test_a_model_without_any_friction_is_told_of_all_of_it():
     case = short_case(bare_irb140(), seed=42, duration=8.0)
     _, found = doubts(case, ())

@@ -17,7 +17,11 @@ ROBOT = load_robot("irb140")
 POSES = ("cyclic", "welding")
 
 
-@pytest.fixture(scope="module", params=[SEVEN, FLAT], ids=["seven joints", "flat"])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(SEVEN, marks=pytest.mark.long), FLAT],
+    ids=["seven joints", "flat"],
+)
 def moved(request, tmp_path_factory):
     """An arm and a motion of each family, with periods of 10 s."""
     robot = arm(request.param, tmp_path_factory.mktemp("arm"))

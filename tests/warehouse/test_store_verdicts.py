@@ -3,6 +3,7 @@
 import pyarrow as pa
 import pytest
 
+import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.layout import read_record
@@ -130,7 +131,12 @@ def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):
 
 def test_the_named_queries_answer(tmp_path, runs):
     id = made.store_verdict(tmp_path, made.verdict([runs[1]]), MODEL, runs)
-    answers = {n: ask(tmp_path, q) for n, (_, q) in NAMED.items() if n not in TAKES}
+    with warehouse.open(tmp_path) as opened:
+        answers = {
+            name: [tuple(row.values()) for row in opened.sql(query).to_pylist()]
+            for name, (_, query) in NAMED.items()
+            if name not in TAKES
+        }
     assert [row[1:] for row in answers["before_after"]] == [
         (id, "effects", 20.0, 8.6, 5.6)
     ]

@@ -40,6 +40,7 @@ def stored(tmp_path_factory):
     return store, diagnose_runs(request)[0]
 
 
+@pytest.mark.long
 def test_the_flow_runs_a_motion_and_reports_all_logs(server, stored, monkeypatch):
     from flows.scheduled import loop as settling
 

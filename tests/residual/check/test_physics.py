@@ -234,6 +234,7 @@ def test_logs_in_step_are_not_moved():
 
 
 @pytest.mark.skipif(not UR10.exists(), reason="measured robots are not beside it")
+@pytest.mark.long
 def test_another_arm_is_one_in_every_part():
     _, clean = logs()
     (fault,) = check_logs(load_robot(UR10), clean).faults
