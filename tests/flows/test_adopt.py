@@ -241,7 +241,7 @@ def test_a_model_without_its_runs_has_their_motion_with_it(made, arm_nights, tmp
     sizes = [np.array([d.value for d in one.minimum_detectable]) for one in told]
     ratio = sizes[1] / sizes[0]
     # Its own samples are gone: what turns on single ones of them may differ by more.
-    assert np.mean(np.abs(ratio - 1) < 0.02) > 0.95
+    assert np.mean(np.abs(ratio - 1) < 0.1) > 0.98
     assert 0.5 < ratio.min() < ratio.max() < 2
 
 
