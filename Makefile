@@ -11,7 +11,7 @@ help:
 	@echo "make demo    find an effect that a model was not told of; writes a report"
 	@echo "make docs    the pages as a site in site/, offline, links checked"
 	@echo "make test    what every change must pass (ARGS='-k signals -x' for some)"
-	@echo "make test-all  that and the long tests of pages, browser and installation"
+	@echo "make test-all  that and what is thorough and slow: more cases, pages, browser, installation"
 	@echo "make fuzz    changed files for every reader, MINUTES=10 for each of them"
 	@echo "make audit   known vulnerabilities and licences; needs pip-audit, network"
 	@echo "make lint    style, format, import directions"
