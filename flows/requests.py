@@ -190,6 +190,8 @@ class Diagnose(Request):
             ./store.
         trust_log: Go on although a fault of the logs is certain (modelgap check); the
             answer is then "unknown", and names nothing.
+        known: A value that is known for sure, such as payload.mass=2.8 (kg) of a load
+            that was weighed, coulomb.2.level=8 or link.3.mass=4.1; may be given again.
         model: "nominal", or the id of a diagnosis whose model is to be doubted; without
             it the model that the robot has in the store (modelgap models), where the
             logs are runs of it or --store is given.
@@ -202,6 +204,7 @@ class Diagnose(Request):
     held_out: HeldOut = ()
     declared: Declared = None
     columns: Columns = None
+    known: Tags = ()
     null: str | None = None
     store: str | Path | None = None
     trust_log: Flag = False

@@ -14,7 +14,7 @@ from flows.report import calibration as calibration_page
 from flows.report.diagnosis import summary
 from flows.report.words.calibration import sentences
 from flows.steps.calibrate import calibrate_logs
-from flows.steps.diagnose import diagnose_logs
+from flows.steps.diagnose import diagnose_logs, known_robot
 from flows.steps.identify import identify_logs
 from flows.storage import calibration as calibrated
 from flows.storage import identification as identified
@@ -72,7 +72,7 @@ class Diagnosis(result.Diagnosis):
         return summary(self)
 
 
-def diagnose(
+def diagnose(  # noqa: PLR0913  each an option of the command
     robot: Robot,
     fit: Sequence[Recording],
     held_out: Sequence[Recording] = (),
@@ -81,6 +81,7 @@ def diagnose(
     null: Null | None = None,
     progress: Progress | None = None,
     trust_log: bool = False,
+    known: Mapping[str, float] | None = None,
 ) -> Diagnosis:
     """Find which effects the model of a robot lacks, and prove it on other motion.
 
@@ -94,11 +95,13 @@ def diagnose(
         progress: Called with the stage and the share done.
         trust_log: Whether to go on where a fault of the logs is certain (``check``);
             the answer is then "unknown", and names nothing.
+        known: Values that are known for sure, such as {"payload.mass": 2.8} [SI].
 
     Raises:
         InputError: If a log or a name is not usable, two logs share samples, or a fault
             of them is certain.
     """
+    robot = known_robot(robot, known or {}, baseline)
     found = diagnose_logs(
         _sets(robot, fit, baseline, held_out),
         declared=declared,

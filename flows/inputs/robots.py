@@ -10,7 +10,7 @@ from flows.settings import store_folder
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
 from residual.lazy import Lazy
-from residual.names import check_name
+from residual.names import check_name, shortened
 from residual.robot.robot import Robot, load_robot, with_serial
 
 origin = Lazy("warehouse.robots")
@@ -88,6 +88,27 @@ def serial_of(run: str, store: str | Path | None) -> str | None:
         InputError: If there is no such run.
     """
     return stored.read_manifest(store_folder(store), run).get("serial")
+
+
+def known_of(words: Sequence[str]) -> dict[str, float]:
+    """Return the values of --known, such as "payload.mass=2.8", by name.
+
+    Raises:
+        InputError: If one is no name and number.
+    """
+    out = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        try:
+            out[name.strip()] = float(text)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise InputError(
+                f"--known '{shortened(word)}': expected NAME.PARAMETER=NUMBER, such as "
+                "payload.mass=2.8 or coulomb.2.level=8."
+            )
+    return out
 
 
 def check_declared(names: Sequence[str] | None) -> None:

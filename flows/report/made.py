@@ -130,6 +130,7 @@ def command(request: Diagnose, page: str) -> str:
     for option, values in (
         ("--holdout", request.held_out),
         ("--baseline", request.baseline),
+        ("--known", request.known),
     ):
         words += [word for value in values for word in (option, value)]
     if request.declared is not None:

@@ -5,14 +5,20 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
-from flows.inputs.robots import check_declared, load_of, robot_of, serial_of
+from flows.inputs.robots import (
+    check_declared,
+    known_of,
+    load_of,
+    robot_of,
+    serial_of,
+)
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from residual.errors import InputError
 from residual.lazy import Lazy
 from residual.recording import Recording
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, with_known
 from residual.threads import one_blas_thread
 
 check = Lazy("flows.steps.check")
@@ -20,6 +26,7 @@ method = Lazy("residual.method.diagnose")
 result = Lazy("residual.diagnosis.result")
 kept = Lazy("flows.storage.diagnosis")
 null = Lazy("flows.storage.null")
+sure = Lazy("residual.model.known")
 stored = Lazy("warehouse.runs")
 
 _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
@@ -42,7 +49,26 @@ def read_logs(request: Diagnose) -> LogSets:
 
 
 def _robot(request: Diagnose) -> Robot:
-    return load_of(request.robot, (*request.logs, *request.held_out), request.store)
+    words = (*request.logs, *request.held_out)
+    robot = load_of(request.robot, words, request.store)
+    return known_robot(robot, known_of(request.known), request.baseline)
+
+
+def known_robot(robot: Robot, known: Mapping[str, float], baseline: Sequence) -> Robot:
+    """Return the robot with values that are known for sure, checked.
+
+    Raises:
+        InputError: If one cannot be known, or there is a baseline.
+    """
+    robot = with_known(robot, known)
+    sure.known_values(robot)
+    if robot.known and baseline:
+        raise InputError(
+            f"Known values ({', '.join(robot.known)}) are of one state of the arm, and "
+            "a baseline compares two. Leave out --known, and [known] of robot.toml, or "
+            "the baseline."
+        )
+    return robot
 
 
 def _of_others(request: Diagnose, robot: Robot) -> list[str]:

@@ -174,7 +174,7 @@ def _by_instruments(examined: Examined, fitted: Fit, tracks) -> Checked:
     design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
     system = System.of(design, examined.task.prior, fitted.members)
     weight = fitted.weight(design.rows)
-    precision, pull = system.precision.copy(), np.zeros(len(ids))
+    precision, pull = system.precision.copy(), system.pull.copy()
     for j in range(design.dof):
         place, have = design.present(j, fitted.ids)
         real = design.chunks(j, place)

@@ -191,6 +191,7 @@ class Group:
         parts: For one effect on all joints at once, the groups of the single joints.
         fellows: How many came together with this one in such a group.
         label: Name of the candidate; the effect's own where empty.
+        given: What is known of the coefficients for sure, beside the usual prior.
     """
 
     effect: Effect
@@ -202,12 +203,47 @@ class Group:
     parts: tuple["Group", ...] = ()
     fellows: int = 1
     label: str = ""
+    given: "Given | None" = None
+
+    @property
+    def prior(self) -> "Given":
+        """What its prior has beside the precision."""
+        k = len(self.ids)
+        return self.given or Given(np.zeros((k, k)), np.zeros(k), 0.0, self.log_det)
 
     @property
     def key(self) -> tuple:
         """Identity apart from a searched shape: one candidate finding per key."""
         fixed = self.shape if self.effect.refine is None else ()
         return (self.label or self.effect.name, self.joints, fixed)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Given:
+    """A prior with what is known for sure: (theta - mu)'(P + K)(theta - mu).
+
+    Attributes:
+        information: K, beside the usual precision P. Shape (k, k).
+        pull: (P + K) mu. Shape (k,).
+        level: mu'(P + K) mu.
+        log_det: Of P + K.
+    """
+
+    information: Array
+    pull: Array
+    level: float
+    log_det: float
+
+    @classmethod
+    def of(cls, precision: Array, information: Array, pull: Array) -> "Given":
+        """What is known, as the prior of an effect that is there is the usual one."""
+        both = precision + information
+        return cls(
+            information,
+            pull,
+            float(pull @ np.linalg.solve(both, pull)),
+            float(np.linalg.slogdet(both)[1]),
+        )
 
 
 def sound(precision: Array) -> tuple[Array, float]:

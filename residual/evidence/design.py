@@ -17,6 +17,7 @@ import numpy as np
 from residual.effects.base import Effect, Joints, Shape, State
 from residual.evidence.columns import (
     ColumnCache,
+    Given,
     Group,
     Sums,
     fold_labels,
@@ -26,6 +27,7 @@ from residual.evidence.columns import (
     squares_per_fold,
 )
 from residual.evidence.rules import RULES
+from residual.model.known import held, of_effect
 from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.dynamics import links_of
@@ -259,7 +261,17 @@ class Design:
             precision = np.diag(1 / effect.prior_sd(self.model.robot) ** 2)
         else:
             precision = self.unit_information(ids, rows) / RULES.amplitude**2
-        return Group(effect, joints, shape, ids, *sound(precision))
+        group = Group(effect, joints, shape, ids, *sound(precision))
+        return replace(group, given=self._given(group))
+
+    def _given(self, group: Group) -> Given | None:
+        """What is known of an effect for sure; of a change of the model's, nothing."""
+        known = of_effect(self.model.robot, group.effect, group.joints)
+        if not known:
+            return None
+        terms = [(t.effect.name, t.joints) for t in self.model.terms]
+        declared = (group.effect.name, group.joints) in terms
+        return Given.of(group.precision, *held(known, group.precision, declared))
 
     def unit_information(self, ids: Array, rows: Joints) -> Array:
         """Mean square of the columns in units of torque rms. Shape (k, k)."""

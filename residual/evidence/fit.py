@@ -117,7 +117,7 @@ def fit(
         sse = system.squared_error(theta)
         sigma = sse / design.rows + floor
     p = len(design.nominal)
-    energy = theta @ system.precision @ theta
+    energy = theta @ system.precision @ theta - 2 * theta @ system.pull + system.level
     score = (
         -0.5 * counted @ np.log(sigma)
         - 0.5 * energy
@@ -137,6 +137,7 @@ class System:
     Attributes:
         ids: Columns. Shape (m,).
         precision: Prior precision of all of them. Shape (m, m).
+        pull, level: Of what is known for sure (``Given``). Shape (m,).
         log_det: Its log determinant.
         gram, cross: Per joint, zero for columns that do not act on it.
             Shapes (dof, m, m), (dof, m).
@@ -147,6 +148,8 @@ class System:
 
     ids: Array
     precision: Array
+    pull: Array
+    level: float
     log_det: float
     gram: Array
     cross: Array
@@ -166,11 +169,12 @@ class System:
         p, m = len(design.nominal), len(ids)
         precision = np.zeros((m, m))
         precision[:p, :p] = prior.precision
-        log_det, start = prior.log_det, p
+        pull, level, log_det, start = np.zeros(m), 0.0, prior.log_det, p
         for g in members:
-            stop = start + len(g.ids)
-            precision[start:stop, start:stop] = g.precision
-            log_det, start = log_det + g.log_det, stop
+            stop, own = start + len(g.ids), g.prior
+            precision[start:stop, start:stop] = g.precision + own.information
+            pull[start:stop], level = own.pull, level + own.level
+            log_det, start = log_det + own.log_det, stop
         gram, cross = np.zeros((design.dof, m, m)), np.zeros((design.dof, m))
         present = tuple(design.present(j, ids) for j in range(design.dof))
         for j, (place, have) in enumerate(present):
@@ -182,7 +186,7 @@ class System:
             gram[j, have[:, None], have], cross[j, have] = own
         chosen = slice(None) if folds is None else folds
         power = design.power[chosen].sum(axis=0)
-        return cls(ids, precision, log_det, gram, cross, power, present)
+        return cls(ids, precision, pull, level, log_det, gram, cross, power, present)
 
     def folds(self, design: Design) -> list["System"]:
         """The same equations, of each fold alone."""
@@ -200,7 +204,9 @@ class System:
         """The same with one more effect: only what is new is gathered."""
         m, k = len(self.ids), len(group.ids)
         precision = np.zeros((m + k, m + k))
-        precision[:m, :m], precision[m:, m:] = self.precision, group.precision
+        own = group.prior
+        precision[:m, :m] = self.precision
+        precision[m:, m:] = group.precision + own.information
         gram = np.zeros((design.dof, m + k, m + k))
         cross = np.zeros((design.dof, m + k))
         gram[:, :m, :m], cross[:, :m] = self.gram, self.cross
@@ -218,8 +224,17 @@ class System:
             gram[j, mine[:, None], mine] = every[new[:, None], new]
             cross[j, mine] = products[new]
         ids = np.concatenate([self.ids, group.ids])
-        log_det = self.log_det + group.log_det
-        return System(ids, precision, log_det, gram, cross, self.power, tuple(present))
+        return System(
+            ids,
+            precision,
+            np.concatenate([self.pull, own.pull]),
+            self.level + own.level,
+            self.log_det + own.log_det,
+            gram,
+            cross,
+            self.power,
+            tuple(present),
+        )
 
     def solve(self, weight: Array) -> tuple[Array, Array]:
         """Posterior mean and the lower Cholesky factor of its precision."""
@@ -230,7 +245,7 @@ class System:
         lower, failed = dpotrf(a, lower=1, clean=1)
         if failed:
             raise np.linalg.LinAlgError("normal equations are not positive definite")
-        theta, _ = dpotrs(lower, weight @ self.cross, lower=1)
+        theta, _ = dpotrs(lower, weight @ self.cross + self.pull, lower=1)
         return theta, lower
 
     def squared_error(self, theta: Array) -> Array:

@@ -11,9 +11,11 @@ from residual.effects.base import Joints
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, as_model, start
 from residual.evidence.rules import RULES
+from residual.model.known import EXACT, held, mass_of_links, of_effect
 from residual.model.model import Model, with_slots
 from residual.model.nominal import ASSUMED, GIVEN, Logs, Nominal
 from residual.recording import Array
+from residual.robot.dynamics import PER_LINK
 from residual.robot.robot import Robot
 
 # From values that are exact, as those of a simulation: with 1 % as the finest step one
@@ -125,7 +127,11 @@ def relative_prior(
     widths = nominal.kinds if widths is None else widths
     precision = np.zeros((len(design.nominal), len(design.nominal)))
     size = len(nominal.model.inertial)
-    precision[:size, :size] = inertial_precision(nominal.model.robot) / scale**2
+    robot = nominal.model.robot
+    precision[:size, :size] = inertial_precision(robot) / scale**2
+    for link, mass in mass_of_links(robot).items():
+        at = PER_LINK * link
+        precision[at, at] += 1 / (EXACT * mass) ** 2
     placed = with_slots(nominal.model.terms, size)
     for (term, own), given in zip(placed, nominal.given, strict=True):
         ids = design.nominal[own]
@@ -137,6 +143,8 @@ def relative_prior(
             width = widths[term.effect.name]
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
+        known = of_effect(robot, term.effect, term.joints)
+        precision[own, own] += held(known, precision[own, own], True)[0]
     return _prior(precision, scale, dict(widths))
 
 
@@ -212,7 +220,7 @@ PRICE = float(np.log(20))  # nats: one effect in twenty is not of usual size
 
 def widened(fitted: Fit, group: Group) -> Group | None:
     """Return a group with the prior of its own size; None where it is usual."""
-    if group.parts:
+    if group.parts or group.given:
         return None
     theta, count = fitted.of(group), len(group.ids)
     size = float(theta @ group.precision @ theta) / count

@@ -26,7 +26,8 @@ def screen(design: Design, base: Fit, groups: Sequence[Group], system: System) -
     out = np.empty(len(groups))
     for stack in stacks(design, groups):
         c = stack.precision + stack.beyond(weight, half)
-        out[stack.members] = _quadratic(c, pull[stack.ids], stack.log_det)
+        own = _quadratic(c, pull[stack.ids] + stack.pull, stack.log_det)
+        out[stack.members] = own - 0.5 * stack.level
     return out
 
 
@@ -62,6 +63,7 @@ class Stack:
         gram: Of each by itself, joint by joint. Shape (dof, g, k, k).
         acts: The joints on which they act. Shape (g, dof), bool.
         precision: Their priors. Shape (g, k, k).
+        pull, level: What is known for sure (``Given``). Shapes (g, k), (g,).
         log_det: Log determinants of these. Shape (g,).
     """
 
@@ -70,6 +72,8 @@ class Stack:
     gram: Array
     acts: Array
     precision: Array
+    pull: Array
+    level: Array
     log_det: Array
 
     def beyond(self, weight: Array, half: Array) -> Array:
@@ -117,9 +121,13 @@ def _stack(design: Design, groups: Sequence[Group], members: Array) -> Stack:
         some = np.flatnonzero(acts[:, j])
         block = design.total(j)[0][place[some][:, :, None], place[some][:, None, :]]
         grams[j, some] = block * (have[some][:, :, None] & have[some][:, None, :])
-    precision = np.stack([g.precision for g in own])
-    log_det = np.array([g.log_det for g in own])
-    return Stack(members, ids, grams, acts, precision, log_det)
+    priors = [g.prior for g in own]
+    precision = np.stack(
+        [g.precision + p.information for g, p in zip(own, priors, strict=True)]
+    )
+    pull, level = np.stack([p.pull for p in priors]), [p.level for p in priors]
+    log_det = np.array([p.log_det for p in priors])
+    return Stack(members, ids, grams, acts, precision, pull, np.array(level), log_det)
 
 
 def _quadratic(c: Array, u: Array, log_det: Array) -> Array:

@@ -105,6 +105,11 @@ def diagnose(
     wanted = _Wanted(fit, held_out, same_run, tell, inside)
     if not baseline:
         return _alone(robot, declared, wanted, null)
+    if robot.known:
+        raise InputError(
+            f"Known values ({', '.join(robot.known)}) are of one state of the arm, and "
+            "a baseline compares two. Leave out either."
+        )
     found = compared(Asked(robot, baseline, fit, held_out, declared, same_run), tell)
     if inside:
         # A motion is planned for what one arm's logs leave open, and a comparison asks

@@ -8,10 +8,11 @@ import numpy as np
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, Span, State
 from residual.errors import InputError
+from residual.model.known import mass_of_links, of_effect
 from residual.model.model import Model, Term
 from residual.names import check_keys, check_name
 from residual.recording import Array, Recording
-from residual.robot.dynamics import inertial_parameters
+from residual.robot.dynamics import PER_LINK, inertial_parameters
 from residual.robot.robot import Robot
 from residual.signals.direction import CHOICES, SMOOTH, Standstill
 from residual.signals.pieces import in_pieces, spread
@@ -93,10 +94,21 @@ def build_nominal(
             else:
                 terms.append(_given(effect, joints, given.values, robot))
                 widths.append(ASSUMED if given.assumed else GIVEN)
-    model = Model(
-        robot, inertial_parameters(robot.model), tuple(terms), speed_floor, (), None
-    )
+    body = inertial_parameters(robot.model).reshape(-1, PER_LINK)
+    for link, mass in mass_of_links(robot).items():
+        body[link] *= mass / max(body[link, 0], 1e-9)
+    known = tuple(_with_known(term, robot) for term in terms)
+    model = Model(robot, body.ravel(), known, speed_floor, (), None)
     return Nominal(model, tuple(widths), scale=robot.prior_scale)
+
+
+def _with_known(term: Term, robot: Robot) -> Term:
+    """A declared term with the values that are known of it."""
+    theta = term.theta.copy()
+    for one in of_effect(robot, term.effect, term.joints):
+        theta += one.row * (one.value - one.row @ theta) / (one.row @ one.row)
+    same = np.array_equal(theta, term.theta)
+    return term if same else replace(term, theta=theta).as_nominal()
 
 
 def _given(effect: Effect, joints: Joints, values, robot: Robot) -> Term:

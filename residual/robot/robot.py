@@ -33,6 +33,7 @@ __all__ = [
     "built_in_robots",
     "load_robot",
     "robot_from_texts",
+    "with_known",
     "with_serial",
 ]
 
@@ -60,6 +61,7 @@ class Robot:
         serial: Serial number, None where its robot.toml gives none.
         columns: What its robot.toml says of the columns of its logs, unchecked: a fact
             of the logger, so no part of the robot's hash.
+        known: Values that are known for sure, such as "payload.mass" [SI].
     """
 
     name: str
@@ -79,6 +81,7 @@ class Robot:
     prior_scale: float | None
     serial: str | None = None
     columns: Mapping = field(default_factory=dict)
+    known: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         declared = ", ".join(self.declared) or "rigid body alone"
@@ -172,6 +175,24 @@ def with_serial(robot: Robot, serial: str | None) -> Robot:
     return replace(made, columns=robot.columns)
 
 
+def with_known(robot: Robot, known: Mapping[str, float]) -> Robot:
+    """Return a robot of which values are known for sure, beside those of its file.
+
+    Args:
+        known: By name, such as "payload.mass" or "coulomb.2.level" [SI].
+
+    Raises:
+        RobotError: If one is no number.
+    """
+    if not known:
+        return robot
+    content = json.loads(robot.toml)
+    content["known"] = content.get("known", {}) | dict(known)
+    text = json.dumps(content, sort_keys=True)
+    made = robot_from_texts(robot.name, robot.urdf, text)
+    return replace(made, columns=robot.columns)
+
+
 def _assemble(
     name: str, chain: Chain, extra: RobotToml, texts: tuple[str, str]
 ) -> Robot:
@@ -204,6 +225,7 @@ def _assemble(
         declared=extra.declared,
         prior_scale=extra.prior_scale,
         serial=extra.serial,
+        known=extra.known,
     )
 
 

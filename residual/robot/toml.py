@@ -62,6 +62,7 @@ class RobotToml:
         motor_from_joint: Motor speeds from joint speeds. Shape (dof, dof).
         declared: Declared effects by name.
         prior_scale: Relative scale of the rigid prior; None to estimate it.
+        known: Values that are known for sure, such as "payload.mass" [SI].
     """
 
     name: str | None = None
@@ -71,6 +72,7 @@ class RobotToml:
     motor_from_joint: Array | None = None
     declared: Mapping[str, Declared] = field(default_factory=dict)
     prior_scale: float | None = None
+    known: Mapping[str, float] = field(default_factory=dict)
 
 
 def parse_toml(text: str, where: str) -> dict:
@@ -99,17 +101,18 @@ def read_robot_toml(
         RobotError: On a wrong size or a value out of range.
         UnknownNameError: On a table, key or effect that is not known.
     """
-    check_keys(content, (*_TABLES, "declared"), where)
+    check_keys(content, (*_TABLES, "declared", "known"), where)
     for name, table in content.items():
         if not isinstance(table, dict):
             raise RobotError(f"{where}: '{name}' must be a table: [{name}].")
-        if name != "declared":
+        if name in _TABLES:
             check_keys(table, _TABLES[name], f"[{name}] of {where}")
     known = {
         "joints": _joints(content.get("joints", {}), dof, where),
         "declared": _all_declared(content.get("declared", {}), dof, where, effects),
         "motor_from_joint": _coupling(content.get("couplings", {}), dof, where),
         "prior_scale": _scale(content.get("prior", {}), where),
+        "known": _known(content.get("known", {}), f"[known] of {where}"),
         "name": _text(content.get("robot", {}), "name", where),
         "serial": _text(content.get("robot", {}), "serial", where),
     }
@@ -181,6 +184,17 @@ def _scale(table: dict, where: str) -> float | None:
             "positive number such as 0.03."
         )
     return float(scale)
+
+
+def _known(table: dict, where: str) -> Mapping[str, float]:
+    for word, value in table.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not abs(value) < LARGEST:
+            raise RobotError(
+                f"{where}: {word} is {shown(value)}, expected a number, as in "
+                f'"payload.mass" = 2.8 (a name with dots stands in quotes).'
+            )
+    return {word: float(value) for word, value in table.items()}
 
 
 def _text(table: dict, key: str, where: str) -> str | None:
