@@ -11,6 +11,7 @@ from warehouse.bucket import is_address
 
 mirror = Lazy("warehouse.mirror")
 
+HEALTHY = "healthy"  # tag of the runs of an arm in good order, unless a project has one
 PROJECT = "modelgap.toml"  # file of a project, which names its store
 ROOT = Path(__file__).resolve().parents[1]
 STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"

@@ -237,6 +237,7 @@ def about_run(manifest: Mapping) -> dict:
         "trajectory": manifest.get("trajectory", motion),
         "seed": manifest.get("seed", spec.get("seed")),
         **about_origin(manifest),
+        "log": (manifest.get("log") or {}).get("file"),
     }
 
 

@@ -126,6 +126,7 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         Column("recorded_at", TIME, "time of the first sample, UTC; null if unknown"),
         Column("tags", pa.list_(TEXT), "words or KEY=VALUE that it was given"),
         *_ORIGIN,
+        Column("log", TEXT, "file that it was imported from; null for none"),
         Column("quarantined", FLAG, "whether a tombstone says not to use it"),
     ),
     "channels": (

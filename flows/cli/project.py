@@ -125,7 +125,7 @@ def _watcher(project: Project, inbox: Inbox):
 
     def told(runs: list[str]) -> None:
         try:
-            found = watch_new(runs, project.store)
+            found = watch_new(runs, project.store, tag=project.robot(robot).healthy)
         except InputError as error:
             _say(f"{robot}: not watched: {error}")
             return

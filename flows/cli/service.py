@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flows.errors import RunError
+from flows.inbox.run import inboxes
 from flows.outputs import check_new_folder, check_outside, json_text, say, write_all
 from flows.project.read import project_here
 from flows.report.night.look import unknown
@@ -77,12 +78,15 @@ def up(
         place, host, port, workers, every, database, trust_network, project
     )
     checked(request)
+    folders = [inbox.folder for inbox in inboxes(project)] if project else []
     running, was_up = bring_up(request, _say)
     if trust_network:
         _say("warning: not encrypted; who listens in the network may run programs.")
     word = "already runs" if was_up else "is up"
     address = opening_address(running.ui, store_key(place / PREFECT))
     print(f"{shown(place)} {word}: {address}")
+    for folder in folders:
+        print(f"logs go into {folder}")
     if foreground:
         stay(place, _say)
     else:
@@ -189,6 +193,7 @@ def _print_status(found: Status, store: Path) -> None:
     lines = [f"server   {word}: {running.ui} (history: {running.database})"]
     lines += [f"{name:8} {state}" for name, state in (found.workers or {}).items()]
     lines += [f"{name:8} {address}" for name, address in found.pages.items()]
+    lines += [f"refused  {row['robot']}: {row['why']}" for row in found.refused]
     say(console, *lines)
     if found.deployments:
         rows = [(d["name"], _due(d)) for d in found.deployments]

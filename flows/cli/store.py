@@ -24,8 +24,7 @@ from warehouse.runs import read_manifest, tombstone
 
 Format = Literal["table", "csv", "json", "parquet"]
 _COLUMNS = (
-    "run_id, robot, source, kind, trajectory, duration_s, rows, seed, created, "
-    "quarantined"
+    "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"
 )
 
 

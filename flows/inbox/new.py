@@ -5,7 +5,9 @@ parents. So nothing is taken twice or forgotten, whoever is killed when: without
 record the same runs are diagnosed again, to the same id.
 """
 
-from collections.abc import Callable, Sequence
+import fcntl
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import numpy as np
 
 from flows.project.read import Project, RobotTable
 from flows.requests import Diagnose
+from flows.settings import prefect_home
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.models import in_force
 from flows.storage.diagnosis import read_verdict
@@ -31,6 +34,10 @@ _QUERY = """
     WHERE robot = $robot AND serial IS NOT DISTINCT FROM $serial
           AND source = 'imported' AND NOT quarantined
     ORDER BY coalesce(recorded_at, created), run_id
+"""
+
+_WHOSE = """
+    SELECT DISTINCT robot, serial, source FROM runs WHERE list_contains($runs, run_id)
 """
 
 
@@ -129,14 +136,41 @@ def diagnose_new(
     """
     table, store = project.robot(name), project.store
     arm = project.arm(table)
-    batch = new_runs(store, arm, table)
-    if batch is None:
-        return None
-    ids = diagnose_runs(_request(batch, store), progress)
-    record = {"robot": arm.name, "serial": arm.serial, "kind": KIND, "project": name}
-    parents = {"diagnosis": [ids[0]], ROLE: list(batch.runs)}
-    commit_record(store, "validations", record, parents=parents)
+    with _alone(store, name):
+        batch = new_runs(store, arm, table)
+        if batch is None:
+            return None
+        ids = diagnose_runs(_request(batch, store), progress)
+        record = {"robot": arm.name, "serial": arm.serial, "kind": KIND}
+        parents = {"diagnosis": [ids[0]], ROLE: list(batch.runs)}
+        commit_record(store, "validations", record | {"project": name}, parents=parents)
     return Diagnosed(batch, ids, read_verdict(store, ids[0]))
+
+
+@contextmanager
+def _alone(store: Path, name: str) -> Iterator[None]:
+    """Wait until nobody else diagnoses what is new of a robot.
+
+    A schedule, logs that were stored and an alarm of theirs may ask at once: the first
+    takes all that is new, the others then find nothing.
+    """
+    with (prefect_home(store) / f"diagnose-{name}.lock").open("a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def robot_of_runs(project: Project, runs: Sequence[str]) -> RobotTable | None:
+    """Return the real robot that measured runs are of; None where they are of none."""
+    asked = {"runs": list(runs)}
+    with open_store(project.store) as opened:
+        rows = opened.sql(_WHOSE, asked).to_pylist()
+    for table in project.table.robot:
+        if table.simulated or len(rows) != 1:
+            continue
+        arm = project.arm(table)
+        if rows == [{"robot": arm.name, "serial": arm.serial, "source": "imported"}]:
+            return table
+    return None
 
 
 def _request(batch: Batch, store: Path) -> Diagnose:

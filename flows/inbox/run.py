@@ -22,7 +22,9 @@ from flows.project.read import InboxTable, Project
 from flows.requests import Import
 from flows.settings import cores
 from flows.workers.pool import Done, Here, Pool
+from residual.errors import InputError
 from residual.names import plain
+from warehouse.commit import commit_record
 
 _CHUNK = 32  # logs between two moves: so many are read again after a kill
 _FEW = 4  # as many are read sooner than processes are started
@@ -64,6 +66,30 @@ class Inbox:
             serial=robot.serial or None,
             tags=tuple(known.values()),
         )
+
+    def remember(self, taken: Taken) -> str:
+        """Keep in the store that a log was refused, and why; returns the record's id.
+
+        The same file, taken again after a kill, leaves one record.
+        """
+        table = self.project.robot(self.table.robot)
+        try:
+            name = self.project.arm(table).name
+        except InputError:  # of which all logs are refused
+            name = table.name
+        why = taken.why
+        why = why if why.startswith(taken.name) else f"{taken.name}: {why}"
+        told = taken.path.stat()
+        record = {
+            "robot": name,
+            "serial": table.serial or None,
+            "kind": REFUSED,
+            "log": taken.name,
+            "inbox": self.table.folder,
+            "state": [told.st_size, told.st_mtime_ns],
+            "verdict": why,
+        }
+        return commit_record(self.project.store, "validations", record)
 
 
 def inboxes(project: Project) -> tuple[Inbox, ...]:
@@ -113,7 +139,7 @@ def take_all(inbox: Inbox, resting: Mapping[str, State], told: Told) -> Iterator
             if runs:
                 told(runs)
             for taken in chunk:
-                yield _archived(taken)
+                yield _archived(inbox, taken)
 
 
 def _taken(jobs: Sequence[Job]) -> Iterator[list[Taken]]:
@@ -127,14 +153,15 @@ def _taken(jobs: Sequence[Job]) -> Iterator[list[Taken]]:
             yield few
 
 
-def _archived(taken: Taken) -> Taken:
+def _archived(inbox: Inbox, taken: Taken) -> Taken:
     """Move a log out of the way; one that cannot be moved waits, and stops no other."""
     try:
+        if taken.what == REFUSED:
+            inbox.remember(taken)
         archive(taken)
-    except OSError as error:
-        why = (
-            f"{taken.why or taken.what}; it cannot be moved: {error.strerror or error}"
-        )
+    except (OSError, InputError) as error:
+        said = getattr(error, "strerror", None) or error
+        why = f"{taken.why or taken.what}; it cannot be moved: {said}"
         return replace(taken, what=WAITING, why=why)
     return taken
 

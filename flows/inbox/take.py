@@ -9,6 +9,7 @@ import fcntl
 import filecmp
 import hashlib
 import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -171,13 +172,25 @@ def take(job: Job) -> Taken:
     except InputError as error:
         if state_of(job.path) != job.state:
             return Taken(job.path, WAITING, why="it changed while it was read")
-        return Taken(job.path, REFUSED, why=plain(str(error)))
+        return Taken(job.path, REFUSED, why=in_an_inbox(str(error)))
     except (OSError, MemoryError) as error:
         return Taken(job.path, WAITING, why=plain(" ".join(str(error).split())))
     except Exception as error:  # what a damaged file makes a parser raise
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return Taken(job.path, REFUSED, why=plain(f"unexpected failure: {what}"))
     return Taken(job.path, KNOWN if log.stored else STORED, run)
+
+
+def in_an_inbox(why: str) -> str:
+    """Return why a log was refused, with what mends it where there are no options."""
+    why = plain(why.replace(" Or go on with --trust-log (trust_log=True).", ""))
+    if "--map" not in why:
+        return why
+    why = re.sub(r"(with )?--map( COLUMNS\.toml)?", r"\1COLUMNS.toml", why)
+    return (
+        f"{why}\nThe inbox reads that file where modelgap.toml says so under "
+        '[[inbox]]: map = "COLUMNS.toml". Then put the log into the inbox again.'
+    )
 
 
 def archive(taken: Taken) -> Path | None:

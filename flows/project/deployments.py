@@ -13,6 +13,7 @@ COMMITTED = "modelgap.run.committed"
 ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
 STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
 _OF_THE_EXAMPLE = "nightly"  # the night of the built-in arm: a project has its own
+_OF_A_PROJECT = ("monitor", "diagnose")  # are told whose runs they are
 _ENTRY = "flows.scheduled.project."
 
 
@@ -36,6 +37,11 @@ def deployments(project: Project | None) -> dict[str, Any]:
     if project is None:
         return content
     base = [d for d in content["deployments"] if d["name"] != _OF_THE_EXAMPLE]
+    for each in base:
+        # An alarm of its robots is diagnosed with all that is new of them.
+        if each["name"] in _OF_A_PROJECT:
+            own = {"project": str(project.folder)}
+            each["parameters"] = each.get("parameters", {}) | own
     return content | {"deployments": [*base, *_own(project)]}
 
 

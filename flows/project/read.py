@@ -13,7 +13,7 @@ from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from pydantic import dataclasses as tables
 
 from flows.inputs.robots import load
-from flows.settings import PROJECT, ROOT, store_folder
+from flows.settings import HEALTHY, PROJECT, ROOT, store_folder
 from residual.errors import InputError
 from residual.robot.robot import Robot, built_in_robots, with_serial
 from residual.robot.toml import SERIAL, SLUG
@@ -87,7 +87,7 @@ class RobotTable:
     nightly: Cron = "0 2 * * *"
     timezone: Annotated[str, AfterValidator(_zone)] = "UTC"
     batch: Annotated[bool, Field(strict=True)] = True
-    healthy: Annotated[str, AfterValidator(_tag)] = "healthy"
+    healthy: Annotated[str, AfterValidator(_tag)] = HEALTHY
     most: Annotated[int, Field(ge=2, le=100, strict=True)] = 12
     auto: Annotated[bool, Field(strict=True)] = False
 

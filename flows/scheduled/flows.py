@@ -9,7 +9,8 @@ from prefect.runtime import flow_run
 
 from flows.requests import Campaign
 from flows.scheduled import loop, tasks
-from flows.settings import store_folder
+from flows.scheduled import project as projects
+from flows.settings import HEALTHY, store_folder
 from sim.engine.records import WORKSHOP, BackgroundWord
 
 _LIMIT = 12 * tasks.HOUR
@@ -151,8 +152,14 @@ def diagnose(
     good: list[str] | None = None,
     model: str | None = None,
     store: str | None = None,
-) -> str:
+    project: str | None = None,
+    alarm: bool = False,
+) -> str | None:
     """Find what the model of an arm lacks, and write the report.
+
+    What an alarm asks for is diagnosed once: runs of a robot of a project with all
+    that is new of it, others not again where a diagnosis speaks of them already; and
+    against the healthy runs of the arm, where there are such.
 
     Args:
         runs: Ids of the runs to diagnose.
@@ -160,11 +167,20 @@ def diagnose(
         good: Ids of healthy runs of the arm.
         model: Id of the diagnosis whose model is the nominal one; none unless given.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        project: Folder of the project, None for none.
+        alarm: Whether an alarm asks.
 
     Returns:
-        The page.
+        The page; None where another diagnosis speaks of the runs.
     """
     place = str(store_folder(store))
+    if alarm:
+        robot = projects.robot_of(project, runs) if project else None
+        if project and robot:
+            return projects.diagnosed_new(project, robot)
+        if tasks.diagnosed_already(runs, place):
+            return None
+        good = tasks.healthy(runs, good or [], place)
     roles = {"fit": runs, "held_out": held_out or [], "baseline": good or []}
     return tasks.report(tasks.diagnose(roles, place, model), place)
 
@@ -175,19 +191,23 @@ def monitor(
     model: str | None = None,
     good: list[str] | None = None,
     store: str | None = None,
+    project: str | None = None,
 ) -> list[str]:
     """Watch the sensors of new runs; an alarm starts the flow `diagnose`.
 
     Args:
         runs: Ids of the runs.
         model: Id of a diagnosis, or a robot; the arm's latest diagnosis unless given.
-        good: Ids of the healthy runs; those of the diagnosis unless given.
+        good: Ids of the healthy runs; unless given those with the tag of healthy runs,
+            and where these are too few those of the diagnosis.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        project: Folder of the project, which says that tag; None for none.
 
     Returns:
         The id of the record, none where there was nothing to compare with.
     """
-    return tasks.watch(runs, model, good or [], str(store_folder(store)))
+    tag = projects.tag_of(project, runs) if project else HEALTHY
+    return tasks.watch(runs, model, good or [], str(store_folder(store)), tag)
 
 
 @flow(name="report", flow_run_name="report {diagnosis}", timeout_seconds=_LIMIT)

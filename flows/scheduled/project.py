@@ -9,7 +9,7 @@ from pathlib import Path
 
 from prefect import flow, get_run_logger
 
-from flows.inbox.new import Diagnosed, new_runs
+from flows.inbox.new import Diagnosed, new_runs, robot_of_runs
 from flows.inbox.new import diagnose_new as diagnose_runs
 from flows.inbox.run import inboxes, look_twice, take_all
 from flows.inbox.take import KNOWN, REFUSED, STORED, WAITING
@@ -19,6 +19,7 @@ from flows.project.read import Project, read_project
 from flows.report.words.verdict import headline
 from flows.scheduled import artifacts, loop, tasks
 from flows.scheduled.tasks import task
+from flows.settings import HEALTHY
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 from warehouse.layout import find
@@ -79,9 +80,22 @@ def _diagnosed(project: Project, robot: str) -> Diagnosed | None:
     batch = new_runs(project.store, project.arm(table), table)
     # Those of which the event was lost: the server may have been killed.
     if batch and batch.unwatched:
-        tasks.watch(list(batch.unwatched), None, [], str(project.store))
+        runs, store = list(batch.unwatched), str(project.store)
+        tasks.watch(runs, None, [], store, table.healthy)
         artifacts.rename(f"{robot}: {len(batch.runs)} new runs")
     return diagnose_runs(project, robot)
+
+
+def robot_of(folder: str, runs: list[str]) -> str | None:
+    """Return the name of the real robot that runs are of, None where of none."""
+    table = robot_of_runs(read_project(folder), runs)
+    return table.name if table else None
+
+
+def tag_of(folder: str, runs: list[str]) -> str:
+    """Return the tag of the healthy runs of the robot that runs are of."""
+    table = robot_of_runs(read_project(folder), runs)
+    return table.healthy if table else HEALTHY
 
 
 def tell_of(folder: str, robot: str, diagnosis: str, page: str) -> None:
@@ -141,6 +155,11 @@ def diagnose_new(project: str, robot: str) -> str | None:
     Returns:
         The page, None where nothing has come in.
     """
+    return diagnosed_new(project, robot)
+
+
+def diagnosed_new(project: str, robot: str) -> str | None:
+    """Diagnose what is new of a robot, tell people, propose; returns the page."""
     ids = diagnose(project, robot)
     if not ids:
         return None

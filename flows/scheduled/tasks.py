@@ -20,6 +20,7 @@ from flows.inputs.robots import robot_of
 from flows.report import stored
 from flows.report.study import headline, lines, store_page
 from flows.scheduled import artifacts
+from flows.settings import HEALTHY
 from flows.specs.experiment import load_spec
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns
@@ -109,10 +110,31 @@ def diagnose(runs: dict, store: str, model: str | None = None) -> list[str]:
     return list(diagnosis.diagnose_runs(request))
 
 
+def diagnosed_already(runs: list[str], store: str) -> str | None:
+    """Return the diagnosis that speaks of runs, and say so; None where none does."""
+    found = monitoring.diagnosis_of(runs, Path(store))
+    if found:
+        name = artifacts.name_of(found, Path(store))
+        artifacts.rename(f"explained already: {name}")
+        get_run_logger().info(f"diagnosis {found} speaks of these runs")
+    return found
+
+
+def healthy(runs: list[str], good: list[str], store: str) -> list[str]:
+    """Return the healthy runs of the arm of some runs; where it has none, those given.
+
+    A run is of no use against itself.
+    """
+    tagged = monitoring.healthy_runs(runs, Path(store))
+    return list(tagged) or [run for run in good if run not in runs]
+
+
 @task(name="watch", task_run_name="watch", tags=["monitoring"])
-def watch(ids: list[str], model: str | None, good: list[str], store: str) -> list[str]:
+def watch(
+    ids: list[str], model: str | None, good: list[str], store: str, tag: str = HEALTHY
+) -> list[str]:
     """Watch the sensors of runs; an alarm is told as an event."""
-    new = monitoring.watch_new(ids, Path(store), model, good)
+    new = monitoring.watch_new(ids, Path(store), model, good, tag)
     if new.record is None or new.found is None:
         get_run_logger().info(new.why)
         artifacts.record("monitor", (), f"{new.why} Nothing was watched.")

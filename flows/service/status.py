@@ -2,15 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from flows.errors import RunError
+from flows.report.night import questions
+from flows.report.night.look import ask
 from flows.requests import Diagnose
 from flows.service import api
 from flows.service.api import answers
 from flows.service.state import Running, read_running, store_key, worker_name
 from flows.settings import PREFECT
+from warehouse.query.store import open_store
 
+_LATELY = timedelta(days=1)
 _DEPLOYMENT = "diagnose/diagnose"
 
 
@@ -24,6 +29,7 @@ class Status:
         workers: Each worker by name: "online", "starting" or "gone".
         deployments: Each with when it is due (`api.deployments`).
         runs: The last flow runs (`api.last_runs`).
+        refused: Logs that inboxes refused within a day, the latest first.
     """
 
     running: Running | None
@@ -31,6 +37,7 @@ class Status:
     workers: Mapping[str, str] | None = None
     deployments: tuple[Mapping, ...] = ()
     runs: tuple[Mapping, ...] = ()
+    refused: tuple[Mapping, ...] = ()
 
     @property
     def healthy(self) -> bool:
@@ -69,6 +76,10 @@ class Status:
                 for d in self.deployments
             ],
             "runs": list(self.runs),
+            "refused": [
+                {"robot": r["robot"], "why": r["why"], "at": r["created"].isoformat()}
+                for r in self.refused
+            ],
         }
 
 
@@ -92,7 +103,14 @@ def status(home: Path, most: int = 10) -> Status:
         p.name: "online" if p.lives and worker_name(p.name) in online else gone[p.name]
         for p in processes
     }
-    return Status(running, True, workers, deployments, runs)
+    return Status(running, True, workers, deployments, runs, _refused(home.parent))
+
+
+def _refused(store: Path) -> tuple[Mapping, ...]:
+    since = datetime.now(UTC).replace(tzinfo=None) - _LATELY
+    with open_store(store) as opened:
+        rows = ask(opened, questions.REFUSED)
+    return tuple(row for row in rows if row["created"] and row["created"] > since)
 
 
 def start_diagnosis(request: Diagnose, store: Path) -> str | None:

@@ -287,16 +287,29 @@ def close_stale(to: api.Api) -> list[str]:
 
 def watch_for_stale(to: api.Api) -> None:
     """Let the server itself close a flow run that gives no sign of life any more."""
+    rule = stale_rule()
     filters = {"automations": {"name": {"any_": [_WATCH]}}}
-    if api.ask(to, "/automations/filter", filters):
+    known = api.ask(to, "/automations/filter", filters)
+    expected = set(rule["trigger"]["expect"])
+    if known and set(known[0]["trigger"]["expect"]) == expected:
         return
-    ends = ("Completed", "Failed", "Cancelled", "Crashed")
+    for old in known:  # of an earlier version
+        api.ask(to, f"/automations/{old['id']}", method="DELETE")
+    api.ask(to, "/automations/", rule)
+
+
+def stale_rule() -> dict:
+    """Return when a flow run is closed: after it has begun to run, and not rested.
+
+    One that waits for an answer is suspended, has no process, and gives no signs.
+    """
+    rests = ("Completed", "Failed", "Cancelled", "Crashed", "Suspended", "Paused")
     beat = "prefect.flow-run.heartbeat"
     trigger = {
         "type": "event",
         "match": {"prefect.resource.id": "prefect.flow-run.*"},
         "after": [beat],
-        "expect": [beat, *(f"prefect.flow-run.{end}" for end in ends)],
+        "expect": [beat, *(f"prefect.flow-run.{rest}" for rest in rests)],
         "for_each": ["prefect.resource.id"],
         "posture": "Proactive",
         "threshold": 1,
@@ -309,9 +322,9 @@ def watch_for_stale(to: api.Api) -> None:
         "name": "Crashed",
         "message": f"No sign of life for {4 * BEAT} s.",
     }
-    rule = {"name": _WATCH, "enabled": True, "trigger": trigger, "actions": [action]}
     about = "A killed process cannot say that it has ended."
-    api.ask(to, "/automations/", {**rule, "description": about})
+    rule = {"name": _WATCH, "enabled": True, "description": about}
+    return rule | {"trigger": trigger, "actions": [action]}
 
 
 def _elsewhere(to: api.Api) -> bool:

@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from flows.inputs.robots import serial_of
 from flows.requests import Monitor as Request
-from flows.settings import store_folder
+from flows.settings import HEALTHY, store_folder
 from flows.steps.models import Source, in_force, source_of
 from residual.errors import InputError
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, to_record
@@ -19,6 +19,7 @@ from warehouse.layout import find_run, read_record
 from warehouse.query.store import open_store
 from warehouse.runs import read_run, tombstone
 
+MOST_HEALTHY = 12  # of them are read
 NOVEL = 0.01  # share of a run outside of what was calibrated that is worth a word
 
 
@@ -129,13 +130,16 @@ def watch_new(
     store: Path,
     model: str | None = None,
     good: Sequence[str] = (),
+    tag: str = HEALTHY,
 ) -> NewRuns:
     """Watch new runs of one robot, against its adopted model or its last diagnosis.
 
     Args:
         model: Id of a diagnosis, or a robot; None for what the robot has, else what was
             found of it last.
-        good: Ids of the healthy runs; empty for those of the diagnosis.
+        good: Ids of the healthy runs; empty for those with the tag, and where these are
+            too few for those of the diagnosis.
+        tag: Tag of the runs of an arm in good order.
 
     Raises:
         InputError: If a run is not usable, or of another description of the robot.
@@ -143,13 +147,52 @@ def watch_new(
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
         return NewRuns(why="No diagnosis of this arm yet: nothing to compare with.")
-    healthy = tuple(good) or source_of(model, store).good
+    tagged = healthy_runs(runs, store, tag)
+    usual = tagged if len(tagged) >= LEAST_RUNS else source_of(model, store).good
+    healthy = tuple(good) or usual
     new = tuple(run for run in runs if run not in healthy)
     if not new:
         return NewRuns(why="No run that is not one of the healthy ones.")
     if len(healthy) < LEAST_RUNS:
         return NewRuns(why=f"{len(healthy)} healthy runs, {LEAST_RUNS} are the least.")
     return NewRuns(*monitor(Request(model, new, good=healthy, store=store)))
+
+
+def healthy_runs(
+    runs: Sequence[str], store: Path, tag: str = HEALTHY
+) -> tuple[str, ...]:
+    """Return the latest healthy runs of the arm of some runs, none of these.
+
+    Args:
+        tag: Tag of the runs of an arm in good order.
+    """
+    query = """
+        SELECT run_id FROM runs own
+        WHERE list_contains(coalesce(tags, []), $tag) AND NOT quarantined
+              AND NOT list_contains($runs, run_id)
+              AND EXISTS (SELECT 1 FROM runs new WHERE new.run_id = $first
+                          AND new.robot = own.robot
+                          AND new.serial IS NOT DISTINCT FROM own.serial)
+        ORDER BY coalesce(recorded_at, created) DESC, run_id LIMIT $most
+    """
+    asked = {"tag": tag, "runs": list(runs), "first": runs[0], "most": MOST_HEALTHY}
+    with open_store(store) as opened:
+        rows = opened.sql(query, asked).to_pylist()
+    return tuple(sorted(row["run_id"] for row in rows))
+
+
+def diagnosis_of(runs: Sequence[str], store: Path) -> str | None:
+    """Return the latest diagnosis that took all of some runs, None where none did."""
+    query = """
+        SELECT diagnosis_id FROM diagnoses JOIN lineage ON child = diagnosis_id
+        WHERE role IN ('fit', 'held_out') AND list_contains($runs, parent)
+        GROUP BY diagnosis_id HAVING count(DISTINCT parent) = $count
+        ORDER BY any_value(diagnoses.created) DESC, diagnosis_id LIMIT 1
+    """
+    asked = {"runs": list(runs), "count": len(set(runs))}
+    with open_store(store) as opened:
+        rows = opened.sql(query, asked).to_pylist()
+    return rows[0]["diagnosis_id"] if rows else None
 
 
 def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:

@@ -125,11 +125,12 @@ def _diagnoses(look: Look, place: Place) -> Iterator[Entry]:
 
 
 def _others(look: Look, place: Place) -> Iterator[Entry]:
+    titles = {each.id: each.title for each in look.diagnoses}
     for row in look.proposals:
-        title = f"{row['robot']}: {'waits' if row['waits'] else 'answered'}"
+        whose = titles.get(row["id"], row["robot"])
+        title = f"{whose}: {'waits' if row['waits'] else 'answered'}"
         href = place.report(row["report_id"], row["id"], "proposal.html")
-        at, robot = row["created"], row["robot"]
-        yield Entry(at, "proposal", robot, "decision", title, href, row["id"])
+        yield Entry(row["created"], "proposal", row["robot"], "decision", title, href)
     for row in look.studies:
         title, file = _STUDIES[row["kind"]]
         href = place.report(row["id"], row["id"], file)

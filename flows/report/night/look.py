@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from flows.report.night import questions
-from flows.report.words.verdict import errors, finding
+from flows.report.words.verdict import VALUES_OFF, errors, finding
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 from warehouse.query.store import Store, open_store
@@ -59,6 +59,7 @@ class Look:
         diagnoses: Latest first, as all lists.
         proposals: Keys as in `questions.PROPOSALS`.
         watched: Monitorings with the number of their alarms.
+        refused: Logs that an inbox refused, and why.
         adoptions: Which robot got which model.
         studies: Reports of blind studies.
         models: Models that were identified, calibrated or adopted.
@@ -69,6 +70,7 @@ class Look:
     diagnoses: tuple[Diagnosed, ...]
     proposals: Rows
     watched: Rows
+    refused: Rows
     adoptions: Rows
     studies: Rows
     models: Rows
@@ -83,14 +85,24 @@ class Look:
 
     @property
     def nights(self) -> tuple[date, ...]:
-        """Every night in which something was diagnosed or watched, latest first."""
+        """Every night with a diagnosis, a watch or a refused log, latest first."""
         ended = [d.created for d in self.diagnoses]
-        ended += [row["created"] for row in self.watched]
+        ended += [row["created"] for row in (*self.watched, *self.refused)]
         return tuple(sorted({night_of(when) for when in ended}, reverse=True))
 
     def words(self, diagnosis: str) -> tuple[str, str]:
         """Return what a diagnosis names, and its errors, in words."""
         return _words(self.opened.path, diagnosis)
+
+    def state(self, each: Diagnosed) -> str:
+        """Return the verdict of a diagnosis; "values" where only values were off."""
+        off = each.verdict == "none" and self.words(each.id)[0] == VALUES_OFF
+        return "values" if off else each.verdict
+
+    def runs_of(self, diagnosis: str) -> frozenset[str]:
+        """Return the ids of the runs that a diagnosis speaks of."""
+        rows = self.ask(questions.RUNS_OF, id=diagnosis)
+        return frozenset(row["id"] for row in rows)
 
     def ask(self, query: str, **values: object) -> Rows:
         """Return the rows of one more query."""
@@ -99,7 +111,8 @@ class Look:
 
 def look(opened: Store) -> Look:
     """Read what a store holds; what is damaged is left out."""
-    names = ("proposals", "watched", "adoptions", "studies", "models", "runs")
+    names = ("proposals", "watched", "refused")
+    names += ("adoptions", "studies", "models", "runs")
     # A record without a time, of a bundle that an earlier version took, is no news.
     rows = {
         name: [

@@ -9,13 +9,15 @@ from flows.report.night.look import Diagnosed, History, Look, Place, night_of, s
 from flows.report.words.phrases import listing
 
 # Worst first: what an engineer reads before the coffee is cold.
-_ORDER = {"effects": 0, "unknown": 1, "other": 2, "none": 3}
+_ORDER = {"effects": 0, "unknown": 1, "values": 2, "other": 3, "none": 4}
 STATES = {
     "effects": "something missing",
     "unknown": "unknown",
+    "values": "values off",
     "none": "nothing missing",
     "other": "not diagnosed",
 }
+_OFF = ("effects", "unknown")
 _MOST = 3  # names in a headline
 
 
@@ -26,7 +28,7 @@ class Card:
     Attributes:
         robot: Its name.
         title: Its name, and the number of its last diagnosis.
-        state: effects, unknown, none, or other where it was not diagnosed.
+        state: effects, unknown, values, none, or other where it was not diagnosed.
         words: What is missing.
         errors: Held-out error before and after, in words.
         model: What became of its model.
@@ -54,6 +56,12 @@ class Card:
         """Its state in words."""
         return STATES[self.state]
 
+    @property
+    def pair(self) -> str:
+        """Of what its two errors are."""
+        values = self.state == "values"
+        return "as given → refitted" if values else "refitted → with what was found"
+
 
 def context(look: Look, night: date, past: History | None, place: Place) -> dict:
     """Return what the template `night.html` is filled with.
@@ -65,6 +73,7 @@ def context(look: Look, night: date, past: History | None, place: Place) -> dict
     inside = _Night(look, night, place, warnings)
     cards = sorted(inside.cards(), key=lambda c: (_ORDER[c.state], c.robot))
     failed = [run for run in past.runs if run.failed] if past else []
+    refused = inside.rows(look.refused)
     waiting = _waiting(look, past, place)
     begin, end = span_of(night)
     so_far = ", not over yet" if datetime.now(UTC).replace(tzinfo=None) < end else ""
@@ -72,9 +81,11 @@ def context(look: Look, night: date, past: History | None, place: Place) -> dict
         "title": f"modelgap: night to {night:%d %B %Y}",
         "night": f"{night:%A, %d %B %Y}",
         "span": f"{begin:%d %b %H:%M} to {end:%d %b %H:%M} UTC{so_far}",
-        "headline": headline(cards, len(failed)),
-        "tiles": _tiles(cards, inside, waiting, failed if past else None),
+        "headline": headline(cards, len(failed), len(refused)),
+        "tiles": _tiles(cards, refused, waiting, failed if past else None),
         "cards": cards,
+        "refused": refused,
+        "told": {card.title for card in cards},
         "waiting": waiting,
         "adopted": inside.rows(look.adoptions),
         "failed": failed,
@@ -85,11 +96,14 @@ def context(look: Look, night: date, past: History | None, place: Place) -> dict
     }
 
 
-def headline(cards: Sequence[Card], failed: int) -> str:
-    """Return a night in one sentence."""
-    off = [card for card in cards if card.state in ("effects", "unknown")]
+def headline(cards: Sequence[Card], failed: int, refused: int = 0) -> str:
+    """Return a night in one sentence, and what of its logs and flows was not taken."""
+    off = [card for card in cards if card.state in _OFF]
+    off = off or [card for card in cards if card.state == "values"]
     seen = [card for card in cards if card.state != "other"]
-    end = f" {failed} flow{'s' if failed > 1 else ''} failed." if failed else ""
+    were = "1 log was" if refused == 1 else f"{refused} logs were"
+    end = f" {were} refused." if refused else ""
+    end += f" {failed} flow{'s' if failed > 1 else ''} failed." if failed else ""
     if not seen:
         return f"No robot was diagnosed.{end}"
     if not off:
@@ -98,11 +112,12 @@ def headline(cards: Sequence[Card], failed: int) -> str:
     if len(off) == 1:
         one = off[0]
         words = ", ".join(filter(None, (one.words, one.errors)))
-        rest = f" ({len(seen) - 1} others: nothing missing)" if len(seen) > 1 else ""
+        rest = f" ({len(seen) - 1} others: no effect missing)" if len(seen) > 1 else ""
         return f"{one.title}: {words}{rest}.{end}"
     names = [card.robot for card in off[:_MOST]]
     names += [f"{len(off) - _MOST} more"] if len(off) > _MOST else []
-    return f"{len(off)} of {len(seen)} robots lack something: {listing(names)}.{end}"
+    what = "have values off" if off[0].state == "values" else "lack something"
+    return f"{len(off)} of {len(seen)} robots {what}: {listing(names)}.{end}"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,15 +144,15 @@ class _Night:
     def _card(self, robot: str, found: Sequence[Diagnosed]) -> Card:
         last = found[0] if found else None
         words, errors = self.look.words(last.id) if last else ("", "")
-        known = last.verdict if last and last.verdict in STATES else "other"
+        state = self.look.state(last) if last else "other"
         return Card(
             robot=robot,
             title=last.title if last else robot,
-            state=known if last else "other",
+            state=state if state in STATES else "other",
             words=words or "new runs, no diagnosis",
             errors=errors,
             model=self._model(robot, last),
-            alarms=self._alarms(robot),
+            alarms=self._alarms(robot, last),
             runs=sum(row["robot"] == robot for row in self.rows(self.look.runs)),
             href=self.place.report(last.report, last.id) if last else None,
             warned=self._warned(last) if last else (),
@@ -148,21 +163,40 @@ class _Night:
                     self.place.report(each.report, each.id),
                 )
                 for each in found[1:]
+                if each.id not in self._asked()
             ),
         )
+
+    def _asked(self) -> set[str]:
+        """Diagnoses whose models wait: they stand among what waits."""
+        return {row["id"] for row in self.look.proposals if row["waits"]}
 
     def _warned(self, last: Diagnosed) -> tuple[str, ...]:
         # The name of its flow run begins with its title.
         own = f"{last.title}: "
         return tuple(words for name, words in self.warnings if name.startswith(own))
 
-    def _alarms(self, robot: str) -> str:
+    def _alarms(self, robot: str, last: Diagnosed | None) -> str:
+        """Return the alarms of a robot in one line, whatever their number.
+
+        Those of runs that a verdict with findings speaks of have their cause in it.
+        """
         rows = [r for r in self.rows(self.look.watched) if r["robot"] == robot]
-        count = sum(row["alarms"] for row in rows)
-        what = sorted({words for row in rows for words in row["what"] or ()})
-        if count:
-            return f"{count} alarm{'s' if count > 1 else ''}: {listing(what[:_MOST])}"
-        return "no alarm" if rows else "not watched"
+        if not any(row["alarms"] for row in rows):
+            return "no alarm" if rows else "not watched"
+        named = last is not None and last.verdict == "effects"
+        known = self.look.runs_of(last.id) if named else frozenset()
+        alarmed = {run for row in rows for run in row["alarmed"] or ()}
+        told = f"alarms in {_runs(len(alarmed))}"
+        if alarmed <= known:
+            return f"{told}, which this verdict explains"
+        open_ = [row for row in rows if not set(row["alarmed"] or ()) <= known]
+        what = sorted({words for row in open_ for words in row["what"] or ()})
+        more = f" and {len(what) - _MOST} more" if len(what) > _MOST else ""
+        some = ", ".join(what[:_MOST]) + more if more else listing(what)
+        explained = len(alarmed & known)
+        rest = f" ({_runs(explained)} of them this verdict explains)"
+        return f"{told}{rest if explained else ''}: {some}"
 
     def _model(self, robot: str, last: Diagnosed | None) -> str:
         new = [r for r in self.rows(self.look.adoptions) if r["robot"] == robot]
@@ -170,7 +204,11 @@ class _Night:
             return f"{new[0]['action']} (no. {int(new[0]['id'])})"
         waits = [p for p in self.look.proposals if p["robot"] == robot and p["waits"]]
         if waits:
-            return "a new model waits for a decision"
+            own = last is not None and waits[0]["id"] == last.id
+            whose = (
+                "its model" if own else f"the model of {_title(self.look, waits[0])}"
+            )
+            return f"{whose} waits for a decision"
         if last and last.model:
             return f"judged by its adopted model (no. {last.model})"
         return "judged by the nominal model" if last else ""
@@ -187,24 +225,38 @@ def _waiting(look: Look, past: History | None, place: Place) -> list[dict]:
         words = ", ".join(filter(None, look.words(row["id"])))
         where = place.report(row["report_id"], row["id"], "proposal.html")
         asks = place.flow_run(run.id) if run and run.state == "PAUSED" else None
-        out.append({**row, "words": words, "href": where, "asks": asks})
+        title = _title(look, row)
+        about = {"title": title, "words": words, "href": where, "asks": asks}
+        out.append({**row, **about})
     return out
+
+
+def _title(look: Look, row: Mapping) -> str:
+    """Return robot and number of the diagnosis that a proposal is of."""
+    titles = (each.title for each in look.diagnoses if each.id == row["id"])
+    return next(titles, row["robot"])
+
+
+def _runs(count: int) -> str:
+    return f"{count} run{'' if count == 1 else 's'}"
 
 
 def _tiles(
     cards: Sequence[Card],
-    inside: _Night,
+    refused: Sequence,
     waiting: Sequence,
     failed: Sequence | None,
 ) -> list[Tile]:
     seen = [card for card in cards if card.state != "other"]
-    off = sum(card.state in ("effects", "unknown") for card in seen)
-    alarms = sum(row["alarms"] for row in inside.rows(inside.look.watched))
+    off = sum(card.state in _OFF for card in seen)
+    alarms = [card.alarms for card in cards if card.alarms.startswith("alarms")]
+    open_ = sum("verdict explains" not in words for words in alarms)
     told = "no server answers" if failed is None else "flow runs"
     many = "–" if failed is None else str(len(failed))
     return [
         Tile("Robots diagnosed", str(len(seen)), f"{off} with something missing"),
-        Tile("Alarms", str(alarms), "of sensors"),
+        Tile("Alarms", str(len(alarms)), f"robots; {open_} without a cause"),
+        Tile("Refused", str(len(refused)), "logs of the inboxes"),
         Tile("Waiting", str(len(waiting)), "for your decision"),
         Tile("Failed", many, told),
     ]

@@ -74,11 +74,28 @@ WATCHED = f"""
     SELECT v.validation_id AS id, coalesce(unit.robot, v.robot) AS robot, v.created,
            count(a.run_id) AS alarms,
            count(DISTINCT a.run_id) AS runs,
-           list(DISTINCT concat('joint ', a.joint, ': ', a.sensor, ' ', a.fault))
+           list(DISTINCT a.run_id) FILTER (a.run_id IS NOT NULL) AS alarmed,
+           list(DISTINCT concat('joint ', a.joint, ': ',
+                                CASE WHEN starts_with(a.fault, a.sensor) THEN a.fault
+                                     ELSE concat(a.sensor, ' ', a.fault) END))
                FILTER (a.run_id IS NOT NULL) AS what
     FROM validations v LEFT JOIN alarms a ON a.validation_id = v.validation_id
     LEFT JOIN unit ON child = v.validation_id
     WHERE v.kind = 'monitor' GROUP BY ALL ORDER BY v.created DESC, id
+"""
+
+# The runs that a diagnosis speaks of: fitted, held out, or of the batch that it is for.
+RUNS_OF = """
+    SELECT parent AS id FROM lineage WHERE child = $id AND role IN ('fit', 'held_out')
+    UNION
+    SELECT run.parent FROM lineage run JOIN lineage named USING (child)
+    WHERE named.parent = $id AND named.role = 'diagnosis' AND run.role = 'batch'
+"""
+
+# Logs that an inbox refused, with the reason (`flows.inbox.run`).
+REFUSED = """
+    SELECT validation_id AS id, robot, verdict AS why, created
+    FROM validations WHERE kind = 'refused' ORDER BY created DESC, id
 """
 
 ADOPTIONS = f"""
@@ -102,7 +119,7 @@ MODELS = f"""
 
 RUNS = f"""
     SELECT run_id AS id, {_ROBOT.format("runs")} AS robot, source, trajectory,
-           duration_s, seed, created, quarantined
+           duration_s, seed, created, quarantined, log, tags
     FROM runs ORDER BY created DESC, run_id
 """
 

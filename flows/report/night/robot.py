@@ -59,7 +59,8 @@ def _tiles(found: Sequence[Diagnosed], own: Mapping, look: Look) -> list[Tile]:
     back = last is not None and last["diagnosis_id"] is None
     model = "nominal" if last is None or back else f"no. {int(last['id'])}"
     since = f"since {last['created']:%Y-%m-%d}" if last else "as it was described"
-    alarms, times = sum(row["alarms"] for row in own["watched"]), len(own["watched"])
+    alarms = sum(bool(row["alarms"]) for row in own["watched"])
+    times = len(own["watched"])
     watched = f"watched {times} time{'' if times == 1 else 's'}"
     tiles = [
         Tile("Model", model, since),
@@ -70,7 +71,8 @@ def _tiles(found: Sequence[Diagnosed], own: Mapping, look: Look) -> list[Tile]:
     if found and known(found[0].before):
         after = percent(found[0].after)
         fall = f"{bare_percent(found[0].before)} → {after}"
-        tiles.insert(1, Tile("Held-out error", fall, "its model → with the findings"))
+        end = "with the findings" if found[0].verdict == "effects" else "refitted"
+        tiles.insert(1, Tile("Held-out error", fall, f"its model → {end}"))
     return tiles
 
 
@@ -83,7 +85,7 @@ def _verdict(each: Diagnosed, look: Look, place: Place) -> dict:
     return {
         "title": f"#{each.number}",
         "created": each.created,
-        "state": each.verdict,
+        "state": look.state(each),
         "words": words,
         "before": each.before,
         "after": each.after,

@@ -97,6 +97,8 @@ def title(fault: Fault) -> str:
 _NAMED_AT_MOST = 3
 _SURE = 0.9
 _REFIT = ("nominal", "identified")
+_FALLS = 2.0  # times the error after a refit: half of it was in the given values
+VALUES_OFF = "no effect missing, its values were off"
 _WORSE = 1.02  # times the error before: less is no difference
 _NO_MODEL, _NO_NOMINAL = 50.0, 200.0  # % of torque: no model of these logs
 _CANNOT_TELL = "These data cannot tell a name in brackets from the one before it."
@@ -362,16 +364,28 @@ def finding(verdict: Verdict) -> str:
     if verdict.verdict == "unknown":
         where = joint_words(verdict.unexplained.joints, verdict.dof)
         return f"unknown{f' on {where}' if where else ''}"
-    return "nothing missing"
+    return VALUES_OFF if _fall(verdict) else "nothing missing"
 
 
 def errors(verdict: Verdict) -> str:
     """Return the held-out error before and after, or the one there is; "" for none."""
     found = change(verdict) if verdict.verdict == "effects" else None
-    if found:
-        return f"{bare_percent(found.before)} → {percent(found.after)}"
+    pair = found[1:] if found else _fall(verdict)
+    if pair:
+        return f"{bare_percent(pair[0])} → {percent(pair[1])}"
     found, _ = level(verdict.error)
     return percent(found) if known(found) else ""
+
+
+def _fall(verdict: Verdict) -> tuple[float, float] | None:
+    """Return the error as given and refitted, where that is what was wrong."""
+    if verdict.verdict != "none":
+        return None
+    for stages, _ in _levels(verdict.error):
+        before, after = map(stages.get, _REFIT)
+        if known(before) and known(after):
+            return (before, after) if before > _FALLS * after else None
+    return None
 
 
 def _named(effect: Finding, verdict: Verdict) -> str:

@@ -50,9 +50,10 @@ def test_a_night_says_what_is_missing_where_and_what_waits(nights):
     seen = words(page(nights, "night/latest.html"))
     assert "two_link #1: payload" in seen
     assert "1 with something missing" in seen
-    assert "1 alarm: joint 2: torque gain drop" in seen.lower()
+    assert "alarms in 1 run, which this verdict explains" in seen.lower()
     assert f"modelgap adopt {nights.missing[:8]}" in seen
-    assert "nothing missing" in seen.lower()
+    assert "no effect missing, its values were off" in seen.lower()
+    assert "nothing missing" not in seen.lower()  # its error halved by new values
     assert "no server answers" in seen
 
 

@@ -1,0 +1,203 @@
+"""A morning: four logs with a load, healthy runs, a log that was refused; one story."""
+
+import re
+
+import pyarrow as pa
+import pytest
+
+from flows.cli import main
+from flows.inbox.new import new_runs, robot_of_runs
+from flows.inbox.run import inboxes, take_all
+from flows.inbox.take import REFUSED, in_an_inbox, look
+from flows.project.deployments import deployments
+from flows.project.read import read_project
+from flows.report.night.site import Site
+from flows.service.pages import Tickets, with_pages
+from flows.service.status import _refused
+from flows.service.up import stale_rule
+from flows.steps.monitor import _schema, diagnosis_of, healthy_runs
+from flows.storage.diagnosis import store_report
+from tests.flows.asgi import OURS, answer, prefect, scope, signed
+from tests.flows.night.stores import diagnose
+from tests.residual.arms import urdf_text
+from tests.warehouse import store_samples as made
+from warehouse.commit import commit_record, commit_run
+from warehouse.robots import keep_robot
+
+TEXT = """schema = 1
+[[robot]]
+name = "cell"
+urdf = "arm.urdf"
+[[inbox]]
+robot = "cell"
+folder = "in"
+quiet = 0
+[[inbox]]
+robot = "cell"
+folder = "good"
+tags = ["healthy"]
+"""
+ALARMS = 14
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    (tmp_path / "arm.urdf").write_text(urdf_text())
+    (tmp_path / "modelgap.toml").write_text(TEXT)
+    return read_project(tmp_path)
+
+
+def measured(project, seed: int, *tags: str) -> str:
+    """Store a run as an inbox does; returns its id."""
+    arm = project.arm(project.robot("cell"))
+    log = made.recording(seed, robot=arm.name)
+    about = {"source": "imported", "kind": "log", "robot_hash": arm.content_hash}
+    told = {**about, "tags": list(tags), "log": {"file": f"monday_{seed}.csv"}}
+    keep_robot(project.store, project.word(project.robot("cell")), arm)
+    return commit_run(project.store, log, told)
+
+
+@pytest.fixture
+def morning(project):
+    """What a night leaves: healthy runs, loads, alarms, a verdict, a refusal."""
+    store, arm = project.store, project.arm(project.robot("cell"))
+    healthy = [measured(project, seed, "healthy") for seed in range(3)]
+    loads = tuple(measured(project, seed) for seed in range(3, 7))
+    rows = [
+        {
+            "run_id": loads[k % 4],
+            "time": 0.01 * k,
+            "until": 0.4,
+            "joint": 1 + k % 2,
+            "sensor": "torque",
+            "fault": "torque bias",
+            "kind": "t2",
+            "score": 3.0,
+        }
+        for k in range(ALARMS)
+    ]
+    table = {"alarms": pa.Table.from_pylist(rows, schema=_schema())}
+    told = {"robot": arm.name, "kind": "monitor"}
+    parents = {"watched": list(loads), "calibration": healthy}
+    commit_record(store, "validations", told, table, parents)
+    folder = project.folder / "in"
+    folder.mkdir()
+    (folder / "bad.csv").write_text("t,q1\n0,1\n")
+    (inbox, _) = inboxes(project)
+    (taken,) = take_all(inbox, look(folder), lambda runs: None)
+    assert taken.what == REFUSED
+    verdict = made.verdict(robot=arm.name)
+    id = diagnose(store, loads, verdict)
+    batch = {"robot": arm.name, "kind": "batch", "project": "cell"}
+    commit_record(
+        store, "validations", batch, parents={"diagnosis": [id], "batch": list(loads)}
+    )
+    asked = {"robot": arm.name, "kind": "proposal", "parent": None, "findings": []}
+    store_report(store, asked, id, {"proposal.html": b"<html>"})
+    return id, loads, healthy
+
+
+def seen(store) -> str:
+    """What a reader sees of the night, as the server gives it."""
+    asked = scope(path="/pages/night/latest.html", given=[signed()])
+    asked |= {"raw_path": b"/pages/night/latest.html"}
+    app = with_pages(prefect, OURS, Site(store), Tickets())
+    page = b"".join(p.get("body", b"") for p in answer(app, asked)).decode()
+    return re.sub(r"\s+", " ", re.sub(r"<style>.*?</style>|<[^>]+>", " ", page))
+
+
+def test_a_morning_is_one_diagnosis_one_alarm_line_and_says_what_was_refused(
+    project, morning
+):
+    id, _, _ = morning
+    page = seen(project.store)
+    name = project.arm(project.robot("cell")).name
+    title = re.search(r"(\S+ #1: payload .*?refused\.)", page)[1]
+    assert title.startswith(f"{name} #1: payload")
+    assert title.endswith("1 log was refused.")
+    assert f"{name} #2" not in page
+    assert page.lower().count("alarms in 4 runs, which this verdict explains") == 1
+    assert "bias" not in page  # its alarms have their cause in the verdict
+    assert "its model waits for a decision" in page.lower()
+    assert page.count(f"modelgap adopt {id[:8]}") == 1
+    assert ": bad.csv: missing column" in page
+    assert "nothing missing" not in page.lower()
+
+
+def test_alarms_that_no_verdict_explains_say_what_they_are(project, morning):
+    _, loads, _ = morning
+    arm = project.arm(project.robot("cell"))
+    other = made.verdict(robot=arm.name, verdict="none", effects=[])
+    diagnose(project.store, loads[:2], other)  # the latest, and it names nothing
+    page = seen(project.store).lower()
+    words = "alarms in 4 runs: joint 1: torque bias and joint 2: torque bias"
+    assert page.count(words) == 1
+    assert "torque torque" not in page
+
+
+def test_status_says_what_was_refused(project, morning):
+    (row,) = _refused(project.store)
+    assert row["why"].startswith("bad.csv: ")
+
+
+def test_runs_are_listed_with_their_logs_and_tags(project, morning, capsys):
+    assert main(["runs"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("monday_") == 7
+    assert out.count("healthy") == 3
+
+
+def test_what_an_alarm_and_a_schedule_diagnose_is_one(project, morning):
+    id, loads, healthy = morning
+    table = project.robot("cell")
+    assert robot_of_runs(project, loads) == table
+    # All that is new was taken: whoever comes second finds nothing.
+    assert new_runs(project.store, project.arm(table), table) is None
+    assert diagnosis_of(loads, project.store) == id
+    assert diagnosis_of((*loads, healthy[0]), project.store) is None
+    new = measured(project, 9)
+    batch = new_runs(project.store, project.arm(table), table)
+    assert (batch.runs, sorted(batch.baseline)) == ((new,), sorted(healthy))
+    assert robot_of_runs(project, [made.commit(project.store, 3)]) is None
+
+
+def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, morning):
+    _, loads, healthy = morning
+    assert healthy_runs(loads, project.store) == tuple(sorted(healthy))
+    assert healthy_runs([healthy[0]], project.store) == tuple(sorted(healthy[1:]))
+    assert healthy_runs(loads, project.store, "good=yes") == ()
+
+
+def test_an_alarm_of_a_project_is_told_whose_it_is(project):
+    found = {d["name"]: d for d in deployments(project)["deployments"]}
+    for name in ("monitor", "diagnose"):
+        assert found[name]["parameters"] == {"project": str(project.folder)}
+    (trigger,) = found["diagnose"]["triggers"]
+    assert trigger["parameters"]["alarm"] is True
+
+
+def test_who_waits_for_an_answer_need_not_give_signs_of_life():
+    expected = stale_rule()["trigger"]["expect"]
+    assert {"prefect.flow-run.Suspended", "prefect.flow-run.Paused"} <= set(expected)
+
+
+def test_the_inboxes_are_there_before_the_server_is(project):
+    assert [inbox.folder.is_dir() for inbox in inboxes(project)] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("why", "there", "gone"),
+    [
+        ("Degrees? Say so in --map: q = {unit = 'deg'}.", "in COLUMNS.toml: q =", "--"),
+        ("or say which is which with --map COLUMNS.toml.", "with COLUMNS.toml", "--"),
+        ("is the unit of time right (--map)?", "(COLUMNS.toml)", "--map"),
+        ("Mend it. Or go on with --trust-log (trust_log=True).", "Mend it.", "trust"),
+    ],
+)
+def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
+    told = in_an_inbox(why)
+    assert there in told
+    assert gone not in told
+    assert ('under [[inbox]]: map = "COLUMNS.toml"' in told) == ("--map" in why)
