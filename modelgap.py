@@ -25,9 +25,8 @@ if TYPE_CHECKING:  # for editors
         diagnose,
         identify,
     )
-    from flows.door.store import Store, open_store
-    from flows.door.table import Table
-    from flows.inputs.robots import load as load_robot
+    from flows.door.store import Store, Table, open_store
+    from flows.inputs.given import load as load_robot
     from flows.storage.null import read_null as load_null
     from residual.check.result import LogCheck
     from residual.diagnosis.result import (
@@ -82,9 +81,8 @@ _PLACES = {
         "diagnose",
         "identify",
     ),
-    "flows.door.store": ("Store", "open_store"),
-    "flows.door.table": ("Table",),
-    "flows.inputs.robots": ("load_robot",),
+    "flows.door.store": ("Store", "Table", "open_store"),
+    "flows.inputs.given": ("load_robot",),
     "flows.storage.null": ("load_null",),
     "residual.check.result": ("LogCheck",),
     "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),

@@ -80,9 +80,8 @@ def _exported(args: argparse.Namespace, seed: int, place: Path, pool: Pool) -> P
         place.mkdir(parents=True, exist_ok=True)
         count, seconds = _QUICK if args.quick else _FULL
         asked = Asked(count, seed, duration=seconds, background=args.background)
-        run = place / "store", pool
         arm = (seed + 1) % 2  # the built-in one is 0
-        export_study(asked, (arm,), folder, run, _tell)
+        export_study(asked, (arm,), folder, place / "store", pool, _tell)
     return folder
 
 

@@ -7,9 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from residual.errors import InputError
+from residual.errors import InputError, plain
 from residual.lazy import Lazy
-from residual.names import plain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -108,11 +107,7 @@ def read_files(words: Iterable[str], *files: str | None) -> list[Path]:
 
 
 def in_folder(folder: str, files: Mapping[str, bytes]) -> dict[Path, bytes]:
-    """Return files by where they go, in a folder that is made if it is not there.
-
-    Args:
-        files: Content by name.
-    """
+    """Return files by where they go, in a folder that is made if it is not there."""
     Path(folder).mkdir(exist_ok=True)
     return {Path(folder) / name: content for name, content in files.items()}
 

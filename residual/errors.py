@@ -1,4 +1,9 @@
-"""What can go wrong with input, said in words that help."""
+"""What can go wrong with input and in runs, in words that help; names, with a hint."""
+
+import re
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from typing import TypeVar
 
 
 class ModelgapError(Exception):
@@ -19,3 +24,100 @@ class RecordingError(InputError):
 
 class UnknownNameError(InputError):
     """A name is not known; the message gives the nearest one that is."""
+
+
+class RunError(Exception):
+    """A run did not come to its end, through no fault of its input; exit code 1."""
+
+
+# Names that users type, checked with a hint, and joints as they are listed.
+
+
+Content = TypeVar("Content")
+
+# Levels of tables and lists in a file; none of ours has a third of it, and what walks
+# through them by calling itself ends at some hundreds.
+DEEPEST = 64
+# What steers a terminal, turns the order of what is read, or is half a character.
+CONTROL = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+LINE = 120  # characters of a value in a message
+
+
+def check_name(name: str, known: Iterable[str], what: str) -> str:
+    """Return the name if it is known.
+
+    Args:
+        what: What the name stands for, as the message begins: "effect".
+
+    Returns:
+        The same name.
+
+    Raises:
+        UnknownNameError: If it is not one of them; the message has the nearest.
+    """
+    valid = sorted(known)
+    if name in valid:
+        return name
+    shown = shortened(name)
+    near = get_close_matches(str(name).lower(), valid, n=1, cutoff=0.5)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    raise UnknownNameError(
+        f"Unknown {what} '{shown}': {hint}Valid: {', '.join(valid) or 'none'}."
+    )
+
+
+def shortened(value: object) -> str:
+    """Return a value as a message has it: a line of it says enough."""
+    text = str(value)
+    return text if len(text) <= LINE else f"{text[: LINE - 3]}..."
+
+
+def plain(text: str) -> str:
+    """Return a stranger's text so that it does nothing to a terminal or an encoder.
+
+    What steers a terminal stands as its escape; lines and tabs stay.
+    """
+    return CONTROL.sub(lambda found: repr(found[0])[1:-1], text)
+
+
+def shown(value: object) -> str:
+    """Return a value as Python writes it, shortened: texts in quotes, others bare."""
+    try:
+        return shortened(repr(value))
+    except ValueError:  # Python writes no number of more than 4300 digits
+        return "a number of thousands of digits"
+
+
+def check_keys(table: Iterable[str], known: Iterable[str], where: str) -> None:
+    """Check every key of one table of a TOML file."""
+    known = tuple(known)
+    for key in table:
+        check_name(key, known, f"key in {where}")
+
+
+def listed(values: Iterable, form: str = "") -> str:
+    """Return values as a list: '1, 2, 5'."""
+    return ", ".join(format(value, form) for value in values)
+
+
+def joints_listed(numbers: Sequence[int]) -> str:
+    """Return joints, from 1, as a sentence has them: 'joint 2', 'joints 2, 3'."""
+    return f"joint{'s' if len(numbers) > 1 else ''} {listed(numbers)}"
+
+
+def check_nesting(content: Content, where: str) -> Content:
+    """Return the content of a TOML or JSON file if it is not nested too deep."""
+    level: list = [content]
+    for _ in range(DEEPEST + 1):
+        inside = (part for part in level if isinstance(part, dict | list))
+        level = [
+            item
+            for part in inside
+            for item in (part.values() if isinstance(part, dict) else part)
+            if isinstance(item, dict | list)
+        ]
+        if not level:
+            return content
+    raise InputError(f"{where} is nested too deep, expected up to {DEEPEST} levels.")

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from residual.errors import InputError
-from residual.names import check_name
+from residual.errors import InputError, check_name
 from residual.recording import Array
 from residual.robot.robot import Robot, robot_from_texts
 from sim.effects.base import Effect, Here, Joints, Rng

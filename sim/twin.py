@@ -14,8 +14,8 @@ from scipy.ndimage import maximum_filter1d
 
 from residual.errors import InputError
 from residual.recording import Array, Recording
+from residual.robot.files import Declared
 from residual.robot.robot import Robot
-from residual.robot.toml import Declared
 from sim.engine.records import PlantSpec, Rates, Reference
 from sim.plant import tables as at
 from sim.plant.arm import build_arm

@@ -23,13 +23,13 @@ ROOT = Path(__file__).parents[1]
 ROOMS = ("flows", "residual", "sim", "warehouse")
 
 # What each folder may import of ours; flows may import everything.
-RECORDS = {f"residual.{name}" for name in ("recording", "robot", "errors", "names")}
+RECORDS = {f"residual.{name}" for name in ("recording", "robot", "errors")}
 ALLOWED = {
     "residual": {"residual"},
     "sim": {
         "sim",
         *RECORDS,
-        "residual.threads",
+        "residual.lazy",
         "residual.robot.dynamics",
         "residual.robot.base_parameters",
     },
@@ -61,12 +61,18 @@ LATE = {
     # Its library is a slow import, and of no use to a store in a folder.
     "warehouse/query/store.py": {"warehouse"},
     "warehouse/__init__.py": {"warehouse"},
-    "flows/door/table.py": {"polars"},
+    "flows/door/store.py": {"polars"},
     "flows/cli/fit.py": {"flows"},
 }
 MOST_LATE, MOST_FILES = 30, 21
 MAX_LINES = 500
 MAX_BODY = 50
+# A smaller module with one importer moves into it, or says why it stands alone.
+LEAST_LINES = 130
+ALONE = re.compile(r"\b(alone|apart|by itself)\b")
+# Rooms of the method that decide something, each by one record.
+DECIDING = ("check", "epochs", "evidence", "monitoring")
+THRESHOLDS = re.compile(r".*(Rules|Thresholds)")
 
 
 def _sources(*folders: str) -> list[Path]:
@@ -371,3 +377,73 @@ def test_every_folder_with_code_is_a_package_and_tests_are_not():
     ]
     assert bare == []
     assert list((ROOT / "tests").rglob("__init__.py")) == []
+
+
+def _is_bag(annotation: ast.expr, aliases: dict[str, ast.expr]) -> bool:
+    """Whether a parameter is a tuple of unlike things, or a row of three or more.
+
+    A tuple of like things is a vector, one with ``...`` a sequence, and pairs within a
+    collection are keys with what belongs to them; all else has names: arguments, or a
+    record.
+    """
+    for node in ast.walk(annotation):
+        own = aliases.get(getattr(node, "id", ""), node)
+        if not (isinstance(own, ast.Subscript) and ast.unparse(own.value) == "tuple"):
+            continue
+        kinds = getattr(own.slice, "elts", [own.slice])
+        unlike = len({ast.unparse(kind) for kind in kinds}) > 1
+        row = node is annotation or isinstance(annotation, ast.BinOp) or len(kinds) > 2
+        if unlike and row and "..." not in map(ast.unparse, kinds):
+            return True
+    return False
+
+
+def test_no_parameter_is_a_bag_of_unlike_things():
+    wrong = []
+    for path in _modules().values():
+        aliases = {
+            target.id: node.value
+            for node in ast.parse(path.read_text(encoding="utf-8")).body
+            if isinstance(node, ast.Assign)
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        for node in _nodes(path):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                every = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
+                wrong += [
+                    f"{_name(path)}:{arg.lineno} {node.name}({arg.arg})"
+                    for arg in every
+                    if arg.annotation and _is_bag(arg.annotation, aliases)
+                ]
+    assert wrong == []
+
+
+def _importers() -> Counter:
+    return Counter(other for others in _edges().values() for other in others)
+
+
+def test_a_small_module_with_one_importer_says_why_it_stands_alone():
+    """An effect is a file by design; who has no importer is called by its name."""
+    small = [
+        (name, ast.get_docstring(ast.parse(text)) or "")
+        for name, path in _modules().items()
+        if path.stem != "__init__" and _importers()[name] == 1
+        if len((text := path.read_text(encoding="utf-8")).splitlines()) < LEAST_LINES
+    ]
+    assert [n for n, told in small if not ALONE.search(told.split("\n")[0])] == []
+
+
+def _is_of_thresholds(node: ast.AST) -> bool:
+    return isinstance(node, ast.ClassDef) and bool(THRESHOLDS.fullmatch(node.name))
+
+
+def test_a_room_has_one_record_of_thresholds():
+    found: dict[str, list[str]] = {}
+    for path in _sources("residual"):
+        records = [n.name for n in _nodes(path) if _is_of_thresholds(n)]
+        found.setdefault(_name(path.parent), []).extend(records)
+        assert not records or path.stem == "rules", _name(path)
+    deciding = {f"residual/{room}" for room in DECIDING}
+    assert {room for room, names in found.items() if names} == deciding
+    assert {tuple(found[room]) for room in deciding} == {("Rules",)}

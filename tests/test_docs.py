@@ -9,7 +9,7 @@ import pytest
 from flows.cli.app import app
 from residual.effects import vocabulary
 from residual.model.nominal import DEFAULT_DECLARED
-from residual.robot.toml import parse_toml, read_robot_toml
+from residual.robot.files import parse_toml, read_robot_toml
 from warehouse.logs.columns import load_columns
 
 ROOT = Path(__file__).parents[1]

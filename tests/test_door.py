@@ -13,7 +13,7 @@ import pytest
 
 import modelgap as mg
 from flows.door.results import Diagnosis
-from flows.door.table import Table
+from flows.door.store import Table
 from residual.diagnosis.result import (
     ErrorTables,
     Evidence,

@@ -21,16 +21,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from residual.errors import InputError, ModelgapError
-from residual.names import CONTROL
+from residual.errors import CONTROL, InputError, ModelgapError
 from warehouse.commit import SPEC, TRUTH
 from warehouse.files import SUMS, publish, replace_file, staged
 from warehouse.ids import ID_DIGITS, seal_folder
 from warehouse.layout import Found, find, needed, read_record
 from warehouse.mirror import brought, ensure_local, is_there
 from warehouse.provenance import MADE_WITH, check_kept, files_of
-from warehouse.robots import ROBOTS, robot_folder
-from warehouse.runs import open_seal, read_manifest
+from warehouse.runs import ROBOTS, open_seal, read_manifest, robot_folder
 from warehouse.schema import KINDS, SAMPLES_FILE, SEALED
 from warehouse.verify import check_robot, faults, read_row
 

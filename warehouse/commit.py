@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from residual.errors import InputError
-from residual.names import check_keys, check_name
+from residual.errors import InputError, check_keys, check_name
 from residual.recording import Recording
 from warehouse import ids
 from warehouse.catalogue import remember

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from residual.errors import InputError
-from residual.names import check_name
+from residual.errors import InputError, check_name
 from warehouse.schema import KINDS, SEALED
 
 Array = np.ndarray

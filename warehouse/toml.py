@@ -6,8 +6,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from residual.errors import InputError
-from residual.names import check_name, check_nesting, shortened, shown
+from residual.errors import InputError, check_name, check_nesting, shortened, shown
 
 Record = TypeVar("Record")
 

@@ -30,8 +30,7 @@ from warehouse.mirror import (
     sums_in,
 )
 from warehouse.provenance import MADE_WITH, check_kept
-from warehouse.robots import ROBOTS
-from warehouse.runs import open_seal
+from warehouse.runs import ROBOTS, open_seal
 from warehouse.schema import (
     KINDS,
     QUARANTINE,

@@ -23,7 +23,7 @@ from benchmarks.harness.cases import guarded
 from benchmarks.synthetic.other_forms import FORMS
 from flows.blind.draw import vocabulary
 from flows.blind.row import draw_sized
-from flows.inputs.logs import LogSets
+from flows.inputs.given import LogSets
 from flows.requests import Diagnose
 from flows.steps.check import check
 from flows.steps.diagnose import diagnose

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.check_parts.arms import SIGNALS, Host, Spoiled, Table, table_of
-from flows.inputs.logs import LogSets, read_sets
+from flows.inputs.given import LogSets, read_sets
 from flows.steps.check import check
 from residual.check.motion import Motion, thin_rows
 from residual.check.result import Fault, LogCheck

@@ -22,7 +22,7 @@ from residual.model.compare import prepare_held_out
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from residual.signals.pieces import session_clock
+from residual.signals.logs import session_clock
 from residual.signals.track import Filters, at_samples
 from warehouse.logs import read_log
 

@@ -18,10 +18,9 @@ import pinocchio as pin
 from benchmarks.harness.figures import Figures, figure, missing
 from benchmarks.measured_parts.arms import data_folder
 from benchmarks.synthetic.motions import make_motion
-from residual.identification.consistency import consistent
 from residual.identification.estimate import Options
 from residual.identification.identify import Identification, identify
-from residual.identification.prove import torque_errors
+from residual.identification.prove import consistent, torque_errors
 from residual.model.export import robot_files
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs, start_nominal

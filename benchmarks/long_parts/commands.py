@@ -22,7 +22,7 @@ from benchmarks.synthetic.motions import FAMILIES, make_motion
 from residual.diagnosis.result import Diagnosis
 from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
-from residual.signals import pieces
+from residual.signals import logs as pieces
 from sim.draw import draw
 from sim.engine.records import Reference, stream
 from sim.plant.sizes import usual_limits

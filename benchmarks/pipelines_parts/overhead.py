@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from time import perf_counter, sleep
 from typing import Any
@@ -46,14 +47,14 @@ class Sleepers:
     def __init__(self, pool: Any) -> None:
         self._pool = pool
 
-    def run(self, _work: object, jobs: Sequence[tuple]) -> Iterator:
+    def run(self, _work: object, jobs: Sequence[partial]) -> Iterator:
         """Yield jobs as they are done (`flows.workers.pool.Pool.run`)."""
         from flows.steps.experiment import run_id_of
         from flows.workers.pool import Done
         from warehouse.ids import record_folder
 
         for done in self._pool.run(sleep, [_NAP] * len(jobs)):
-            spec, store = jobs[done.index]
+            spec, store, _ = jobs[done.index].args
             id = run_id_of(spec)
             record_folder(store, "runs", id, "irb140").mkdir(parents=True)
             yield Done(done.index, id, done.error)

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 
 from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.specs.experiment import derived_seed
 from residual.effects import registry
-from residual.errors import InputError
-from residual.names import check_name
+from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
 from sim.engine.records import BACKGROUNDS, CLEAN, BackgroundWord, stream
 from sim.plant.catalogue import kinds, unnamed

@@ -4,21 +4,21 @@ First an arm with nothing to hide in every excitation, which says how small an e
 would still be seen there; then the cases, whose sizes are told in that unit.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from flows.blind import steps
 from flows.blind.draw import Asked, Excitation, drafts
 from flows.blind.sums import summary
-from flows.errors import RunError
 from flows.outputs import Progress
 from flows.settings import cores
 from flows.storage.diagnosis import read_verdict
-from flows.workers.pool import Here, Pool
+from flows.workers.pool import Here, Pool, plainly
 from residual.diagnosis.result import Detectable
-from residual.errors import InputError, ModelgapError
+from residual.errors import RunError
 from sim.engine.records import CLEAN, BackgroundWord
 from warehouse.commit import commit_record
 from warehouse.layout import read_record
@@ -53,7 +53,6 @@ def run_study(
     """Run what is not in the store, and conclude.
 
     Args:
-        tell: Told what is done and the share of it.
         pool: Processes to use; without it, own ones for the time being.
         workers: How many own processes; None for one per core.
 
@@ -65,7 +64,7 @@ def run_study(
             return run_study(asked, store, tell, own)
     minima, lost = run_nulls(asked, store, tell, pool)
     done, known, failed = run_cases(asked, store, minima, tell, pool)
-    return conclude(asked, store, done, (known, [*lost, *failed]))
+    return conclude(asked, store, done, known, [*lost, *failed])
 
 
 def run_nulls(
@@ -89,9 +88,9 @@ def null_sizes(
     keys = {e.index: steps.key_of(steps.null_specs(own, e)) for own, e in wanted}
     ids = steps.finished(store, steps.NULL)
     todo = [(own, e) for own, e in wanted if keys[e.index] not in ids]
-    jobs = [(own, e, keys[e.index], store) for own, e in todo]
+    jobs = [partial(steps.run_null, own, e, keys[e.index], store) for own, e in todo]
     failed = []
-    for count, (at, value, why) in enumerate(run_jobs(_null, jobs, pool), start=1):
+    for count, (at, value, why) in enumerate(run_jobs(jobs, pool), start=1):
         number = todo[at][1].index
         if value is None:
             failed.append(f"excitation {number} and its cases: {why}")
@@ -127,8 +126,8 @@ def run_cases(
     ids = steps.finished(store, steps.CASE)
     todo = [case for case in cases if case.key not in ids]
     failed = []
-    jobs = [(asked, case, store) for case in todo]
-    for count, (at, value, why) in enumerate(run_jobs(_case, jobs, pool), start=1):
+    jobs = [partial(steps.run_case, asked, case, store) for case in todo]
+    for count, (at, value, why) in enumerate(run_jobs(jobs, pool), start=1):
         number = todo[at].draft.index
         if value is None:
             failed.append(f"case {number}: {why}")
@@ -143,17 +142,17 @@ def run_cases(
 
 
 def conclude(
-    asked: Asked, store: Path, done: Sequence[str], rest: tuple[int, Sequence[str]]
+    asked: Asked, store: Path, done: Sequence[str], known: int, failed: Sequence[str]
 ) -> Study:
     """Sum up the cases and store that.
 
     Args:
         done: Ids of the validations of its cases, in order.
+        known: How many of them were in the store before.
 
     Raises:
         RunError: If there is no case.
     """
-    known, failed = rest
     if not done:
         raise RunError(f"No case came to its end: {failed[0] if failed else 'none'}")
     cases = {id: read_record(store, id) for id in done}
@@ -187,26 +186,10 @@ def _excitations(asked: Asked) -> list[Excitation]:
     return list(unique.values())
 
 
-def run_jobs(work: Callable, jobs: Sequence, pool: Pool | Here):
+def run_jobs(
+    jobs: Sequence[Callable], pool: Pool | Here
+) -> Iterator[tuple[int, Any, str]]:
     """Yield number, value and, where there is none, the reason."""
-    for done in pool.run(work, jobs):
+    for done in pool.run(plainly, jobs):
         why = " ".join(str(done.error).split()) if done.error else ""
         yield done.index, done.value, why
-
-
-def _null(job: tuple) -> str:
-    return report_failure(steps.run_null, job)
-
-
-def _case(job: tuple) -> str:
-    return report_failure(steps.run_case, job)
-
-
-def report_failure(work: Callable, job: Any) -> Any:
-    """Do it; whatever it raises can cross to the parent process."""
-    try:
-        return work(job)
-    except ModelgapError as error:
-        raise InputError(str(error)) from None
-    except Exception as error:
-        raise RunError(f"{type(error).__name__}: {error}") from error

@@ -17,8 +17,7 @@ import pyarrow as pa
 from flows.blind.draw import Asked, Draft, Excitation, arm_of, motions
 from flows.blind.row import Hidden, case_row, draw_sized, measured, true_parameters
 from flows.blind.score import UNKNOWN
-from flows.errors import RunError
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of
@@ -29,8 +28,9 @@ from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable
 from residual.diagnosis.verdict import to_json
 from residual.effects import registry, reported_joints
+from residual.errors import RunError
+from residual.lazy import one_blas_thread
 from residual.quantity import plain
-from residual.threads import one_blas_thread
 from sim.engine.records import PlantEffect, stream
 from warehouse import runs as stored
 from warehouse.commit import commit_record
@@ -105,16 +105,15 @@ def run_experiments(
     return {"fit": ids[:-held_out], "held_out": ids[-held_out:]}
 
 
-def run_null(job: tuple[Asked, Excitation, str, Path]) -> str:
+def run_null(asked: Asked, excitation: Excitation, key: str, store: Path) -> str:
     """Run and diagnose an arm that hides nothing; store what it would have shown.
 
     Args:
-        job: The study, the excitation, the key of the case, the store.
+        key: Key of the case (`key_of`).
 
     Returns:
         The id of the validation with the minimum detectable sizes.
     """
-    asked, excitation, key, store = job
     specs = null_specs(asked, excitation)
     runs = run_experiments(specs, len(excitation.held_out), store)
     ids = diagnose_runs(request_of(runs, store))
@@ -128,9 +127,8 @@ def run_null(job: tuple[Asked, Excitation, str, Path]) -> str:
     return commit_record(store, "validations", record, None, {"diagnosis": [ids[0]]})
 
 
-def run_case(job: tuple[Asked, Case, Path]) -> str:
+def run_case(asked: Asked, case: Case, store: Path) -> str:
     """Run, diagnose and judge one case; what is stored of it is not made again."""
-    asked, case, store = job
     if key_of(case.specs) != case.key:
         # A process loads the code anew: its rows would be under the key of another.
         raise RunError(
@@ -141,21 +139,25 @@ def run_case(job: tuple[Asked, Case, Path]) -> str:
     begun = perf_counter()
     ids = diagnose_runs(request_of(runs, store))
     seconds = perf_counter() - begun
-    return judge(asked, case, (runs, ids, seconds), store)
+    return judge(asked, case, runs, ids, seconds, store)
 
 
 def judge(
-    asked: Asked, case: Case, done: tuple[Runs, tuple[str, str], float], store: Path
+    asked: Asked,
+    case: Case,
+    runs: Runs,
+    ids: tuple[str, str],
+    seconds: float,
+    store: Path,
 ) -> str:
     """Open the seal of a case whose verdict is in the store, and score it.
 
     Args:
-        done: Its runs, the ids of diagnosis and proof, and what that took [s].
+        seconds: What they took [s].
 
     Returns:
         The id of the validation: one row of the view ``blind``.
     """
-    runs, ids, seconds = done
     # The verdict as it was committed: without one there is nothing to judge.
     verdict = read_outcome(store, ids[1]).verdict
     robot, draft = load(asked.robot), case.draft

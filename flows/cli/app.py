@@ -1,17 +1,24 @@
-"""All commands by name and group. Each is loaded only when it runs.
+"""All commands by name and group, each loaded only when it runs; what they share.
 
 Only here, and for optional extras, is anything loaded late: `modelgap --help` loads no
 numerics, and a command loads what it needs and no more.
 """
 
 import ast
+import errno
+import os
 import re
-from collections.abc import Sequence
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from cyclopts import App, Group
+from cyclopts import App, CycloptsError, Group
+from rich.console import Console
 
+from flows.outputs import check_writable, json_text, say, write_all
+from residual.errors import LINE, InputError, ModelgapError, RunError, plain, shortened
 from residual.lazy import Lazy
 
 origin = Lazy("warehouse.provenance")
@@ -158,3 +165,168 @@ def run(words: Sequence[str]) -> None:
         print_error=False,
         result_action="return_value",
     )
+
+
+# What the commands have in common: limits of numbers, and files that they write.
+
+
+STDOUT = "-"
+# As in the files of experiments (flows/specs/experiment.py).
+LONGEST, MOST_PERIODS, FASTEST, SEEDS = 600.0, 100, 20_000.0, 2**63 - 1
+
+Make = Callable[[], str | bytes]
+
+
+def check_between(option: str, value: float, low: float, high: float) -> None:
+    """Refuse a number that no run ends with.
+
+    Raises:
+        InputError: If it is not from low to high, or no number.
+    """
+    if not low <= value <= high:
+        raise InputError(f"{option} {value:g}: expected {low:g} to {high:g}.")
+
+
+def check_workers(count: int | None) -> None:
+    """Refuse a number of processes below one.
+
+    Raises:
+        InputError: If it is.
+    """
+    if count is not None and count < 1:
+        raise InputError(f"--workers is {count}, expected 1 or more.")
+
+
+class Outputs:
+    """The files of a command: checked before the work, written whole after it.
+
+    Attributes:
+        files: Where each option wants its file.
+        console: Where people read: standard error where JSON has the output for itself.
+        wrote: Files that were written.
+    """
+
+    def __init__(
+        self, options: Mapping[str, str | None], inputs: Iterable[Path] = ()
+    ) -> None:
+        """Refuse early what could not be written at the end.
+
+        Args:
+            options: What was given; "-" as --json is standard output and no file.
+            inputs: Files that are read and must not be lost.
+
+        Raises:
+            InputError: If a file cannot be written, or two options name one.
+        """
+        named = {k: v for k, v in options.items() if v not in (None, STDOUT)}
+        self.files = {option: Path(str(file)) for option, file in named.items()}
+        check_writable(self.files, inputs)
+        self._on_stdout = options.get("--json") == STDOUT
+        self._json = ""
+        self.console = Console(stderr=self._on_stdout)
+        self.wrote: list[Path] = []
+
+    def say(self, *lines: str) -> None:
+        """Print lines for people."""
+        say(self.console, *lines)
+
+    def write(
+        self,
+        make: Mapping[str, Make] | None = None,
+        document: Callable[[], Mapping] | None = None,
+        also: Mapping[Path, str | bytes] | None = None,
+    ) -> None:
+        """Write the files; before anything is printed that may go into a closed pipe.
+
+        Args:
+            make: What makes the content of a file, by its option.
+            document: What makes the document of --json.
+            also: Files that no option of a single file names.
+        """
+        contents: dict[Path, str | bytes] = {}
+        if document and (self._on_stdout or "--json" in self.files):
+            self._json = json_text(document())
+        for option, path in self.files.items():
+            contents[path] = self._json if option == "--json" else make[option]()
+        contents |= also or {}
+        write_all(contents)
+        self.wrote += contents
+
+    def finish(self, *lines: str) -> None:
+        """Say what was written, then some lines, then the document if it was asked."""
+        self.say(*(f"wrote {path}" for path in self.wrote), *lines)
+        if self._on_stdout:
+            print(self._json, end="")
+
+
+# Also a file that may not grow, by a quota or by ulimit -f.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NO_SPACE = "No space left"  # where a library gives no number
+_NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # no file can be called so
+_LOOP = "Symlink loop"  # what pathlib says, up to Python 3.12, without a number
+_WORD = re.compile(rf"\S{{{2 * LINE},}}")
+TRACEBACK = "MODELGAP_TRACEBACK"
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        words: Command line without the program's name; None for the process's own.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        # Inside, so that an interruption while loading is answered too.
+        run(sys.argv[1:] if words is None else list(words))
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return _say("interrupted", 130)
+    except BrokenPipeError:
+        # The reader of our output has gone; what is left must not fail at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:
+        return _explain(error)
+    return 0
+
+
+def _explain(error: Exception) -> int:
+    if os.environ.get(TRACEBACK):
+        traceback.print_exception(error)
+    if isinstance(error, ModelgapError):
+        return _say(str(error), 2)
+    if isinstance(error, RunError):
+        return _say(str(error), 1)
+    if isinstance(error, CycloptsError):
+        return _say(f"{' '.join(str(error).split())} See modelgap --help.", 2)
+    if (isinstance(error, OSError) and error.errno in _NO_NAME) or _LOOP in str(error):
+        named = getattr(error, "filename", None) or str(error).partition("'")[2]
+        why = getattr(error, "strerror", None) or "a link to itself"
+        return _say(
+            f"'{shortened(str(named).strip(chr(39)))}' is the name of no file: {why}. "
+            "Expected the path of a file or a folder.",
+            2,
+        )
+    what = " ".join(f"{type(error).__name__}: {error}".split())
+    if (isinstance(error, OSError) and error.errno in _FULL) or _NO_SPACE in what:
+        return _say(
+            "the disk is full; nothing was lost: what was not finished is not stored, "
+            "all else is as it was.\nMake room and give the same command again.",
+            1,
+        )
+    if isinstance(error, OSError) and error.errno == errno.EROFS:
+        return _say(
+            f"{error.filename or 'the disk'} is on a read-only disk; nothing was "
+            "written and nothing was lost.",
+            1,
+        )
+    return _say(f"unexpected failure: {what}\nSet {TRACEBACK}=1 to see where.", 1)
+
+
+def _say(text: str, code: int) -> int:
+    # What came out of a stranger's file must do nothing to the terminal.
+    short = _WORD.sub(lambda word: shortened(word[0]), text)
+    print(f"modelgap: {plain(short)}", file=sys.stderr)
+    return code

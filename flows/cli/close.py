@@ -4,7 +4,7 @@ import json as texts
 from dataclasses import replace
 from pathlib import Path
 
-from flows.cli.options import STDOUT, Outputs, check_between
+from flows.cli.app import STDOUT, Outputs, check_between
 from flows.outputs import check_outside, progress_bar
 from flows.report.closed import ended, headline, keep_page, pairs, render
 from flows.settings import store_folder

@@ -10,21 +10,20 @@ from rich.console import Console
 from flows.blind.draw import Asked
 from flows.blind.export.write import check_target, export_study
 from flows.blind.run import run_study
-from flows.cli.options import LONGEST, SEEDS, Outputs, check_between, check_workers
-from flows.errors import RunError
+from flows.cli.app import LONGEST, SEEDS, Outputs, check_between, check_workers
 from flows.outputs import progress_bar, say
 from flows.report.console import show
 from flows.report.diagnosis import print_diagnosis, print_truth
 from flows.report.stored import as_hidden, demo_page
 from flows.report.study import store_page, told
-from flows.report.words.staged import Staged
+from flows.report.words.phrases import Staged
 from flows.requests import Flag, Store
 from flows.settings import cores, store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.storage.diagnosis import read_outcome
 from flows.workers.pool import Pool
-from residual.errors import InputError
+from residual.errors import InputError, RunError
 from sim.engine.records import WORKSHOP, BackgroundWord
 from warehouse.mirror import shown
 
@@ -140,5 +139,5 @@ def _export(
         raise InputError(f"--arms is {arms}, expected 1 to {MOST_ARMS}.")
     check_target(target)
     with progress_bar() as progress, Pool(workers or cores()) as pool:
-        export_study(asked, range(arms), target, (store, pool), progress)
+        export_study(asked, range(arms), target, store, pool, progress)
     say(Console(), f"wrote {target}: {asked.n} cases; its README.md says what is where")

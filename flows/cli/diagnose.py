@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from flows.cli.options import Outputs
+from flows.cli.app import Outputs
 from flows.outputs import progress_bar, read_files
 from flows.requests import Diagnose, Flag, Log
 from flows.steps import diagnose as steps
@@ -10,7 +10,7 @@ from residual.lazy import Lazy
 
 models = Lazy("flows.steps.models")
 page = Lazy("flows.report.next")
-origin = Lazy("flows.report.made")
+origin = Lazy("flows.report.page")
 terminal = Lazy("flows.report.diagnosis")
 verdict = Lazy("residual.diagnosis.verdict")
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.options import (
+from flows.cli.app import (
     FASTEST,
     LONGEST,
     MOST_PERIODS,
@@ -15,8 +15,7 @@ from flows.cli.options import (
     Outputs,
     check_between,
 )
-from flows.errors import RunError
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.outputs import progress_bar, say
 from flows.report import experiments
 from flows.report.console import show
@@ -34,7 +33,7 @@ from flows.steps.models import chosen_to_drive
 from flows.steps.track import Track, track
 from flows.storage.diagnosis import read_verdict
 from flows.workers.runner import chosen_runner, workers_of
-from residual.errors import InputError
+from residual.errors import InputError, RunError
 from residual.model.control import AS_MEASURED
 from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate

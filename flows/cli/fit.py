@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from flows.cli.options import SEEDS, Outputs, check_between, check_workers
+from flows.cli.app import SEEDS, Outputs, check_between, check_workers
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files, say
 from flows.report import calibration as calibrated
 from flows.report.console import show, wide

@@ -7,7 +7,6 @@ from typing import Literal
 
 from rich.console import Console
 
-from flows.errors import RunError
 from flows.outputs import check_outside
 from flows.report.console import show, wide
 from flows.report.records import (
@@ -21,6 +20,7 @@ from flows.requests import Flag, Store
 from flows.settings import store_folder
 from flows.steps import diff as steps
 from flows.steps import rerun as reruns
+from residual.errors import RunError
 from warehouse.bundle import read_bundle, write_bundle
 from warehouse.mirror import shown
 from warehouse.query.lineage import tree

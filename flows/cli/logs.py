@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from flows.cli.options import Outputs
+from flows.cli.app import Outputs
 from flows.outputs import read_files, say
 from flows.report.console import show
 from flows.report.records import channels, log_lines

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from flows.cli.options import Outputs
+from flows.cli.app import Outputs
 from flows.outputs import check_new_folder, check_outside, read_files, say
 from flows.report.console import show
 from flows.report.models import (

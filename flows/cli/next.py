@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from flows.cli.options import FASTEST, SEEDS, Outputs, check_between
-from flows.inputs.logs import is_run
+from flows.cli.app import FASTEST, SEEDS, Outputs, check_between
+from flows.inputs.given import is_run
 from flows.outputs import Progress, progress_bar, read_files, say
 from flows.report.console import show
 from flows.report.next import Sheet, comparison, nothing_open, render_sheet, told
@@ -23,8 +23,8 @@ from flows.steps.planning.motions import Search, with_twins
 from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
+from residual.lazy import one_blas_thread
 from residual.planning.outlook import HOPELESS
-from residual.threads import one_blas_thread
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse.mirror import shown

@@ -9,14 +9,12 @@ from flows.inbox.run import Inbox, inboxes, look_twice, take_all
 from flows.inbox.take import KNOWN, REFUSED, STORED, WAITING, Taken
 from flows.outputs import progress_bar
 from flows.project.notify import Notice, tell
-from flows.project.read import Project, read_project
-from flows.project.start import Start, start
+from flows.project.read import Project, Start, read_project, start
 from flows.report.words.verdict import headline
 from flows.requests import Flag
 from flows.settings import PROJECT
 from flows.steps.monitor import watch_new
-from residual.errors import InputError
-from residual.names import plain
+from residual.errors import InputError, plain
 
 _PAUSE = 5.0  # s between two looks
 

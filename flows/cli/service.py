@@ -10,7 +10,6 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from flows.errors import RunError
 from flows.inbox.run import inboxes
 from flows.outputs import check_new_folder, check_outside, json_text, say, write_all
 from flows.project.read import project_here
@@ -18,15 +17,15 @@ from flows.report.night.look import unknown
 from flows.report.night.site import Site
 from flows.requests import Flag, Store
 from flows.service.api import Api, answers, opening_address, past_of
-from flows.service.down import down as stop
-from flows.service.down import stay
 from flows.service.request import DATABASE, ServiceRequest, checked
 from flows.service.state import read_running, store_key
 from flows.service.status import Status
 from flows.service.status import status as state_of
+from flows.service.up import down as stop
+from flows.service.up import stay
 from flows.service.up import up as bring_up
 from flows.settings import PREFECT, store_folder
-from residual.errors import InputError
+from residual.errors import InputError, RunError
 from warehouse.mirror import shown
 
 

@@ -23,8 +23,7 @@ from flows.report.answers import (
     values_of,
 )
 from flows.settings import store_folder
-from residual.errors import InputError
-from residual.names import check_name
+from residual.errors import InputError, check_name
 from warehouse.query.guard import LONGEST
 from warehouse.query.named import NAMED
 from warehouse.query.store import Store, open_store

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
-from flows.cli.options import check_between
+from flows.cli.app import check_between
 from flows.report.answers import check_shown, print_table, tell_damage
 from flows.report.records import record_lines
 from flows.requests import Store, Tags

@@ -9,12 +9,11 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.options import STDOUT, Outputs
-from flows.errors import RunError
+from flows.cli.app import STDOUT, Outputs
 from flows.inputs.stream import GrowingFile, StandardInput
 from flows.outputs import progress_bar, say
 from flows.report.console import show
-from flows.report.figures.scores import plot as draw
+from flows.report.figures.look import plot as draw
 from flows.report.monitoring import (
     WEAR_KEY,
     alarm_line,
@@ -25,7 +24,7 @@ from flows.report.monitoring import (
     wear_table,
 )
 from flows.report.words.verdict import headline
-from flows.requests import Columns, Flag, Json, Monitor, Store
+from flows.requests import Columns, Diagnose, Flag, Json, Monitor, Store
 from flows.service.status import start_diagnosis
 from flows.settings import store_folder
 from flows.steps import diagnose as diagnosis
@@ -39,10 +38,10 @@ from flows.steps.watch.run import (
     request_of,
 )
 from flows.steps.watch.run import watch as run
-from flows.steps.watch.session import Begun, Session, Watch, start
+from flows.steps.watch.session import Session, Watch, start
 from flows.steps.wear import Wear, follow
 from flows.storage.diagnosis import read_verdict
-from residual.errors import ModelgapError
+from residual.errors import ModelgapError, RunError
 from residual.monitoring.rows import Samples
 from residual.monitoring.watch import Change
 from warehouse.logs import ColumnMap, columns_of
@@ -93,10 +92,18 @@ def watch(
         else GrowingFile.at(Path(file), *arm, begun.session.position)
     )
     say(console, *begun.lines, f"reading {source.name}; Ctrl-C stops, nothing is lost")
-    watched = store_folder(asked.store), robot, begun
+    store = store_folder(asked.store)
 
     def diagnose(now: Session, samples: Samples, alarm: Change) -> None:
-        _alarmed(now, samples, alarm, watched, alarms_only, tell)
+        run_id = keep_run(store, robot, begun.robot, samples)
+        id = keep_alarm(store, now, run_id, float(samples.t[0]), alarm)
+        tell(f"stored: alarm {id[:8]}, its rows as run {run_id[:8]}")
+        if alarms_only:
+            return
+        if not long_enough(samples):
+            tell("too few rows for a diagnosis: the stream ended soon after the alarm")
+            return
+        _diagnosed(request_of(now, run_id, robot, store), store, tell)
 
     shell = Shell(source, begun.path, tell, lambda a: tell(alarm_line(a)), diagnose)
     try:
@@ -107,26 +114,8 @@ def watch(
     say(console, end_line(session))
 
 
-def _alarmed(
-    session: Session,
-    samples: Samples,
-    alarm: Change,
-    watched: tuple[Path, str, Begun],
-    alarms_only: bool,
-    tell: Callable[[str], None],
-) -> None:
-    """Keep an alarm and its rows, and have them diagnosed; a failure ends no watch."""
-    store, word, begun = watched
-    run_id = keep_run(store, word, begun.robot, samples)
-    begin = float(samples.t[0])
-    id = keep_alarm(store, session, run_id, begin, alarm)
-    tell(f"stored: alarm {id[:8]}, its rows as run {run_id[:8]}")
-    if alarms_only:
-        return
-    if not long_enough(samples):
-        tell("too few rows for a diagnosis: the stream ended soon after the alarm")
-        return
-    request = request_of(session, run_id, word, store)
+def _diagnosed(request: Diagnose, store: Path, tell: Callable[[str], None]) -> None:
+    """Have the rows about an alarm diagnosed; a failure ends no watch."""
     try:
         started = start_diagnosis(request, store)
         if started:

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from flows.inputs.logs import LogSets, read_sets
+from flows.inputs.given import LogSets, read_sets
 from flows.outputs import check_new_folder, write_all
 from flows.steps.check import check as check_sets
 from flows.steps.export import Made, export_model, in_place

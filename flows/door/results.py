@@ -7,8 +7,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from flows.door.table import Table
-from flows.inputs.logs import LogSets
+from flows.door.store import Table
+from flows.inputs.given import LogSets
 from flows.outputs import Progress, write_all
 from flows.report import calibration as calibration_page
 from flows.report.diagnosis import summary

@@ -1,12 +1,109 @@
 """The store from Python: SQL in, finished tables out."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from html import escape
 from pathlib import Path
+from typing import Any
 
-from flows.door.table import Table
+import pyarrow as pa
+
 from flows.settings import store_folder
+from residual.errors import InputError
 from warehouse.query import store as query
 from warehouse.query.named import NAMED
+
+# A finished table: rows of named columns, to read, print and hand on.
+
+_SHOWN, _WIDE = 40, 60  # rows and letters of a cell; more is for programs
+
+
+class Table:
+    """Rows of named columns. It is all in memory; nothing is asked again.
+
+    Iterating gives a mapping per row; ``table["name"]`` is a column, ``table[0]`` a
+    row.
+    """
+
+    def __init__(self, rows: pa.Table) -> None:
+        self._rows = rows
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns."""
+        return self._rows.column_names
+
+    def arrow(self) -> pa.Table:
+        """The table as PyArrow holds it."""
+        return self._rows
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One mapping per row."""
+        return self._rows.to_pylist()
+
+    def df(self) -> Any:
+        """The table as a pandas DataFrame, where pandas is installed."""
+        try:
+            return self._rows.to_pandas()
+        except ImportError as error:
+            raise _not_installed("pandas", "df") from error
+
+    def pl(self) -> Any:
+        """The table as a Polars DataFrame, where Polars is installed."""
+        try:
+            import polars  # pyright: ignore[reportMissingImports]  optional
+        except ImportError as error:
+            raise _not_installed("polars", "pl") from error
+        return polars.from_arrow(self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __iter__(self) -> Iterator[Mapping[str, Any]]:
+        return iter(self.rows())
+
+    def __getitem__(self, which: str | int) -> Any:
+        if isinstance(which, str):
+            return self._rows.column(which).to_pylist()
+        return self._rows.take([range(len(self))[which]]).to_pylist()[0]
+
+    def __repr__(self) -> str:
+        lines = [self.columns, *self._texts()]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        body = ("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)
+        return "\n".join([*body, *self._more()])
+
+    def _repr_html_(self) -> str:
+        def line(tag: str, texts: list[str]) -> str:
+            cells = "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
+            return f"<tr>{cells}</tr>"
+
+        body = "".join(line("td", texts) for texts in self._texts())
+        more = "".join(f"<p>{text}</p>" for text in self._more())
+        head = line("th", self.columns)
+        return f"<table><thead>{head}</thead><tbody>{body}</tbody></table>{more}"
+
+    def _texts(self) -> list[list[str]]:
+        rows = self._rows.slice(0, _SHOWN).to_pylist()
+        return [[_text(value) for value in row.values()] for row in rows]
+
+    def _more(self) -> list[str]:
+        left = len(self) - _SHOWN
+        return [f"… and {left} more rows"] if left > 0 else []
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "–"
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= _WIDE else f"{text[: _WIDE - 1]}…"
+
+
+def _not_installed(library: str, method: str) -> InputError:
+    return InputError(
+        f".{method}() needs {library}, which is not installed. Install it, or use "
+        ".arrow() or .rows()."
+    )
+
 
 __all__ = ["Store", "open_store"]
 

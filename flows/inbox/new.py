@@ -128,9 +128,6 @@ def diagnose_new(
 ) -> Diagnosed | None:
     """Diagnose what has come in of a robot since the last time; None where nothing has.
 
-    Args:
-        progress: Told the stage and the share done.
-
     Raises:
         InputError: If the runs are not usable together, or their robot is not.
     """

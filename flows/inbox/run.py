@@ -22,8 +22,7 @@ from flows.project.read import InboxTable, Project
 from flows.requests import Import
 from flows.settings import cores
 from flows.workers.pool import Done, Here, Pool
-from residual.errors import InputError
-from residual.names import plain
+from residual.errors import InputError, plain
 from warehouse.commit import commit_record
 
 _CHUNK = 32  # logs between two moves: so many are read again after a kill
@@ -115,9 +114,6 @@ def look_twice(of: Sequence[Inbox]) -> dict[int, Mapping[str, State]]:
 
 def take_all(inbox: Inbox, resting: Mapping[str, State], told: Told) -> Iterator[Taken]:
     """Take what rests in an inbox, a few logs at a time.
-
-    Args:
-        told: Told runs that are in the store.
 
     Yields:
         What became of each log, once its file is where it belongs.

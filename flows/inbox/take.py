@@ -17,8 +17,7 @@ from pathlib import Path
 
 from flows.requests import Import
 from flows.steps import imports
-from residual.errors import InputError
-from residual.names import plain, shortened
+from residual.errors import InputError, plain, shortened
 
 STORED, KNOWN, REFUSED, WAITING = "stored", "known", "refused", "waiting"
 DONE, REJECTED = "done", "rejected"

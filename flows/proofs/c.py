@@ -12,8 +12,8 @@ from time import perf_counter
 
 import numpy as np
 
-from flows.errors import RunError
 from flows.proofs.proof import Proof, compared, extra
+from residual.errors import RunError
 from residual.export.c99 import prefix_of
 from residual.export.exported import Exported, Motion, Whole, body_of, exciting
 from residual.export.fmu import SOURCE, fmu_parts, to_fmu

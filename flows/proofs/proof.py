@@ -20,7 +20,7 @@ from residual.export.table import POSITION, SPEED, curve_at
 from residual.model.record import from_record
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
-from residual.robot.urdf import build_model
+from residual.robot.files import build_model
 
 STATES = 1000  # random ones, of one comparison
 CREEP = 1e-3  # rad/s: dry friction must have its value from here on

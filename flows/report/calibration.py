@@ -191,11 +191,7 @@ def level_words(made: Calibration) -> str | None:
 
 
 def render(made: Calibration, warnings: Sequence[str] = ()) -> str:
-    """Return the page of a calibration.
-
-    Args:
-        made: The calibration.
-    """
+    """Return the page of a calibration."""
     return render_document(_document(made, warnings))
 
 

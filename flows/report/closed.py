@@ -7,8 +7,7 @@ from pathlib import Path
 from flows.blind.score import Name, Said, matched, members
 from flows.report.document import Tile
 from flows.report.page import environment
-from flows.report.words.phrases import effect_named, listing, phrase
-from flows.report.words.staged import FORMS
+from flows.report.words.phrases import FORMS, effect_named, listing, phrase
 from flows.steps.closing.close import Closed
 from flows.steps.closing.rule import ADOPT, DIAGNOSE, DRIVE, NOTHING, STOP
 from residual.diagnosis.result import Place, Verdict

@@ -7,7 +7,7 @@ from rich.text import Text
 
 from flows.outputs import say
 from flows.report.document import Strong, Table
-from residual.names import plain
+from residual.errors import plain
 
 # What a terminal without Unicode shows instead.
 _PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3", "·": ","})

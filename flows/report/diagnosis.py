@@ -11,13 +11,17 @@ from rich.console import Console
 from flows.report import charts
 from flows.report.console import line, show
 from flows.report.document import Chart, Strong, Table, Tile
-from flows.report.made import Origin
-from flows.report.page import environment
+from flows.report.page import Origin, environment
 from flows.report.words import outlook
 from flows.report.words import rows as tables
 from flows.report.words import verdict as words
 from flows.report.words.outlook import other_sets
-from flows.report.words.phrases import joint_words, sentence_case
+from flows.report.words.phrases import (
+    Staged,
+    baseline_sentences,
+    joint_words,
+    sentence_case,
+)
 from flows.report.words.rows import (
     METRICS,
     ErrorRow,
@@ -27,7 +31,6 @@ from flows.report.words.rows import (
     size_of,
     sure,
 )
-from flows.report.words.staged import Staged, baseline_sentences
 from flows.report.words.verdict import headline, rising, sentences
 from residual import quantity
 from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict

@@ -5,16 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from flows.report.document import Document, Section, Table, words_table
-from flows.report.made import Made
-from flows.report.page import render_document
+from flows.report.page import Made, render_document
 from flows.report.words.verdict import sentences
-from flows.steps.adopt import Judged, Proposal
+from flows.steps.adopt import Judged, Listed, Proposal
 from residual.diagnosis.result import ErrorTables
+from residual.errors import joints_listed
 from residual.identification.prove import Identified
 from residual.model.compare import EDITED, WHOLE
-from residual.names import joints_listed
 from residual.quantity import bare_percent, known, percent
-from warehouse.numbered import Adoption
 
 _KINDS = (("raw", "as logged"), ("filtered", "filtered"), ("moving", "moving"))
 _PREDICTED = (("held_out", "as logged"), ("filtered", "filtered"), ("moving", "moving"))
@@ -147,12 +145,8 @@ def _known(value: float | None) -> str:
     return bare_percent(value) if known(value) else "–"
 
 
-def adoptions(listed: Sequence[tuple[str, Adoption, str]]) -> Table:
-    """Return the models that robots had.
-
-    Args:
-        listed: Number, adoption and time of each, the first one first.
-    """
+def adoptions(listed: Sequence[Listed]) -> Table:
+    """Return the models that robots had, the first one first."""
     last = {(made.robot, made.serial): id for id, made, _ in listed}
     rows = [
         (

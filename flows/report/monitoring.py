@@ -43,11 +43,7 @@ def _many(count: int, word: str) -> str:
 
 
 def alarm_table(found: Watched, watched: Mapping[str, Recording]) -> Table:
-    """Return the alarms, one a row.
-
-    Args:
-        watched: The watched runs by id.
-    """
+    """Return the alarms, one a row."""
     rows = [
         (
             id[:8],

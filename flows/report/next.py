@@ -8,8 +8,7 @@ import numpy as np
 from flows.report import diagnosis
 from flows.report.document import Chart, Table, Tile
 from flows.report.figures import look
-from flows.report.made import Origin
-from flows.report.page import environment
+from flows.report.page import Origin, environment
 from flows.report.words.outlook import (
     case_words,
     from_one_another,

@@ -9,7 +9,7 @@ from rich.tree import Tree
 
 from flows.report.document import Table, words_table
 from flows.steps.imports import Log
-from residual.names import plain
+from residual.errors import plain
 from residual.robot.robot import Robot
 from warehouse.logs.columns import shorten
 
@@ -52,11 +52,7 @@ def as_record(found) -> dict:
 
 
 def print_tree(root, words: str, console: Console) -> None:
-    """Print a record and its relatives.
-
-    Args:
-        words: What the relatives are to it.
-    """
+    """Print a record and its relatives."""
     tree = Tree(f"{_named(root)}, {words}{'' if root.relatives else ': nothing'}")
     _grow(tree, root)
     console.print(tree, highlight=False)

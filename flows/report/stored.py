@@ -4,12 +4,12 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.outputs import json_text
 from flows.report.diagnosis import render
-from flows.report.made import made_of, of_record
 from flows.report.next import motion_chart
-from flows.report.words.staged import Hidden, Staged
+from flows.report.page import made_of, of_record
+from flows.report.words.phrases import Hidden, Staged
 from flows.report.words.verdict import sentences
 from flows.storage.diagnosis import read_outcome, store_report
 from residual.diagnosis.result import Edit
@@ -33,7 +33,6 @@ def diagnosis_page(
     Args:
         kind: What it reports, such as "nightly".
         staged: What only a demonstration can show.
-        files: More files of the report, by name.
     """
     found = read_outcome(store, ids[1])
     robot = found.verdict.robot

@@ -20,8 +20,7 @@ from flows.report.document import (
     words_table,
 )
 from flows.report.figures import look
-from flows.report.made import Made, made_of
-from flows.report.page import render_document
+from flows.report.page import Made, made_of, render_document
 from residual.quantity import MISSING
 from warehouse.commit import commit_record
 from warehouse.ids import record_folder

@@ -10,8 +10,8 @@ from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
 from flows.report.closed import ended, headline, keep_page, pairs, render
-from flows.report.made import made_of
 from flows.report.models import adoption_lines, proposal_markdown, proposal_page
+from flows.report.page import made_of
 from flows.scheduled import artifacts, tasks
 from flows.scheduled.tasks import task
 from flows.settings import store_folder
@@ -27,8 +27,8 @@ from flows.steps.planning.design import design
 from flows.steps.planning.motions import Search, with_twins
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
+from residual.lazy import one_blas_thread
 from residual.planning.outlook import HOPELESS
-from residual.threads import one_blas_thread
 
 
 @task(name="model-in-force", task_run_name="model-in-force", tags=["analysis"])

@@ -16,7 +16,7 @@ from prefect.cache_policies import NO_CACHE
 from flows import requests
 from flows.blind import run as blind_run
 from flows.blind.draw import Asked
-from flows.inputs.robots import robot_of
+from flows.inputs.given import robot_of
 from flows.report import stored
 from flows.report.study import headline, lines, store_page
 from flows.scheduled import artifacts

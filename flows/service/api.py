@@ -10,8 +10,8 @@ from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
-from flows.errors import RunError
 from flows.report.night.look import FlowRun, History, Past
+from residual.errors import RunError
 
 POOL = "modelgap"
 _TRIES = 8

@@ -13,13 +13,13 @@ from prefect.settings import PREFECT_API_DATABASE_CONNECTION_URL, get_current_se
 from sqlalchemy.ext.asyncio import AsyncSession, AsyncSessionTransaction
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from flows.errors import RunError
 from flows.report.night.site import Site
 from flows.service.api import Api, past_of
 from flows.service.guard import Guard, rules_for
 from flows.service.pages import Tickets, with_entry, with_pages
 from flows.service.state import Running
 from flows.settings import store_folder
+from residual.errors import RunError
 
 Publisher, break_topic = memory.Publisher, memory.break_topic
 ephemeral_subscription = memory.ephemeral_subscription

@@ -19,8 +19,7 @@ from time import monotonic, sleep
 
 from pydantic import TypeAdapter
 
-from flows.errors import RunError
-from residual.errors import InputError
+from residual.errors import InputError, RunError
 
 KEY = "key"  # in Prefect's folder of the store
 # Under these names Prefect's clients and its server take it.

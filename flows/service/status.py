@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from flows.errors import RunError
 from flows.report.night import questions
 from flows.report.night.look import ask
 from flows.requests import Diagnose
@@ -13,6 +12,7 @@ from flows.service import api
 from flows.service.api import answers
 from flows.service.state import Running, read_running, store_key, worker_name
 from flows.settings import PREFECT
+from residual.errors import RunError
 from warehouse.query.store import open_store
 
 _LATELY = timedelta(days=1)

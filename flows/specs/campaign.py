@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from flows.specs.experiment import ExperimentSpec, derived_seed, experiment_of
-from residual.errors import InputError
-from residual.names import check_keys, shortened, shown
+from residual.errors import InputError, check_keys, shortened, shown
 from warehouse.toml import read_toml
 
 MOST = 10_000  # runs; more is a slip of a list, and weeks of work

@@ -3,8 +3,9 @@
 from dataclasses import asdict, dataclass
 from getpass import getuser
 from pathlib import Path
+from typing import NamedTuple
 
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.requests import Flag, GivenWord, Request, Store
 from flows.settings import store_folder
 from flows.steps.models import diagnosis_of
@@ -12,8 +13,8 @@ from flows.storage.diagnosis import read_known, read_models, read_verdict, store
 from residual.diagnosis.held_out import Worth, worth
 from residual.diagnosis.result import Verdict
 from residual.errors import InputError
+from residual.lazy import one_blas_thread
 from residual.model.model import Model
-from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.ids import record_folder
 from warehouse.layout import list_folders, read_record
@@ -84,7 +85,7 @@ def judge(store: Path, word: str) -> Judged:
     if not runs:
         doubts.append("no run was held out; diagnose with --holdout RUN")
     else:
-        before = _before(store, id, parent)
+        before = _before(store, id, parent[1] if parent else None)
         seen = worth(model, before, [read_run(store, run) for run in runs])
         doubts += seen.doubts
     record = read_record(store, id)
@@ -123,9 +124,9 @@ def _held_out(store: Path, diagnosis: str) -> tuple[str, ...]:
     return tuple(read_record(store, diagnosis)["request"].get("held_out") or ())
 
 
-def _before(store: Path, diagnosis: str, parent: tuple[str, Adoption] | None) -> Model:
-    if parent and parent[1].diagnosis_id:
-        return read_known(store, parent[1].diagnosis_id)
+def _before(store: Path, diagnosis: str, known: Adoption | None) -> Model:
+    if known and known.diagnosis_id:
+        return read_known(store, known.diagnosis_id)
     return read_models(store, diagnosis)["nominal"]
 
 
@@ -221,10 +222,18 @@ def roll_back(
     return commit_adoption(place, made), made
 
 
+class Listed(NamedTuple):
+    """An adoption of a store, with its number and when it was made, in words."""
+
+    number: str
+    adoption: Adoption
+    since: str
+
+
 def list_adoptions(
     store: str | Path | None = None, word: str | None = None
-) -> list[tuple[str, Adoption, str]]:
-    """Return all adoptions with number and time, the first one first.
+) -> list[Listed]:
+    """Return all adoptions, the first one first.
 
     Args:
         store: Folder of the store, None for the usual one.
@@ -239,7 +248,7 @@ def list_adoptions(
     for id in list_folders(place, ADOPTIONS):
         made = read_adoption(place, id)
         if wanted is None or (made.robot, made.serial) in wanted:
-            out.append((id, made, _created(place, id)))
+            out.append(Listed(id, made, _created(place, id)))
     return out
 
 

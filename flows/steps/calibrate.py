@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.robots import check_declared, load_of
+from flows.inputs.given import LogSets, check_declared, load_of, need_logs, read_sets
 from flows.outputs import Progress
 from flows.requests import Calibrate
 from flows.settings import store_folder
@@ -19,8 +18,8 @@ from flows.storage.calibration import (
 from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run
+from residual.lazy import one_blas_thread
 from residual.model.model import Term
-from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.layout import find_run
 from warehouse.runs import read_channels
@@ -75,7 +74,6 @@ def calibrate(
 
     Args:
         runs: The same as runs of a calibration.
-        progress: Told the stage and the share done.
 
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.

@@ -6,11 +6,11 @@ store whole or not at all. So whatever ends a campaign, the same command complet
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-from flows.errors import RunError
-from flows.inputs.robots import instead, robot_of
+from flows.inputs.given import instead, robot_of
 from flows.outputs import Progress
 from flows.requests import Campaign
 from flows.settings import cores, store_folder
@@ -20,13 +20,12 @@ from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.experiment import Planned, plan
 from flows.steps.models import in_force
-from flows.workers.pool import Here, Pool
+from flows.workers.pool import Here, Pool, plainly
 from flows.workers.runner import Cluster, chosen_runner, workers_of
-from residual.errors import InputError, ModelgapError
+from residual.errors import InputError, RunError
 from warehouse.layout import find_run
 from warehouse.mirror import shown
-from warehouse.robots import robot_word
-from warehouse.runs import read_manifest
+from warehouse.runs import read_manifest, robot_word
 
 Runs = dict[str, list[str]]
 
@@ -76,7 +75,6 @@ def run_all(
     """Run what is not in the store, in as many processes as there are cores.
 
     Args:
-        tell: Told what is done and the share of it.
         pool: Processes or a cluster to use; without it, own processes.
 
     Returns:
@@ -88,8 +86,8 @@ def run_all(
         with Pool(min(cores(), len(missing))) as own:
             return run_all(planned, store, tell, own)
     # The store's name and not its folder: on another machine that is another one.
-    jobs = [(p.spec, shown(store), p.campaign) for p in missing]
-    for count, done in enumerate(pool.run(_run, jobs) if pool else (), start=1):
+    jobs = [partial(_run, p.spec, shown(store), p.campaign) for p in missing]
+    for count, done in enumerate(pool.run(plainly, jobs) if pool else (), start=1):
         at = missing[done.index]
         error = done.error or _checked(at, done.value, store)
         if error:
@@ -139,9 +137,6 @@ class Ran:
 def run_campaign(asked: Campaign, tell: Progress | None = None) -> Ran:
     """Run what is not in the store.
 
-    Args:
-        tell: Told what is done.
-
     Raises:
         InputError: If the campaign is not usable, or of several robots.
         RunError: If too few of its runs succeeded for a diagnosis.
@@ -179,15 +174,8 @@ def by_role(
     return runs
 
 
-def _run(job: tuple[ExperimentSpec, str, str | None]) -> str:
-    """Run one experiment; whatever it raises can cross to the parent process."""
-    try:
-        spec, store, campaign = job
-        return experiment.run(spec, store_folder(store), campaign)
-    except ModelgapError as error:
-        raise InputError(str(error)) from None
-    except Exception as error:
-        raise RunError(f"{type(error).__name__}: {error}") from error
+def _run(spec: ExperimentSpec, store: str, campaign: str | None) -> str:
+    return experiment.run(spec, store_folder(store), campaign)
 
 
 def _checked(planned: Planned, run_id: str, store: Path) -> Exception | None:
@@ -256,7 +244,6 @@ def arms_of(
     Args:
         words: A campaign file, or ids of runs with commas between them, for each arm.
         held_out: Kind of motion of a campaign that is held out, "" for none.
-        tell: Told what is done and the share of it.
 
     Raises:
         InputError: If a word is neither, or a campaign is not usable.
@@ -282,15 +269,12 @@ def diagnose_arms(
 ) -> list[Diagnosed]:
     """Diagnose every arm, each against the model that it has.
 
-    Args:
-        tell: Told what is done and the share of it.
-
     Returns:
         What became of each, in their order; a failure is in it and raises nothing.
     """
-    jobs = [(dict(arm.runs), shown(store)) for arm in arms]
+    jobs = [partial(_diagnose, dict(arm.runs), shown(store)) for arm in arms]
     out: list[Diagnosed | None] = [None] * len(arms)
-    for count, done in enumerate(pool.run(_diagnose, jobs), start=1):
+    for count, done in enumerate(pool.run(plainly, jobs), start=1):
         label = arms[done.index].label
         if done.error:
             why = " ".join(str(done.error).split())
@@ -311,18 +295,11 @@ def _named(word: str, store: Path) -> Runs:
     return {"fit": [find_run(store, id).id for id in word.split(",") if id]}
 
 
-def _diagnose(job: tuple[Runs, str]) -> str:
-    """Diagnose one arm; whatever it raises can cross to the parent process."""
-    runs, word = job
-    try:
-        store = store_folder(word)
-        with instead(_robots(runs, store)):
-            model = in_force(runs["fit"], store).diagnosis
-            return diagnose_runs(request_of(runs, store, model))[0]
-    except ModelgapError as error:
-        raise InputError(str(error)) from None
-    except Exception as error:
-        raise RunError(f"{type(error).__name__}: {error}") from error
+def _diagnose(runs: Runs, word: str) -> str:
+    store = store_folder(word)
+    with instead(_robots(runs, store)):
+        model = in_force(runs["fit"], store).diagnosis
+        return diagnose_runs(request_of(runs, store, model))[0]
 
 
 def _robots(runs: Runs, store: Path) -> dict[str, str]:

@@ -3,15 +3,21 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from flows.inputs.logs import LogSets, need_logs, read_sets
+from flows.inputs.given import (
+    LogSets,
+    check_declared,
+    load,
+    load_of,
+    need_logs,
+    read_sets,
+)
 from flows.inputs.repair import drafted, gravity_line, place_of, repair_lines
-from flows.inputs.robots import check_declared, load, load_of
 from flows.requests import Check, Map
 from residual.check.check import check_logs
 from residual.check.result import Fault, LogCheck
 from residual.errors import InputError
+from residual.lazy import one_blas_thread
 from residual.recording import Recording
-from residual.threads import one_blas_thread
 from warehouse.logs.draft import draft
 from warehouse.logs.window import split_spec
 

@@ -10,8 +10,7 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from flows.errors import RunError
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.outputs import Progress
 from flows.requests import Request, Store
 from flows.settings import store_folder
@@ -21,8 +20,7 @@ from flows.steps.edit import sealed_edits
 from flows.steps.experiment import plan, plant_of
 from flows.workers.pool import Here, Pool
 from residual.effects import reported_joints
-from residual.errors import InputError
-from residual.names import check_name
+from residual.errors import InputError, RunError, check_name
 from residual.quantity import plain
 from sim.engine.records import (
     BACKGROUNDS,

@@ -4,11 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
-from flows.inputs.robots import (
+from flows.inputs.given import (
+    LogSets,
     check_declared,
+    is_run,
     known_of,
     load_of,
+    need_logs,
+    read_sets,
     robot_of,
     serial_of,
 )
@@ -16,10 +19,9 @@ from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from residual.errors import InputError
-from residual.lazy import Lazy
+from residual.lazy import Lazy, one_blas_thread
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known
-from residual.threads import one_blas_thread
 
 check = Lazy("flows.steps.check")
 method = Lazy("residual.method.diagnose")
@@ -93,7 +95,6 @@ def diagnose(
     """Find what the model lacks, by a store: its nulls, its models, its runs.
 
     Args:
-        progress: Told the stage and the share done.
         inside: Shown what the search knows, before it is let go.
 
     Raises:
@@ -212,7 +213,6 @@ def diagnose_runs(
 
     Args:
         request: What is wanted; its logs are ids of runs.
-        progress: Told the stage and the share done.
 
     Returns:
         The ids of the diagnosis, and of the validation that has its curves.

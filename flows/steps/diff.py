@@ -6,10 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.errors import RunError
 from flows.steps.rerun import environment_apart
 from flows.steps.rerun_records import apart
-from residual.errors import InputError
+from residual.errors import InputError, RunError
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.layout import Found, find
 from warehouse.mirror import bucket_of, shown

@@ -10,16 +10,16 @@ from time import perf_counter
 
 import numpy as np
 
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.specs.experiment import NOMINAL, ControllerTable, ExperimentSpec
 from flows.steps.models import choose, model_to_drive
 from residual.calibration.rows import Run
 from residual.errors import InputError
 from residual.export.exported import Whole
+from residual.lazy import one_blas_thread
 from residual.model.control import Turning, Use, computed_torque, feed_forward
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from sim.engine.records import (
     NAMES,
     Noise,
@@ -38,7 +38,7 @@ from warehouse.ids import plain, record_folder
 from warehouse.layout import find
 from warehouse.mirror import is_there
 from warehouse.provenance import plant_code_hash
-from warehouse.robots import keep_robot
+from warehouse.runs import keep_robot
 
 ADOPTED, FEED_FORWARD = "adopted", "feed_forward"
 Given = np.ndarray | Callable

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.inputs.logs import read_sets
+from flows.inputs.given import read_sets
 from flows.proofs.c import make_fmu, prove_c99, prove_fmu
 from flows.proofs.proof import (
     Proof,
@@ -19,13 +19,12 @@ from flows.proofs.rrd import make_rrd, prove_rrd
 from flows.requests import Export
 from flows.settings import store_folder
 from flows.steps.models import read_model
-from residual.errors import InputError
+from residual.errors import InputError, check_name
 from residual.export.c99 import to_c99
 from residual.export.exported import Exported, Whole, body_of, to_json
 from residual.export.numpy_file import to_numpy
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.export.table import to_table
-from residual.names import check_name
 from residual.recording import Recording
 
 TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {

@@ -4,8 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
-from flows.inputs.robots import check_declared, load_of
+from flows.inputs.given import (
+    LogSets,
+    check_declared,
+    is_run,
+    load_of,
+    need_logs,
+    read_sets,
+)
 from flows.requests import Identify
 from flows.settings import store_folder
 from flows.steps.check import checked
@@ -13,8 +19,8 @@ from flows.storage.diagnosis import read_known
 from flows.storage.identification import store_identification
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified, identify_and_prove
+from residual.lazy import one_blas_thread
 from residual.model.model import Model
-from residual.threads import one_blas_thread
 
 
 def read_logs(request: Identify) -> LogSets:

@@ -8,24 +8,27 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-from flows.inputs.logs import LogSets, need_logs, offer_map
-from flows.inputs.robots import load
+from flows.inputs.given import LogSets, load, need_logs, offer_map
 from flows.requests import Import
 from flows.settings import store_folder
 from flows.steps.check import checked
 from residual.check.result import LogCheck
-from residual.errors import InputError
-from residual.names import plain
+from residual.errors import InputError, plain
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_serial
 from warehouse.commit import commit_run, imported_run_id
 from warehouse.ids import plain as plain_json
 from warehouse.ids import record_folder
-from warehouse.logs import ColumnMap, Understood, columns_of, read_any, unique_ids
-from warehouse.logs.file import iso, parse
+from warehouse.logs import (
+    ColumnMap,
+    Understood,
+    columns_of,
+    read_any,
+    unique_ids,
+)
+from warehouse.logs.tables import iso, parse
 from warehouse.mirror import is_there
-from warehouse.robots import keep_robot
-from warehouse.runs import read_manifest
+from warehouse.runs import keep_robot, read_manifest
 
 LONGEST = 60
 _KEY = re.compile(r"[\w.-]+")

@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.inputs.logs import is_run
-from flows.inputs.robots import load, load_of, robot_of
+from flows.inputs.given import is_run, load, load_of, robot_of
 from flows.requests import Calibrate, Diagnose, Identify
 from flows.settings import store_folder
 from flows.storage.calibration import CORRECTED
@@ -19,13 +18,12 @@ from flows.storage.diagnosis import (
     read_models_record,
     read_runs,
 )
-from residual.errors import InputError
+from residual.errors import InputError, check_name
 from residual.export.exported import Whole, body_of
 from residual.lazy import Lazy
 from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.model.record import from_record, load_model
-from residual.names import check_name
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
@@ -76,7 +74,6 @@ def choose(
     Args:
         model: Value of --model: "nominal", an id, or None.
         store: Value of --store, None where it is not given.
-        logs: The logs of the command.
         instead: The option that says by itself what the nominal model is, such as
             "--baseline"; None for none.
 
@@ -307,9 +304,6 @@ def as_described(
     robot: Robot, run: Recording, manifest: Mapping, by: str | None
 ) -> Robot:
     """Return a robot that is described as it was when a run was made.
-
-    Args:
-        by: What describes it now.
 
     Raises:
         InputError: If it is described differently now.

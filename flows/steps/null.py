@@ -7,19 +7,25 @@ kept as a smaller null, and the same command goes on from there.
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
-from flows.inputs.logs import LogSets, need_logs, read_sets
-from flows.inputs.robots import check_declared, load, load_of
+from flows.inputs.given import (
+    LogSets,
+    check_declared,
+    load,
+    load_of,
+    need_logs,
+    read_sets,
+)
 from flows.outputs import Progress
 from flows.requests import Null as Request
 from flows.settings import cores, store_folder
 from flows.storage.null import KIND, method_hash, null_records
-from flows.workers.pool import Here, Pool
-from residual.errors import InputError, ModelgapError
+from flows.workers.pool import Here, Pool, plainly
+from residual.errors import InputError
+from residual.lazy import one_blas_thread
 from residual.method.null_record import Null, from_record
 from residual.method.nulls import block, source
-from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.ids import data_hash
 
@@ -52,7 +58,6 @@ def calibrate_null(
     Interrupted, it keeps what is finished and returns that, marked incomplete.
 
     Args:
-        progress: Told the stage and the share done.
         pool: Processes to use; without it, own ones for the time being.
         workers: How many own processes; None for one per core.
 
@@ -67,10 +72,10 @@ def calibrate_null(
     done = _begun(asked)
     known = OF_A_BLOCK * len(done)
     todo = [i for i in range(blocks) if i not in done]
-    jobs = [(asked, i) for i in todo]
+    jobs = [partial(_block, asked, i) for i in todo]
     complete = True
     try:
-        for count, one in enumerate(pool.run(_block, jobs), start=1):
+        for count, one in enumerate(pool.run(plainly, jobs), start=1):
             if one.error:
                 raise one.error
             done[todo[one.index]] = one.value
@@ -135,14 +140,9 @@ def _keep(asked: Request, done: Mapping[int, Mapping], ids: Sequence[str]) -> Nu
 
 
 @one_blas_thread
-def _block(job: tuple[Request, int]) -> dict:
-    """Do one block; whatever it raises can cross to the parent process."""
-    asked, index = job
-    try:
-        made_after = _source(asked)
-        draws = block(made_after, asked.seed, index, OF_A_BLOCK)
-    except ModelgapError as error:
-        raise InputError(str(error)) from None
+def _block(asked: Request, index: int) -> dict:
+    made_after = _source(asked)
+    draws = block(made_after, asked.seed, index, OF_A_BLOCK)
     key = {name: getattr(made_after.key, name) for name in made_after.key.__slots__}
     return {
         "key": json.loads(json.dumps(key)),

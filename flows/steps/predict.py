@@ -10,8 +10,7 @@ import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
-from flows.inputs.logs import LogSets, is_run, need_logs, read_sets
-from flows.inputs.robots import load_of, robot_of
+from flows.inputs.given import LogSets, is_run, load_of, need_logs, read_sets, robot_of
 from flows.requests import Predict, View
 from flows.settings import store_folder
 from flows.steps.models import diagnosis_of, nominal_of, read_model
@@ -20,13 +19,13 @@ from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.result import ErrorTables, Finding, Verdict
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
+from residual.lazy import one_blas_thread
 from residual.model.compare import EDITED, WHOLE, Edits, Prediction
 from residual.model.compare import predict as core_predict
 from residual.quantity import plain
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.robot.shapes import Look, look_of
-from residual.threads import one_blas_thread
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
 FORMS = (".csv", ".parquet")

@@ -22,8 +22,7 @@ from warehouse.files import read_parquet, to_arrays
 from warehouse.ids import data_hash, plain
 from warehouse.layout import RERUN_OF, Found, find
 from warehouse.provenance import about_changes, provenance, read_packages
-from warehouse.robots import robot_word
-from warehouse.runs import open_seal, read_manifest
+from warehouse.runs import open_seal, read_manifest, robot_word
 from warehouse.schema import SAMPLES_FILE
 from warehouse.verify import faults, read_row
 

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 
-from flows.inputs.robots import instead
+from flows.inputs.given import instead
 from flows.requests import Calibrate, Diagnose, Identify, Monitor, Validate
 from flows.steps import calibrate, identify
 from flows.steps.diagnose import diagnose_runs
@@ -30,8 +30,7 @@ from warehouse.files import read_parquet, table_hash
 from warehouse.ids import ID_DIGITS
 from warehouse.layout import RERUN_OF, Found, find, list_folders, needed, read_record
 from warehouse.mirror import brought, is_there
-from warehouse.robots import robot_word
-from warehouse.runs import read_manifest
+from warehouse.runs import read_manifest, robot_word
 from warehouse.schema import SEALED
 from warehouse.verify import list_tables, other_files, read_row
 

@@ -23,9 +23,9 @@ from flows.steps.models import model_to_drive, nominal_of
 from flows.steps.validate import hidden_plant, robot_of
 from residual.errors import InputError
 from residual.export.exported import Whole
+from residual.lazy import one_blas_thread
 from residual.model.control import AS_MEASURED, Turning, Use
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from sim.engine.records import PlantSpec, Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from sim.twin import Driven, run_along
@@ -157,9 +157,6 @@ class Tracked:
 def track(request: Track, progress: Progress | None = None) -> tuple[str, Tracked]:
     """Drive the arm of simulated runs by the nominal model and another, and keep it.
 
-    Args:
-        progress: Told the share done.
-
     Raises:
         InputError: If there is no run, it has no sealed arm, or the model is of
             another robot.
@@ -201,7 +198,6 @@ def tracked(
     Args:
         models: "nominal" and "model".
         turning: How dry friction turns at reversals.
-        progress: Told the share done.
     """
     tell = progress or (lambda stage, share: None)
     cells: dict[str, list[Driven]] = {}

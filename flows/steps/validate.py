@@ -19,7 +19,7 @@ import numpy as np
 import pyarrow as pa
 from scipy.interpolate import CubicSpline
 
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.requests import Validate as Request
 from flows.settings import store_folder
 from flows.steps.edit import truth_of
@@ -29,11 +29,11 @@ from flows.storage.diagnosis import read_models
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
 from residual.identification.prove import torque_errors
+from residual.lazy import one_blas_thread
 from residual.model.forward import POSES, acceleration_error, least_mass_matrix
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
-from residual.threads import one_blas_thread
 from sim.engine.records import CLEAN, PlantSpec, Reference, TrajectorySpec
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive
@@ -119,7 +119,7 @@ def validate(request: Request) -> tuple[str, Validation]:
     if used < window:
         notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")
     given = _given(store, request, robot)
-    models = _models(store, given, (robot, log), (manifest, plant))
+    models = _models(store, *given, robot, log, manifest, plant)
     both = {name: both_ways(model, log) for name, model in models.items()}
     notes += _warnings(both, plant)
     made = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
@@ -155,12 +155,14 @@ def _given(store: Path, request: Request, robot: Robot) -> tuple[str | None, ...
 
 def _models(
     store: Path,
-    given: tuple[str | None, ...],
-    of: tuple[Robot, Recording],
-    sealed: tuple,
+    word: str | None,
+    now: str | None,
+    robot: Robot,
+    log: Recording,
+    manifest: Mapping,
+    plant: PlantSpec | None,
 ) -> dict[str, Whole]:
     """All models that are known of the arm of a run, the nominal one first."""
-    (robot, log), (manifest, plant), (word, now) = of, sealed, given
     nominal = nominal_of(robot, [log])
     out: dict[str, Whole] = {NOMINAL: nominal}
     if word is not None:

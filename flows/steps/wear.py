@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.inputs.robots import load_of
+from flows.inputs.given import load_of
 from flows.outputs import Progress
 from flows.steps.models import choose
 from flows.storage.diagnosis import read_known
 from residual.errors import InputError
 from residual.identification.identify import identify
+from residual.lazy import one_blas_thread
 from residual.model.model import Model
 from residual.monitoring.wear import (
     JointTrend,
@@ -23,7 +24,6 @@ from residual.monitoring.wear import (
 )
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from warehouse.query.store import open_store
 from warehouse.runs import read_run
 
@@ -73,7 +73,6 @@ def follow(
     Args:
         runs: Ids of runs; all of the robot, the latest 200, where none is given.
         model: Value of --model, None for the adopted model or one of the runs' own.
-        progress: Told the share done.
 
     Raises:
         InputError: If the runs are too few, or of another robot.

@@ -18,6 +18,7 @@ from typing import Any
 from loky import ProcessPoolExecutor
 
 from flows.settings import ONE_THREAD
+from residual.errors import InputError, ModelgapError, RunError
 
 # A process that has read many logs is larger than at its start, and that is no leak.
 _ENVIRONMENT = ONE_THREAD | {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e15"}
@@ -116,6 +117,16 @@ class Here:
                 yield Done(index, work(job))
             except Exception as error:
                 yield Done(index, error=error)
+
+
+def plainly(job: Callable[[], Any]) -> Any:
+    """Do a job; whatever it raises can cross to the parent process."""
+    try:
+        return job()
+    except ModelgapError as error:
+        raise InputError(str(error)) from None
+    except Exception as error:
+        raise RunError(f"{type(error).__name__}: {error}") from error
 
 
 def _fresh(workers: int) -> ProcessPoolExecutor:

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
-from flows.errors import RunError
 from flows.settings import cores, is_loopback
 from flows.workers.pool import Done, Pool
-from residual.errors import InputError
+from residual.errors import InputError, RunError
 
 RUNNER = "MODELGAP_RUNNER"
 THREADS, DASK = "threads", "dask"

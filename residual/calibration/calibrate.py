@@ -220,7 +220,6 @@ def calibrate(
         runs: Its logs; a single one is cut into parts. Of more than 15 min all identify
             the model, and tables take every second row, or third, or fewer.
         named: What a diagnosis found, for the model with named effects.
-        progress: Told the stage and the share done.
 
     Raises:
         InputError: If a log does not suit the mode, a column is constant, or there
@@ -252,7 +251,7 @@ def calibrate(
         robot.name,
         rows,
         schemes,
-        _table(schemes, training, source, (forms, chosen), tell),
+        _table(schemes, training, source, forms, chosen, tell),
         options,
         chosen.levels,
         len(rows.labels) >= PROVEN,
@@ -264,9 +263,7 @@ def calibrate(
     )
     if not settings.views:
         return made
-    return replace(
-        made, **_views(made, runs, (training, source), forms, settings, tell)
-    )
+    return replace(made, **_views(made, runs, training, source, forms, settings, tell))
 
 
 def _forms(rows: Rows, settings: Settings) -> Forms:
@@ -284,12 +281,13 @@ def _table(
     schemes: Sequence[Scheme],
     training: Training,
     source: Source,
-    how: tuple[Forms, Choices],
+    forms: Forms,
+    chosen: Choices,
     tell: Progress,
 ) -> tuple[Score, ...]:
-    nested = methods(how[0])
+    nested = methods(forms)
     # Rows of every motion are fitted here anyway, so the choice is made only once.
-    once = methods(*how)
+    once = methods(forms, chosen)
     out: list[Score] = []
     for number, scheme in enumerate(schemes):
         own = nested if scheme.name in UNSEEN else once
@@ -307,13 +305,14 @@ def _table(
 def _views(
     made: Calibration,
     runs: Sequence[Run],
-    data: tuple[Training, Source],
+    training: Training,
+    source: Source,
     forms: Forms,
     settings: Settings,
     tell: Progress,
 ) -> dict[str, object]:
     """What the paper's figures show, by field of a calibration."""
-    (training, source), rows = data, made.rows
+    rows = made.rows
     rng = np.random.default_rng(settings.seed)
     tell("principal components", 0.72)
     out: dict[str, object] = {"components": components_of(rows, runs, rng)}
@@ -361,7 +360,7 @@ def _kind(lookup: Lookup) -> str:
 def _column(name: str) -> Column:
     """A variable of the tables as a column of the state: q1, qd1, qdd1, or tau1."""
     on, number, _ = re.split(r"(\d+)", name)
-    return ("tau_model" if on == "tau" else on), (int(number) - 1,), ""
+    return Column("tau_model" if on == "tau" else on, (int(number) - 1,), "")
 
 
 def _of_joint(lookup: Lookup, m: int) -> Lookup:

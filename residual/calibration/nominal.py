@@ -1,4 +1,4 @@
-"""The nominal model identified without some of the runs, and what it leaves on all.
+"""The nominal model without some of the runs, alone as all that identifies anew here.
 
 A correction that is judged on unseen runs must start from a model that has not seen
 them either. The model is the program's own "identified": declared effects and rigid
@@ -33,7 +33,7 @@ from residual.model.nominal import (
 )
 from residual.recording import Array
 from residual.robot.robot import Robot
-from residual.signals.pieces import spread
+from residual.signals.logs import spread
 from residual.signals.track import Filters, Track
 
 

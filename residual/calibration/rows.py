@@ -20,8 +20,8 @@ import numpy as np
 from residual.errors import InputError
 from residual.recording import Array, Recording
 from residual.signals.track import Filters, Track, sample_rate
-from residual.tables.blocks import frozen
 from residual.tables.components import state_block, state_names
+from residual.tables.crossval import frozen
 
 BLOCKS = 4  # of a run
 FEW = 4  # runs under which leaving one out leaves fewer than three

@@ -19,7 +19,6 @@ from residual.calibration.methods import (
 from residual.calibration.rows import Rows, Run
 from residual.calibration.scores import RANDOM, RUN, Response, Scheme
 from residual.recording import Array
-from residual.tables.blocks import check_count
 from residual.tables.components import (
     fit_pca,
     fit_pls,
@@ -27,7 +26,7 @@ from residual.tables.components import (
     state_block,
     state_names,
 )
-from residual.tables.crossval import BLOCKS, HeldOut
+from residual.tables.crossval import BLOCKS, HeldOut, check_count
 from residual.tables.figures import (
     CLASSES,
     Jackknife,

@@ -28,12 +28,11 @@ from residual.check.samples import (
     without_spikes,
     wraps,
 )
-from residual.errors import InputError
-from residual.names import listed
+from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length
 from residual.robot.robot import Robot
-from residual.signals.pieces import sketch_of
+from residual.signals.logs import sketch_of
 
 _VELOCITY = "velocity_mismatch"
 

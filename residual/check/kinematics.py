@@ -13,7 +13,7 @@ from residual.check.motion import Motion
 from residual.check.reading import Reading, as_given, best_order, judge
 from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
-from residual.names import listed
+from residual.errors import listed
 from residual.recording import Array, Recording, usual_speed
 from residual.robot.robot import Robot
 

@@ -11,11 +11,11 @@ from residual.check.physics import bent
 from residual.check.reading import as_given, judge
 from residual.check.result import DELAY, Fault, joints_of
 from residual.check.rules import CHECK
-from residual.names import joints_listed, listed
+from residual.errors import joints_listed, listed
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, regressor
 from residual.robot.robot import Robot
-from residual.signals.low_pass import power_density
+from residual.signals.logs import power_density
 from residual.signals.track import Filters, motion_of
 
 _NOTHING = 1e-16

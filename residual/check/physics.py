@@ -17,7 +17,7 @@ from residual.check.reading import (
 )
 from residual.check.result import Fault, Repair
 from residual.check.rules import CHECK
-from residual.names import joints_listed, listed
+from residual.errors import joints_listed, listed
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
 from residual.robot.robot import Robot

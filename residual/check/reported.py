@@ -20,8 +20,8 @@ from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.effects import registry
 from residual.effects.base import Span
+from residual.errors import joints_listed, listed
 from residual.model.nominal import build_nominal, declared_names
-from residual.names import joints_listed, listed
 from residual.recording import Array
 from residual.robot.dynamics import gravity_torque
 from residual.robot.robot import Robot

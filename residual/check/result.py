@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.errors import InputError
-from residual.names import joints_listed, shown
+from residual.errors import InputError, joints_listed, shown
 
 SCHEMA = 1
 DELAY = "delay"

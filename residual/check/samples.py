@@ -14,7 +14,7 @@ from residual.check.motion import Columns, Motion, columns, thin_rows
 from residual.check.reported import shares_of, torque_factors
 from residual.check.result import Fault, joints_of
 from residual.check.rules import CHECK
-from residual.names import joints_listed
+from residual.errors import joints_listed
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 

@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 from scipy.special import ndtri
 
+from residual.diagnosis.angle_noise import between_logs, values_jacobian
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.result import Change, Edit, Number
-from residual.diagnosis.uncertainty import between_logs, values_jacobian
 from residual.effects import registry
 from residual.effects.base import Effect
 from residual.evidence.design import Design
@@ -29,7 +29,7 @@ from residual.model.nominal import prepare_logs
 from residual.quantity import plain
 from residual.recording import Array, Recording
 from residual.robot.base_parameters import base_parameters
-from residual.signals.pieces import session_clock
+from residual.signals.logs import session_clock
 
 LOOSE = 1e-4  # of the prior's information: what stays, so that nothing is infinite
 BODY = "inertial"

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.diagnosis.angle_noise import doubtful
 from residual.diagnosis.changes import changes
-from residual.diagnosis.detectable import minimum_detectable
+from residual.diagnosis.detectable import minimum_detectable, neighbours
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
+from residual.diagnosis.gate import rivals
 from residual.diagnosis.held_out import Splits, Verdicts, judgement
-from residual.diagnosis.prior_scale import neighbours
 from residual.diagnosis.result import (
     LOAD,
     MOTION,
@@ -27,8 +28,6 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from residual.diagnosis.sets import rivals
-from residual.diagnosis.uncertainty import doubtful
 from residual.diagnosis.unexplained import Leftover, depends_on
 from residual.effects import registry
 from residual.evidence.priors import Space, inertial_precision

@@ -5,17 +5,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.candidates import Candidates, every_candidate, renewed
+from residual.diagnosis.detectable import Selection, select
 from residual.diagnosis.gate import (
     Tested,
+    best_set,
     only_curves,
     passed,
     simplest,
     wrong_forms,
 )
-from residual.diagnosis.prior_scale import Selection, select
-from residual.diagnosis.search import Task, refined, search
-from residual.diagnosis.sets import best_set
+from residual.diagnosis.search import (
+    Candidates,
+    Task,
+    every_candidate,
+    refined,
+    renewed,
+    search,
+)
 from residual.effects import registry
 from residual.evidence.design import Design, Group
 from residual.evidence.embodied import Embodied, embodied
@@ -205,7 +211,6 @@ def examine(
     """Search, test and flag.
 
     Args:
-        progress: Told the stage and the share done.
         closed: Joints (from 0) of which nothing of their own may be named.
     """
     design = first_design(logs, nominal)
@@ -310,7 +315,7 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     design = task.design
     for _ in range(RULES.looks):
         design.show_torque(physical(as_model(nominal, fitted)))
-        members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
+        members = design.add([g.placed for g in fitted.members])
         for group in [g for g in members if g.effect.uses_model and g.effect.refine]:
             others = [g for g in members if g is not group]
             members = refined(task, (*others, group), fitted)
@@ -344,7 +349,7 @@ def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Embodied:
     nominal, tracks = examined.nominal, examined.logs.tracks
     base = replace(nominal.model, standstill=rough.standstill)
     design = Design(tracks, base, seen_with=rough)
-    members = design.add([(g.effect, g.joints, g.shape) for g in fitted.members])
+    members = design.add([g.placed for g in fitted.members])
     final = fit(design, examined.task.prior, members, fitted.counted, fitted.variance)
     model = as_model(replace(nominal, model=base), final)
     return embodied(design, final, model)

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.angle_noise import Checked
+from residual.diagnosis.angle_noise import Checked, Doubt, standard_deviations
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested, alternatives
-from residual.diagnosis.uncertainty import Doubt, standard_deviations
 from residual.effects.base import Effect
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit

@@ -9,22 +9,22 @@ from residual.diagnosis.examine import Examined, refit
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.result import Splits
 from residual.diagnosis.search import Task, admissible, best, least, torque_share
-from residual.errors import InputError
+from residual.errors import InputError, joints_listed
 from residual.evidence.design import Design, Group
 from residual.evidence.embodied import Embodied
 from residual.evidence.fit import Fit, gain
 from residual.evidence.priors import given_slots, held_at
 from residual.evidence.rules import RULES
-from residual.model.chance import rise, rises
 from residual.model.compare import (
     Errors,
     HeldOutLog,
     moving_error,
     moving_power,
     prepare_held_out,
+    rise,
+    rises,
 )
 from residual.model.model import Model, Term
-from residual.names import joints_listed
 from residual.recording import Array, Recording
 
 ROUND = 3  # gains are compared to 0.1 %

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual.diagnosis.candidates import Candidates
 from residual.diagnosis.examine import Examined
-from residual.diagnosis.search import Task, refined
+from residual.diagnosis.search import Candidates, Task, refined
 from residual.effects import registry
-from residual.effects.base import Effect, Joints
+from residual.effects.base import Effect, Joints, Placed
+from residual.errors import check_name
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, as_model, fit, physical
@@ -28,10 +28,9 @@ from residual.model.nominal import (
     prepare_logs,
     start_nominal,
 )
-from residual.names import check_name
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.signals.pieces import session_clock
+from residual.signals.logs import session_clock
 from residual.signals.track import Filters
 
 Told = tuple[str, tuple[int, ...]]
@@ -88,7 +87,7 @@ def _examined(
     clock = session_clock([*recordings, *held_out])
     logs = prepare_logs(robot, recordings, clock, Filters())
     nominal = start_nominal(logs, declared_names(robot, declared))
-    wanted = [pair for told in effects for pair in placed(told, robot.dof)]
+    wanted = [pair for told in effects for pair in placed(*told, robot.dof)]
     task, fitted = _best(first_design(logs, nominal), logs, nominal, wanted)
     if wanted:
         # As after a find: features that read the model's torque are made of the better.
@@ -101,9 +100,12 @@ def _examined(
     )
 
 
-def placed(told: Told, dof: int) -> list[tuple[Effect, Joints]]:
-    """Return an effect with the joints (from 0) of each of its candidates."""
-    name, joints = told
+def placed(name: str, joints: Sequence[int], dof: int) -> list[tuple[Effect, Joints]]:
+    """Return an effect with the joints (from 0) of each of its candidates.
+
+    Args:
+        joints: From 1.
+    """
     effect = registry()[check_name(name, registry(), "effect")]
     if effect.scope == "global":
         return [(effect, ())]
@@ -130,17 +132,17 @@ def _best(
         runs.append((task, _fitted(task, grid)))
     counted = np.max([fitted.counted for _, fitted in runs], axis=0)
 
-    def worth(run: tuple[Task, Fit]) -> float:
-        task, fitted = run
-        return fit(design, task.prior, fitted.members, counted, rounds=4).score
-
-    return max(runs, key=worth)
+    worth = [
+        fit(design, task.prior, fitted.members, counted, rounds=4).score
+        for task, fitted in runs
+    ]
+    return runs[int(np.argmax(worth))]
 
 
 def _grid(design: Design, logs: Logs, effect: Effect, joints: Joints) -> list[Group]:
     """An effect in each shape that a search begins with."""
     shapes = effect.shapes(logs.span, joints[0] if joints else 0)
-    return design.add([(effect, joints, shape) for shape in shapes])
+    return design.add([Placed(effect, joints, shape) for shape in shapes])
 
 
 def _fitted(task: Task, grid: Sequence[Sequence[Group]]) -> Fit:

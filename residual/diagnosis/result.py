@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from residual.check.result import LogCheck
+from residual.errors import joints_listed
 from residual.model.bodies import Moved
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
 from residual.model.model import Model
-from residual.names import joints_listed
 from residual.quantity import measured, percent
 
 Number = float | None  # None where it is not known

@@ -29,12 +29,12 @@ from residual.diagnosis.held_out import (
 )
 from residual.diagnosis.result import Splits
 from residual.diagnosis.search import least
+from residual.errors import listed
 from residual.evidence.design import Group
 from residual.evidence.embodied import embodied
 from residual.evidence.fit import as_model
 from residual.evidence.rules import RULES
 from residual.model.compare import HeldOutLog
-from residual.names import listed
 from residual.recording import Recording
 
 # Names that came up in the place of others that fell.
@@ -47,15 +47,15 @@ def substitutes(
     examined: Examined,
     judged: Verdicts,
     held_out: Sequence[HeldOutLog],
-    suspects: tuple[Sequence[Tested], Sequence[Group]],
+    late: Sequence[Tested],
+    fallen: Sequence[Group],
 ) -> list[tuple[Tested, str]]:
     """Return the late names that only say what a fallen one said, or prove nothing.
 
     Args:
-        suspects: Those of the names that an earlier search had not found; and what
-            fell although it explained much.
+        late: Those of the names that an earlier search had not found.
+        fallen: What fell although it explained much.
     """
-    late, fallen = suspects
     out = []
     for one in late:
         if not _is_more(examined, judged, one, fallen):
@@ -157,7 +157,6 @@ def stand(
 
     Args:
         recordings: The fit logs, in the diagnosis' order.
-        tell: Told the stage and the share done.
     """
     gone: list[Withdrawn] = []
     first = {_place(t) for t in (*examined.tested, *examined.withdrawn)}
@@ -210,7 +209,7 @@ def _doubted(
         harm = [] if fallen else harmful(examined, judged, proof, company)
         fallen = fallen or harm
         late = [t for t in tested if _place(t) not in history.first]
-        fallen = fallen or substitutes(examined, judged, proof, (late, history.fallen))
+        fallen = fallen or substitutes(examined, judged, proof, late, history.fallen)
         if not fallen:
             break
         gone += [Withdrawn(t, why, explains=bool(harm)) for t, why in fallen]

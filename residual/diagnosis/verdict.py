@@ -25,9 +25,8 @@ from residual.diagnosis.result import (
     Value,
     Verdict,
 )
-from residual.errors import InputError
+from residual.errors import InputError, shown
 from residual.model.bodies import Moved
-from residual.names import shown
 from residual.quantity import plain
 
 SCHEMA = 1

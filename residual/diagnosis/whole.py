@@ -17,12 +17,12 @@ from residual.diagnosis.gate import Tested, leave_out
 from residual.diagnosis.search import Task
 from residual.diagnosis.standing import Withdrawn
 from residual.effects import registry
+from residual.errors import joints_listed, listed
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, System, smallest_change
 from residual.evidence.priors import SCALES, relative_prior
 from residual.evidence.rules import RULES
-from residual.model.chance import SMALL, WORSE
-from residual.model.compare import Errors
+from residual.model.compare import SMALL, WORSE, Errors
 from residual.model.model import Model
 from residual.model.nominal import (
     DEFAULT_DECLARED,
@@ -30,11 +30,9 @@ from residual.model.nominal import (
     start_nominal,
     with_standstill,
 )
-from residual.names import joints_listed, listed
 from residual.recording import Array, Recording
 from residual.robot.dynamics import regressor
-from residual.signals.low_pass import low_pass, power_density
-from residual.signals.pieces import in_pieces, let_go
+from residual.signals.logs import in_pieces, let_go, low_pass, power_density
 from residual.signals.track import sample_rate
 
 

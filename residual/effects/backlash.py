@@ -7,8 +7,15 @@ catches it: a late crossing, and the later the wider the play.
 
 import numpy as np
 
-from residual.effects._sensitivity import moved, rates, sensitivity
-from residual.effects.base import Effect, Portable, Refinement, against_load
+from residual.effects.base import (
+    Effect,
+    Portable,
+    Refinement,
+    against_load,
+    moved,
+    rates,
+    sensitivity,
+)
 from residual.recording import Array
 
 # The coefficient is the half gap, the shape the one that the flight is drawn for.

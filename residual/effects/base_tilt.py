@@ -5,8 +5,7 @@ To first order |g| (tilt_x, tilt_y, 0) is added to gravity in the base frame.
 
 import numpy as np
 
-from residual.effects._sensitivity import model_of
-from residual.effects.base import Effect, Portable
+from residual.effects.base import Effect, Portable, model_of
 from residual.robot.dynamics import gravity_torque
 
 MOST = 1.2  # rad; an arm on a wall is declared as one

@@ -5,8 +5,7 @@ The encoder sits on the motor, so the link is at the reading less load over stif
 
 import numpy as np
 
-from residual.effects._sensitivity import moved, rates, slow
-from residual.effects.base import Effect, Portable, against_load
+from residual.effects.base import Effect, Portable, against_load, moved, rates, slow
 
 FUTURE = "its filter looks ahead in time"
 SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from residual.effects._sensitivity import turned
-from residual.effects.base import Effect, Portable
+from residual.effects.base import Effect, Portable, turned
 
 MOST = 0.2  # rad
 SHIFT = (

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from residual.effects._sensitivity import sensitivity
-from residual.effects.base import Effect, Portable
+from residual.effects.base import Effect, Portable, sensitivity
 
 MOST = 0.5  # rad: nobody would overlook more
 

@@ -13,7 +13,7 @@ from residual.effects.base import (
     local,
     shaped,
 )
-from residual.signals.direction import bristle
+from residual.signals.logs import bristle
 
 
 def _feature(state, j, shape):

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.changes import baseline_edits, dense_fit
-from residual.diagnosis.result import Diagnosis, Verdict
+from residual.diagnosis.conclude import error_tables
+from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
 from residual.epochs.conclude import Judged, clouds, conclude
 from residual.epochs.models import Epoch, augmented, fit_epoch
 from residual.epochs.rows import both_epochs
@@ -19,19 +20,20 @@ from residual.epochs.search import Change, Found, find
 from residual.epochs.unnamed import unnamed
 from residual.evidence.design import Design
 from residual.evidence.embodied import Embodied
-from residual.model.chance import is_sure, rise
 from residual.model.compare import (
     HeldOutLog,
     compare,
+    is_sure,
     moving_error,
     prepare_held_out,
+    rise,
     worse_joints,
 )
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal, begin, prepare_logs
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.pieces import session_clock, sketch_of
+from residual.signals.logs import session_clock, sketch_of
 from residual.signals.track import Filters
 
 Progress = Callable[[str, float], None]
@@ -62,11 +64,7 @@ class Asked:
 
 
 def compared(asked: Asked, tell: Progress) -> Diagnosis:
-    """Say what changed between two epochs, and prove it on held-out logs.
-
-    Args:
-        tell: Told the stage and the share done.
-    """
+    """Say what changed between two epochs, and prove it on held-out logs."""
     rules = Rules()
     tell("rows of both epochs", 0.0)
     logs, count, clocked = prepared(asked, rules)
@@ -89,14 +87,15 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
         found,
         rest,
         judged,
-        errors,
-        epochs=(before, after),
-        declared=nominal.names,
-        logs=(
+        error_tables(
+            {name: errors.get(name) for name in (*STAGES, PLAIN)},
+            min(t.cutoff for t in found.both.logs.tracks),
             [r.id for r in asked.held_out],
             asked.same_run,
             worse_joints(models, proof),
         ),
+        epochs=(before, after),
+        declared=nominal.names,
     )
     edit = baseline_edits(
         models,

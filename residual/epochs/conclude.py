@@ -6,13 +6,11 @@ from itertools import product
 
 import numpy as np
 
-from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.result import (
-    PLAIN,
-    STAGES,
     Dependence,
     Detectable,
     Drift,
+    ErrorTables,
     Evidence,
     Finding,
     Parameter,
@@ -26,7 +24,7 @@ from residual.epochs.models import Epoch, values_that_changed
 from residual.epochs.search import Change, Found
 from residual.epochs.unnamed import Rest, follows
 from residual.epochs.unrest import Warmth
-from residual.model.compare import Cloud, Errors
+from residual.model.compare import Cloud
 from residual.quantity import plain
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -126,16 +124,11 @@ def conclude(
     found: Found,
     rest: Rest,
     judged: Mapping[int, Judged],
-    errors: Mapping[str, Errors],
+    error: ErrorTables,
     epochs: tuple[Epoch, Epoch],
     declared: Sequence[str],
-    logs: tuple[Sequence[str], bool],
 ) -> Verdict:
-    """Return the verdict, of plain values.
-
-    Args:
-        logs: Labels of the held-out logs, and whether they are a part of a fit log.
-    """
+    """Return the verdict, of plain values."""
     robot = epochs[0].model.robot
     flagged = rest.flagged
     nothing = "unknown" if flagged else "none"
@@ -149,14 +142,10 @@ def conclude(
         ),
         minimum_detectable=tuple(minimum_detectable(found)),
         unexplained=_unexplained(found, rest, flagged),
-        error=error_tables(
-            {name: errors.get(name) for name in (*STAGES, PLAIN)},
-            min(t.cutoff for t in found.both.logs.tracks),
-            *logs,
-        ),
+        error=error,
         nominal_scale=None,
         next_experiment=None,
-        warnings=_warnings(found, logs[1]),
+        warnings=_warnings(found, error.same_run),
         drift=_drift(found),
         changes=tuple(values_that_changed(*epochs, found)),
     )

@@ -76,9 +76,6 @@ def augmented(found: Found, nominal: Nominal, like: Model) -> Embodied:
 
     What did not change is fitted to both epochs, the second less what did: either
     epoch alone knows less of it.
-
-    Args:
-        found: What changed.
     """
     both, changed = found.both, changed_terms(found)
     groups = [(c.contrast.candidate.group, c.contrast.theta) for c in found.changes]
@@ -160,10 +157,6 @@ def values_that_changed(first: Epoch, second: Epoch, found: Found) -> Iterator[C
 
     Two fits may share out the same friction otherwise. So a value is off only where the
     comparison of both epochs says so too.
-
-    Args:
-        second: Fit of the second.
-        found: What changed.
     """
     named = {(c.group.effect.name, c.group.joints) for c in found.named}
     size = len(first.model.inertial)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.effects import registry
+from residual.effects.base import Placed
 from residual.epochs.rules import Rules
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, as_model, fit, settled
@@ -19,7 +20,7 @@ from residual.evidence.priors import relative_prior
 from residual.model.model import Model, Term
 from residual.model.nominal import Logs, Nominal
 from residual.recording import Array
-from residual.signals.pieces import logs_of
+from residual.signals.logs import logs_of
 
 LOOSE = 10.0  # relative scale of the bodies: a tool may weigh more than any link
 FIRM = (1.0, 10.0, 100.0, 1000.0)  # times the precision of what any arm has a little of
@@ -244,7 +245,7 @@ def _pressed(both: Both, changed: Sequence[tuple[Group, Array]]) -> Both:
     )
     old = set(map(id, both.loaded))
     plain = [g for g in both.known if id(g) not in old]
-    loaded = both.design.add([(g.effect, g.joints, g.shape) for g in both.loaded])
+    loaded = both.design.add([g.placed for g in both.loaded])
     ids = [both.design.nominal, *(g.ids for g in (*plain, *loaded))]
     return replace(
         both,
@@ -259,15 +260,15 @@ def _left(design: Design, fitted: Fit) -> tuple[Array, ...]:
     return tuple(residual(j, fitted.ids, fitted.theta) for j in range(design.dof))
 
 
-def _usual(logs: Logs, model: Model) -> tuple[list, list]:
+def _usual(logs: Logs, model: Model) -> tuple[list[Placed], list[Placed]]:
     """What any arm has a little of: without and with a use of the model's torque."""
     has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
-    out: tuple[list, list] = ([], [])
+    out: tuple[list[Placed], list[Placed]] = ([], [])
     for effect in registry().values():
         for joints in effect.candidates(model.robot.dof):
             for shape in effect.in_any_arm(logs.span, joints[0] if joints else 0):
                 if (effect.name, joints, shape) not in has:
-                    out[effect.uses_model].append((effect, joints, shape))
+                    out[effect.uses_model].append(Placed(effect, joints, shape))
     return out
 
 

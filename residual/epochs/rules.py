@@ -4,6 +4,58 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
+class Watching:
+    """What a watch goes by.
+
+    Attributes:
+        rows: Rows of a bin in which a joint moves.
+        windows: Lengths of the windows [bins], ascending.
+        uncertain: Most directions of the nuisance that are kept uncertain.
+        memory: Time over which the slow of an arm keeps its course [s].
+        pause: Longest time that an arm does not cool within [s].
+        fresh: Behind a longer pause an arm has cooled: by how much its course differs
+            more, as a factor on deviations.
+        quick: Least that the slow changes with the motion, as a share of the deviation
+            between healthy runs.
+        warmth: Least deviation of friction between runs, as a share.
+        offset: The same of the constant, as a share of torque rms.
+        free: Torque of each nuisance column that healthy runs are to tell, one
+            deviation, as a share of torque rms.
+        quiet: Bins of motion without a crossing after which an alarm is over.
+        patience: Least and most bins that an alarm waits for its name to be sure.
+        short: Longest window whose name may change soon [bins]; longer ones wait for
+            no least.
+        sure: Evidence by which the best name has to lead for that [nats], and as a
+            part of its own.
+        enough: Part of the evidence of the best window that the shortest needs, which
+            says since when.
+        as_well: Part of the evidence of the best name that another needs to be told.
+    """
+
+    rows: int = 31
+    windows: tuple[int, ...] = (2, 4, 10, 20, 40)
+    uncertain: int = 12
+    memory: float = 100.0
+    pause: float = 90.0
+    fresh: float = 3.0
+    quick: float = 0.1
+    warmth: float = 0.02
+    offset: float = 0.003
+    free: float = 0.1
+    quiet: int = 20
+    patience: tuple[int, int] = (2, 4)
+    short: int = 4
+    sure: tuple[float, float] = (10.0, 0.3)
+    enough: float = 0.8
+    as_well: float = 0.5
+
+    @property
+    def longest(self) -> int:
+        """Bins of the longest window."""
+        return self.windows[-1]
+
+
+@dataclass(frozen=True, slots=True)
 class Rules:
     """What decides whether something changed.
 
@@ -40,6 +92,8 @@ class Rules:
         worth: Evidence that each of them must win [nats].
         most_seconds: Length of an epoch from which on a part of it is looked at [s].
         seconds: How much of it, evenly spread [s].
+        watch: What a watch of a stream goes by, which compares its rows with such an
+            epoch.
     """
 
     threshold: float = 3.0
@@ -68,3 +122,4 @@ class Rules:
     worth: float = 10.0
     most_seconds: float = 300.0
     seconds: float = 280.0
+    watch: Watching = Watching()

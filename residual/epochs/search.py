@@ -6,8 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.effects.base import against_position
-from residual.epochs.candidates import refined, renewed, vocabulary, weighed
-from residual.epochs.contrast import Candidate, Contrast, Table
+from residual.epochs.contrast import (
+    Candidate,
+    Contrast,
+    Table,
+    refined,
+    renewed,
+    vocabulary,
+    weighed,
+)
 from residual.epochs.joint import Joint
 from residual.epochs.rows import Both, beside
 from residual.epochs.unrest import Warmth, basics, first_noise, is_basic, joints_of

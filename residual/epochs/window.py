@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.epochs.contrast import worth_of
+from residual.epochs.rules import Watching
 from residual.recording import Array
 
 SLOW = 2  # columns of what any arm does slowly: friction, constant
@@ -35,58 +36,6 @@ FRICTION, BIAS, GAIN = 0, 1, 2
 WAYS = ((0,), (1,), (2,), (3,), (4,), (3, 4))
 KINDS = (FRICTION, BIAS, GAIN, FRICTION, FRICTION, FRICTION)
 QUANTITIES = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Rules:
-    """What a watch goes by.
-
-    Attributes:
-        rows: Rows of a bin in which a joint moves.
-        windows: Lengths of the windows [bins], ascending.
-        uncertain: Most directions of the nuisance that are kept uncertain.
-        memory: Time over which the slow of an arm keeps its course [s].
-        pause: Longest time that an arm does not cool within [s].
-        fresh: Behind a longer pause an arm has cooled: by how much its course differs
-            more, as a factor on deviations.
-        quick: Least that the slow changes with the motion, as a share of the deviation
-            between healthy runs.
-        warmth: Least deviation of friction between runs, as a share.
-        offset: The same of the constant, as a share of torque rms.
-        free: Torque of each nuisance column that healthy runs are to tell, one
-            deviation, as a share of torque rms.
-        quiet: Bins of motion without a crossing after which an alarm is over.
-        patience: Least and most bins that an alarm waits for its name to be sure.
-        short: Longest window whose name may change soon [bins]; longer ones wait for
-            no least.
-        sure: Evidence by which the best name has to lead for that [nats], and as a
-            part of its own.
-        enough: Part of the evidence of the best window that the shortest needs, which
-            says since when.
-        as_well: Part of the evidence of the best name that another needs to be told.
-    """
-
-    rows: int = 31
-    windows: tuple[int, ...] = (2, 4, 10, 20, 40)
-    uncertain: int = 12
-    memory: float = 100.0
-    pause: float = 90.0
-    fresh: float = 3.0
-    quick: float = 0.1
-    warmth: float = 0.02
-    offset: float = 0.003
-    free: float = 0.1
-    quiet: int = 20
-    patience: tuple[int, int] = (2, 4)
-    short: int = 4
-    sure: tuple[float, float] = (10.0, 0.3)
-    enough: float = 0.8
-    as_well: float = 0.5
-
-    @property
-    def longest(self) -> int:
-        """Bins of the longest window."""
-        return self.windows[-1]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -120,7 +69,7 @@ class Usual:
         """
         return np.repeat(self.slow, 2, axis=1)[:, :, None] ** 2 * np.eye(2 * SLOW)
 
-    def cold(self, rules: Rules) -> Array:
+    def cold(self, rules: Watching) -> Array:
         """The same behind a longer pause. Shape (dof, 4, 4)."""
         course = np.array([1.0, rules.fresh] * SLOW)
         return self.prior * np.outer(course, course)
@@ -181,7 +130,7 @@ class Looks:
         return np.concatenate([self.load[..., None], *by_kind], axis=-1)
 
 
-def nothing(usual: Usual, columns: int, rules: Rules) -> Past:
+def nothing(usual: Usual, columns: int, rules: Watching) -> Past:
     """Return the past before the first row: empty bins, an unknown slow state."""
     dof, b = len(usual.noise), rules.longest
     return Past(
@@ -192,7 +141,7 @@ def nothing(usual: Usual, columns: int, rules: Rules) -> Past:
     )
 
 
-def products(columns: Array, rules: Rules) -> Array:
+def products(columns: Array, rules: Watching) -> Array:
     """Return products of columns, those of whole bins. (m, dof, f) to (b, dof, f, f).
 
     The columns of a row are r, U, S, those of a load, and gain, dry and viscous
@@ -204,7 +153,7 @@ def products(columns: Array, rules: Rules) -> Array:
 
 
 def follow(
-    usual: Usual, rules: Rules, past: Past, gram: Array, clock: Array
+    usual: Usual, rules: Watching, past: Past, gram: Array, clock: Array
 ) -> tuple[Past, Looks]:
     """Look at new bins.
 
@@ -248,7 +197,7 @@ def follow(
     return grown[len(grown.gram) - longest :], _looks(usual, sums, mean, cov)
 
 
-def _with_course(sums: Array, rules: Rules, grown: Past, begins: Array) -> Array:
+def _with_course(sums: Array, rules: Watching, grown: Past, begins: Array) -> Array:
     """Products of windows with one more column: friction by the time in the window.
 
     Args:
@@ -279,7 +228,7 @@ def _with_course(sums: Array, rules: Rules, grown: Past, begins: Array) -> Array
     return out
 
 
-def _later(usual: Usual, rules: Rules, known, seconds: Array) -> tuple[Array, Array]:
+def _later(usual: Usual, rules: Watching, known, seconds: Array) -> tuple[Array, Array]:
     """What is known of the slow some time later: it keeps its course for a while.
 
     A Matern process of order 3/2, level and rate in units of one deviation each.
@@ -301,7 +250,7 @@ def _later(usual: Usual, rules: Rules, known, seconds: Array) -> tuple[Array, Ar
 
 
 def _followed(
-    usual: Usual, rules: Rules, past: Past, gram: Array, clock: Array
+    usual: Usual, rules: Watching, past: Past, gram: Array, clock: Array
 ) -> tuple[Array, Array]:
     """Mean and covariance of the slow behind each new bin: a Kalman filter."""
     at = _slow(gram.shape[-1])

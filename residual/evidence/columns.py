@@ -11,9 +11,9 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from residual.effects.base import Effect, Joints, Shape
+from residual.effects.base import Effect, Joints, Placed, Shape
 from residual.recording import Array
-from residual.signals.pieces import logs_of
+from residual.signals.logs import logs_of
 from residual.signals.track import Track
 
 
@@ -210,6 +210,11 @@ class Group:
         """What its prior has beside the precision."""
         k = len(self.ids)
         return self.given or Given(np.zeros((k, k)), np.zeros(k), 0.0, self.log_det)
+
+    @property
+    def placed(self) -> Placed:
+        """What its columns are made of."""
+        return Placed(self.effect, self.joints, self.shape)
 
     @property
     def key(self) -> tuple:

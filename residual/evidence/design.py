@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.effects.base import Effect, Joints, Shape, State
+from residual.effects.base import Joints, Placed, State
 from residual.evidence.columns import (
     ColumnCache,
     Given,
@@ -31,7 +31,7 @@ from residual.model.known import held, of_effect
 from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.dynamics import links_of
-from residual.signals.pieces import is_cut, spread
+from residual.signals.logs import is_cut, spread
 from residual.signals.track import Track
 
 LAGS = 80  # rows over which noise is asked whether it remembers
@@ -214,12 +214,8 @@ class Design:
         for fold, own in runs(self._rows_labels(j, self._chunks[c])):
             self._sums.add(j, fold, every[:, own], first, y[own])
 
-    def add(self, candidates: Sequence[tuple[Effect, Joints, Shape]]) -> list[Group]:
-        """Append candidates and return their groups, in order.
-
-        Args:
-            candidates: Effect, joints from 0 and shape of each.
-        """
+    def add(self, candidates: Sequence[Placed]) -> list[Group]:
+        """Append candidates and return their groups, in order."""
         if not candidates:
             return []
         by_rows: dict[Joints, list[int]] = {}

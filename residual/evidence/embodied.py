@@ -12,12 +12,12 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import chdtrc
 
+from residual.errors import listed
 from residual.evidence.design import Design
 from residual.evidence.fit import BODY, Fit, scaled_inverse
 from residual.evidence.rules import RULES
 from residual.model.bodies import Moved, bodies_of, nearest
 from residual.model.model import Model
-from residual.names import listed
 from residual.recording import Array
 
 LITTLE = 0.01  # per cent of torque: less is not told

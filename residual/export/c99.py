@@ -19,7 +19,7 @@ from residual.export.program import (
     template,
 )
 from residual.model.corrected import NOTHING, Tables
-from residual.signals.direction import Standstill
+from residual.signals.logs import Standstill
 
 # What a formula or a table calls the motion, and what the function of the header does.
 _ARRAYS = {

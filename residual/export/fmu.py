@@ -1,4 +1,7 @@
-"""A model as an FMU: FMI 2.0, both kinds, the C99 header inside."""
+"""A model as an FMU, alone as the one format that is packed and compiled.
+
+FMI 2.0, both kinds, the C99 header inside.
+"""
 
 import hashlib
 import io

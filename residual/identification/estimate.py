@@ -22,11 +22,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.errors import InputError
+from residual.errors import InputError, check_name
 from residual.evidence.design import LAGS
 from residual.evidence.fit import autocorrelation_time
 from residual.identification.structure import Rows
-from residual.names import check_name
 from residual.recording import Array
 
 METHODS = ("ols", "wls", "irls")

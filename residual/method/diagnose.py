@@ -57,7 +57,7 @@ from residual.planning.promise import promised
 from residual.planning.question import open_question
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.signals.pieces import hold_out_end, session_clock
+from residual.signals.logs import hold_out_end, session_clock
 from residual.signals.track import Filters
 
 # The diagnosis, the fit of exactly what is named, and the findings.
@@ -83,7 +83,6 @@ def diagnose(
         declared: Effects that the model has; None for the robot's own list. Or the
             model that was adopted (`Diagnosis.known`), with the logs behind it as the
             baseline.
-        progress: Told the stage and the share done.
         null: The calibrated null to go by, or several to choose a fitting one from;
             with a baseline none is needed.
         inside: Shown what the search knows, before it is let go.

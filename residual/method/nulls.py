@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.candidates import Candidates, every_candidate
+from residual.diagnosis.detectable import select
 from residual.diagnosis.examine import examine
 from residual.diagnosis.gate import passed, simplest
-from residual.diagnosis.prior_scale import select
-from residual.diagnosis.search import Task, _shortlist
+from residual.diagnosis.search import Candidates, Task, _shortlist, every_candidate
 from residual.evidence.design import LAGS, Design
 from residual.evidence.fit import Fit, System, fit, gain, possible
 from residual.evidence.priors import Space, first_design, inertial_precision
@@ -34,8 +33,7 @@ from residual.model.nominal import (
 )
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.direction import SMOOTH, Standstill
-from residual.signals.pieces import session_clock, sketch_of
+from residual.signals.logs import SMOOTH, Standstill, session_clock, sketch_of
 from residual.signals.track import Filters, encoder_noise, smooth
 
 FARTHEST = 0.3  # of the inertial parameters: a prior that is wider is as good as none

@@ -12,6 +12,7 @@ not tell moves first, what they tell only as far as it must. A convex problem, s
 Newton's method on the logarithmic barrier (Boyd and Vandenberghe 2004, section 11.3).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,13 +111,17 @@ def bodies_of(model: Model, friction: bool = False) -> Bodies:
             )
         if friction and term.effect.not_negative:
             positive += range(own.start, own.stop)
-    return _bodies(model.robot, (links, load, placed), c, np.array(positive, int))
+    return _bodies(model.robot, links, load, placed, c, np.array(positive, int))
 
 
 def _bodies(
-    robot: Robot, parts: tuple[Array, Array, list[slice]], c: Array, positive: Array
+    robot: Robot,
+    links: Array,
+    load: Array,
+    placed: Sequence[slice],
+    c: Array,
+    positive: Array,
 ) -> Bodies:
-    links, load, placed = parts
     scale, start = link_scales(robot), np.zeros(len(c))
     names = [f"link {i + 1}" for i in range(robot.dof)]
     sums = links.reshape(robot.dof, PER_LINK, -1)

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,13 @@ from residual.tables.lookup import Lookup
 NOTHING, NEAREST = "nothing", "nearest"  # what a table says beyond its range
 DIFFERENCE = "difference"  # of two positions, where their sum is not meant
 
-Column = tuple[str, tuple[int, ...], str]  # on, of (from 0), form
+
+class Column(NamedTuple):
+    """A variable that a table reads: of which signal, of which joints (from 0), how."""
+
+    on: str
+    of: tuple[int, ...]
+    form: str
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -128,7 +135,10 @@ class Corrected:
         tables = [
             Tables(
                 t["joint"] - 1,
-                tuple((on, tuple(j - 1 for j in of), f) for on, of, f in t["columns"]),
+                tuple(
+                    Column(on, tuple(j - 1 for j in of), f)
+                    for on, of, f in t["columns"]
+                ),
                 Lookup.from_record(t["lookup"]),
                 t["kind"],
                 t.get("beyond", NOTHING),

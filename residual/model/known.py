@@ -14,8 +14,7 @@ import numpy as np
 
 from residual.effects import registry
 from residual.effects.base import Effect, Joints
-from residual.errors import InputError
-from residual.names import check_name, shown
+from residual.errors import InputError, check_name, shown
 from residual.recording import Array
 from residual.robot.robot import Robot
 

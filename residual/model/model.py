@@ -9,12 +9,11 @@ import numpy as np
 
 from residual.effects import TABLES, registry
 from residual.effects.base import Effect, Joints, Shape, State
-from residual.errors import InputError
-from residual.names import check_name, shown
+from residual.errors import InputError, check_name, shown
 from residual.recording import Array, Recording
 from residual.robot.dynamics import LazyRegressor
 from residual.robot.robot import Robot, robot_from_texts
-from residual.signals.direction import SMOOTH, Standstill, directions
+from residual.signals.logs import SMOOTH, Standstill, directions
 from residual.signals.track import Filters, Track, at_samples, prepare
 
 
@@ -128,7 +127,8 @@ def _before(term: Term) -> Term | None:
 def with_values(
     terms: Terms,
     robot: Robot,
-    where: tuple[str, Sequence[int] | None],
+    name: str,
+    joints: Sequence[int] | None,
     values: Mapping[str, float],
 ) -> Terms:
     """Return terms with other physical parameters of an effect.
@@ -136,19 +136,19 @@ def with_values(
     Where a nominal value and a change of it are on the same joints, they become one.
 
     Args:
-        where: Name of the effect, and joints from 1; None for all that have it.
+        joints: From 1; None for all that have it.
         values: New value of each parameter to change, in its SI unit.
 
     Raises:
         InputError: If the effect is not there.
         UnknownNameError: If there is no such effect or parameter.
     """
-    own = _terms_of(terms, *where)
+    own = _terms_of(terms, name, joints)
     for key in values:
-        check_name(key, own[0].effect.parameters, f"parameter of {where[0]}")
+        check_name(key, own[0].effect.parameters, f"parameter of {name}")
     changed: dict[int, Term] = {}
-    for joints in dict.fromkeys(term.joints for term in own):
-        first, *more = (term for term in own if term.joints == joints)
+    for on in dict.fromkeys(term.joints for term in own):
+        first, *more = (term for term in own if term.joints == on)
         alike = [t.theta for t in (first, *more) if t.shape == first.shape]
         known = replace(first, theta=np.sum(alike, axis=0)).parameters(robot) | values
         numbers = np.array([float(known[k]) for k in first.effect.parameters])
@@ -400,7 +400,7 @@ class Model:
             InputError: If the model does not have the effect there.
             UnknownNameError: If it has no such parameter.
         """
-        terms = with_values(self.terms, self.robot, (name, joints), values)
+        terms = with_values(self.terms, self.robot, name, joints, values)
         return replace(self, terms=terms)
 
     def to_record(self) -> dict:

@@ -7,15 +7,13 @@ import numpy as np
 
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, Span, State
-from residual.errors import InputError
+from residual.errors import InputError, check_keys, check_name
 from residual.model.known import mass_of_links, of_effect
 from residual.model.model import Model, Term
-from residual.names import check_keys, check_name
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, inertial_parameters
 from residual.robot.robot import Robot
-from residual.signals.direction import CHOICES, SMOOTH, Standstill
-from residual.signals.pieces import in_pieces, spread
+from residual.signals.logs import CHOICES, SMOOTH, Standstill, in_pieces, spread
 from residual.signals.track import Filters, Track, prepare, shaken
 
 MOST_SHAPES = 4

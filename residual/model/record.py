@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from residual.errors import InputError
+from residual.errors import InputError, check_nesting
 from residual.model.corrected import Corrected
 from residual.model.model import Model, Term
-from residual.names import check_nesting
 from residual.recording import Array
-from residual.signals.direction import CHOICES
+from residual.signals.logs import CHOICES
 
 SLOWEST = 1e-3  # Hz: a period of a quarter of an hour is no filter of a motion
 FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it

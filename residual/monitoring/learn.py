@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.effects import registry
-from residual.effects.base import Span
+from residual.effects.base import Placed, Span
 from residual.epochs.joint import Joint
 from residual.epochs.rows import LOOSE, Layout, joint_fit
 from residual.epochs.rules import Rules as EpochRules
+from residual.epochs.rules import Watching
 from residual.epochs.unrest import chosen
-from residual.epochs.window import SLOW, Looks, Rules, Usual, follow, nothing, products
+from residual.epochs.window import SLOW, Looks, Usual, follow, nothing, products
 from residual.errors import InputError
 from residual.evidence.design import LAGS
 from residual.evidence.fit import as_model, autocorrelation_time
@@ -41,7 +42,7 @@ def learn(
     model: Model,
     recordings: Sequence[Recording],
     per_hour: float = PER_HOUR,
-    rules: Rules | None = None,
+    rules: Watching | None = None,
 ) -> Reference:
     """Learn what is usual.
 
@@ -63,7 +64,7 @@ def learn(
     samples = [Samples(run.t, run.q, run.tau) for run in recordings]
     begun, window = start(recordings[0].dof), Window(rate)
     runs = [take(begun, own, window)[1] for own in samples]
-    bare = _bare(model, rate, per_hour, rules or Rules())
+    bare = _bare(model, rate, per_hour, rules or Watching())
     lowest, highest = _range(runs)
     bare = replace(
         bare,
@@ -90,7 +91,7 @@ def pointwise(model: Model) -> Model:
     return replace(model, terms=(*kept, *model.tables), tables=()).by_sign()
 
 
-def _bare(model: Model, rate: float, per_hour: float, rules: Rules) -> Reference:
+def _bare(model: Model, rate: float, per_hour: float, rules: Watching) -> Reference:
     """A reference that knows no run yet."""
     plain, dof = pointwise(model), model.robot.dof
     size = len(plain.coefficients())
@@ -152,7 +153,7 @@ def fitted(bare: Reference, runs: Sequence[Rows]) -> Model:
     model, design = as_model(nominal, joint.fitted), joint.design
     design.show_torque(model)
     wanted = [
-        (effect, on, shape)
+        Placed(effect, on, shape)
         for effect in registry().values()
         if effect.scope == "local" and not (effect.remembers or effect.needs_clock)
         for on in effect.candidates(bare.dof)
@@ -378,7 +379,7 @@ def _with_noise(known: Reference, taught: Taught, runs: Sequence[Rows]) -> Refer
 
 
 def _between(
-    rules: Rules, taught: Taught, noise: Array, means: Array, infos: Array
+    rules: Watching, taught: Taught, noise: Array, means: Array, infos: Array
 ) -> tuple[Array, Array]:
     """Deviation of the slow between runs, and with the motion. Shapes (dof, 2).
 

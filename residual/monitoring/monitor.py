@@ -11,13 +11,12 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from residual.errors import InputError
+from residual.errors import InputError, shown
 from residual.model.model import Model
 from residual.monitoring.rows import LogRows, rows_of
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import Channel, Scale, Scores, blamed, fit, sight_of
 from residual.monitoring.usual import all_scores, limits_of, peaks_of, rest_of, usual
-from residual.names import shown
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 
@@ -70,13 +69,14 @@ class _Crossing:
 def events(
     scores: Sequence[Scores],
     limits: Mapping[str, Array],
-    errors: tuple[Array, Scale, int],
+    errors: Array,
+    scale: Scale,
 ) -> tuple[Alarm, ...]:
     """Join crossings to alarms, and name them.
 
     Args:
         limits: Limit of each column, by kind; a kind without is not watched.
-        errors: The block of errors, what is usual of it, and the number of joints.
+        errors: The block of errors. Shape (n, e).
     """
     known = {s.kind: s for s in scores if s.kind in limits}
     crossings = [c for s in known.values() for c in _crossings(s, limits[s.kind])]
@@ -86,7 +86,7 @@ def events(
         group = _one(crossings)
         crossings = crossings[len(group) :]
         best = _best(group)
-        channel = _channel(best, known[best.kind], group[0].time, errors)
+        channel = _channel(best, known[best.kind], group[0].time, errors, scale)
         told = (channel.joint, channel.sensor, channel.fault)
         out.append(Alarm(group[0].time, *told, best.kind, best.ratio, group[-1].time))
     return tuple(out)
@@ -145,7 +145,7 @@ def _best(group: Sequence[_Crossing]) -> _Crossing:
 
 
 def _channel(
-    best: _Crossing, scores: Scores, start: float, errors: tuple[Array, Scale, int]
+    best: _Crossing, scores: Scores, start: float, errors: Array, scale: Scale
 ) -> Channel:
     """Return what an alarm points to.
 
@@ -154,9 +154,9 @@ def _channel(
     on windows that lie after the alarm: half a window of either looks like neither.
     """
     if best.channel.joint == 0:
-        block, scale, dof = errors
+        dof = scale.residual.shape[1]
         row = int(np.searchsorted(scores.t, best.time))
-        return Channel(*blamed(block[row], scale, dof), "deviation")
+        return Channel(*blamed(errors[row], scale, dof), "deviation")
     if best.kind not in _MATCHED:
         return best.channel
     rows = (scores.t >= start + MONITOR.windows[0]) & (
@@ -213,7 +213,7 @@ class Monitor:
             InputError: If it is of another robot or rate, or too short.
         """
         scores, errors = self._scores(recording)
-        return events(scores, self.limits, (errors, self.scale, recording.dof))
+        return events(scores, self.limits, errors, self.scale)
 
     def scores(self, recording: Recording) -> tuple[Scores, ...]:
         """Return all scores of a log, each column over its limit; 1 is an alarm."""

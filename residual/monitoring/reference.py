@@ -12,13 +12,13 @@ from dataclasses import asdict, dataclass, field, fields
 import numpy as np
 
 from residual.effects import registry
-from residual.epochs.window import BODY, Rules, Usual
-from residual.errors import InputError
+from residual.epochs.rules import Watching
+from residual.epochs.window import BODY, Usual
+from residual.errors import InputError, shown
 from residual.model.model import Model
 from residual.monitoring.rows import Rows, Window
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.usual import Tail
-from residual.names import shown
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -86,7 +86,7 @@ class Reference:
     hours: float
     lowest: Array
     highest: Array
-    rules: Rules = field(default_factory=Rules)
+    rules: Watching = field(default_factory=Watching)
 
     @property
     def dof(self) -> int:
@@ -171,7 +171,7 @@ class Reference:
             return cls(
                 model=Model.from_record(record["model"]),
                 usual=Usual(**unpacked_fields(record["usual"])),
-                rules=Rules(**rules),
+                rules=Watching(**rules),
                 tails=tuple(Tail(*values) for values in record["tails"]),
                 **{name: record[name] for name in _PLAIN},
                 **{name: unpacked(record[name]) for name in _ARRAYS},

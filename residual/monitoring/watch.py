@@ -9,9 +9,10 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from residual.epochs.rules import Watching
 from residual.epochs.window import KINDS as OF_KIND
-from residual.epochs.window import WAYS, Looks, Past, Rules, follow, nothing, products
-from residual.errors import InputError
+from residual.epochs.window import WAYS, Looks, Past, follow, nothing, products
+from residual.errors import InputError, shown
 from residual.monitoring.reference import (
     KINDS,
     LOAD,
@@ -25,7 +26,6 @@ from residual.monitoring.reference import (
 from residual.monitoring.rows import Heard, Pending, Rows, Samples, start, take
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.usual import BLOCK
-from residual.names import shown
 from residual.recording import Array
 
 _AT_ONCE = 128  # bins
@@ -226,7 +226,7 @@ def _alarms(
     return replace(state, left=left, waited=waited), found
 
 
-def _patience(rules: Rules, nats: Array) -> int:
+def _patience(rules: Watching, nats: Array) -> int:
     """How many bins an alarm is to wait in all. Shape (w, h).
 
     Least where one name leads all others, where evidence is most; and shorter the

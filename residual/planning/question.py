@@ -9,19 +9,17 @@ import numpy as np
 
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
-from residual.diagnosis.gate import alternatives
+from residual.diagnosis.gate import alternatives, near_sets
 from residual.diagnosis.result import Place
 from residual.diagnosis.search import Task
-from residual.diagnosis.sets import near_sets
 from residual.effects import registry
-from residual.effects.base import Effect, Joints, Shape
-from residual.errors import InputError
+from residual.effects.base import Placed
+from residual.errors import InputError, check_name, shortened
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, as_model, physical
 from residual.evidence.rules import RULES
 from residual.evidence.screen import screen
 from residual.model.model import Model
-from residual.names import check_name, shortened
 from residual.recording import Array
 
 NOTHING = Place("nothing", ())
@@ -32,7 +30,6 @@ _FORM = re.compile(
     r"\s*(?P<name>\w+)\s*(?:@\s*(?P<joint>\d+))?\s*>=\s*(?P<value>\S+)\s*"
 )
 
-Column = tuple[Effect, Joints, Shape]
 Groups = tuple[Group, ...]
 
 
@@ -122,7 +119,7 @@ class Question:
 
     nominal: Model
     seen_with: Model
-    effects: tuple[Column, ...]
+    effects: tuple[Placed, ...]
     signals: Signals
     contests: tuple[Contest, ...]
 
@@ -141,14 +138,14 @@ class Swap:
 
 
 def swaps(
-    task: Task, fitted: Fit, named: Sequence[tuple[Group, Sequence[Group], int]]
+    task: Task, fitted: Fit, named: Sequence[tuple[Group, Sequence[Group]]]
 ) -> list[Swap]:
     """Return what other sets within 6 nats differ by, each difference once.
 
     Args:
         named: Named effects with their equivalents, which are no news here.
     """
-    known = {(group.key, other.key) for group, near, _ in named for other in near}
+    known = {(group.key, other.key) for group, near in named for other in near}
     found: dict[tuple, tuple[Groups, list[Groups]]] = {}
     for one in near_sets(task, fitted):
         gone = _without(fitted.members, one.members)
@@ -273,7 +270,7 @@ def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Qu
     ]
     doubted = () if named else examined.adequacy.doubted
     strong = [(j, _strongest(examined, fitted, j)) for j in doubted]
-    swapped = swaps(examined.task, fitted, equal)
+    swapped = swaps(examined.task, fitted, [(g, near) for g, near, _ in equal])
     every = [g for _, near, _ in equal for g in near]
     every += [g for _, groups in strong for g in groups]
     every += [g for swap in swapped for own in swap.instead for g in own]
@@ -318,8 +315,8 @@ def _place(own: Sequence[Group]) -> Place:
 def question_of(basis: Basis, contests: Sequence[Contest]) -> Question:
     """Return contests with all that it takes to look at a motion."""
     examined, model = basis.examined, basis.examined.nominal.model
-    terms = [(t.effect, t.joints, t.shape) for t in model.terms]
-    groups = [(g.effect, g.joints, g.shape) for g in basis.groups]
+    terms = [Placed(t.effect, t.joints, t.shape) for t in model.terms]
+    groups = [g.placed for g in basis.groups]
     return Question(
         nominal=model,
         seen_with=physical(as_model(examined.nominal, basis.fitted)),

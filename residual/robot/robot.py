@@ -14,17 +14,18 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import InputError, RobotError
-from residual.names import check_name, shortened
+from residual.errors import InputError, RobotError, check_name, shortened
 from residual.recording import Array
-from residual.robot.toml import (
+from residual.robot.files import (
+    Chain,
     Declared,
     Effects,
     RobotToml,
+    build_model,
     parse_toml,
+    read_chain,
     read_robot_toml,
 )
-from residual.robot.urdf import Chain, build_model, read_chain
 
 __all__ = [
     "Declared",

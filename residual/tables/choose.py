@@ -12,8 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.recording import Array
-from residual.tables.blocks import as_names, as_pair, check_varying, frozen
-from residual.tables.crossval import Folds, HeldOut, fold_power, leave_one_out, simplest
+from residual.tables.crossval import (
+    Folds,
+    HeldOut,
+    as_names,
+    as_pair,
+    check_varying,
+    fold_power,
+    frozen,
+    leave_one_out,
+    simplest,
+)
 from residual.tables.form import (
     LEAST_SQUARES,
     LOADED,

@@ -21,7 +21,7 @@ from sklearn.decomposition import PCA
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.tables.blocks import (
+from residual.tables.crossval import (
     EXHAUSTED,
     as_block,
     as_names,

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from residual.recording import Array
-from residual.tables.blocks import as_block, as_pair, check_count, frozen
+from residual.tables.crossval import as_block, as_pair, check_count, frozen
 from residual.tables.lookup import Lookup, Table
 from residual.tables.nominal_pls import NominalPls
 

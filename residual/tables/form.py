@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.recording import Array
-from residual.tables.blocks import as_block, as_pair, frozen
+from residual.tables.crossval import as_block, as_pair, frozen
 from residual.tables.levels import Levels, quantile_levels
 from residual.tables.main_tables import (
     MOST,

@@ -16,7 +16,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.tables.blocks import (
+from residual.tables.crossval import (
     as_block,
     as_names,
     check_count,

@@ -22,7 +22,7 @@ from residual.errors import InputError
 from residual.lazy import Lazy
 from residual.quantity import plain
 from residual.recording import Array
-from residual.tables.blocks import as_block
+from residual.tables.crossval import as_block
 
 GRID = 1024  # steps per axis that lead to a level without a search
 CUBE = 32_768  # cells that a table of three axes may have: 1 MB for four joints

@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.tables.blocks import as_pair, frozen
+from residual.tables.crossval import as_pair, frozen
 from residual.tables.levels import Codes, Levels, merge_rows, quantile_levels
 
 PYRAMID = (5, 10, 20, 40)  # levels, from wide to narrow

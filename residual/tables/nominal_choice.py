@@ -18,10 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.recording import Array
-from residual.tables.blocks import EXHAUSTED, as_pair
 from residual.tables.crossval import (
+    EXHAUSTED,
     Folds,
     HeldOut,
+    as_pair,
     check_folds,
     fold_power,
     leave_one_out,

@@ -14,7 +14,7 @@ import numpy as np
 from residual.errors import InputError
 from residual.lazy import Lazy
 from residual.recording import Array
-from residual.tables.blocks import EXHAUSTED, as_names, as_pair, check_count, frozen
+from residual.tables.crossval import EXHAUSTED, as_names, as_pair, check_count, frozen
 from residual.tables.levels import (
     Cells,
     Levels,

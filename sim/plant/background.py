@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
-from residual.names import check_name
+from residual.errors import check_name
 from residual.recording import Array
 from residual.robot.robot import Robot
 from sim.engine import laws

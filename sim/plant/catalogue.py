@@ -7,8 +7,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import InputError
-from residual.names import check_keys, check_name
+from residual.errors import InputError, check_keys, check_name
 from residual.robot.robot import Robot
 from sim.effects import effect_of, registry
 from sim.effects.base import Effect, Joints, OfDrive

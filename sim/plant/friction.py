@@ -179,7 +179,6 @@ def heat(used, memory, power, usual, temperature, dt):
 
     Args:
         used: Table of the background. Shape (dof or 0, 5).
-        memory: Of the state, changed in place.
         power: Power of friction [W]. Shape (c,).
         usual: Usual power, which warms by one unit [W]. Shape (dof,).
         temperature: Written [degrees Celsius]. Shape (dof,).

@@ -4,10 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from residual.errors import InputError
-from residual.names import check_name
+from residual.errors import InputError, check_name
+from residual.lazy import one_blas_thread
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from sim.engine.records import Reference, TrajectorySpec, stream
 from sim.trajectories.curves import RAMP
 from sim.trajectories.excitation import optimise

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.steps import rerun as reruns
 from flows.steps.adopt import Adopt, adopt, list_adoptions, roll_back
 from flows.steps.models import choose, chosen_to_watch

@@ -7,10 +7,10 @@ from flows.blind import run as blind_run
 from flows.blind import steps
 from flows.blind.draw import Asked, Draft, Excitation, Wish
 from flows.blind.sums import summary
-from flows.errors import RunError
 from flows.report import study as blind_report
 from flows.report.study import render
 from flows.workers.pool import Here
+from residual.errors import RunError
 from tests.flows.blind_rows import row
 from tests.flows.report_pages import Page
 from tests.verdict_documents import whole
@@ -78,9 +78,9 @@ def test_a_study_from_end_to_end_killed_on_its_way(
         opened.append(run_id)
         return open_seal(place, run_id)
 
-    def counted(job):
-        begun.append(job[1].draft.index)
-        return run_case(job)
+    def counted(asked, case, store):
+        begun.append(case.draft.index)
+        return run_case(asked, case, store)
 
     monkeypatch.setattr(stored, "open_seal", watched)
     monkeypatch.setattr(steps, "run_case", counted)
@@ -130,14 +130,14 @@ def _right(study, store):
 def test_a_case_that_fails_is_told_and_the_others_go_on(short, monkeypatch, tmp_path):
     from warehouse.commit import commit_record
 
-    def run_case(job):
-        if job[1].draft.index == 0:
+    def run_case(asked, case, store):
+        if case.draft.index == 0:
             raise ValueError("the arm\nbroke")
-        record = {"kind": "blind", "key": job[1].key, "row": row("single", "right")}
+        record = {"kind": "blind", "key": case.key, "row": row("single", "right")}
         return commit_record(tmp_path, "validations", record)
 
-    def run_null(job):
-        record = {"kind": "blind_null", "key": job[2], "document": whole({})}
+    def run_null(asked, excitation, key, store):
+        record = {"kind": "blind_null", "key": key, "document": whole({})}
         return commit_record(tmp_path, "validations", record)
 
     monkeypatch.setattr(steps, "run_case", run_case)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.outputs import progress_bar
 from flows.report.diagnosis import print_truth
-from flows.report.words.staged import Hidden, Staged, baseline_sentences, judge
+from flows.report.words.phrases import Hidden, Staged, baseline_sentences, judge
 from flows.steps import demo as steps
 from flows.steps.demo import Demo
 from residual.diagnosis.result import Edit

@@ -13,10 +13,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from flows.cli import main
-from residual.errors import InputError
+from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.record import load_model
-from residual.names import DEEPEST, check_nesting
-from residual.robot.toml import parse_toml
+from residual.robot.files import parse_toml
 from tests.warehouse import store_samples as made
 from warehouse.bundle import write_bundle
 from warehouse.files import SUMS, read_parquet, write_parquet

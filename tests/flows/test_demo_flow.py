@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from flows.errors import RunError
 from flows.settings import PAGES
 from flows.steps import campaign
+from residual.errors import RunError
 from tests.flows.blind_rows import row
 from tests.flows.faked_night import NAME, faked
 
@@ -37,7 +37,7 @@ def order(flows, monkeypatch, tmp_path):
 
 def test_a_failing_step_fails_the_flow_with_its_own_error(flows, order, monkeypatch):
 
-    from flows.errors import RunError
+    from residual.errors import RunError
 
     def fail(*_):
         raise RunError("Experiment welding failed: joint 2 at 1.2 s")

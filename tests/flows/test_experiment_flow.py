@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from functools import partial
 
 import numpy as np
 import pytest
@@ -130,6 +131,7 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
     import pickle
 
     from flows.steps import campaign
+    from flows.workers.pool import plainly
     from sim.plant.stepping import DivergedError
 
     def diverge(spec, store, campaign):
@@ -137,7 +139,7 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
 
     monkeypatch.setattr(campaign.experiment, "run", diverge)
     with pytest.raises(InputError) as caught:
-        campaign._run((spec(), tmp_path, None))
+        plainly(partial(campaign._run, spec(), tmp_path, None))
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
 
 

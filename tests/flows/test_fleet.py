@@ -111,7 +111,7 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
     monkeypatch.setattr(campaign.experiment, "run", run)
     specs = [("one", experiment_of({"seed": 1}, "S"))]
     summary = run_all(plan(specs, store), store, pool=Elsewhere())
-    assert [name for _, name, *_ in given] == [bucket_store]
+    assert [job.args[1] for job in given] == [bucket_store]
     # It came back, though as another run than that of the spec.
     assert "the code was changed" in summary.failures[0].why
 

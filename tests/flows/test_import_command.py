@@ -10,15 +10,14 @@ import pytest
 
 import warehouse
 from flows.cli import main
-from flows.inputs.robots import load, robot_of
+from flows.inputs.given import load, robot_of
 from residual.errors import InputError
 from residual.robot.robot import with_serial
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from tests.warehouse import log_files as files
 from warehouse.layout import read_record
-from warehouse.robots import keep_robot, robot_of_hash
-from warehouse.runs import read_run
+from warehouse.runs import keep_robot, read_run, robot_of_hash
 
 JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
 NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.requests import Null
 from flows.steps import null as steps
 from flows.storage import null as keep

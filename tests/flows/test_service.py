@@ -10,7 +10,6 @@ from dataclasses import replace
 import pytest
 
 from flows.cli import main
-from flows.errors import RunError
 from flows.service import api, up
 from flows.service.request import (
     DATABASE,
@@ -35,7 +34,7 @@ from flows.service.state import (
     store_key,
     write_running,
 )
-from residual.errors import InputError
+from residual.errors import InputError, RunError
 from tests.waiting import until
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]

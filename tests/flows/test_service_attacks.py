@@ -13,10 +13,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from flows.errors import RunError
 from flows.service import api
 from flows.service.state import store_key
 from flows.settings import prefect_home
+from residual.errors import RunError
 from tests.flows.browser import PROGRAM, browser
 from tests.flows.prefect_server import served as serving
 

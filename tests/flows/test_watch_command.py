@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.steps.watch.run import keep_run
 from flows.steps.watch.session import advance, read, write
 from residual.errors import InputError

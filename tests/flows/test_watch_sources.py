@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.inputs.stream import GrowingFile, StandardInput
 from residual.errors import InputError
 from warehouse.logs.columns import ColumnMap

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.search import Task
+from residual.diagnosis.search import Candidates, Task
 from residual.effects.base import Effect, State, local
 from residual.evidence.columns import union
 from residual.evidence.design import Design, Group

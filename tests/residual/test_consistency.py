@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 from residual.errors import InputError
-from residual.identification.consistency import (
+from residual.identification.identify import identify
+from residual.identification.prove import (
     consistent,
     least_mass_matrix,
 )
-from residual.identification.identify import identify
 from residual.model.bodies import least_eigenvalues, pseudo_inertias
 from residual.model.export import robot_files
 from residual.model.nominal import prepare_logs, start_nominal

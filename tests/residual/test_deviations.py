@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from residual.diagnosis.candidates import Candidates, renewed
+from residual.diagnosis.angle_noise import standard_deviations
 from residual.diagnosis.examine import carried
-from residual.diagnosis.uncertainty import standard_deviations
+from residual.diagnosis.search import Candidates, renewed
 from residual.effects.base import Effect, Refinement, local
 from residual.evidence.columns import union
 from residual.evidence.design import Design

@@ -31,7 +31,7 @@ from residual.export.simulators import saturated_speed, to_mjcf, to_urdf
 from residual.model.corrected import Corrected, Tables
 from residual.model.model import Model
 from residual.model.record import from_record
-from residual.signals.direction import CHOICES
+from residual.signals.logs import CHOICES
 from residual.tables.form import MAIN
 from tests.residual.test_model_record import lookup
 

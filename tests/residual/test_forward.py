@@ -24,7 +24,7 @@ from residual.model.model import Model, Term
 from residual.recording import Recording
 from residual.robot.dynamics import flange_placement, inertial_parameters
 from residual.robot.robot import load_robot
-from residual.signals.direction import Standstill
+from residual.signals.logs import Standstill
 from residual.signals.track import prepare
 
 ROBOT = load_robot("irb140")

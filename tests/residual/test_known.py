@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.attribution_parts.arms import make
 from benchmarks.export_parts.bodies import cases, diagnosed
-from flows.inputs.robots import known_of
+from flows.inputs.given import known_of
 from residual.effects import registry
 from residual.errors import InputError, RobotError
 from residual.evidence.design import Design

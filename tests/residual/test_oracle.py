@@ -4,13 +4,13 @@ import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
 from residual.diagnosis.oracle import oracle
-from residual.epochs import oracle as epochs
 from residual.epochs.compare import Asked
 from residual.errors import UnknownNameError
 from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
 from sim.engine.records import Hidden
 from sim.quasi_static import Plant
+from tests.residual import epochs_oracle as epochs
 from tests.residual.arms import arm, diagnose_case, short_case
 
 PLAN = (

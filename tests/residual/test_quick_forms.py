@@ -16,8 +16,7 @@ from residual.effects.backlash import _flight
 from residual.evidence.fit import System, fit
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.robot import load_robot
-from residual.signals.direction import bristle
-from residual.signals.low_pass import low_pass, power_density
+from residual.signals.logs import bristle, low_pass, power_density
 from residual.signals.track import Filters, widened
 from sim.quasi_static import Plant
 from tests.residual.linear import DOF, Problem, every_group
@@ -153,7 +152,7 @@ def test_a_ripple_told_on_six_joints_stays_small():
     logs = make(Plant(robot, (), 4), tuple(plan), 4)
     ready = prepare_logs(robot, logs, None, Filters())
     nominal = start_nominal(ready, ("viscous", "coulomb", "rotor_inertia"))
-    wanted = [pair for pair in oracle.placed(("ripple", (1, 2, 3, 4, 5, 6)), 6)]
+    wanted = oracle.placed("ripple", (1, 2, 3, 4, 5, 6), 6)
     tracemalloc.start()
     design = oracle.first_design(ready, nominal)
     _, fitted = oracle._best(design, ready, nominal, wanted)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from residual.diagnosis import held_out as holdout
-from residual.diagnosis.candidates import collect
-from residual.diagnosis.detectable import minimum_detectable
+from residual.diagnosis.angle_noise import standard_deviations
+from residual.diagnosis.detectable import minimum_detectable, select
 from residual.diagnosis.findings import findings
 from residual.diagnosis.gate import alternatives, gate, leave_out, passed, simplest
-from residual.diagnosis.prior_scale import select
 from residual.diagnosis.search import (
     admissible,
     best,
+    collect,
     least,
     lowers_error,
     refined,
@@ -24,7 +24,6 @@ from residual.diagnosis.search import (
     spares_model,
     torque_share,
 )
-from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, Span, local
 from residual.evidence.design import Design
 from residual.evidence.fit import fit

@@ -11,7 +11,7 @@ from residual.effects import registry
 from residual.model.model import Model, Term
 from residual.model.nominal import with_standstill
 from residual.robot.dynamics import inertial_parameters
-from residual.signals.direction import (
+from residual.signals.logs import (
     CHOICES,
     SMOOTH,
     Standstill,

@@ -11,8 +11,7 @@ import pinocchio as pin
 import pytest
 
 from residual.effects import registry
-from residual.effects._sensitivity import sensitivity
-from residual.effects.base import State
+from residual.effects.base import State, sensitivity
 from residual.model.model import Model, Term
 from residual.robot import dynamics
 from residual.signals.track import Filters, prepare

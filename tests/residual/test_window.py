@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from residual.epochs.rules import Watching
 from residual.epochs.window import (
     BODY,
     COURSE,
     GAIN,
     SLOW,
-    Rules,
     Usual,
     follow,
     nothing,
     products,
 )
 
-RULES = Rules(rows=7, windows=(2, 5), uncertain=3)
+RULES = Watching(rows=7, windows=(2, 5), uncertain=3)
 DOF, FREE = 2, 3
 COLUMNS = 1 + FREE + SLOW + BODY + 3
 BINS, SECOND = 9, 0.5

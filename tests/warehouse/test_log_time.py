@@ -9,7 +9,7 @@ from residual.errors import InputError
 from residual.recording import Recording
 from tests.warehouse import log_files as files
 from warehouse.logs import check_distinct, read_log, unique_ids
-from warehouse.logs.file import iso, parse
+from warehouse.logs.tables import iso, parse
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 START = 1_763_647_380  # 2025-11-20 14:03:00 UTC

@@ -1,6 +1,5 @@
 """Readers of measured logs, and the checks that every log passes."""
 
-from warehouse.logs.check import Doubt
 from warehouse.logs.columns import (
     ColumnMap,
     MissingColumnsError,
@@ -8,7 +7,7 @@ from warehouse.logs.columns import (
     load_columns,
 )
 from warehouse.logs.read import Understood, read_any, read_log
-from warehouse.logs.window import check_distinct, unique_ids
+from warehouse.logs.window import Doubt, check_distinct, unique_ids
 
 __all__ = [
     "ColumnMap",

@@ -15,8 +15,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass as table
 
-from residual.errors import InputError
-from residual.names import check_name
+from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
 from warehouse.toml import checked, read_toml
 

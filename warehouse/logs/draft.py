@@ -10,10 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from residual.errors import InputError
-from residual.names import check_name
+from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
-from warehouse.logs.check import LIMIT_SLACK, MIN_RATE, SPEED_SLACK
 from warehouse.logs.columns import (
     TIME_UNITS,
     UNITS,
@@ -22,7 +20,6 @@ from warehouse.logs.columns import (
     SignalMap,
     shorten,
 )
-from warehouse.logs.file import LogFile
 from warehouse.logs.presets import (
     CURRENTS,
     LETTERS,
@@ -42,7 +39,8 @@ from warehouse.logs.presets import (
 )
 from warehouse.logs.read import open_log
 from warehouse.logs.ros import topics
-from warehouse.logs.tables import guess_form
+from warehouse.logs.tables import LogFile, guess_form
+from warehouse.logs.window import LIMIT_SLACK, MIN_RATE, SPEED_SLACK
 
 Array = np.ndarray
 

@@ -13,7 +13,6 @@ import pyarrow as pa
 from residual.errors import InputError, RecordingError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from warehouse.logs.check import Doubt, check_samples, odd, time_fault
 from warehouse.logs.columns import (
     ColumnMap,
     Selection,
@@ -25,10 +24,16 @@ from warehouse.logs.columns import (
     shorten,
     to_link_side,
 )
-from warehouse.logs.file import LogFile, from_seconds, later
 from warehouse.logs.ros import open_bag, open_mcap
-from warehouse.logs.tables import HEAD, CsvLog, ParquetLog
-from warehouse.logs.window import Window, split_spec
+from warehouse.logs.tables import HEAD, CsvLog, LogFile, ParquetLog, from_seconds, later
+from warehouse.logs.window import (
+    Doubt,
+    Window,
+    check_samples,
+    odd,
+    split_spec,
+    time_fault,
+)
 
 Array = np.ndarray
 

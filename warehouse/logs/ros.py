@@ -17,7 +17,7 @@ import numpy as np
 
 from residual.errors import InputError
 from warehouse.logs.columns import BagFormat
-from warehouse.logs.file import LogFile, from_seconds
+from warehouse.logs.tables import LogFile, from_seconds
 
 Array = np.ndarray
 

@@ -24,6 +24,7 @@ from warehouse.files import (
     sums_of,
     sync,
 )
+from warehouse.query.views import Held
 from warehouse.runs import check_samples
 from warehouse.schema import INDEX, SIGNALS
 
@@ -32,8 +33,6 @@ LIST = "packed.json"
 GROUP = 65_536
 # Samples in one file, so that two cores have something each.
 MOST = 4_000_000
-
-Held = tuple[tuple[str, ...], int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +144,7 @@ def _write_one(folder: Path, held: Held, tables: Iterator[pa.Table]) -> dict | N
         draft.rename(folder / name)
     finally:
         draft.unlink(missing_ok=True)
-    told = {"signals": list(held[0]), "dof": held[1], "runs": runs}
+    told = {"signals": list(held.signals), "dof": held.dof, "runs": runs}
     return {name: {**told, "sums": sums_of(folder / name)}}
 
 
@@ -180,6 +179,6 @@ def _pack(store: Path, name: str, told: Mapping) -> Pack:
     # Names, not paths: nothing outside of the folder is read for a pack.
     if Path(name).name != name or not set(told["signals"]) <= set(SIGNALS):
         raise ValueError(name)
-    held = (tuple(told["signals"]), int(told["dof"]))
+    held = Held(tuple(told["signals"]), int(told["dof"]))
     sums = {key: told["sums"][key] for key in ("bytes", "blocks")}
     return Pack(str(store / INDEX / name), held, frozenset(told["runs"]), sums)

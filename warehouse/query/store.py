@@ -27,8 +27,8 @@ from warehouse.query.guard import (
     reads_only,
     table_names,
 )
-from warehouse.query.packs import Held, Pack, Packed, read_packs, write_packs
-from warehouse.query.views import catalogue_views, samples_view, signal_rows
+from warehouse.query.packs import Pack, Packed, read_packs, write_packs
+from warehouse.query.views import Held, catalogue_views, samples_view, signal_rows
 from warehouse.runs import check_samples, quarantined
 from warehouse.schema import KINDS, SAMPLES_FILE, TEXT, VIEWS
 
@@ -341,7 +341,7 @@ class Store:
             folder = self._catalogue.folders["runs"][row["run_id"]]
             file = self._file(folder)
             if file not in self._left_out:
-                held = (tuple(row["signals"]), row["dof"])
+                held = Held(tuple(row["signals"]), row["dof"])
                 groups.setdefault(held, []).append(file)
         return groups
 

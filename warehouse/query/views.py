@@ -10,6 +10,7 @@ import os
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import duckdb
 import pyarrow as pa
@@ -67,9 +68,15 @@ def catalogue_views() -> dict[str, str]:
     return views
 
 
+class Held(NamedTuple):
+    """What files of samples hold: which signals, of how many joints."""
+
+    signals: tuple[str, ...]
+    dof: int
+
+
 def samples_view(
-    groups: Mapping[tuple[tuple[str, ...], int], Sequence[str]],
-    packs: Iterable[tuple[tuple[tuple[str, ...], int], str]] = (),
+    groups: Mapping[Held, Sequence[str]], packs: Iterable[tuple[Held, str]] = ()
 ) -> str:
     """Return the query behind ``samples``.
 
@@ -77,7 +84,7 @@ def samples_view(
     them hold, and nobody has to open thousands before the first query.
 
     Args:
-        groups: Files by the signals and the number of joints that they hold.
+        packs: What each file of many runs holds, and its path.
     """
     packed = list(packs)
     held = [*groups, *(held for held, _ in packed)]

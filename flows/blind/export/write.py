@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,9 @@ import numpy as np
 from flows.blind import steps
 from flows.blind.draw import Asked, Draft, arm_of, drafts, motions
 from flows.blind.row import measured
-from flows.blind.run import null_sizes, report_failure, run_jobs
+from flows.blind.run import null_sizes, run_jobs
 from flows.blind.score import UNKNOWN
-from flows.errors import RunError
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.outputs import Progress
 from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps import experiment
@@ -22,11 +22,11 @@ from flows.workers.pool import Here, Pool
 from residual.diagnosis.oracle import oracle_model
 from residual.effects import registry
 from residual.effects.base import Effect
-from residual.errors import InputError
+from residual.errors import InputError, RunError
+from residual.lazy import one_blas_thread
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from sim.draw import light_arm
 from sim.engine.records import PlantEffect
 from warehouse.runs import read_run
@@ -292,7 +292,8 @@ def export_study(
     asked: Asked,
     arms: Sequence[int],
     target: Path,
-    run: tuple[Path, Pool | Here],
+    store: Path,
+    pool: Pool | Here,
     tell: Progress | None = None,
 ) -> None:
     """Write the cases of a study as plain files.
@@ -303,14 +304,12 @@ def export_study(
     Args:
         arms: Numbers of the arms: 0 for the built-in one, others are drawn.
         target: Folder to make, which must not be there.
-        tell: Told what is done and the share of it.
 
     Raises:
         InputError: If the folder is there already.
         RunError: If a case did not come to its end; nothing is left then.
     """
     check_target(target)
-    store, pool = run
     draft = target.with_name(target.name + ".part")
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir(parents=True)
@@ -373,18 +372,15 @@ def _written(
         )
         for own, draft in cases
     ]
+    work = [partial(write_case, job) for job in jobs]
     done = {}
-    for count, (at, value, why) in enumerate(run_jobs(_write, jobs, pool), start=1):
+    for count, (at, value, why) in enumerate(run_jobs(work, pool), start=1):
         if value is None:
             raise RunError(f"{jobs[at].name}: {why}")
         done[jobs[at].name] = value
         if tell:
             tell(f"{jobs[at].name} written, {count} of {len(jobs)}", count / len(jobs))
     return dict(sorted(done.items()))
-
-
-def _write(job: Job) -> dict:
-    return report_failure(write_case, job)
 
 
 def _write_rest(asked: Asked, done: Mapping[str, Mapping], folder: Path) -> None:

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from flows.report.made import Made, made_of
 from flows.report.night.look import KINDS, Look, Place, ask, span_of
+from flows.report.page import Made, made_of
 from flows.report.records import record_lines
-from residual.errors import InputError
-from residual.names import shortened
+from residual.errors import InputError, shortened
 from warehouse.layout import find, read_record
 from warehouse.query.store import Store
 from warehouse.runs import tombstone

@@ -43,8 +43,8 @@ def plane_words(plane: Plane) -> tuple[str, ...]:
     out = []
     for component, share in enumerate(plane.explained):
         strong = plane.strong(component)
-        states = [_loading(s) for s in strong if not s[0].startswith("residual")]
-        joints = [_loading(s) for s in strong if s[0].startswith("residual")]
+        states = [_loading(*s) for s in strong if not s[0].startswith("residual")]
+        joints = [_loading(*s) for s in strong if s[0].startswith("residual")]
         told = f"Component {component + 1} explains {share:.0f} % of the residuals"
         if not states:
             told += ", and no variable has a correlation of 0.5 with it"
@@ -58,8 +58,8 @@ def plane_words(plane: Plane) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _loading(pair: tuple[str, float]) -> str:
-    return f"{pair[0]} ({pair[1]:+.2f})"
+def _loading(name: str, correlation: float) -> str:
+    return f"{name} ({correlation:+.2f})"
 
 
 def _meaning(strong: Sequence[tuple[str, float]]) -> str:

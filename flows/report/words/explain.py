@@ -12,8 +12,7 @@ from inspect import getdoc
 from flows.report.words.phrases import sentence_case
 from residual.effects import registry
 from residual.effects.base import Effect
-from residual.errors import UnknownNameError
-from residual.names import listed, shown
+from residual.errors import UnknownNameError, listed, shown
 
 VERDICTS: Mapping[str, str] = {
     "effects": (

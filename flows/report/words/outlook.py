@@ -22,7 +22,7 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from residual.names import joints_listed
+from residual.errors import joints_listed
 from residual.planning.question import NOTHING, TOGETHER
 from residual.quantity import (
     MISSING,

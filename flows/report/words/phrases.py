@@ -1,11 +1,16 @@
-"""Effects, joints and lists in words, for sentences and tables."""
+"""Effects, joints and lists in words, and what only experiments of our own show."""
 
-from collections.abc import Iterable, Sequence
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
-from residual.diagnosis.result import Detectable, Finding, Place
+from residual.diagnosis.result import Detectable, Edit, Finding, Place, Verdict
 from residual.effects import registry
 from residual.effects.base import Effect
+from residual.quantity import MISSING, known, measured, percent
+
+# Effects, joints and lists in words, for sentences and tables.
 
 At = Place | Finding | Detectable  # what has a name and joints
 
@@ -109,3 +114,165 @@ def alternatives(effect: Finding, dof: int | None = None) -> list[str]:
         same = same and "{joints}" in effect_named(other.name).place
         words.append(noun(other.name) if same else phrase(other, dof))
     return words
+
+
+# What only an experiment of our own can show: the truth, and the edit test.
+
+
+def edit_sentence(edit: Edit) -> str:
+    """Return what is left of one effect that was taken out of the model again."""
+    words = f"take it out again: error {percent(edit.error)} of torque"
+    if known(edit.least_squares):
+        words += f"; least squares {percent(edit.least_squares)}"
+    if known(edit.reference):
+        words += f"; true parameters {percent(edit.reference)}"
+    return sentence_case(f"{words}.")
+
+
+def baseline_sentences(verdict: Verdict) -> list[str]:
+    """Return what is left on the baseline of each effect of a verdict, by name."""
+    out = []
+    for edit in verdict.edit or ():
+        if not known(edit.error):
+            continue
+        named = sentence_case(phrase(Place(edit.name, edit.joints)))
+        words = f"{named}, taken out again: error {percent(edit.error)} of torque"
+        if known(edit.kept):
+            words += f" on the baseline, {percent(edit.kept)} with it"
+        if known(edit.least_squares):
+            words += f"; least squares {percent(edit.least_squares)}"
+        if known(edit.reference):
+            words += f"; the baseline's own model {percent(edit.reference)}"
+        out.append(f"{words}.")
+    return out
+
+
+_JUDGED = {
+    "right": "the first name is what was hidden",
+    "class": "what was hidden is among the effects that these logs cannot tell apart",
+    "wrong": "the first name is not what was hidden",
+    "missed": "something was hidden and nothing was named",
+    "clean": "nothing was hidden and nothing was named",
+    "false alarm": "nothing was hidden and something was named",
+}
+
+# On purpose: a diagnosis that shared the arm's formulas would confirm itself.
+FORMS = (
+    "The arm's laws are written otherwise than the diagnosis's (a hose softens, a "
+    "textbook spring does not). Standard deviations assume the named form, so a size "
+    "may be off by more."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """One effect that was under the seal.
+
+    Attributes:
+        name: Its name.
+        joints: Its joints as the verdict counts them, from 1.
+        parameters: Value of each parameter, SI.
+        edit: What is left of it, taken out of the model again; None where it was not
+            named.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    parameters: Mapping[str, float]
+    edit: Edit | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Staged:
+    """What the report of a staged experiment has beyond any other.
+
+    Attributes:
+        gif: The arm in motion; empty for no picture.
+        caption: What the picture shows.
+        hidden: What was under the seal.
+        verdict: The verdict that was stored before the seal was opened.
+    """
+
+    gif: bytes
+    caption: str
+    hidden: tuple[Hidden, ...]
+    verdict: Verdict
+
+    @property
+    def uri(self) -> str:
+        """The picture as a data address."""
+        return "data:image/gif;base64," + base64.b64encode(self.gif).decode()
+
+    @property
+    def judged(self) -> str:
+        """In a sentence, how verdict and truth compare."""
+        return sentence_case(_JUDGED[judge(self.hidden, self.verdict)]) + "."
+
+    @property
+    def forms(self) -> str:
+        """Why sizes need not agree; empty where nothing was found."""
+        return FORMS if self.hidden and self.verdict.effects else ""
+
+    @property
+    def edits(self) -> list[str]:
+        """What is left of each effect once it is taken out again, in sentences."""
+        return [edit_sentence(h.edit) for h in self.hidden if h.edit is not None]
+
+    @property
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Rows (what, hidden, found): the effect, then its parameters."""
+        found = self.verdict.effects
+        first = found[0] if found else None
+        rows = []
+        for hidden in self.hidden or (None,):
+            match = _same(hidden, found) or first
+            rows += _rows(hidden, match)
+        return rows
+
+
+def judge(hidden: Sequence[Hidden], verdict: Verdict) -> str:
+    """Compare a verdict with the truth.
+
+    Args:
+        hidden: What was under the seal; one effect, or none.
+
+    Returns:
+        "right": the first name is it. "class": it is an equivalent of the first name.
+        "wrong", "missed"; where nothing was hidden "clean" or "false alarm".
+    """
+    found = verdict.effects
+    if not hidden:
+        return "false alarm" if found else "clean"
+    if not found:
+        return "missed"
+    truth = {_key(one.name, one.joints) for one in hidden}
+    first = found[0]
+    if _key(first.name, first.joints) in truth:
+        return "right"
+    others = {_key(e.name, e.joints) for e in first.equivalent}
+    return "class" if others & truth else "wrong"
+
+
+def _rows(hidden: Hidden | None, found: Finding | None) -> list[tuple[str, str, str]]:
+    there = Place(hidden.name, hidden.joints) if hidden else None
+    named = [phrase(e) if e else "nothing" for e in (there, found)]
+    rows = [("effect", *map(sentence_case, named))]
+    units = effect_named(hidden.name).parameters if hidden else {}
+    true = dict(hidden.parameters) if hidden else {}
+    theirs = found.parameters if found else {}
+    for key in dict.fromkeys([*theirs, *true]):
+        own = theirs.get(key)
+        value = measured(true.get(key), None, own.unit if own else units.get(key))
+        rows.append((key.replace("_", " "), value, str(own) if own else MISSING))
+    return rows
+
+
+def _same(hidden: Hidden | None, found: Sequence[Finding]) -> Finding | None:
+    if hidden is None:
+        return None
+    key = _key(hidden.name, hidden.joints)
+    return next((e for e in found if _key(e.name, e.joints) == key), None)
+
+
+def _key(name: str, joints: Iterable[int]) -> tuple[str, tuple[int, ...]]:
+    return name, tuple(sorted(joints))

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.requests import Request, Store
 from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps.experiment import plant_of, sealed_half
@@ -19,7 +19,7 @@ from sim.engine.records import HIDDEN, PlantEffect, stream
 from warehouse import ids
 from warehouse import runs as stored
 from warehouse.commit import sealed_hash
-from warehouse.robots import keep_robot, robot_folder
+from warehouse.runs import keep_robot, robot_folder
 
 MOST = 3  # effects
 PAUSE = 10.0  # s between experiments

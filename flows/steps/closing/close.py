@@ -37,10 +37,9 @@ from flows.steps.planning.motions import FOURIER, Search, with_twins
 from flows.steps.track import NOMINAL, Track, track
 from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.result import Alternative, Finding, Place, Verdict
-from residual.errors import InputError
-from residual.names import joints_listed
+from residual.errors import InputError, joints_listed
+from residual.lazy import one_blas_thread
 from residual.quantity import percent
-from residual.threads import one_blas_thread
 from sim.engine.records import TrajectorySpec
 from warehouse.numbered import Decision, commit_decision, read_decisions
 
@@ -86,9 +85,6 @@ class Came:
 
 def act(loop: Loop, step: Step, tell: Progress | None = None) -> Came:
     """Do a step.
-
-    Args:
-        tell: Told the stage and the share done.
 
     Raises:
         InputError: If the robot has got another model meanwhile.
@@ -332,7 +328,6 @@ def close(
 
     Args:
         heard: Told every decision of this call once it is in the store.
-        tell: Told the stage and the share done.
 
     Raises:
         InputError: If the request is not usable, the arm of that seed is not the one
@@ -346,9 +341,6 @@ def close(
 
 def decisions(asked: Close, tell: Progress | None = None) -> Iterator[Decision]:
     """Make the decisions that are still to be made, one after the other.
-
-    Args:
-        tell: Told the stage and the share done.
 
     Raises:
         InputError: As of `close`.
@@ -381,11 +373,7 @@ def begun(asked: Close) -> Loop:
 
 
 def decided(loop: Loop, tell: Progress | None = None) -> Decision | None:
-    """Do the next step of a loop and write it down; None where it has ended.
-
-    Args:
-        tell: Told the stage and the share done.
-    """
+    """Do the next step of a loop and write it down; None where it has ended."""
     asked = loop.asked
     step = next_step(loop.history, Asked(asked.budget, asked.designed))
     if step is None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.inputs.logs import LogSets, is_run
+from flows.inputs.given import LogSets, is_run
 from flows.outputs import Progress
 from flows.requests import Diagnose, Next
 from flows.settings import store_folder
@@ -15,9 +15,8 @@ from flows.storage.diagnosis import checked_verdict, read_verdict
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named
 from residual.diagnosis.result import Diagnosis, Verdict
-from residual.errors import InputError
+from residual.errors import InputError, check_nesting
 from residual.evidence.fit import Fit
-from residual.names import check_nesting
 from residual.planning.question import (
     Question,
     Wish,
@@ -27,7 +26,7 @@ from residual.planning.question import (
 )
 from residual.robot.robot import Robot
 from warehouse.layout import read_record
-from warehouse.robots import robot_word
+from warehouse.runs import robot_word
 
 SHORTEST, LONGEST = 4.0, 600.0  # s, of a motion
 
@@ -80,9 +79,6 @@ class Listener:
 
 def ask(request: Next, progress: Progress | None = None) -> Asked:
     """Find out what a verdict leaves open, or what a wish asks for.
-
-    Args:
-        progress: Told the stage and the share done.
 
     Raises:
         InputError: If the request, the verdict or a log is not usable.

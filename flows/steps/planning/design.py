@@ -154,9 +154,6 @@ def design(search: Search, tell: Progress | None = None) -> Design:
 
     Random Fourier motions are ranked by a coarse look; a local search improves the best
     of them; of every other family one motion is drawn.
-
-    Args:
-        tell: Told the stage and the share done.
     """
     tell = tell or (lambda stage, share: None)
     motions = drawn(search, MANY)

@@ -15,8 +15,7 @@ from residual.errors import InputError
 from residual.planning.question import PAUSE
 from sim.engine.records import TrajectorySpec
 from warehouse.layout import find_run
-from warehouse.robots import robot_word
-from warehouse.runs import has_seal, open_seal, read_manifest
+from warehouse.runs import has_seal, open_seal, read_manifest, robot_word
 
 
 def execute(request: Diagnose, motion: TrajectorySpec) -> str:
@@ -56,9 +55,6 @@ def settle(
     request: Diagnose, run_id: str, progress: Progress | None = None
 ) -> tuple[str, str]:
     """Diagnose the runs of a diagnosis with one more.
-
-    Args:
-        progress: Told the stage and the share done.
 
     Returns:
         The ids of the new diagnosis and of its proof.

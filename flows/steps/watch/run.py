@@ -23,7 +23,7 @@ from residual.monitoring.watch import Change
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.commit import commit_record, commit_run
-from warehouse.robots import keep_robot
+from warehouse.runs import keep_robot
 from warehouse.schema import VIEWS
 
 SAVE = 5.0  # s between two times that the state is kept

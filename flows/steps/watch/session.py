@@ -10,11 +10,12 @@ from zipfile import BadZipFile
 import numpy as np
 from cyclopts import Parameter
 
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.requests import GivenWord, Request, Store, Words
 from flows.settings import store_folder
 from flows.steps.models import Choice, choose, source_of
 from residual.errors import InputError
+from residual.lazy import one_blas_thread
 from residual.monitoring.learn import PER_HOUR, learn
 from residual.monitoring.monitor import LEAST_RUNS
 from residual.monitoring.reference import Reference
@@ -28,7 +29,6 @@ from residual.monitoring.watch import (
     step,
 )
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from warehouse.files import sync
 from warehouse.runs import read_run
 

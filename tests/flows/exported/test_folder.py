@@ -11,9 +11,8 @@ from flows.blind.draw import Asked, Draft, Excitation, Wish
 from flows.blind.export import write
 from flows.blind.export.write import classes, words
 from flows.cli.demo import blind
-from flows.errors import RunError
 from flows.workers.pool import Here
-from residual.errors import InputError
+from residual.errors import InputError, RunError
 
 
 def test_every_effect_has_a_class_and_the_bodies_are_two():
@@ -48,8 +47,8 @@ def short(monkeypatch, compiled_plant):
 @pytest.mark.slow
 def test_an_export_has_every_bit_again_and_gives_nothing_away(short, tmp_path):
     for name in ("one", "two"):
-        run = tmp_path / f"store_{name}", Here()
-        write.export_study(ASKED, (0,), tmp_path / name, run)
+        store = tmp_path / f"store_{name}"
+        write.export_study(ASKED, (0,), tmp_path / name, store, Here())
     same = filecmp.dircmp(tmp_path / "one", tmp_path / "two")
     _alike(same)
     opened = tmp_path / "one" / "open"
@@ -84,13 +83,13 @@ def _alike(same):
 
 def test_a_folder_that_is_there_is_not_written_into(tmp_path):
     with pytest.raises(InputError, match="is there already; name a new folder"):
-        write.export_study(ASKED, (0,), tmp_path, (tmp_path, Here()))
+        write.export_study(ASKED, (0,), tmp_path, tmp_path, Here())
 
 
 def test_a_case_that_fails_leaves_no_folder(monkeypatch, tmp_path):
     monkeypatch.setattr(write, "null_sizes", lambda *args: ({}, ["excitation 0: why"]))
     with pytest.raises(RunError, match="excitation 0: why"):
-        write.export_study(ASKED, (0,), tmp_path / "new", (tmp_path / "store", Here()))
+        write.export_study(ASKED, (0,), tmp_path / "new", tmp_path / "store", Here())
     assert not (tmp_path / "new").exists()
 
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from flows.report.made import made_of
-from flows.report.page import environment
+from flows.report.page import environment, made_of
 from residual.errors import InputError
 from warehouse.commit import commit_record
 

@@ -22,7 +22,7 @@ from tests.flows.night.stores import diagnose
 from tests.residual.arms import urdf_text
 from tests.warehouse import store_samples as made
 from warehouse.commit import commit_record, commit_run
-from warehouse.robots import keep_robot
+from warehouse.runs import keep_robot
 
 TEXT = """schema = 1
 [[robot]]

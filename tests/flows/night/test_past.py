@@ -4,10 +4,10 @@ from datetime import datetime
 
 import pytest
 
-from flows.errors import RunError
 from flows.service import api
 from flows.service.state import Process, Running
 from flows.service.status import Status
+from residual.errors import RunError
 
 TO = api.Api("http://127.0.0.1:1/api", "modelgap:key")
 BEGIN, END = datetime(2026, 11, 21, 12), datetime(2026, 11, 22, 12)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.robots import load
+from flows.inputs.given import load
 from flows.requests import Diagnose
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment, rerun

@@ -10,8 +10,7 @@ import pytest
 from flows.cli import main
 from flows.project import read as tables
 from flows.project.notify import Notice, tell
-from flows.project.read import read_project
-from flows.project.start import _TEMPLATE, Start, start
+from flows.project.read import _TEMPLATE, Start, read_project, start
 from flows.settings import store_folder
 from residual.errors import InputError
 from tests.residual.arms import urdf_text

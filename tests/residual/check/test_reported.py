@@ -9,14 +9,14 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
-from flows.inputs.logs import LogSets
+from flows.inputs.given import LogSets
 from flows.steps.check import check
 from residual.check.check import check_logs, enough
 from residual.check.kinematics import out_of_range
 from residual.check.result import Repair
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.robot.robot import load_robot
-from residual.signals.low_pass import low_pass
+from residual.signals.logs import low_pass
 from sim.quasi_static import Plant
 from tests.residual.arms import arm, plain_logs
 from tests.residual.check.damaged import clean_logs, edited, kinds, swapped, times

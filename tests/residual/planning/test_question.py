@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.motions import make_motion
+from residual.diagnosis.gate import Rival
 from residual.diagnosis.result import Place
-from residual.diagnosis.sets import Rival
 from residual.errors import InputError, UnknownNameError
 from residual.planning import question as gather
 from residual.planning.outlook import outlook, structural_twins

@@ -10,9 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from residual.diagnosis.oracle import Told, placed
-from residual.epochs.candidates import refined, renewed, vocabulary, weighed
 from residual.epochs.compare import Asked, described, epoch_of, prepared
-from residual.epochs.contrast import Candidate, Table
+from residual.epochs.contrast import (
+    Candidate,
+    Table,
+    refined,
+    renewed,
+    vocabulary,
+    weighed,
+)
 from residual.epochs.models import augmented
 from residual.epochs.rows import Both, beside, both_epochs
 from residual.epochs.rules import Rules
@@ -31,7 +37,7 @@ def oracle(asked: Asked, effects: Sequence[Told]) -> Errors:
     Raises:
         UnknownNameError: If there is no such effect.
     """
-    places = [pair for told in effects for pair in placed(told, asked.robot.dof)]
+    places = [pair for told in effects for pair in placed(*told, asked.robot.dof)]
     keys = [(effect.name, joints) for effect, joints in places]
     logs, count, clocked = prepared(asked, Rules())
     nominal = described(logs, asked.declared)

@@ -1,18 +1,26 @@
-"""A URDF text, checked, and turned into a Pinocchio model."""
+"""The files of a robot: its URDF as a Pinocchio model, and its robot.toml."""
 
 import os
 import re
 import sys
 import tempfile
+import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import RobotError
+from residual.errors import (
+    InputError,
+    RobotError,
+    check_keys,
+    check_name,
+    check_nesting,
+    shown,
+)
 from residual.recording import Array
 
 ENDLESS = "1e4"  # rad: the range that a continuous joint is written with
@@ -259,3 +267,215 @@ def _captured_stderr(lines: list[str]) -> Iterator[None]:
             os.close(saved)
             sink.seek(0)
             lines.append(sink.read().decode(errors="replace"))
+
+
+# What a robot.toml may say: names, units and sizes checked.
+
+
+Effects = Mapping[str, Collection[str]]
+
+LARGEST = 1e30  # no number of a robot is larger, and a product of several overflows
+SLUG = re.compile(r"[a-z0-9_-]{1,40}")
+SERIAL = re.compile(r"[A-Za-z0-9._-]{1,40}")
+_TEXTS = {
+    "name": (SLUG, "1 to 40 of a-z, 0-9, '_' and '-'"),
+    "serial": (SERIAL, "a text of 1 to 40 letters, digits, '.', '_' and '-'"),
+}
+_TABLES = {
+    "robot": ("name", "serial", "gravity"),
+    "joints": (
+        "gear_ratio",
+        "torque_per_unit",
+        "torque_limit",
+        "velocity_limit",
+        "acceleration_limit",
+    ),
+    "couplings": ("motor_from_joint",),
+    "prior": ("scale",),
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Declared:
+    """An effect that the nominal model has.
+
+    Attributes:
+        values: Its parameters by key, SI units. Shapes (dof,). Empty
+            where the effect is declared without values.
+        assumed: Whether the values are an assumption, not a measurement.
+        source: Where the values are from.
+    """
+
+    values: Mapping[str, Array]
+    assumed: bool = False
+    source: str = ""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RobotToml:
+    """The checked content of a robot.toml, None where it is silent.
+
+    Attributes:
+        name: Slug of the robot.
+        serial: Serial number of this one, which tells it from others of its kind.
+        gravity: Acceleration of gravity in the base frame [m/s^2]. Shape (3,).
+        joints: Arrays of the table joints by key. Shapes (dof,).
+        motor_from_joint: Motor speeds from joint speeds. Shape (dof, dof).
+        declared: Declared effects by name.
+        prior_scale: Relative scale of the rigid prior; None to estimate it.
+        known: Values that are known for sure, such as "payload.mass" [SI].
+    """
+
+    name: str | None = None
+    serial: str | None = None
+    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    joints: Mapping[str, Array] = field(default_factory=dict)
+    motor_from_joint: Array | None = None
+    declared: Mapping[str, Declared] = field(default_factory=dict)
+    prior_scale: float | None = None
+    known: Mapping[str, float] = field(default_factory=dict)
+
+
+def parse_toml(text: str, where: str) -> dict:
+    """Parse the text of a robot.toml.
+
+    Raises:
+        RobotError: On text that is not TOML, or nested too deep.
+    """
+    try:
+        return check_nesting(tomllib.loads(text), where)
+    except (RecursionError, InputError) as error:
+        raise RobotError(f"{where} is nested too deep.") from error
+    except ValueError as error:  # also a number of more digits than Python reads
+        raise RobotError(f"{where} is not valid TOML: {error}.") from error
+
+
+def read_robot_toml(
+    content: Mapping, dof: int, where: str, effects: Effects | None = None
+) -> RobotToml:
+    """Check the content of a robot.toml.
+
+    Args:
+        effects: Parameters of each effect that may be declared; None to take any.
+
+    Raises:
+        RobotError: On a wrong size or a value out of range.
+        UnknownNameError: On a table, key or effect that is not known.
+    """
+    check_keys(content, (*_TABLES, "declared", "known"), where)
+    for name, table in content.items():
+        if not isinstance(table, dict):
+            raise RobotError(f"{where}: '{name}' must be a table: [{name}].")
+        if name in _TABLES:
+            check_keys(table, _TABLES[name], f"[{name}] of {where}")
+    known = {
+        "joints": _joints(content.get("joints", {}), dof, where),
+        "declared": _all_declared(content.get("declared", {}), dof, where, effects),
+        "motor_from_joint": _coupling(content.get("couplings", {}), dof, where),
+        "prior_scale": _scale(content.get("prior", {}), where),
+        "known": _known(content.get("known", {}), f"[known] of {where}"),
+        "name": _text(content.get("robot", {}), "name", where),
+        "serial": _text(content.get("robot", {}), "serial", where),
+    }
+    if "gravity" in content.get("robot", {}):
+        gravity = content["robot"]["gravity"]
+        known["gravity"] = _array(gravity, (3,), f"{where}: gravity")
+    return RobotToml(**known)
+
+
+def _joints(table: dict, dof: int, where: str) -> Mapping[str, Array]:
+    arrays = {}
+    for key, value in table.items():
+        what = f"{where}: {key}"
+        array = _array(value, (dof,), what)
+        if key.endswith("_limit") and (array <= 0).any():
+            raise RobotError(f"{what} must be positive, got {array.min():g}.")
+        if (array == 0).any():
+            raise RobotError(f"{what} must not be 0 for any joint.")
+        arrays[key] = array
+    return arrays
+
+
+def _all_declared(
+    tables: dict, dof: int, where: str, effects: Effects | None
+) -> Mapping[str, Declared]:
+    out = {}
+    for name, table in tables.items():
+        if effects is not None:
+            check_name(name, effects, f"effect in {where}")
+        place = f"[declared.{name}] of {where}"
+        if not isinstance(table, dict):
+            raise RobotError(f"{where}: write {name} as a table [declared.{name}].")
+        if effects is not None:
+            check_keys(table, (*effects[name], "assumed", "source"), place)
+        out[name] = _declared(table, dof, place)
+    return out
+
+
+def _declared(table: dict, dof: int, place: str) -> Declared:
+    table = dict(table)
+    assumed, source = table.pop("assumed", False), table.pop("source", "")
+    if not isinstance(assumed, bool) or not isinstance(source, str):
+        raise RobotError(f"{place}: assumed must be true or false, source a text.")
+    if assumed and not source:
+        raise RobotError(f"{place}: assumed values need a source = '...'.")
+    values = {k: _array(v, (dof,), f"{place}: {k}") for k, v in table.items()}
+    return Declared(values, assumed, source)
+
+
+def _coupling(table: dict, dof: int, where: str) -> Array | None:
+    if "motor_from_joint" not in table:
+        return None
+    matrix = _array(table["motor_from_joint"], (dof, dof), f"{where}: motor_from_joint")
+    if np.linalg.matrix_rank(matrix) < dof or (np.diag(matrix) == 0).any():
+        raise RobotError(
+            f"{where}: motor_from_joint must be invertible with no 0 on its diagonal."
+        )
+    return matrix
+
+
+def _scale(table: dict, where: str) -> float | None:
+    scale = table.get("scale", "estimate")
+    if scale == "estimate":
+        return None
+    number = isinstance(scale, int | float) and not isinstance(scale, bool)
+    if not number or not 0 < scale < LARGEST:
+        raise RobotError(
+            f"{where}: prior scale is {shown(scale)}, expected 'estimate' or a "
+            "positive number such as 0.03."
+        )
+    return float(scale)
+
+
+def _known(table: dict, where: str) -> Mapping[str, float]:
+    for word, value in table.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not abs(value) < LARGEST:
+            raise RobotError(
+                f"{where}: {word} is {shown(value)}, expected a number, as in "
+                f'"payload.mass" = 2.8 (a name with dots stands in quotes).'
+            )
+    return {word: float(value) for word, value in table.items()}
+
+
+def _text(table: dict, key: str, where: str) -> str | None:
+    """Return a name or serial number, None where there is none."""
+    text = table.get(key)
+    pattern, wanted = _TEXTS[key]
+    if text is not None and not (isinstance(text, str) and pattern.fullmatch(text)):
+        raise RobotError(f"{where}: {key} is {shown(text)}, expected {wanted}.")
+    return text
+
+
+def _array(value: object, shape: tuple[int, ...], what: str) -> Array:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        array = np.array(np.nan)
+    if array.shape != shape:
+        size, got = (" x ".join(map(str, s)) for s in (shape, array.shape))
+        raise RobotError(f"{what} needs {size} numbers, got {got or 'none'}.")
+    if not np.isfinite(array).all():
+        raise RobotError(f"{what} has a value that is not a finite number.")
+    array.setflags(write=False)
+    return array
