@@ -17,6 +17,7 @@ GROUPS = {
     "targets": "export_parts.models:target_figures",
     "mujoco": "export_parts.models:mujoco_figures",
     "bodies": "export_parts.bodies:body_figures",
+    "callback": "export_parts.loops:loop_figures",
     "speed": "export_parts.models:speed_figures",
 }
 

@@ -118,6 +118,7 @@ BARS = {
     "json": 0.0,
     "urdf": 1e-12,
     "mjcf": 1e-9,
+    "mujoco": 1e-9,
     "c99": 1e-12,
     "numpy": 1e-12,
     "fmu": 1e-9,
@@ -125,7 +126,7 @@ BARS = {
     "table": None,
 }
 RELATIVE = ("c99", "numpy", "table")
-COMPILED = ("c99", "fmu")
+COMPILED = ("c99", "fmu", "mujoco")
 BESIDE = "viscous"  # so that there is a torque where the effect cannot be carried
 FEW = ("coulomb", "payload", "elasticity")  # of a quick run
 

@@ -84,7 +84,7 @@ def export(
 
     Args:
         model: The model, with tables on it or without.
-        to: urdf, mjcf, c99, numpy, table, fmu, rrd or json.
+        to: urdf, mjcf, mujoco, c99, numpy, table, fmu, rrd or json.
         folder: A new folder for the files.
         log: With rrd: a log of the robot, to see its torque and its residual.
 

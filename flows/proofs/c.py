@@ -1,7 +1,8 @@
-"""What is compiled here: a C99 header, run, and an FMU, played by FMPy."""
+"""What is compiled here: a C99 header, an FMU in FMPy, a callback in MuJoCo."""
 
 import ctypes
 import os
+import runpy
 import shutil
 import subprocess
 import tempfile
@@ -15,10 +16,11 @@ import numpy as np
 from flows.proofs.proof import Proof, compared, extra
 from residual.errors import RunError
 from residual.export.c99 import prefix_of
-from residual.export.exported import Exported, Motion, Whole, body_of, exciting
+from residual.export.exported import RATE, Exported, Motion, Whole, body_of, exciting
 from residual.export.fmu import SOURCE, fmu_parts, to_fmu
 from residual.recording import Array
 
+SATURATED = 1e-12  # of dry friction: what may be missing of its full value
 SIGNALS = ("q", "qd", "qdd")  # inputs of an FMU
 KINDS = ("model exchange", "co-simulation")  # of an FMU
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC")
@@ -191,3 +193,46 @@ def _stepped(path: Path, motion: Motion) -> Array:
     own.freeInstance()
     shutil.rmtree(folder, ignore_errors=True)
     return out
+
+
+def prove_mujoco(made: Exported) -> Proof:
+    """Let MuJoCo find the torque along a motion, with what the module beside adds.
+
+    Where dry friction has its full value: MuJoCo's own jumps, ours is smooth.
+
+    Raises:
+        InputError: If MuJoCo is not installed.
+    """
+    mujoco, model = extra("mujoco"), body_of(made.carried)
+    if compiler() is None:
+        return Proof("no C compiler here (cc, gcc or $CC)", 0, None, 0.0)
+    motion = exciting(model.robot)
+    got = np.empty_like(motion.q)
+    with passive(made) as simulated:
+        data = mujoco.MjData(simulated)
+        for k in range(len(got)):
+            data.time = motion.t[k]
+            data.qpos[:], data.qvel[:], data.qacc[:] = (x[k] for x in motion.parts)
+            mujoco.mj_inverse(simulated, data)
+            got[k] = data.qfrc_inverse
+    want = made.carried.along(motion.t, motion.parts)
+    dry = np.array(simulated.dof_frictionloss) > 0
+    turned = model.state(RATE, motion.t, motion.parts).sign - np.sign(motion.qd)
+    rows = (np.abs(turned[:, dry]) < SATURATED).all(axis=1)
+    note = f"time step {simulated.opt.timestep:.3g} s"
+    by = f"inverse dynamics of MuJoCo {mujoco.__version__}, with the callback"
+    return compared(by, got[rows], want[rows], (note,))
+
+
+@contextmanager
+def passive(made: Exported, timestep: float | None = None) -> Iterator:
+    """Give the compiled MJCF of an export, its callback set meanwhile."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in made.files.items():
+            (Path(folder) / name).write_bytes(content)
+        (module,) = (n for n in made.files if n.endswith(".py"))
+        beside = runpy.run_path(str(Path(folder) / module))
+        try:
+            yield beside["load"](timestep)
+        finally:
+            extra("mujoco").set_mjcb_passive(None)

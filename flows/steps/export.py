@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.given import read_sets
-from flows.proofs.c import make_fmu, prove_c99, prove_fmu
+from flows.proofs.c import make_fmu, prove_c99, prove_fmu, prove_mujoco
 from flows.proofs.proof import (
     Proof,
     Prove,
@@ -22,6 +22,7 @@ from flows.steps.models import read_model
 from residual.errors import InputError, check_name
 from residual.export.c99 import to_c99
 from residual.export.exported import Exported, Whole, body_of, to_json
+from residual.export.mujoco import to_mujoco
 from residual.export.numpy_file import to_numpy
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.export.table import to_table
@@ -30,6 +31,7 @@ from residual.recording import Recording
 TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
     "urdf": (to_urdf, prove_urdf),
     "mjcf": (to_mjcf, prove_mjcf),
+    "mujoco": (to_mujoco, prove_mujoco),
     "c99": (to_c99, prove_c99),
     "numpy": (to_numpy, prove_numpy),
     "table": (to_table, prove_table),

@@ -8,16 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.export_parts.loops import loops_apart, with_effect
 from benchmarks.export_parts.models import ARMS, NAMES, model_with, robot_of
 from flows.cli import main
 from flows.proofs import proof as proofs
-from flows.proofs.c import KINDS, compiled, compiler, make_fmu, played
+from flows.proofs.c import KINDS, compiled, compiler, make_fmu, passive, played
 from flows.proofs.proof import CREEP, inverse
 from flows.steps.export import TARGETS, export_model
 from flows.steps.models import read_model
 from residual.errors import InputError, UnknownNameError
 from residual.export.c99 import to_c99
 from residual.export.exported import Motion, exciting
+from residual.export.mujoco import to_mujoco
 from residual.model.corrected import Corrected, Tables
 from residual.model.record import to_record
 from residual.signals.logs import CHOICES
@@ -27,6 +29,7 @@ from warehouse.commit import commit_record
 
 SAID = {
     "mjcf": 1e-9,
+    "mujoco": 1e-9,
     "urdf": 1e-12,
     "json": 0.0,
     "c99": 1e-11,
@@ -36,7 +39,7 @@ SAID = {
 }
 OTHERS = sorted(set(ARMS) - {"seven"})
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
-REASON = {"c99": needs_compiler, "fmu": needs_compiler}
+REASON = dict.fromkeys(("c99", "fmu", "mujoco"), needs_compiler)
 
 
 def _every(robot):
@@ -58,7 +61,7 @@ def _every(robot):
 )
 def test_what_is_carried_comes_back_as_the_same_torque(target, arm):
     whole = _every(robot_of(arm))
-    if target == "mjcf":
+    if target in ("mjcf", "mujoco"):
         # Gravity that a tilted base turns acts here on the link as it was described.
         whole = replace(whole, model=whole.model.without("link_inertia"))
     made = export_model(whole, target)
@@ -72,7 +75,7 @@ def test_what_is_carried_comes_back_as_the_same_torque(target, arm):
 def test_an_fmu_has_the_torque_of_the_header_at_the_same_step(kind, tmp_path):
     # What remembers (a delay, bristles) would show a sample too many or too few.
     whole = _every(robot_of("irb140"))
-    motion = exciting(robot_of("irb140"), 2.0)
+    motion = exciting(robot_of("irb140"), 0.6)
     with compiled(to_c99(whole)) as along:
         header = along(motion)
     ((_, content),) = make_fmu(whole).files.items()
@@ -80,6 +83,47 @@ def test_an_fmu_has_the_torque_of_the_header_at_the_same_step(kind, tmp_path):
     got = played(tmp_path / "model.fmu", motion, kind)
     np.testing.assert_allclose(got, header, atol=1e-11)
     assert np.abs(np.diff(header, axis=0)).max() > 1e-2  # a step late would show
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["stribeck", "load_friction", "position_friction"])
+def test_with_the_callback_mujoco_moves_as_the_model_does(name):
+    pytest.importorskip("mujoco")
+    whole = with_effect("irb140", name)
+    made = to_mujoco(whole)
+    assert name in {t.effect.name for t in made.carried.terms}
+    assert loops_apart(made, 0.6, 2e-4) < 1e-4
+    # Without the effect MuJoCo's arm goes elsewhere: the callback is what brings it.
+    bare = to_mujoco(whole.without(name))
+    header = next(n for n in made.files if n.endswith("irb140.h"))
+    files = {**made.files, header: bare.files[header]}
+    kept = replace(made, files=files)
+    assert loops_apart(kept, 0.6, 2e-4) > 2e-4
+
+
+@needs_compiler
+def test_a_time_that_comes_twice_is_remembered_once():
+    mujoco = pytest.importorskip("mujoco")
+    whole = with_effect("irb140", "presliding")
+    made, motion = to_mujoco(whole), exciting(robot_of("irb140"), 2.0)
+    with passive(made) as simulated:
+        callback = mujoco.get_mjcb_passive()
+        once = [callback.torque(*x).copy() for x in zip(*_all(motion), strict=True)]
+        callback.reset()
+        often = []
+        for row in zip(*_all(motion), strict=True):
+            for _ in range(3):
+                last = callback.torque(*row).copy()
+            often.append(last)
+        assert simulated.nv == 6
+    np.testing.assert_array_equal(often, once)
+    dry = whole.without("presliding").along(motion.t, motion.parts)
+    wanted = whole.along(motion.t, motion.parts) - dry
+    np.testing.assert_allclose(once, wanted, atol=1e-9)
+
+
+def _all(motion):
+    return motion.t, *motion.parts
 
 
 def test_friction_has_its_value_in_mujoco_where_the_joint_creeps():
