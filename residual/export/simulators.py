@@ -116,8 +116,11 @@ FRICTION = {
 }
 
 
-def to_mjcf(whole: Whole) -> Exported:
+def to_mjcf(whole: Whole, can: Collection[str] = MJCF_CAN) -> Exported:
     """Return a model as the text of an MJCF file.
+
+    Args:
+        can: Which properties of joints to use.
 
     Returns:
         One file, with a motor on each joint and no shape but lines.
@@ -125,7 +128,7 @@ def to_mjcf(whole: Whole) -> Exported:
     Raises:
         InputError: If a link is none that MuJoCo takes.
     """
-    parts = split_passive(whole, "MJCF", MJCF_CAN, gravity=True)
+    parts = split_passive(whole, "MJCF", can, gravity=True)
     model = body_of(parts.carried)
     root = ET.Element("mujoco", {"model": model.robot.name})
     ET.SubElement(root, "compiler", {"angle": "radian", "inertiafromgeom": "false"})

@@ -86,7 +86,7 @@ def test_an_fmu_has_the_torque_of_the_header_at_the_same_step(kind, tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["stribeck", "load_friction", "position_friction"])
+@pytest.mark.parametrize("name", ["stribeck", "load_friction", "coulomb"])
 def test_with_the_callback_mujoco_moves_as_the_model_does(name):
     pytest.importorskip("mujoco")
     whole = with_effect("irb140", name)
