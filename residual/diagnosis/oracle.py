@@ -54,7 +54,7 @@ def oracle(
     """
     found = _examined(robot, recordings, held_out, effects, declared)
     proof = prepare_held_out(held_out, found.nominal.model)
-    errors, _ = compare({"told": found.model(found.fit)}, proof, Filters())
+    errors, _ = compare({"told": found.model(found.fit).model}, proof, Filters())
     return errors["told"]
 
 
@@ -74,7 +74,7 @@ def oracle_model(
         UnknownNameError: If there is no such effect.
     """
     found = _examined(robot, recordings, held_out, effects, None)
-    return found.model(found.fit)
+    return found.model(found.fit).model
 
 
 def _examined(

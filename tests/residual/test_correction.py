@@ -41,7 +41,7 @@ def made():
         diagnosis = examine(logs, nominal, Rules(most=0), quiet)
         told, design = diagnosis.adequacy, diagnosis.task.design
         left = leftovers(design, logs.tracks, diagnosis.fit, told)
-        model = diagnosis.model(diagnosis.fit)
+        model = diagnosis.model(diagnosis.fit).model
         tables = corrected(model, logs.tracks, left)
         models = {"augmented": model, "plsr": tables}
         errors, _ = compare(models, prepare_held_out(held, nominal.model), logs.filters)
