@@ -380,12 +380,14 @@ def test_every_folder_with_code_is_a_package_and_tests_are_not():
 
 
 def _is_bag(annotation: ast.expr, aliases: dict[str, ast.expr]) -> bool:
-    """Whether a parameter is a tuple of unlike things, or a row of three or more.
+    """Whether a parameter is a tuple of unlike or unsaid things, or a row of three.
 
     A tuple of like things is a vector, one with ``...`` a sequence, and pairs within a
     collection are keys with what belongs to them; all else has names: arguments, or a
     record.
     """
+    if ast.unparse(annotation) == "tuple":
+        return True
     for node in ast.walk(annotation):
         own = aliases.get(getattr(node, "id", ""), node)
         if not (isinstance(own, ast.Subscript) and ast.unparse(own.value) == "tuple"):

@@ -1,6 +1,7 @@
 """A TOML file into a checked record, its faults in the words of the house."""
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -109,7 +110,7 @@ def _inner(annotation: Any) -> Any:
     return annotation
 
 
-def _place(tables: list | tuple) -> str:
+def _place(tables: Sequence[str | int]) -> str:
     words = [shortened(t) for t in tables if not isinstance(t, int)]
     counts = [t + 1 for t in tables if isinstance(t, int)]
     if not words:
@@ -118,7 +119,7 @@ def _place(tables: list | tuple) -> str:
     return f"[{name}] {counts[0]}" if counts else name
 
 
-def _named(loc: tuple) -> str:
+def _named(loc: tuple[str | int, ...]) -> str:
     """Return "[trajectory] duration", also for an element of a list."""
     *tables, key = loc
     if isinstance(key, int) and tables:

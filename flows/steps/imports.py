@@ -77,7 +77,7 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
     columns = columns_of(robot, request.columns)
     labels = unique_ids(request.logs)
     logs = [
-        _read_one(spec, label, request, (robot, columns))
+        _read_one(spec, label, request, robot, columns)
         for spec, label in zip(request.logs, labels, strict=True)
     ]
     first: dict[str, str] = {}
@@ -132,8 +132,9 @@ def store_log(log: Log, request: Import, robot: Robot) -> str:
     return commit_run(store, log.recording, log.manifest)
 
 
-def _read_one(spec: str, label: str, request: Import, of_all: tuple) -> Log:
-    robot, columns = of_all
+def _read_one(
+    spec: str, label: str, request: Import, robot: Robot, columns: ColumnMap
+) -> Log:
     store = store_folder(request.store)
     with offer_map(spec, request.robot):
         recording, known = read_any(spec, robot, columns, label)

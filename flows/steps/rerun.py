@@ -246,13 +246,14 @@ def _rerun_run(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
         return _check_imported(found, store, manifest, verify)
     made = again(store, found.id, manifest)
     apart = _run_apart(found, store, manifest, made)
-    facts = _facts(found, store, (manifest["provenance"], now), apart)
+    facts = _facts(found, store, manifest["provenance"], now, apart)
     if verify:
-        return Rerun(*facts)
+        return facts
     id = None
-    if not facts[3]:
+    if not facts.same_code:
         id = experiment.keep(made, store, {RERUN_OF: [found.id]})
-    return Rerun(*facts, id, _note(store, facts, found.folder.parent.name[6:], id))
+    note = _note(store, facts, found.folder.parent.name[6:], id)
+    return replace(facts, made=id, noted=note)
 
 
 def _rerun_record(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
@@ -264,24 +265,25 @@ def _rerun_record(found: Found, store: Path, now: Mapping, verify: bool) -> Reru
     row = read_row(found)
     then = json.loads(row.get("provenance") or "{}")
     with rerun_records.again(store, found) as (own, made):
-        facts = _facts(found, store, (then, now), rerun_records.apart(found, made))
+        facts = _facts(found, store, then, now, rerun_records.apart(found, made))
         if verify:
-            return Rerun(*facts)
-        other = made.id != found.id and not facts[3]
+            return facts
+        other = made.id != found.id and not facts.same_code
         id = rerun_records.keep(own, store, found, made) if other else None
-        return Rerun(*facts, id, _note(store, facts, row["robot"], id))
+        return replace(facts, made=id, noted=_note(store, facts, row["robot"], id))
 
 
-def _facts(found: Found, store: Path, when: tuple, apart: tuple[Channel, ...]) -> tuple:
-    """Return the first six attributes of a rerun."""
-    then, now = when
+def _facts(
+    found: Found, store: Path, then: Mapping, now: Mapping, apart: tuple[Channel, ...]
+) -> Rerun:
+    """Return what a rerun shows, before anything of it is kept."""
     key = "code_hash" if found.kind == "runs" else "program_hash"
     apart, wrong = differing(apart), faults(found)
     cause = None
     if apart or wrong:
         cause = cause_of(then, now, key, wrong, store)
     same = then.get(key) == now[key]
-    return found.id, found.kind, apart, same, cause, about_changes(store, then)
+    return Rerun(found.id, found.kind, apart, same, cause, about_changes(store, then))
 
 
 def _run_apart(found: Found, store: Path, manifest: Mapping, made) -> tuple:
@@ -312,9 +314,8 @@ def _check_imported(
     return Rerun(found.id, found.kind, (), True, cause, known, imported=True)
 
 
-def _note(store: Path, facts: tuple, robot: str, made: str | None) -> str | None:
+def _note(store: Path, outcome: Rerun, robot: str, made: str | None) -> str | None:
     """Keep on record that a rerun did not reproduce; None if it did."""
-    outcome = Rerun(*facts)
     if outcome.cause is None:
         return None
     record = {

@@ -170,7 +170,7 @@ def track(request: Track, progress: Progress | None = None) -> tuple[str, Tracke
     for log, manifest in zip(logs, manifests, strict=True):
         if robot_of(log, manifest).content_hash != robot.content_hash:
             raise InputError("The runs are of several robots; give those of one.")
-    motions = _motions(store, robot, manifests, (request.runs, request.seeds))
+    motions = _motions(store, robot, manifests, request.runs, request.seeds)
     whole = model_to_drive(store, request.model, robot)
     models = {NOMINAL: nominal_of(robot, logs[:1]), MODEL: whole}
     made = tracked(
@@ -226,9 +226,12 @@ def _whole(values: Array, what: str) -> Array:
 
 
 def _motions(
-    store: Path, robot: Robot, manifests: Sequence[Mapping], wanted: tuple
+    store: Path,
+    robot: Robot,
+    manifests: Sequence[Mapping],
+    runs: Sequence[str],
+    seeds: int,
 ) -> tuple[Motion, ...]:
-    runs, seeds = wanted
     out, families = [], {}
     for word, manifest in zip(runs, manifests, strict=True):
         id = find(store, word).id

@@ -11,7 +11,7 @@ the sealed half is there) both ways: torque from motion, acceleration from torqu
 whether its mass matrix is positive definite on the workspace.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -130,7 +130,7 @@ def validate(request: Request) -> tuple[str, Validation]:
         "robot": manifest.get("robot", log.robot),
         "robot_hash": robot.content_hash,
     }
-    return _put(store, log, (manifest, asked, given), made), made
+    return _put(store, log, manifest, asked, given, made), made
 
 
 def both_ways(model: Whole, log: Recording) -> BothWays:
@@ -317,13 +317,19 @@ def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
     return notes
 
 
-def _put(store: Path, log: Recording, about: tuple, made: Validation) -> str:
+def _put(
+    store: Path,
+    log: Recording,
+    manifest: Mapping,
+    request: Mapping,
+    given: Sequence[str | None],
+    made: Validation,
+) -> str:
     figures = (
         ("nominal", OPEN_LOOP, made.open_loop),
         ("nominal", FEED_FORWARD, made.nominal),
         ("arm", FEED_FORWARD, made.arm),
     )
-    manifest, request, given = about
     same = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
     for name, each in made.models.items():
         figures += (name, TORQUE, each.torque), (name, ACCELERATION, each.acceleration)

@@ -229,7 +229,7 @@ def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows
         now = np.ascontiguousarray(X[:-1])[::step]
         parts.append((now, *ahead, log.t[:-1:step]))
         rates.append(rate / step)
-    return _stacked(PAPER, joints, (parts, runs, rates))
+    return _stacked(PAPER, joints, parts, runs, rates)
 
 
 def measured_rows(
@@ -254,7 +254,7 @@ def measured_rows(
         Y, tau = left[:, own], torque_at(run.log, track)[:, own]
         parts.append((X, Y[chosen], tau[chosen], track.t[chosen]))
         rates.append(track.rate / _step(track.rate, MEASURED_HZ) / thin)
-    return _stacked(MEASURED, joints, (parts, runs, rates))
+    return _stacked(MEASURED, joints, parts, runs, rates)
 
 
 def torque_at(log: Recording, track: Track) -> Array:
@@ -332,9 +332,15 @@ def _step(rate: float, wanted: float) -> int:
     return max(1, round(rate / wanted))
 
 
-def _stacked(mode: str, joints: tuple[int, ...], made: tuple) -> Rows:
-    sides, runs, rates = made
-    *sides, times = zip(*sides, strict=True)
+def _stacked(
+    mode: str,
+    joints: tuple[int, ...],
+    of_runs: Sequence[Sequence[Array]],
+    runs: Sequence[Run],
+    rates: Sequence[float],
+) -> Rows:
+    """Rows of all runs: of each its X, Y, torque and times."""
+    *sides, times = zip(*of_runs, strict=True)
     X, Y, tau = map(np.concatenate, sides)
     run = np.repeat(np.arange(len(runs)), [len(t) for t in times])
     parts = cut_parts(times)

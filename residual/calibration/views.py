@@ -186,7 +186,7 @@ def components_of(
         run = block.pop("run")
         block[WHITE] = (rng.normal(size=block[INPUT][0].shape), rows.names)
         for name, (values, names) in block.items():
-            out.append(_components((family, name), values, names, (run, rng)))
+            out.append(_components(family, name, values, names, run, rng))
     return tuple(out)
 
 
@@ -295,12 +295,19 @@ def _blocks(rows: Rows, runs: Sequence[Run], members: Sequence[int]) -> dict:
     return out | {TWIN: (np.concatenate(errors), names)}
 
 
-def _components(about: tuple[str, str], values, names, chance: tuple) -> Components:
-    run, rng = chance
+def _components(
+    family: str,
+    name: str,
+    values: Array,
+    names: Sequence[str],
+    run: Array,
+    rng: np.random.Generator,
+) -> Components:
     pca = fit_pca(values, names)
     real = real_components(values, rng, run=run, draws=_DRAWS)
     return Components(
-        *about,
+        family,
+        name,
         100 * pca.explained,
         100 * real.phase_limit / len(names),
         real.count,

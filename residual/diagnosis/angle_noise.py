@@ -335,7 +335,7 @@ def standard_deviations(
             c[: len(theta), : len(theta)] += doubt
         form = _form_doubt(examined, fitted, g)
         prior = _prior_std(g, slope, jacobian)
-        out[id(g)] = _doubt(g, theta, own, (jacobian, form, prior))
+        out[id(g)] = _doubt(g, theta, own, jacobian, form, prior)
     return out
 
 
@@ -352,10 +352,16 @@ def doubtful(examined: Examined) -> Prior:
     return space.at(min(rougher, wide.scale), prior.widths)
 
 
-def _doubt(group: Group, theta: Array, own: Sequence[Array], known: tuple) -> Doubt:
+def _doubt(
+    group: Group,
+    theta: Array,
+    own: Sequence[Array],
+    jacobian: Array,
+    form: Array,
+    prior: Array,
+) -> Doubt:
     """Sum up the covariances of one member: by noise, between logs, and at best."""
     by_noise, between, best = own
-    jacobian, form, prior = known
     wide = (by_noise, between)
     variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in wide]
     std = np.sqrt(np.maximum.reduce([*variance, form**2]))

@@ -231,7 +231,10 @@ def estimated(rows: Rows, blocks: Blocks, start: Start, options: Options) -> Est
     return Estimate(
         theta,
         _covariance(
-            blocks, start, (weight * means[0], weight**2 * means[1]), noise, memory
+            blocks,
+            start,
+            weight * means[0],
+            weight**2 * means[1] * noise**2 * memory,
         ),
         noise,
         rows.counts / memory,
@@ -270,14 +273,11 @@ def _least_noise(rows: Rows) -> float:
     return _FLOOR * max(rows.rms.max(), 1e-9)
 
 
-def _covariance(
-    blocks: Blocks, start: Start, weights: tuple, noise: Array, memory: Array
-) -> Array:
+def _covariance(blocks: Blocks, start: Start, bread: Array, meat: Array) -> Array:
     """The sandwich; weights of bread and of meat. Shape (b, b)."""
-    bread, meat = weights
     size, pick = start.size[start.free], np.ix_(start.free, start.free)
     unit, prior = np.outer(size, size), start.prior
-    inner = gram(blocks, meat * noise**2 * memory)[pick] * unit + prior
+    inner = gram(blocks, meat)[pick] * unit + prior
     outer = gram(blocks, bread)[pick] * unit + prior
     inverse = np.linalg.pinv(outer, rcond=1e-14, hermitian=True)
     covariance = np.zeros((len(start.size), len(start.size)))

@@ -13,6 +13,7 @@ from scipy.special import fdtri
 
 from residual.errors import InputError
 from residual.identification.estimate import (
+    Blocks,
     Estimate,
     Options,
     Start,
@@ -206,7 +207,7 @@ def _fitted(
     size = np.sqrt(np.diag(base.mapping @ wide @ base.mapping.T))
     blocks = compress(rows)
     start = Start(theta, size, np.arange(len(base)))
-    seen = _with_torque(nominal, base, (rows, blocks), start)
+    seen = _with_torque(nominal, base, rows, blocks, start)
     start = replace(start, free=seen.free)
     if options.prior is not None:
         # A prior speaks for what the motion does not show: nothing need be held.
@@ -235,10 +236,9 @@ def _fitted(
 
 
 def _with_torque(
-    nominal: Model, base: BaseParameters, data: tuple, start: Start
+    nominal: Model, base: BaseParameters, rows: Rows, blocks: Blocks, start: Start
 ) -> Preflight:
     """What the motion shows, under the noise of a first fit of everything."""
-    rows, blocks = data
     rough = solve(blocks, np.ones(len(rows.y)), start)
     weight, _, _ = weights_of(rows, rough, "wls")
     information = gram(blocks, weight)

@@ -11,6 +11,7 @@ that exceeds all by which it could be off anyway: its whole nominal value and mo
 a usual load would add.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -248,7 +249,7 @@ def preflight(
         held.append((free.pop(worst), float(doubts[worst])))
     expected = np.full(len(size), np.inf)
     expected[free] = _doubt(scaled[np.ix_(free, free)]) if free else []
-    remedies = _remedies(model, base, scaled, (size, rows, free), [i for i, _ in held])
+    remedies = _remedies(model, base, scaled, size, rows, free, [i for i, _ in held])
     return Preflight(
         doubt=expected,
         held=tuple(
@@ -266,10 +267,15 @@ def _doubt(scaled: Array) -> Array:
 
 
 def _remedies(
-    model: Model, base: BaseParameters, scaled: Array, context: tuple, held: list[int]
+    model: Model,
+    base: BaseParameters,
+    scaled: Array,
+    size: Array,
+    rows: Array,
+    free: Sequence[int],
+    held: Sequence[int],
 ) -> dict[int, str]:
     """The least motion, beside what there is, that shows each held parameter."""
-    size, rows, free = context
     out: dict[int, str] = {}
     if not held:
         return out

@@ -12,7 +12,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.model.corrected import Corrected
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.recording import Array, Recording
 from residual.robot import dynamics
 from residual.signals.logs import are_long, in_pieces
@@ -153,7 +153,7 @@ def mass_matrices(model: Model, q: Array) -> Array:
     return out
 
 
-def _added(model: Model, terms: tuple, q: Array) -> Array:
+def _added(model: Model, terms: Sequence[Term], q: Array) -> Array:
     """Torque of some terms at unit accelerations, at standstill. (n, dof, dof)."""
     still, out = np.zeros_like(q), np.zeros((*q.shape, q.shape[1]))
     t = np.zeros(len(q))

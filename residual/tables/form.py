@@ -95,8 +95,9 @@ def fit_loaded(
     for j in range(Y.shape[1]):
         both = slice(2 * j, 2 * j + 2)
         root = root_of([_crossed(a, b) for a, b in zip(*groups[both], strict=True)])
-        cells = codes.values[:, both].astype(np.int64), codes.sizes[both], root
-        solved.append(_solve(normal, cells, Y[:, j], j, ridges))
+        cells = codes.values[:, both].astype(np.int64).T
+        cell = np.ravel_multi_index(cells, codes.sizes[both])
+        solved.append(_solve(normal, cell, codes.sizes[both], root, Y[:, j], j, ridges))
     fits = []
     for ridge, joints in zip(ridges, zip(*solved, strict=True), strict=True):
         coefficients, tables = zip(*joints, strict=True)
@@ -110,10 +111,22 @@ def _crossed(first: Array, second: Array) -> Array:
     return np.add.outer(first * (second.max() + 1), second).ravel()
 
 
-def _solve(normal: Normal, cells: tuple, y: Array, joint: int, ridges) -> list[tuple]:
-    """Coefficients of the main effects and a table of one joint, by ridge."""
-    codes, sizes, root = cells
-    cell, n = np.ravel_multi_index(codes.T, sizes), len(y)
+def _solve(
+    normal: Normal,
+    cell: Array,
+    sizes: Sequence[int],
+    root: Array,
+    y: Array,
+    joint: int,
+    ridges: Sequence[float],
+) -> list[tuple]:
+    """Coefficients of the main effects and a table of one joint, by ridge.
+
+    Args:
+        cell: Number of each row's cell. Shape (n,).
+        root: Of the penalty on cells. Shape (cells, k).
+    """
+    n = len(y)
     count = np.bincount(cell, minlength=len(root))
     share = count / n
     cross = normal.cross(cell, share) @ root

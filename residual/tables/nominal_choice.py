@@ -14,6 +14,7 @@ within one standard error counts.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -201,7 +202,7 @@ def choose_levels(
         form: The form; its components are the most that are tried.
     """
     X, Y = as_pair(X, Y)
-    data = (X, Y, leave_one_out(group), torque)
+    data = _Rows(X, Y, leave_one_out(group), torque)
     common, count = _common(data, form, levels)
     own = (common,) * X.shape[1]
     if count:
@@ -210,7 +211,16 @@ def choose_levels(
     return ChosenLevels(made, count, common)
 
 
-def _common(data: tuple, form: NominalForm, levels: Sequence[int]) -> tuple[int, int]:
+class _Rows(NamedTuple):
+    """What levels are chosen on: variables, responses, folds and torque [N m]."""
+
+    X: Array
+    Y: Array
+    folds: Folds
+    torque: Array
+
+
+def _common(data: _Rows, form: NominalForm, levels: Sequence[int]) -> tuple[int, int]:
     """One number of levels for all variables, and the number of components."""
     choices, miss = [], []
     for one in levels:
@@ -225,7 +235,7 @@ def _common(data: tuple, form: NominalForm, levels: Sequence[int]) -> tuple[int,
     return choices[order[simplest(errors, 0)]]
 
 
-def _own_levels(data: tuple, form: NominalForm) -> tuple[int, ...]:
+def _own_levels(data: _Rows, form: NominalForm) -> tuple[int, ...]:
     """Half, as many or twice the levels, each variable in turn."""
     own = list(form.levels)
     for variable, now in enumerate(own):
@@ -240,7 +250,7 @@ def _own_levels(data: tuple, form: NominalForm) -> tuple[int, ...]:
     return tuple(own)
 
 
-def _level_errors(data: tuple, form: NominalForm) -> HeldOut:
+def _level_errors(data: _Rows, form: NominalForm) -> HeldOut:
     """Errors of all joints together, each relative to its torque. (A + 1, F, 1)."""
     X, Y, folds, torque = data
     bound = component_bound(merge_rows(form.make_levels(X).encode(X)))

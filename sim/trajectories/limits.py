@@ -17,7 +17,7 @@ from sim.engine.geometry import MARGIN, Body, body, clearances
 from sim.engine.records import Drives
 from sim.plant.catalogue import of_drives
 from sim.plant.sizes import declared, usual_limits
-from sim.trajectories.curves import Curve
+from sim.trajectories.curves import Curve, Motion
 
 SPEED, ACCELERATION, TORQUE = 0.8, 0.9, 0.8  # of the robot's own limits
 _UNITS = {"range": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
@@ -193,7 +193,7 @@ def largest(robot: Robot, plans: Iterable[Plan]) -> Plan | LimitError | None:
     return problem
 
 
-def check_limits(robot: Robot, kind: str, t: Array, motion: tuple) -> None:
+def check_limits(robot: Robot, kind: str, t: Array, motion: Motion) -> None:
     """Make sure that a motion keeps the limits at its samples and between them.
 
     Args:

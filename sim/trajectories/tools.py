@@ -356,7 +356,7 @@ def _routes(space: Cell, piece: Piece, seams: list) -> _Routes | None:
     last = piece.posture
     for (start, end), (after, _) in zip(seams, [*seams[1:], seams[0]], strict=True):
         for points, height in (((start, end), 0.0), ((end, after), lift)):
-            targets = [_torch(piece, points, height, x) for x in nodes(_NODES)]
+            targets = [_torch(piece, *points, height, x) for x in nodes(_NODES)]
             q = follow(space.ways, targets, last, piece.posture)
             if q is None or not space.fits(q):
                 return None
@@ -367,9 +367,10 @@ def _routes(space: Cell, piece: Piece, seams: list) -> _Routes | None:
     return _Routes([path(q) for q in found[::2]], [path(q) for q in found[1::2]])
 
 
-def _torch(piece: Piece, points: tuple, height: float, x: float) -> pin.SE3:
+def _torch(
+    piece: Piece, start: _Point, end: _Point, height: float, x: float
+) -> pin.SE3:
     """Return the pose of the flange on the way between two points, x from 0 to 1."""
-    start, end = points
     place = start.place + x * (end.place - start.place)
     lean = start.lean + x * (end.lean - start.lean)
     return piece.pose(place[0], place[1], lean, height * 16 * x**2 * (1 - x) ** 2)
